@@ -1,0 +1,139 @@
+//! Materials and textures: diffuse colour, emission and cut-out.
+
+/// How a surface lets rays through: wherever the alpha of `texture` is below 0.5, the surface is not there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cutout {
+    /// Index into [`crate::Scene::textures`]; its alpha channel is tested.
+    pub texture: u32,
+    /// Alpha below this is a hole.
+    pub threshold: f32,
+}
+
+/// A diffuse, view-independent surface; both of its sides are seen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// The name in the file.
+    pub name: String,
+    /// Diffuse albedo, linear RGB in 0..1; multiplies the texture and the vertex colour.
+    pub albedo: [f32; 3],
+    /// Albedo texture: index into [`crate::Scene::textures`].
+    pub albedo_texture: Option<u32>,
+    /// Emitted radiance, linear RGB.
+    pub emission: [f32; 3],
+    /// Emission texture, multiplies `emission`: index into [`crate::Scene::textures`].
+    pub emission_texture: Option<u32>,
+    /// Cut-out, if any.
+    pub cutout: Option<Cutout>,
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self {
+            name: "default".into(),
+            albedo: [0.6; 3],
+            albedo_texture: None,
+            emission: [0.0; 3],
+            emission_texture: None,
+            cutout: None,
+        }
+    }
+}
+
+/// An image that wraps around in both directions. Texture coordinate (0, 0) is the **bottom** left corner of the image
+/// (as in OBJ; the glTF loader flips), row 0 of `texels` is on top.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Texture {
+    width: u32,
+    height: u32,
+    texels: Vec<[u8; 4]>,
+}
+
+impl Texture {
+    /// A texture of sRGB texels with straight alpha, row 0 on top. `None` unless `texels` has exactly
+    /// `width * height > 0` entries.
+    pub fn new(width: u32, height: u32, texels: Vec<[u8; 4]>) -> Option<Self> {
+        let count = usize::try_from(u64::from(width) * u64::from(height)).ok()?;
+        (count > 0 && texels.len() == count).then_some(Self { width, height, texels })
+    }
+
+    /// Width in texels.
+    pub fn width(&self) -> u32 {
+        self.width
+    }
+
+    /// Height in texels.
+    pub fn height(&self) -> u32 {
+        self.height
+    }
+
+    /// Bilinear sample: linear RGB and straight alpha.
+    pub fn sample(&self, u: f32, v: f32) -> [f32; 4] {
+        let [(x0, x1, fx), (y0, y1, fy)] =
+            [(u, self.width), (1.0 - v, self.height)].map(|(t, size)| neighbours(t, size));
+        let row = |y: usize| {
+            let at = |x: usize| self.texels[y * self.width as usize + x].map(usize::from);
+            let (a, b) = (at(x0), at(x1));
+            let mix = |a: f32, b: f32| a + (b - a) * fx;
+            let rgb = [0, 1, 2].map(|c| mix(LINEAR_FROM_SRGB8[a[c]], LINEAR_FROM_SRGB8[b[c]]));
+            [rgb[0], rgb[1], rgb[2], mix(a[3] as f32 / 255.0, b[3] as f32 / 255.0)]
+        };
+        let (top, bottom) = (row(y0), row(y1));
+        [0, 1, 2, 3].map(|c| top[c] + (bottom[c] - top[c]) * fy)
+    }
+}
+
+/// The two texels on either side of the texture coordinate `t` and the weight of the second.
+fn neighbours(t: f32, size: u32) -> (usize, usize, f32) {
+    let size_f = size as f32;
+    // `rem_euclid` of a non-finite coordinate is NaN, and `NaN as usize` is 0: such a sample reads the first texel.
+    let x = (t.rem_euclid(1.0) * size_f - 0.5).rem_euclid(size_f);
+    let first = (x as usize).min(size as usize - 1);
+    let second = if first + 1 == size as usize { 0 } else { first + 1 };
+    (first, second, (x - first as f32).clamp(0.0, 1.0))
+}
+
+/// Linear light of an 8-bit sRGB value.
+pub fn linear_from_srgb8(value: u8) -> f32 {
+    LINEAR_FROM_SRGB8[usize::from(value)]
+}
+
+/// The nearest 8-bit sRGB value of linear light (clamped to 0..1; NaN becomes 0).
+pub fn srgb8_from_linear(linear: f32) -> u8 {
+    let x = if linear > 0.0 { linear.min(1.0) } else { 0.0 };
+    let encoded = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
+    (encoded * 255.0 + 0.5) as u8
+}
+
+static LINEAR_FROM_SRGB8: std::sync::LazyLock<[f32; 256]> = std::sync::LazyLock::new(|| {
+    std::array::from_fn(|i| {
+        let x = i as f64 / 255.0;
+        let linear = if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) };
+        linear as f32
+    })
+});
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn srgb_round_trips_every_value() {
+        for value in 0..=255 {
+            assert_eq!(srgb8_from_linear(linear_from_srgb8(value)), value);
+        }
+        assert_eq!(srgb8_from_linear(f32::NAN), 0);
+        assert_eq!(srgb8_from_linear(9.0), 255);
+    }
+
+    #[test]
+    fn texel_centres_are_exact_and_coordinates_wrap() {
+        let texels = vec![[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 0], [255, 255, 255, 255]];
+        let texture = Texture::new(2, 2, texels).expect("2x2");
+        assert_eq!(texture.sample(0.25, 0.75), [1.0, 0.0, 0.0, 1.0], "top left");
+        assert_eq!(texture.sample(0.25, 0.25), [0.0, 0.0, 1.0, 0.0], "bottom left");
+        assert_eq!(texture.sample(-0.75, 3.75), [1.0, 0.0, 0.0, 1.0], "wrapped");
+        assert!(texture.sample(f32::NAN, f32::INFINITY).iter().all(|c| c.is_finite()));
+        assert!(Texture::new(0, 0, vec![]).is_none());
+        assert!(Texture::new(2, 1, vec![[0; 4]]).is_none());
+    }
+}

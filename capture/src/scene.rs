@@ -1,0 +1,147 @@
+//! A scene in memory: triangles in world metres, materials, textures, and how the file's axes map to the world.
+
+use crate::material::{Material, Texture};
+use glam::{DVec3, Vec2, Vec3};
+
+/// Which axis of the file points up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum UpAxis {
+    /// Y up, as in the world.
+    #[default]
+    Y,
+    /// Z up: (x, y, z) of the file is (x, z, -y) of the world.
+    Z,
+}
+
+/// How positions in the scene's file map to the world (metres, Y up). Positions on the command line are in the file's
+/// own axes and unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FileFrame {
+    /// The axis that points up in the file.
+    pub up: UpAxis,
+    /// Metres per unit of the file.
+    pub unit_m: f64,
+}
+
+impl Default for FileFrame {
+    fn default() -> Self {
+        Self { up: UpAxis::Y, unit_m: 1.0 }
+    }
+}
+
+impl FileFrame {
+    /// A position of the file, in world metres.
+    pub fn world_from_file(&self, p: DVec3) -> DVec3 {
+        self.world_direction_from_file(p) * self.unit_m
+    }
+
+    /// A direction of the file, in world axes.
+    pub fn world_direction_from_file(&self, p: DVec3) -> DVec3 {
+        match self.up {
+            UpAxis::Y => p,
+            UpAxis::Z => DVec3::new(p.x, p.z, -p.y),
+        }
+    }
+
+    /// The inverse of [`Self::world_from_file`].
+    pub fn file_from_world(&self, p: DVec3) -> DVec3 {
+        let p = p / self.unit_m;
+        match self.up {
+            UpAxis::Y => p,
+            UpAxis::Z => DVec3::new(p.x, -p.z, p.y),
+        }
+    }
+}
+
+/// Three indices into the scene's vertex arrays, and one into its materials.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Triangle {
+    /// Vertex indices, counter-clockwise seen from the front.
+    pub vertices: [u32; 3],
+    /// Index into [`Scene::materials`].
+    pub material: u32,
+}
+
+/// The sun: a disk at infinity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sun {
+    /// Unit vector toward the sun, world axes.
+    pub direction: Vec3,
+    /// Irradiance on a surface facing the sun, linear RGB.
+    pub irradiance: [f32; 3],
+    /// Angular radius of the disk, radians.
+    pub angular_radius_rad: f32,
+}
+
+/// The sky: a vertical gradient with the ground's colour below the horizon. Linear RGB radiance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sky {
+    /// Straight up.
+    pub zenith: [f32; 3],
+    /// At the horizon.
+    pub horizon: [f32; 3],
+    /// Below the horizon.
+    pub ground: [f32; 3],
+}
+
+impl Sky {
+    /// Radiance that arrives from the unit direction `direction` (world axes).
+    pub fn radiance(&self, direction: Vec3) -> [f32; 3] {
+        let (target, t) = if direction.y >= 0.0 {
+            (self.zenith, direction.y.sqrt())
+        } else {
+            (self.ground, (-direction.y * 8.0).min(1.0))
+        };
+        [0, 1, 2].map(|c| self.horizon[c] + (target[c] - self.horizon[c]) * t)
+    }
+}
+
+/// Where a capture looks from when the user does not say.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SuggestedHeadbox {
+    /// Centre, world metres.
+    pub centre: DVec3,
+    /// Half of the edge length, metres.
+    pub half_size_m: f64,
+}
+
+/// What a loader met and survived; empty for a clean file.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LoadSummary {
+    /// One readable sentence for each kind of defect, with its count.
+    pub notes: Vec<String>,
+}
+
+/// A scene: every array in the world frame (metres, Y up), positions in `f64`.
+///
+/// Invariants, kept by every loader and generator (see [`Scene::validate`]): indices are in range; positions are
+/// finite; there is at least one triangle; `normals`, `texcoords` and `colors` are empty or as long as `positions`.
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    /// How it is called in messages and reports.
+    pub name: String,
+    /// Vertex positions, world metres.
+    pub positions: Vec<DVec3>,
+    /// Unit vertex normals for smooth shading (zero where the file gives none), or empty.
+    pub normals: Vec<Vec3>,
+    /// Texture coordinates, (0, 0) at the bottom left, or empty.
+    pub texcoords: Vec<Vec2>,
+    /// Linear RGB vertex colours that multiply the albedo, or empty.
+    pub colors: Vec<Vec3>,
+    /// Triangles.
+    pub triangles: Vec<Triangle>,
+    /// Materials; never empty.
+    pub materials: Vec<Material>,
+    /// Textures.
+    pub textures: Vec<Texture>,
+    /// The sun, if there is one.
+    pub sun: Option<Sun>,
+    /// The sky, if there is one.
+    pub sky: Option<Sky>,
+    /// The file's frame.
+    pub frame: FileFrame,
+    /// Where to look from by default, if the scene's maker knows.
+    pub headbox: Option<SuggestedHeadbox>,
+    /// What the loader met and survived.
+    pub summary: LoadSummary,
+}

@@ -1,0 +1,1 @@
+//! The built-in procedural scenes of headbox: small generators over a seed.

@@ -1,0 +1,12 @@
+//! `headbox`: image-based rendering with depth. A scene is ray-traced once into cube layered depth images (LDIs) and
+//! then shown from anywhere inside a *headbox*, on a CPU, at a frame rate that does not depend on its geometry.
+//!
+//! The stages, in the order in which data flows: [`capture`] (scenes, light, rays) -> [`ldi`] (the build-time cube
+//! LDI) -> [`packed`] (its 8-byte render-time form) -> [`warp`] and [`splat`] (samples to pixels) -> [`metrics`].
+//! Conventions (axes, pixels, depth, colour) are stated once, in [`capture`].
+
+pub use headbox_capture as capture;
+pub use headbox_scenes as scenes;
+
+pub mod ldi;
+pub mod packed;

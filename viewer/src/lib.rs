@@ -1,0 +1,1 @@
+//! The window of headbox: shows anything that turns a camera into a frame.
