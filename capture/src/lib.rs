@@ -28,6 +28,7 @@
 
 mod camera;
 mod depth_image;
+pub mod load;
 mod material;
 pub mod rig;
 pub mod scene;
@@ -35,5 +36,5 @@ pub mod trace;
 
 pub use camera::{Camera, CameraError};
 pub use depth_image::DepthKind;
-pub use material::{Cutout, Material, Texture, linear_from_srgb8, srgb8_from_linear};
+pub use material::{Cutout, Material, Texture, linear_from_srgb, linear_from_srgb8, srgb8_from_linear};
 pub use scene::Scene;

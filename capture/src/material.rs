@@ -66,6 +66,11 @@ impl Texture {
         self.height
     }
 
+    /// The texels, sRGB with straight alpha, row by row from the top.
+    pub fn texels(&self) -> &[[u8; 4]] {
+        &self.texels
+    }
+
     /// Bilinear sample: linear RGB and straight alpha.
     pub fn sample(&self, u: f32, v: f32) -> [f32; 4] {
         let [(x0, x1, fx), (y0, y1, fy)] =
@@ -85,7 +90,7 @@ impl Texture {
 /// The two texels on either side of the texture coordinate `t` and the weight of the second.
 fn neighbours(t: f32, size: u32) -> (usize, usize, f32) {
     let size_f = size as f32;
-    // `rem_euclid` of a non-finite coordinate is NaN, and `NaN as usize` is 0: such a sample reads the first texel.
+    let t = if t.is_finite() { t } else { 0.0 };
     let x = (t.rem_euclid(1.0) * size_f - 0.5).rem_euclid(size_f);
     let first = (x as usize).min(size as usize - 1);
     let second = if first + 1 == size as usize { 0 } else { first + 1 };
@@ -95,6 +100,12 @@ fn neighbours(t: f32, size: u32) -> (usize, usize, f32) {
 /// Linear light of an 8-bit sRGB value.
 pub fn linear_from_srgb8(value: u8) -> f32 {
     LINEAR_FROM_SRGB8[usize::from(value)]
+}
+
+/// Linear light of an sRGB value in 0..=1; values outside are clamped, NaN becomes 0.
+pub fn linear_from_srgb(value: f32) -> f32 {
+    let x = if value > 0.0 { value.min(1.0) } else { 0.0 };
+    if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
 }
 
 /// The nearest 8-bit sRGB value of linear light (clamped to 0..1; NaN becomes 0).
@@ -120,6 +131,7 @@ mod tests {
     fn srgb_round_trips_every_value() {
         for value in 0..=255 {
             assert_eq!(srgb8_from_linear(linear_from_srgb8(value)), value);
+            assert_eq!(srgb8_from_linear(linear_from_srgb(f32::from(value) / 255.0)), value);
         }
         assert_eq!(srgb8_from_linear(f32::NAN), 0);
         assert_eq!(srgb8_from_linear(9.0), 255);

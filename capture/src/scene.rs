@@ -1,5 +1,9 @@
 //! A scene in memory: triangles in world metres, materials, textures, and how the file's axes map to the world.
 
+mod surface;
+
+pub use surface::Surface;
+
 use crate::material::{Material, Texture};
 use glam::{DVec3, Vec2, Vec3};
 
@@ -73,6 +77,17 @@ pub struct Sun {
     pub angular_radius_rad: f32,
 }
 
+impl Default for Sun {
+    /// A clear day at middle latitudes, some 50 degrees above the horizon.
+    fn default() -> Self {
+        Self {
+            direction: Vec3::new(0.45, 0.75, 0.35).normalize(),
+            irradiance: [3.2, 3.0, 2.7],
+            angular_radius_rad: 0.00465,
+        }
+    }
+}
+
 /// The sky: a vertical gradient with the ground's colour below the horizon. Linear RGB radiance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sky {
@@ -82,6 +97,13 @@ pub struct Sky {
     pub horizon: [f32; 3],
     /// Below the horizon.
     pub ground: [f32; 3],
+}
+
+impl Default for Sky {
+    /// The clear sky that goes with [`Sun::default`].
+    fn default() -> Self {
+        Self { zenith: [0.25, 0.42, 0.75], horizon: [0.75, 0.8, 0.85], ground: [0.25, 0.22, 0.2] }
+    }
 }
 
 impl Sky {
@@ -144,4 +166,122 @@ pub struct Scene {
     pub headbox: Option<SuggestedHeadbox>,
     /// What the loader met and survived.
     pub summary: LoadSummary,
+}
+
+/// Which promise of [`Scene`] is broken, and where first.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SceneError {
+    /// There is nothing to see.
+    #[error("there is no triangle")]
+    NoTriangles,
+    /// There is no material, so no triangle can refer to one.
+    #[error("there is no material")]
+    NoMaterials,
+    /// A vertex array is neither empty nor as long as the positions.
+    #[error("{array} has {length} entries for {positions} positions")]
+    ArrayLength {
+        /// Name of the array.
+        array: &'static str,
+        /// Its length.
+        length: usize,
+        /// Number of positions.
+        positions: usize,
+    },
+    /// A position is NaN or infinite.
+    #[error("position {0} is not finite")]
+    Position(usize),
+    /// A triangle refers to a vertex that does not exist.
+    #[error("triangle {triangle} refers to vertex {vertex} of {positions}")]
+    VertexIndex {
+        /// Index of the triangle.
+        triangle: usize,
+        /// The vertex it asks for.
+        vertex: u32,
+        /// Number of positions.
+        positions: usize,
+    },
+    /// A triangle refers to a material that does not exist.
+    #[error("triangle {triangle} refers to material {material} of {materials}")]
+    MaterialIndex {
+        /// Index of the triangle.
+        triangle: usize,
+        /// The material it asks for.
+        material: u32,
+        /// Number of materials.
+        materials: usize,
+    },
+    /// A material refers to a texture that does not exist.
+    #[error("material {material} refers to texture {texture} of {textures}")]
+    TextureIndex {
+        /// Index of the material.
+        material: usize,
+        /// The texture it asks for.
+        texture: u32,
+        /// Number of textures.
+        textures: usize,
+    },
+}
+
+impl Scene {
+    /// Checks every promise of the structure (see [`Scene`]).
+    ///
+    /// # Errors
+    /// The first promise that is broken.
+    pub fn validate(&self) -> Result<(), SceneError> {
+        let positions = self.positions.len();
+        let arrays =
+            [("normals", self.normals.len()), ("texcoords", self.texcoords.len()), ("colors", self.colors.len())];
+        for (array, length) in arrays {
+            if length != 0 && length != positions {
+                return Err(SceneError::ArrayLength { array, length, positions });
+            }
+        }
+        if let Some(bad) = self.positions.iter().position(|p| !p.is_finite()) {
+            return Err(SceneError::Position(bad));
+        }
+        if self.materials.is_empty() {
+            return Err(SceneError::NoMaterials);
+        }
+        if self.triangles.is_empty() {
+            return Err(SceneError::NoTriangles);
+        }
+        self.validate_materials()?;
+        self.validate_triangles()
+    }
+
+    fn validate_materials(&self) -> Result<(), SceneError> {
+        let textures = self.textures.len();
+        for (material, m) in self.materials.iter().enumerate() {
+            let used = [m.albedo_texture, m.emission_texture, m.cutout.map(|cutout| cutout.texture)];
+            if let Some(texture) = used.into_iter().flatten().find(|&texture| texture as usize >= textures) {
+                return Err(SceneError::TextureIndex { material, texture, textures });
+            }
+        }
+        Ok(())
+    }
+
+    fn validate_triangles(&self) -> Result<(), SceneError> {
+        let (positions, materials) = (self.positions.len(), self.materials.len());
+        for (triangle, t) in self.triangles.iter().enumerate() {
+            if let Some(vertex) = t.vertices.into_iter().find(|&vertex| vertex as usize >= positions) {
+                return Err(SceneError::VertexIndex { triangle, vertex, positions });
+            }
+            if t.material as usize >= materials {
+                return Err(SceneError::MaterialIndex { triangle, material: t.material, materials });
+            }
+        }
+        Ok(())
+    }
+
+    /// The smallest axis-aligned box around all triangles, as its lowest and highest corner (world metres). A scene
+    /// without triangles, which no loader makes, has the box (+infinity, -infinity).
+    pub fn bounds(&self) -> [DVec3; 2] {
+        let corners = self.triangles.iter().flat_map(|t| t.vertices).map(|v| self.positions[v as usize]);
+        corners.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
+    }
+
+    /// The corners of a triangle, world metres.
+    pub fn corners(&self, primitive: u32) -> [DVec3; 3] {
+        self.triangles[primitive as usize].vertices.map(|vertex| self.positions[vertex as usize])
+    }
 }

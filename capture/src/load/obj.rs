@@ -1,0 +1,255 @@
+//! OBJ files, with their MTL files.
+//!
+//! `tobj` parses positions (in `f64`, so that coordinates of 1e7 stay exact), joins corners and splits by material;
+//! [`super::obj_lines`] mends what it would trip over, [`super::mtl`] reads materials, [`super::polygon`] cuts polygons.
+//!
+//! Choices that the format leaves open: `Kd` is linear, vertex colours are sRGB (as their usual writers have it). A
+//! `Kd` of 0 beside a `map_Kd` counts as not given. A component of `Ka` above 1 makes `Ka` the emitted radiance, as in
+//! the widespread file of the Cornell box, unless there is a `Ke`. Opacity (`d`, `Tr`) below one half without a map of
+//! opacity leaves the triangles out, as clear glass that a diffuse scene cannot show; at or above, it is opaque.
+
+use super::builder::{Builder, Vertex};
+use super::lines::decode;
+use super::mtl::{self, Map, MtlMaterial};
+use super::notes::{Note, Notes};
+use super::obj_lines::{MendedObj, Survey};
+use super::polygon::triangulate;
+use super::textures::{DecodedTextures, Handle, Role, TextureSet, find_file};
+use super::{LoadError, folder_of};
+use crate::material::{Cutout, Material, linear_from_srgb};
+use crate::scene::{FileFrame, Scene};
+use glam::{Affine2, DVec3, Vec2, Vec3};
+use std::path::Path;
+
+/// Alpha below this is a hole; OBJ has no statement for it.
+const CUTOUT_THRESHOLD: f32 = 0.5;
+
+pub(super) fn load(path: &Path, bytes: &[u8], frame: FileFrame) -> Result<Scene, LoadError> {
+    let text = decode(bytes);
+    let survey = Survey::of(&text);
+    let mut notes = Notes::default();
+    let mtl_materials = read_libraries(&survey, folder_of(path), &mut notes);
+    let (models, mended_notes) = parse(path, &text, &survey, &mtl_materials)?;
+    notes.merge(mended_notes);
+    let undefined = survey.used_materials.iter().filter(|&name| mtl_materials.iter().all(|m| m.name != *name));
+    undefined.for_each(|name| notes.add_named(Note::MaterialUndefined, name));
+
+    let surfaces = Surfaces::new(&mtl_materials, &models, folder_of(path), &mut notes);
+    let mut builder = Builder::new(frame, notes);
+    for model in &models {
+        surfaces.push_mesh(&model.mesh, &mut builder).map_err(|TooManyVertices| LoadError::Malformed {
+            path: path.to_path_buf(),
+            cause: "it has more than 2^32 vertices".into(),
+        })?;
+    }
+    builder.finish(path, surfaces.materials, surfaces.textures.textures)
+}
+
+/// Runs `tobj` over the mended text.
+fn parse(
+    path: &Path,
+    text: &str,
+    survey: &Survey,
+    materials: &[MtlMaterial],
+) -> Result<(Vec<tobj::Model>, Notes), LoadError> {
+    let options =
+        tobj::LoadOptions { single_index: true, ignore_points: true, ignore_lines: true, ..Default::default() };
+    let mut mended = MendedObj::new(text, survey);
+    let parsed = tobj::load_obj_buf(&mut mended, &options, |_| {
+        let named = |m: &MtlMaterial| tobj::Material { name: m.name.clone(), ..Default::default() };
+        // Of two materials of one name the later wins, as in `tobj` itself.
+        let by_name = materials.iter().enumerate().map(|(index, m)| (m.name.clone(), index)).collect();
+        Ok((materials.iter().map(named).collect(), by_name))
+    });
+    match parsed {
+        Ok((models, _)) => Ok((models, mended.notes)),
+        Err(cause) => {
+            let (line, text) = mended.last_line();
+            let shown: String = text.chars().take(80).collect();
+            Err(LoadError::Line { path: path.to_path_buf(), line, cause: format!("{cause}: `{shown}`") })
+        }
+    }
+}
+
+/// Reads all material files. A `mtllib` names one file, whose name may contain spaces, or several.
+fn read_libraries(survey: &Survey, folder: &Path, notes: &mut Notes) -> Vec<MtlMaterial> {
+    let mut materials = Vec::new();
+    for written in &survey.libraries {
+        let names: Vec<&str> = match find_file(written, &[folder]) {
+            Some(_) => vec![written],
+            None => written.split_whitespace().collect(),
+        };
+        for name in names {
+            let found = find_file(name, &[folder]).ok_or_else(|| "no such file".to_owned());
+            let read = found.and_then(|found| match std::fs::read(&found.path) {
+                Ok(bytes) => Ok((found.path, bytes)),
+                Err(cause) => Err(cause.to_string()),
+            });
+            match read {
+                Ok((path, bytes)) => {
+                    mtl::parse(&decode(&bytes), name, folder_of(&path).to_path_buf(), &mut materials, notes);
+                }
+                Err(cause) => notes.add_named(Note::MaterialFileUnreadable, format!("{name} ({cause})")),
+            }
+        }
+    }
+    materials
+}
+
+struct TooManyVertices;
+
+/// The materials in use, as the scene will have them.
+struct Surfaces {
+    materials: Vec<Material>,
+    textures: DecodedTextures,
+    /// For each material of the MTL files, and at the end for faces without one.
+    by_mtl: Vec<Option<Surface>>,
+}
+
+/// How the triangles of a material enter the scene.
+#[derive(Clone, Copy)]
+struct Surface {
+    /// Index into the scene's materials, or `None` for see-through glass.
+    material: Option<u32>,
+    image_from_vertex: Affine2,
+}
+
+/// Images asked for by a material.
+#[derive(Clone, Copy, Default)]
+struct Maps {
+    diffuse: Option<Handle>,
+    emissive: Option<Handle>,
+    dissolve: Option<Handle>,
+}
+
+impl Surfaces {
+    /// Converts the materials that the models use, and decodes their textures.
+    fn new(mtl: &[MtlMaterial], models: &[tobj::Model], folder: &Path, notes: &mut Notes) -> Self {
+        let mut used = vec![false; mtl.len() + 1];
+        for model in models.iter().filter(|model| !model.mesh.indices.is_empty()) {
+            used[model.mesh.material_id.unwrap_or(mtl.len())] = true;
+        }
+        let neutral = MtlMaterial { name: Material::default().name, ..MtlMaterial::default() };
+        let all = || mtl.iter().chain([&neutral]).zip(&used);
+
+        let mut set = TextureSet::default();
+        let maps: Vec<Maps> = all()
+            .map(|(m, &used)| if used { request_maps(m, folder, &mut set, notes) } else { Maps::default() })
+            .collect();
+        let textures = set.decode(notes);
+
+        let mut materials = Vec::new();
+        let mut by_mtl = Vec::new();
+        for ((m, &used), maps) in all().zip(maps) {
+            by_mtl.push(used.then(|| {
+                let material = convert(m, maps, &textures, notes).map(|material| {
+                    materials.push(material);
+                    materials.len() as u32 - 1
+                });
+                Surface { material, image_from_vertex: placement(m, notes) }
+            }));
+        }
+        if materials.is_empty() {
+            materials.push(Material::default());
+        }
+        Self { materials, textures, by_mtl }
+    }
+
+    /// Adds the triangles of a mesh to the scene.
+    fn push_mesh(&self, mesh: &tobj::Mesh, builder: &mut Builder) -> Result<(), TooManyVertices> {
+        let Some(surface) = self.by_mtl[mesh.material_id.unwrap_or(self.by_mtl.len() - 1)] else {
+            return Ok(()); // no face uses it
+        };
+        let position = |i: u32| DVec3::from_slice(&mesh.positions[3 * i as usize..]);
+        let polygons = || {
+            let mut rest = mesh.indices.as_slice();
+            let mut arities = mesh.face_arities.iter();
+            // `tobj` leaves out the arities where all faces are triangles.
+            std::iter::from_fn(move || {
+                let arity = arities.next().map_or(3, |&arity| arity as usize);
+                let (polygon, after) = rest.split_at_checked(arity)?;
+                rest = after;
+                Some(polygon)
+            })
+        };
+        let Some(material) = surface.material else {
+            builder.notes.add(Note::SeeThrough, polygons().map(|polygon| polygon.len().saturating_sub(2)).sum());
+            return Ok(());
+        };
+
+        let first = builder.next_vertex(mesh.positions.len() / 3).ok_or(TooManyVertices)?;
+        let triples = |values: &[f64]| values.chunks_exact(3).map(DVec3::from_slice).map(|v| v.as_vec3()).collect();
+        let normals: Vec<Vec3> = triples(&mesh.normals);
+        let colors: Vec<Vec3> = triples(&mesh.vertex_color);
+        for (i, p) in mesh.positions.chunks_exact(3).enumerate() {
+            let texcoord =
+                mesh.texcoords.get(2 * i..2 * i + 2).map_or(Vec2::ZERO, |t| Vec2::new(t[0] as f32, t[1] as f32));
+            builder.push_vertex(Vertex {
+                position: DVec3::from_slice(p),
+                normal: normals.get(i).copied().unwrap_or(Vec3::ZERO),
+                texcoord: surface.image_from_vertex.transform_point2(texcoord),
+                color: colors.get(i).map_or(Vec3::ONE, |c| c.map(linear_from_srgb)),
+            });
+        }
+        for polygon in polygons() {
+            let corners: Vec<DVec3> = polygon.iter().map(|&i| position(i)).collect();
+            for triangle in triangulate(&corners) {
+                builder.push_triangle(triangle.map(|corner| first + polygon[corner]), material);
+            }
+        }
+        Ok(())
+    }
+}
+
+fn request_maps(m: &MtlMaterial, folder: &Path, set: &mut TextureSet, notes: &mut Notes) -> Maps {
+    let folders = [m.folder.as_path(), folder];
+    let mut request = |map: &Option<Map>, role| map.as_ref().map(|map| set.file(&map.file, &folders, role, notes));
+    let diffuse = request(&m.diffuse_map, Role::Color);
+    let same_file = |a: &Map, b: &Map| a.file == b.file;
+    let dissolve = match (&m.dissolve_map, &m.diffuse_map) {
+        (Some(a), Some(b)) if same_file(a, b) => diffuse,
+        (map, _) => request(map, Role::Mask),
+    };
+    Maps { diffuse, emissive: request(&m.emissive_map, Role::Color), dissolve }
+}
+
+/// The scene's material, or `None` for see-through glass.
+fn convert(m: &MtlMaterial, maps: Maps, textures: &DecodedTextures, notes: &mut Notes) -> Option<Material> {
+    let slot = |handle: Option<Handle>| handle.and_then(|handle| textures.slot(handle));
+    let (diffuse, emissive) = (slot(maps.diffuse), slot(maps.emissive));
+    let opacity = slot(maps.dissolve).or(diffuse.filter(|_| m.claims_transparency()));
+    let opacity = opacity.filter(|slot| slot.is_cut_at(CUTOUT_THRESHOLD));
+    if opacity.is_none() && m.opacity() < 0.5 {
+        return None;
+    }
+
+    let white_under_texture = |color: [f32; 3]| if diffuse.is_some() && color == [0.0; 3] { [1.0; 3] } else { color };
+    let unsaid = if diffuse.is_some() { [1.0; 3] } else { Material::default().albedo };
+    let given = |color: Option<[f32; 3]>| color.filter(|color| *color != [0.0; 3]);
+    let light_from_ambient = m.ambient.filter(|ka| ka.iter().any(|&c| c > 1.0) && given(m.emissive).is_none());
+    if light_from_ambient.is_some() {
+        notes.add_named(Note::AmbientTakenAsLight, &m.name);
+    }
+    let unsaid_emission = if emissive.is_some() { [1.0; 3] } else { [0.0; 3] };
+    let emission = given(m.emissive).or(light_from_ambient).unwrap_or(unsaid_emission);
+    Some(Material {
+        name: m.name.clone(),
+        albedo: m.diffuse.map_or(unsaid, white_under_texture).map(|c| c.clamp(0.0, 1.0)),
+        albedo_texture: diffuse.map(|slot| slot.index),
+        emission: emission.map(|c| c.max(0.0)),
+        emission_texture: emissive.map(|slot| slot.index),
+        cutout: opacity.map(|slot| Cutout { texture: slot.index, threshold: CUTOUT_THRESHOLD }),
+    })
+}
+
+/// A vertex has one texture coordinate, so all maps of a material are placed like the first.
+fn placement(m: &MtlMaterial, notes: &mut Notes) -> Affine2 {
+    let mut maps = [&m.diffuse_map, &m.emissive_map, &m.dissolve_map].into_iter().flatten();
+    let Some(first) = maps.next() else {
+        return Affine2::IDENTITY;
+    };
+    for other in maps.filter(|other| other.image_from_vertex != first.image_from_vertex) {
+        notes.add_named(Note::TextureTransformIgnored, &other.file);
+    }
+    first.image_from_vertex
+}
