@@ -56,6 +56,13 @@ impl Texture {
         (count > 0 && texels.len() == count).then_some(Self { width, height, texels })
     }
 
+    /// A texture painted texel by texel: `texel(x, y)` is sRGB with straight alpha, row 0 on top. A side of 0 becomes 1.
+    pub fn from_fn(width: u32, height: u32, texel: impl Fn(u32, u32) -> [u8; 4]) -> Self {
+        let (width, height) = (width.max(1), height.max(1));
+        let texels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| texel(x, y)).collect();
+        Self { width, height, texels }
+    }
+
     /// Width in texels.
     pub fn width(&self) -> u32 {
         self.width

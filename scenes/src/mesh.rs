@@ -1,0 +1,211 @@
+//! Shapes that scenes are put together from.
+
+use glam::{DMat3, DVec2, DVec3, Vec2, Vec3};
+use headbox_capture::scene::{Scene, SuggestedHeadbox, Triangle};
+use headbox_capture::{Material, Texture};
+
+/// A vertex of a shape, world metres.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Vertex {
+    pub(crate) position: DVec3,
+    /// Zero for flat shading.
+    pub(crate) normal: DVec3,
+    pub(crate) texcoord: DVec2,
+    /// Linear RGB, multiplies the albedo.
+    pub(crate) color: [f64; 3],
+}
+
+impl Vertex {
+    pub(crate) fn new(position: DVec3, normal: DVec3, texcoord: DVec2) -> Self {
+        Self { position, normal, texcoord, color: [1.0; 3] }
+    }
+}
+
+/// A scene under construction.
+#[derive(Debug, Default)]
+pub(crate) struct Mesh {
+    scene: Scene,
+}
+
+impl Mesh {
+    pub(crate) fn add_texture(&mut self, texture: Texture) -> u32 {
+        self.scene.textures.push(texture);
+        self.scene.textures.len() as u32 - 1
+    }
+
+    pub(crate) fn add_material(&mut self, material: Material) -> u32 {
+        self.scene.materials.push(material);
+        self.scene.materials.len() as u32 - 1
+    }
+
+    /// A material of one colour, linear RGB.
+    pub(crate) fn plain(&mut self, name: &str, albedo: [f32; 3]) -> u32 {
+        self.add_material(Material { name: name.into(), albedo, ..Material::default() })
+    }
+
+    /// A material with a texture.
+    pub(crate) fn textured(&mut self, name: &str, texture: Texture) -> u32 {
+        let albedo_texture = Some(self.add_texture(texture));
+        self.add_material(Material { name: name.into(), albedo: [1.0; 3], albedo_texture, ..Material::default() })
+    }
+
+    /// A material that emits `emission` (linear RGB radiance).
+    pub(crate) fn emissive(&mut self, name: &str, emission: [f32; 3]) -> u32 {
+        self.add_material(Material { name: name.into(), albedo: [0.8; 3], emission, ..Material::default() })
+    }
+
+    pub(crate) fn add_vertex(&mut self, vertex: Vertex) -> u32 {
+        let scene = &mut self.scene;
+        scene.positions.push(vertex.position);
+        scene.normals.push(vertex.normal.as_vec3());
+        scene.texcoords.push(vertex.texcoord.as_vec2());
+        scene.colors.push(Vec3::from(vertex.color.map(|c| c as f32)));
+        scene.positions.len() as u32 - 1
+    }
+
+    pub(crate) fn add_triangle(&mut self, vertices: [u32; 3], material: u32) {
+        self.scene.triangles.push(Triangle { vertices, material });
+    }
+
+    /// A grid of `columns` by `rows` cells over `vertex(column, row)`; counter-clockwise if columns go right and rows
+    /// go up. Cells whose two triangles would have no area (at a pole) lose those.
+    pub(crate) fn add_grid(
+        &mut self,
+        columns: usize,
+        rows: usize,
+        material: u32,
+        vertex: impl Fn(usize, usize) -> Vertex,
+    ) {
+        let mut indices = Vec::with_capacity((columns + 1) * (rows + 1));
+        for row in 0..=rows {
+            for column in 0..=columns {
+                indices.push(self.add_vertex(vertex(column, row)));
+            }
+        }
+        let at = |column: usize, row: usize| indices[row * (columns + 1) + column];
+        for row in 0..rows {
+            for column in 0..columns {
+                let [a, b] = [at(column, row), at(column + 1, row)];
+                let [d, c] = [at(column, row + 1), at(column + 1, row + 1)];
+                for triangle in [[a, b, c], [a, c, d]] {
+                    let [p, q, r] = triangle.map(|v| self.scene.positions[v as usize]);
+                    if p != q && q != r && r != p {
+                        self.add_triangle(triangle, material);
+                    }
+                }
+            }
+        }
+    }
+
+    /// A flat rectangle from `corner` along two edges; its front is on the side of `right x up`. One unit of texture
+    /// is `tile` metres; zero stretches the texture once over the rectangle.
+    pub(crate) fn add_rectangle(&mut self, corner: DVec3, right: DVec3, up: DVec3, tile: f64, material: u32) {
+        let normal = right.cross(up).normalize_or_zero();
+        let size = if tile > 0.0 { DVec2::new(right.length(), up.length()) / tile } else { DVec2::ONE };
+        self.add_grid(1, 1, material, |column, row| {
+            let at = DVec2::new(column as f64, row as f64);
+            Vertex::new(corner + right * at.x + up * at.y, normal, at * size)
+        });
+    }
+
+    /// A box about `centre`, turned by `world_from_box`, its faces outward.
+    pub(crate) fn add_box(&mut self, centre: DVec3, half: DVec3, world_from_box: DMat3, tile: f64, material: u32) {
+        for axis in 0..3 {
+            for side in [-1.0, 1.0] {
+                // The texture stands upright on the four sides.
+                let (right_axis, up_axis) = [(2, 1), (0, 2), (0, 1)][axis];
+                let direction = |axis: usize| world_from_box.col(axis) * half[axis];
+                let (normal, up) = (direction(axis) * side, direction(up_axis));
+                let right = direction(right_axis);
+                let right = if right.cross(up).dot(normal) < 0.0 { -right } else { right };
+                self.add_rectangle(centre + normal - right - up, right * 2.0, up * 2.0, tile, material);
+            }
+        }
+    }
+
+    /// A box with its edges along the world's axes, between two opposite corners.
+    pub(crate) fn add_block(&mut self, low: DVec3, high: DVec3, tile: f64, material: u32) {
+        self.add_box((low + high) / 2.0, (high - low) / 2.0, DMat3::IDENTITY, tile, material);
+    }
+
+    /// A tube along `path` (centre and radius at each step), open at both ends; the texture goes once around and
+    /// repeats every `tile` metres along.
+    pub(crate) fn add_tube(&mut self, path: &[(DVec3, f64)], sides: usize, tile: f64, material: u32) {
+        let Some(&(start, _)) = path.first() else { return };
+        let direction =
+            |i: usize| (path[(i + 1).min(path.len() - 1)].0 - path[i.saturating_sub(1)].0).normalize_or_zero();
+        // A frame carried along, so that the tube does not twist.
+        let mut across = direction(0).any_orthonormal_vector();
+        let mut frames = Vec::with_capacity(path.len());
+        let (mut along, mut previous) = (0.0, start);
+        for (i, &(centre, _)) in path.iter().enumerate() {
+            let forward = direction(i);
+            across = across.reject_from(forward).try_normalize().unwrap_or(across);
+            along += centre.distance(previous);
+            previous = centre;
+            frames.push((across, forward.cross(across), along / tile));
+        }
+        self.add_grid(sides, path.len() - 1, material, |column, row| {
+            let (x_axis, y_axis, v) = frames[row];
+            let u = column as f64 / sides as f64;
+            let (sin, cos) = (u * std::f64::consts::TAU).sin_cos();
+            let normal = x_axis * cos + y_axis * sin;
+            Vertex::new(path[row].0 + normal * path[row].1, normal, DVec2::new(u, v))
+        });
+    }
+
+    /// An upright cylinder with a lid at each end.
+    pub(crate) fn add_cylinder(&mut self, base: DVec3, radius: f64, height: f64, sides: usize, material: u32) {
+        let top = base + DVec3::Y * height;
+        self.add_tube(&[(base, radius), (top, radius)], sides, 1.0, material);
+        for (centre, normal) in [(base, DVec3::NEG_Y), (top, DVec3::Y)] {
+            self.add_disk(centre, radius, normal, sides, material);
+        }
+    }
+
+    /// A horizontal disk whose front is on the side of `normal` (up or down).
+    pub(crate) fn add_disk(&mut self, centre: DVec3, radius: f64, normal: DVec3, sides: usize, material: u32) {
+        self.add_grid(sides, 1, material, |column, row| {
+            let turn = column as f64 / sides as f64 * std::f64::consts::TAU * normal.y.signum();
+            let rim = DVec3::new(turn.cos(), 0.0, -turn.sin()) * radius * (1 - row) as f64;
+            Vertex::new(centre + rim, normal, DVec2::new(rim.x, rim.z))
+        });
+    }
+
+    /// A patch of a sphere: `from` and `to` are heights above the equator in radians.
+    pub(crate) fn add_sphere(&mut self, centre: DVec3, radius: f64, from: f64, to: f64, sides: usize, material: u32) {
+        let rows = (sides / 2).max(1);
+        self.add_grid(sides, rows, material, |column, row| {
+            let place = DVec2::new(column as f64 / sides as f64, row as f64 / rows as f64);
+            let (around, height) = (place.x * std::f64::consts::TAU, from + (to - from) * place.y);
+            // The rows at the poles are exact, so that their cells are seen to have no area.
+            let rim = if row == rows && to >= std::f64::consts::FRAC_PI_2 { 0.0 } else { height.cos() };
+            let rim = if row == 0 && from <= -std::f64::consts::FRAC_PI_2 { 0.0 } else { rim };
+            let normal = DVec3::new(around.cos() * rim, height.sin(), -around.sin() * rim);
+            Vertex::new(centre + normal * radius, normal, place)
+        });
+    }
+
+    /// Moves and scales everything added so far: first by `scale` about the origin, then by `offset`.
+    pub(crate) fn transform(&mut self, scale: f64, offset: DVec3) {
+        self.scene.positions.iter_mut().for_each(|p| *p = *p * scale + offset);
+    }
+
+    /// The finished scene under the default sun and sky.
+    pub(crate) fn finish(self, name: &str, centre: DVec3, half_size_m: f64) -> Scene {
+        let mut scene = self.scene;
+        if scene.colors.iter().all(|&color| color == Vec3::ONE) {
+            scene.colors = Vec::new();
+        }
+        if scene.texcoords.iter().all(|&texcoord| texcoord == Vec2::ZERO) {
+            scene.texcoords = Vec::new();
+        }
+        Scene {
+            name: name.into(),
+            sun: Some(headbox_capture::scene::Sun::default()),
+            sky: Some(headbox_capture::scene::Sky::default()),
+            headbox: Some(SuggestedHeadbox { centre, half_size_m }),
+            ..scene
+        }
+    }
+}

@@ -1,0 +1,266 @@
+//! `tree`: a broad-leaved tree on a meadow, after the chestnut of the papers.
+
+use crate::mesh::{Mesh, Vertex};
+use crate::rng::Rng;
+use crate::texture::{fractal, mix, noise, paint, shade};
+use glam::{DQuat, DVec2, DVec3};
+use headbox_capture::Texture;
+use headbox_capture::scene::Scene;
+use std::f64::consts::TAU;
+
+/// Leaves on the tree, of five leaflets with eight triangles each: 440,000 triangles.
+const LEAVES: usize = 11_000;
+
+/// Leaflets that spread like fingers from the end of a stalk.
+const LEAFLETS: usize = 5;
+
+/// Growth by order of branching: trunk, limbs, branches, twigs.
+struct Order {
+    steps: usize,
+    sides: usize,
+    /// How much the direction changes from step to step.
+    wander: f64,
+    /// How much of "up" is mixed into the direction at each step.
+    upward: f64,
+    /// Number of children, and where along the branch they begin.
+    children: usize,
+    first_child: f64,
+    /// Length of a child relative to its parent, and its angle to it, degrees.
+    child_length: f64,
+    child_angle_deg: [f64; 2],
+}
+
+const ORDERS: [Order; 4] = [
+    Order {
+        steps: 12,
+        sides: 20,
+        wander: 0.05,
+        upward: 0.05,
+        children: 13,
+        first_child: 0.3,
+        child_length: 0.66,
+        child_angle_deg: [88.0, 32.0],
+    },
+    Order {
+        steps: 10,
+        sides: 10,
+        wander: 0.14,
+        upward: 0.05,
+        children: 10,
+        first_child: 0.2,
+        child_length: 0.5,
+        child_angle_deg: [70.0, 40.0],
+    },
+    Order {
+        steps: 7,
+        sides: 6,
+        wander: 0.2,
+        upward: 0.03,
+        children: 8,
+        first_child: 0.15,
+        child_length: 0.5,
+        child_angle_deg: [65.0, 35.0],
+    },
+    Order {
+        steps: 5,
+        sides: 4,
+        wander: 0.2,
+        upward: 0.02,
+        children: 0,
+        first_child: 0.0,
+        child_length: 0.0,
+        child_angle_deg: [0.0; 2],
+    },
+];
+
+/// A stretch of wood: where it begins and how it goes on.
+struct Shoot {
+    start: DVec3,
+    direction: DVec3,
+    length: f64,
+    radius: f64,
+}
+
+struct Tree {
+    mesh: Mesh,
+    bark: u32,
+    /// Centre lines of all twigs, which carry the leaves.
+    twigs: Vec<Vec<(DVec3, f64)>>,
+}
+
+pub(crate) fn build(seed: u64) -> Scene {
+    let rng = Rng::new(seed);
+    let mut mesh = Mesh::default();
+    add_meadow(&mut mesh, seed);
+    let bark = mesh.textured("bark", bark_texture(seed));
+    let leaf = mesh.plain("leaf", [0.33, 0.45, 0.10]);
+
+    let mut tree = Tree { mesh, bark, twigs: Vec::new() };
+    let start = DVec3::Y * (ground_height(0.0, 0.0) - 0.15);
+    tree.grow(Shoot { start, direction: DVec3::Y, length: 6.6, radius: 0.34 }, 0, &rng.fork(0));
+    tree.add_leaves(leaf, &rng.fork(1));
+
+    let centre = DVec3::new(1.5, ground_height(1.5, 9.0) + 1.8, 9.0);
+    tree.mesh.finish("tree", centre, 0.75)
+}
+
+impl Tree {
+    /// Grows a shoot and all that branches off it.
+    fn grow(&mut self, shoot: Shoot, level: usize, rng: &Rng) {
+        let order = &ORDERS[level];
+        let path = walk(&shoot, order, level == 0, &mut rng.fork(0));
+        self.mesh.add_tube(&path, order.sides, 1.5, self.bark);
+        if order.children == 0 {
+            self.twigs.push(path);
+            return;
+        }
+        for child in 0..order.children {
+            let mut draw = rng.fork(1 + child as u64);
+            // The last child goes on where its parent ends.
+            let is_leader = child + 1 == order.children;
+            let share = (child as f64 + draw.between(0.1, 0.9)) / (order.children - 1) as f64;
+            let at = if is_leader { 1.0 } else { order.first_child + (0.97 - order.first_child) * share.min(1.0) };
+            let (start, radius, along) = point_on(&path, at);
+            let [low, high] = order.child_angle_deg;
+            let angle =
+                if is_leader { 0.15 } else { (low + (high - low) * at + draw.between(-10.0, 10.0)).to_radians() };
+            // The golden angle spreads shoots evenly around the stem.
+            let around = child as f64 * 2.399_963 + draw.between(-0.4, 0.4);
+            let across = DQuat::from_axis_angle(along, around) * along.any_orthonormal_vector();
+            let reach = 1.0 - 0.55 * (at - order.first_child);
+            let child_shoot = Shoot {
+                start,
+                direction: (along * angle.cos() + across * angle.sin()).normalize(),
+                length: shoot.length * order.child_length * reach * draw.between(0.8, 1.15),
+                radius: (radius * if is_leader { 0.9 } else { 0.55 }).max(0.003),
+            };
+            self.grow(child_shoot, level + 1, &draw.fork(0));
+        }
+    }
+
+    fn add_leaves(&mut self, material: u32, rng: &Rng) {
+        for index in 0..LEAVES {
+            let mut draw = rng.fork(index as u64);
+            let twig = &self.twigs[index % self.twigs.len()];
+            let (start, _, along) = point_on(twig, draw.between(0.15, 1.0));
+            let around = DQuat::from_axis_angle(along, draw.between(0.0, TAU));
+            let across = around * along.any_orthonormal_vector();
+            let stalk = (across + along * 0.6 + DVec3::Y * 0.25).normalize();
+            let normal = (DVec3::Y + draw.in_cube() * 0.55 + stalk * 0.25).normalize();
+            let forward = stalk.reject_from(normal).try_normalize().unwrap_or_else(|| normal.any_orthonormal_vector());
+            let color = leaf_color(&mut draw);
+            let hub = start + stalk * draw.between(0.06, 0.14);
+            let length = draw.between(0.12, 0.19);
+            for leaflet in 0..LEAFLETS {
+                let spread = (leaflet as f64 - (LEAFLETS - 1) as f64 / 2.0) * 0.62;
+                let direction = DQuat::from_axis_angle(normal, spread) * forward;
+                let length = length * (1.0 - 0.16 * spread * spread);
+                add_leaflet(&mut self.mesh, Leaflet { hub, direction, normal, length, color }, material);
+            }
+        }
+    }
+}
+
+/// The centre line of a shoot, with its radius at each step.
+fn walk(shoot: &Shoot, order: &Order, is_trunk: bool, draw: &mut Rng) -> Vec<(DVec3, f64)> {
+    let (mut at, mut direction) = (shoot.start, shoot.direction);
+    let mut path = Vec::with_capacity(order.steps + 1);
+    for step in 0..=order.steps {
+        let t = step as f64 / order.steps as f64;
+        let flare = if is_trunk { 1.0 + 0.6 * (1.0 - t * 6.0).max(0.0).powi(2) } else { 1.0 };
+        path.push((at, shoot.radius * (1.0 - 0.62 * t) * flare));
+        direction = (direction + draw.in_cube() * order.wander + DVec3::Y * order.upward).normalize();
+        at += direction * (shoot.length / order.steps as f64);
+    }
+    path
+}
+
+/// Point, radius and direction at the share `at` (0..=1) of a path of two points or more.
+fn point_on(path: &[(DVec3, f64)], at: f64) -> (DVec3, f64, DVec3) {
+    let x = at * (path.len() - 1) as f64;
+    let first = (x as usize).min(path.len() - 2);
+    let ((a, radius_a), (b, radius_b)) = (path[first], path[first + 1]);
+    let t = x - first as f64;
+    (a.lerp(b, t), radius_a + (radius_b - radius_a) * t, (b - a).normalize())
+}
+
+/// Most leaves are green, lighter or darker; a few turn yellow or brown.
+fn leaf_color(draw: &mut Rng) -> [f64; 3] {
+    let green = mix([0.55, 0.72, 0.45], [0.75, 1.0, 0.6], draw.unit());
+    let turned = draw.unit();
+    let tint = mix([1.0, 0.75, 0.4], [0.9, 0.45, 0.35], draw.unit());
+    mix(green, tint, if turned > 0.96 { 0.8 } else { turned * 0.15 })
+}
+
+struct Leaflet {
+    hub: DVec3,
+    direction: DVec3,
+    normal: DVec3,
+    length: f64,
+    color: [f64; 3],
+}
+
+/// A blade widest beyond its middle, folded along its rib and bent down toward the tip: eight triangles.
+fn add_leaflet(mesh: &mut Mesh, leaflet: Leaflet, material: u32) {
+    let Leaflet { hub, direction, normal, length, color } = leaflet;
+    let side = normal.cross(direction);
+    let mut vertex = |along: f64, across: f64, light: f64| {
+        let lift = 0.35 * across.abs() - 0.3 * along * along;
+        let position = hub + (direction * along + side * across + normal * lift) * length;
+        let color = shade(color, light);
+        mesh.add_vertex(Vertex { position, normal: DVec3::ZERO, texcoord: DVec2::ZERO, color })
+    };
+    let rib = [0.0, 0.4, 0.72, 1.0].map(|along| vertex(along, 0.0, 1.0));
+    let edges = [-1.0, 1.0].map(|sign| [vertex(0.36, 0.13 * sign, 0.88), vertex(0.7, 0.2 * sign, 0.88)]);
+    for (edge, is_left) in edges.into_iter().zip([false, true]) {
+        let half = [
+            [rib[0], edge[0], rib[1]],
+            [rib[1], edge[0], edge[1]],
+            [rib[1], edge[1], rib[2]],
+            [rib[2], edge[1], rib[3]],
+        ];
+        for [a, b, c] in half {
+            mesh.add_triangle(if is_left { [a, c, b] } else { [a, b, c] }, material);
+        }
+    }
+}
+
+/// Height of the meadow: gentle waves, at most 0.75 m up or down.
+fn ground_height(x: f64, z: f64) -> f64 {
+    0.3 * (x * 0.11 + 0.4).sin() * (z * 0.09).cos()
+        + 0.2 * (x * 0.23 - z * 0.17).sin()
+        + 0.08 * (z * 0.5 + x * 0.31).sin()
+}
+
+/// The ground to 160 m, in rings that get wider outward.
+fn add_meadow(mesh: &mut Mesh, seed: u64) {
+    let grass = mesh.textured("meadow", grass_texture(seed));
+    mesh.add_grid(96, 72, grass, |column, row| {
+        let radius = 160.0 * (1.0 - row as f64 / 72.0).powi(2);
+        let around = column as f64 / 96.0 * TAU;
+        let (x, z) = if row == 72 { (0.0, 0.0) } else { (radius * around.cos(), -radius * around.sin()) };
+        let slope = |dx: f64, dz: f64| (ground_height(x + dx, z + dz) - ground_height(x - dx, z - dz)) / 0.02;
+        let normal = DVec3::new(-slope(0.01, 0.0), 1.0, -slope(0.0, 0.01)).normalize();
+        Vertex::new(DVec3::new(x, ground_height(x, z), z), normal, DVec2::new(x, -z) / 3.0)
+    });
+}
+
+fn grass_texture(seed: u64) -> Texture {
+    paint(512, 512, |u, v| {
+        let patch = fractal(u, v, 4, 4, seed + 10);
+        let blade = noise(u, v, 128, 256, seed + 20);
+        let earth = (fractal(u, v, 8, 8, seed + 30) - 0.62).max(0.0) * 5.0;
+        let green = mix([0.26, 0.36, 0.12], [0.50, 0.56, 0.22], patch);
+        mix(shade(green, 0.65 + 0.55 * blade), [0.38, 0.30, 0.20], earth.min(0.8))
+    })
+}
+
+fn bark_texture(seed: u64) -> Texture {
+    paint(256, 256, |u, v| {
+        // Furrows run along the stem, and wander a little.
+        let wander = (noise(u, v, 4, 8, seed + 40) - 0.5) * 0.12;
+        let furrow = (noise(u + wander, v, 24, 5, seed + 50) - 0.5).abs() * 2.0;
+        let grain = fractal(u, v, 16, 8, seed + 60);
+        mix([0.20, 0.16, 0.12], [0.52, 0.45, 0.37], furrow.sqrt() * (0.5 + 0.5 * grain))
+    })
+}
