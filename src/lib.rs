@@ -9,4 +9,5 @@ pub use headbox_capture as capture;
 pub use headbox_scenes as scenes;
 
 pub mod ldi;
+pub mod metrics;
 pub mod packed;
