@@ -11,3 +11,4 @@ pub use headbox_scenes as scenes;
 pub mod ldi;
 pub mod metrics;
 pub mod packed;
+pub mod report;

@@ -1,0 +1,4 @@
+//! What is shown to people: sheets of pictures side by side.
+
+pub mod font;
+pub mod sheet;
