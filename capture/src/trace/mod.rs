@@ -1,8 +1,47 @@
 //! Ray tracing: the tree, its traversal, and the intersection of rays with triangles.
+//!
+//! `obvhs` builds a binary tree (`build`); [`tree`] turns it into nodes of eight children with the triangles in leaf
+//! order. Packets of 16 coherent rays (`packet`) walk it together while they agree and one by one below that
+//! (`single`).
+//!
+//! # What makes a hit
+//!
+//! A hit is a function of the ray, the triangle and the leaf that holds it, never of the order of traversal, the SIMD
+//! level or the other rays of a packet:
+//!
+//! 1. the edge functions of the sheared triangle all have one sign, zero included (Woop, Benthin and Wald, "Watertight
+//!    Ray/Triangle Intersection", JCGT 2013; `triangle` says why no ray slips between two triangles);
+//! 2. the ray passes the box of the triangle's leaf, enlarged so that no rounding error can lose a hit (`prepared`);
+//! 3. `t` is not less than where the ray enters that box. Entering distances never fall from a box to one inside it,
+//!    because every operation in them is monotone. So a box that is entered beyond the closest hit so far holds no
+//!    closer one, whatever the traversal;
+//! 4. a cut-out texture, where there is one, is opaque there.
+//!
+//! The closest hit is the least (t, primitive index). No operation is contracted or approximated.
 
-use glam::Vec3;
+mod build;
+mod cutout;
+mod packet;
+mod prepared;
+mod single;
+mod tree;
+mod triangle;
+
+pub use packet::{HitPacket, PACKET, RayPacket};
+
+use crate::Scene;
+use cutout::Cutouts;
+use fearless_simd::{Level, dispatch};
+use glam::{DVec3, Vec3};
+use prepared::Prepared;
+use std::sync::Arc;
+use tree::Tree;
 
 /// A ray in the tracer's local frame (world axes, metres, relative to the tracer's origin).
+///
+/// A ray whose origin is farther than [`MAX_COORDINATE`] from the tracer's origin in any coordinate, whose direction
+/// is zero, not finite, or has a largest component outside [`DIRECTION_RANGE`], or whose `t_min` is negative, hits
+/// nothing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
     /// Start.
@@ -26,4 +65,103 @@ pub struct Hit {
     pub u: f32,
     /// Barycentric weight of the triangle's third vertex.
     pub v: f32,
+}
+
+/// The largest absolute coordinate of a ray's origin or of a triangle's vertex, metres: 2^40. Beyond it the products
+/// in the box tests could overflow; such triangles are not hit and such rays hit nothing.
+pub const MAX_COORDINATE: f32 = 1.099_511_6e12;
+
+/// Bounds of the largest absolute component of a ray's direction: 2^-40 to 2^40, for the same reason.
+pub const DIRECTION_RANGE: std::ops::RangeInclusive<f32> = 9.094_947e-13..=1.099_511_6e12;
+
+/// A scene ready to be hit by rays.
+///
+/// Triangles with a vertex that is not finite or exceeds [`MAX_COORDINATE`], and triangles without area, are left out
+/// and never hit.
+#[derive(Debug)]
+pub struct Tracer {
+    scene: Arc<Scene>,
+    origin: DVec3,
+    tree: Tree,
+    cutouts: Cutouts,
+    level: Level,
+}
+
+impl Tracer {
+    /// Builds the tree over `scene`, whose positions are taken relative to `origin` (world metres) in `f64` before they
+    /// become `f32`. Rays and hits are in that local frame. Uses the best SIMD level of the CPU.
+    pub fn new(scene: Arc<Scene>, origin: DVec3) -> Self {
+        Self::with_level(scene, origin, Level::new())
+    }
+
+    /// As [`Self::new`], at a given SIMD level: every level gives the same bits.
+    pub fn with_level(scene: Arc<Scene>, origin: DVec3, level: Level) -> Self {
+        let cutouts = Cutouts::new(&scene);
+        let tree = build::build(&scene, origin, &cutouts);
+        Self { scene, origin, tree, cutouts, level }
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    /// World position of the local frame's origin, metres.
+    pub fn origin(&self) -> DVec3 {
+        self.origin
+    }
+
+    /// Local positions of a triangle's vertices, metres; NaN if there is no such triangle.
+    pub fn triangle(&self, primitive: u32) -> [Vec3; 3] {
+        build::local_triangle(&self.scene, self.origin, primitive).unwrap_or([Vec3::NAN; 3])
+    }
+
+    /// The closest hit of a ray, the least (t, primitive) of all its hits.
+    pub fn closest(&self, ray: &Ray) -> Option<Hit> {
+        let prepared = Prepared::new(ray)?;
+        let mut found = single::Closest::new(ray.t_max);
+        dispatch!(self.level, simd => single::traverse_from_root(simd, self, &prepared, &mut found));
+        found.hit()
+    }
+
+    /// Whether anything lies on the ray between `t_min` and `t_max`.
+    pub fn occluded(&self, ray: &Ray) -> bool {
+        let Some(prepared) = Prepared::new(ray) else { return false };
+        let mut found = single::Occluded::new(ray.t_max);
+        dispatch!(self.level, simd => single::traverse_from_root(simd, self, &prepared, &mut found));
+        found.blocked()
+    }
+
+    /// Calls `visit` with every hit on the ray exactly once, in the order of (t, primitive).
+    pub fn all_hits(&self, ray: &Ray, visit: &mut dyn FnMut(Hit)) {
+        let Some(prepared) = Prepared::new(ray) else { return };
+        let mut found = single::All::new(ray.t_max);
+        dispatch!(self.level, simd => single::traverse_from_root(simd, self, &prepared, &mut found));
+        found.into_sorted().into_iter().for_each(visit);
+    }
+
+    /// The closest hits of the active rays of a packet: the same bits as [`Self::closest`] gives for each.
+    pub fn closest_packet(&self, rays: &RayPacket) -> HitPacket {
+        let mut hits = HitPacket::MISS;
+        self.closest_packets(std::slice::from_ref(rays), std::slice::from_mut(&mut hits));
+        hits
+    }
+
+    /// As [`Self::closest_packet`] for each packet of a slice, faster than one call each. Stops at the end of the
+    /// shorter slice.
+    pub fn closest_packets(&self, rays: &[RayPacket], hits: &mut [HitPacket]) {
+        dispatch!(self.level, simd => packet::closest(simd, self, rays, hits));
+    }
+
+    /// Which active rays of a packet are blocked: bit k belongs to ray k, as [`Self::occluded`] says of it.
+    pub fn occluded_packet(&self, rays: &RayPacket) -> u16 {
+        let mut blocked = 0;
+        self.occluded_packets(std::slice::from_ref(rays), std::slice::from_mut(&mut blocked));
+        blocked
+    }
+
+    /// As [`Self::occluded_packet`] for each packet of a slice. Stops at the end of the shorter slice.
+    pub fn occluded_packets(&self, rays: &[RayPacket], blocked: &mut [u16]) {
+        dispatch!(self.level, simd => packet::occluded(simd, self, rays, blocked));
+    }
 }

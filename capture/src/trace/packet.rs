@@ -1,0 +1,593 @@
+//! Traversal by 16 coherent rays at a time.
+//!
+//! A node's eight boxes are first tested against the packet as a whole: intervals around its origins and reciprocal
+//! directions give one conservative test for all rays, eight boxes at a time. A box that passes is tested against the
+//! 16 rays when its turn comes, so that hits found meanwhile count. Where few rays agree, each goes on alone
+//! ([`super::single`]): the same box and triangle tests, so the same bits.
+
+use super::prepared::{Prepared, Slab, axes_of, is_valid, largest, main_axis};
+use super::single::{self, Closest, Occluded, push_sorted, relative};
+use super::tree::{Block, Entry, Node, WIDTH};
+use super::triangle::{Candidate, edges, exact};
+use super::{Ray, Tracer};
+use fearless_simd::{Simd, f32x8, f32x16, mask32x16, prelude::*, u32x16};
+use glam::Vec3;
+
+/// Rays of a packet.
+pub const PACKET: usize = 16;
+
+/// Where at most this many rays enter a box, each goes on alone. Measured: see `benches/trace.rs`.
+const ALONE: u32 = 4;
+
+/// 16 rays, best with nearby origins and directions. Any rays are traced correctly; those that do not agree in the
+/// signs of their directions are traced one by one.
+#[repr(C, align(64))]
+#[derive(Clone, Debug, PartialEq)]
+pub struct RayPacket {
+    /// Starts, `[axis][ray]`, local metres.
+    pub origin: [[f32; PACKET]; 3],
+    /// Directions, `[axis][ray]`; need not be normalised.
+    pub direction: [[f32; PACKET]; 3],
+    /// As [`Ray::t_min`].
+    pub t_min: [f32; PACKET],
+    /// As [`Ray::t_max`].
+    pub t_max: [f32; PACKET],
+    /// Bit k: ray k is to be traced.
+    pub active: u16,
+}
+
+impl RayPacket {
+    /// A packet without active rays.
+    pub const EMPTY: Self = Self {
+        origin: [[0.0; PACKET]; 3],
+        direction: [[0.0; PACKET]; 3],
+        t_min: [0.0; PACKET],
+        t_max: [f32::INFINITY; PACKET],
+        active: 0,
+    };
+
+    /// The rays of a slice, the first [`PACKET`] of them, all active.
+    pub fn from_rays(rays: &[Ray]) -> Self {
+        let mut packet = Self::EMPTY;
+        for (k, ray) in rays.iter().take(PACKET).enumerate() {
+            packet.set(k, ray);
+        }
+        packet
+    }
+
+    /// Sets ray `k` and makes it active. Ignored unless `k` is less than [`PACKET`].
+    #[inline]
+    pub fn set(&mut self, k: usize, ray: &Ray) {
+        if k < PACKET {
+            for axis in 0..3 {
+                self.origin[axis][k] = ray.origin[axis];
+                self.direction[axis][k] = ray.direction[axis];
+            }
+            self.t_min[k] = ray.t_min;
+            self.t_max[k] = ray.t_max;
+            self.active |= 1 << k;
+        }
+    }
+
+    /// Ray `k`, or `None` if it is not active.
+    #[inline]
+    pub fn ray(&self, k: usize) -> Option<Ray> {
+        (k < PACKET && self.active >> k & 1 == 1).then(|| Ray {
+            origin: Vec3::from_array(self.origin.map(|row| row[k])),
+            direction: Vec3::from_array(self.direction.map(|row| row[k])),
+            t_min: self.t_min[k],
+            t_max: self.t_max[k],
+        })
+    }
+}
+
+/// The closest hits of a packet's rays.
+#[repr(C, align(64))]
+#[derive(Clone, Debug, PartialEq)]
+pub struct HitPacket {
+    /// As [`super::Hit::t`]; infinite where the ray hits nothing or is not active.
+    pub t: [f32; PACKET],
+    /// As [`super::Hit::primitive`]; `u32::MAX` where there is no hit.
+    pub primitive: [u32; PACKET],
+    /// As [`super::Hit::u`]; 0 where there is no hit.
+    pub u: [f32; PACKET],
+    /// As [`super::Hit::v`]; 0 where there is no hit.
+    pub v: [f32; PACKET],
+}
+
+impl HitPacket {
+    /// No hits.
+    pub const MISS: Self =
+        Self { t: [f32::INFINITY; PACKET], primitive: [u32::MAX; PACKET], u: [0.0; PACKET], v: [0.0; PACKET] };
+
+    /// The hit of ray `k`, if there is one.
+    #[inline]
+    pub fn hit(&self, k: usize) -> Option<super::Hit> {
+        let primitive = *self.primitive.get(k)?;
+        (primitive != u32::MAX).then(|| super::Hit { t: self.t[k], primitive, u: self.u[k], v: self.v[k] })
+    }
+}
+
+/// Closest hits of each packet.
+#[inline(always)]
+pub(super) fn closest<S: Simd>(simd: S, tracer: &Tracer, rays: &[RayPacket], hits: &mut [HitPacket]) {
+    for (rays, hits) in rays.iter().zip(hits) {
+        let mut found = Lanes::new(rays);
+        trace::<S, false>(simd, tracer, rays, &mut found);
+        *hits = found.hits();
+    }
+}
+
+/// Blocked rays of each packet.
+#[inline(always)]
+pub(super) fn occluded<S: Simd>(simd: S, tracer: &Tracer, rays: &[RayPacket], blocked: &mut [u16]) {
+    for (rays, blocked) in rays.iter().zip(blocked) {
+        let mut found = Lanes::new(rays);
+        trace::<S, true>(simd, tracer, rays, &mut found);
+        *blocked = found.blocked;
+    }
+}
+
+/// The state of 16 searches.
+#[repr(C, align(64))]
+struct Lanes {
+    t: [f32; PACKET],
+    primitive: [u32; PACKET],
+    /// Barycentric weights of the second and third vertex, over `determinant`.
+    v: [f32; PACKET],
+    w: [f32; PACKET],
+    determinant: [f32; PACKET],
+    /// For occlusion: rays that need no further search. Their `t` is minus infinity.
+    blocked: u16,
+}
+
+impl Lanes {
+    #[inline(always)]
+    fn new(rays: &RayPacket) -> Self {
+        Self {
+            t: rays.t_max,
+            primitive: [u32::MAX; PACKET],
+            v: [0.0; PACKET],
+            w: [0.0; PACKET],
+            determinant: [1.0; PACKET],
+            blocked: 0,
+        }
+    }
+
+    #[inline(always)]
+    fn candidate(&self, k: usize) -> Candidate {
+        Candidate { t: self.t[k], v: self.v[k], w: self.w[k], determinant: self.determinant[k] }
+    }
+
+    #[inline(always)]
+    fn set(&mut self, k: usize, primitive: u32, candidate: Candidate) {
+        self.primitive[k] = primitive;
+        (self.t[k], self.v[k], self.w[k]) = (candidate.t, candidate.v, candidate.w);
+        self.determinant[k] = candidate.determinant;
+    }
+
+    #[inline(always)]
+    fn block(&mut self, k: usize) {
+        self.t[k] = f32::NEG_INFINITY;
+        self.blocked |= 1 << k;
+    }
+
+    #[inline(always)]
+    fn hits(&self) -> HitPacket {
+        let mut hits = HitPacket::MISS;
+        for k in 0..PACKET {
+            let [u, v] = self.candidate(k).barycentric();
+            let missed = self.primitive[k] == u32::MAX;
+            hits.t[k] = if missed { f32::INFINITY } else { self.t[k] };
+            hits.primitive[k] = self.primitive[k];
+            hits.u[k] = if missed { 0.0 } else { u };
+            hits.v[k] = if missed { 0.0 } else { v };
+        }
+        hits
+    }
+}
+
+/// The rays of a packet, ready for traversal: [`Prepared`] in arrays.
+#[repr(C, align(64))]
+struct PreparedPacket {
+    near_origin: [[f32; PACKET]; 3],
+    far_origin: [[f32; PACKET]; 3],
+    inverse: [[f32; PACKET]; 3],
+    shear: [[f32; PACKET]; 2],
+    inverse_main: [f32; PACKET],
+    main_axis: [u32; PACKET],
+    valid: [bool; PACKET],
+}
+
+impl PreparedPacket {
+    /// Branch-free over the rays, so that it is compiled to vectors.
+    #[inline(always)]
+    fn new(rays: &RayPacket) -> Self {
+        let mut p = Self {
+            near_origin: [[0.0; PACKET]; 3],
+            far_origin: [[0.0; PACKET]; 3],
+            inverse: [[0.0; PACKET]; 3],
+            shear: [[0.0; PACKET]; 2],
+            inverse_main: [0.0; PACKET],
+            main_axis: [0; PACKET],
+            valid: [false; PACKET],
+        };
+        for k in 0..PACKET {
+            let (origin, direction) = (rays.origin.map(|row| row[k]), rays.direction.map(|row| row[k]));
+            let (largest_origin, largest_direction) = (largest(origin), largest(direction));
+            let sum = origin[0] + origin[1] + origin[2] + direction[0] + direction[1] + direction[2];
+            p.valid[k] = is_valid(largest_origin, largest_direction, sum, rays.t_min[k], rays.t_max[k]);
+            for axis in 0..3 {
+                let slab = Slab::new(origin[axis], direction[axis], largest_origin, largest_direction);
+                p.near_origin[axis][k] = slab.near_origin;
+                p.far_origin[axis][k] = slab.far_origin;
+                p.inverse[axis][k] = slab.inverse;
+            }
+            let main = main_axis(direction);
+            let pick = |v: [f32; 3], shift: u32| {
+                let axis = main + shift; // 0 to 4, cyclic
+                if axis == 1 || axis == 4 {
+                    v[1]
+                } else if axis == 2 {
+                    v[2]
+                } else {
+                    v[0]
+                }
+            };
+            let inverse = [p.inverse[0][k], p.inverse[1][k], p.inverse[2][k]];
+            p.main_axis[k] = main;
+            p.inverse_main[k] = pick(inverse, 0);
+            p.shear[0][k] = pick(direction, 1) * p.inverse_main[k];
+            p.shear[1][k] = pick(direction, 2) * p.inverse_main[k];
+        }
+        p
+    }
+
+    /// Ray `k` by itself.
+    #[inline(always)]
+    fn ray(&self, rays: &RayPacket, k: usize) -> Prepared {
+        let axes = axes_of(self.main_axis[k]);
+        Prepared {
+            slabs: [0, 1, 2].map(|a| Slab {
+                near_origin: self.near_origin[a][k],
+                far_origin: self.far_origin[a][k],
+                inverse: self.inverse[a][k],
+            }),
+            axes,
+            origin: axes.map(|a| rays.origin[a][k]),
+            shear: self.shear.map(|row| row[k]),
+            t_min: rays.t_min[k],
+        }
+    }
+}
+
+/// Everything that the traversal of a packet reads.
+struct Walk<'a, S: Simd> {
+    simd: S,
+    tracer: &'a Tracer,
+    rays: &'a RayPacket,
+    prepared: &'a PreparedPacket,
+    /// Rows of a node's planes through which the rays enter, by axis.
+    near_rows: [usize; 3],
+    /// The axes of the shear if all rays share them.
+    axes: Option<[usize; 3]>,
+}
+
+/// Traces a packet; `ANY` is for occlusion.
+#[inline(always)]
+fn trace<S: Simd, const ANY: bool>(simd: S, tracer: &Tracer, rays: &RayPacket, found: &mut Lanes) {
+    let prepared = PreparedPacket::new(rays);
+    let valid = (0..PACKET).fold(0, |bits, k| bits | u32::from(prepared.valid[k]) << k);
+    let active = u32::from(rays.active) & valid;
+    if active == 0 || tracer.tree.nodes.is_empty() {
+        return;
+    }
+    let lane = active.trailing_zeros() as usize;
+    let negative = prepared
+        .inverse
+        .map(|row| f32x16::load_array(simd, row).simd_lt(f32x16::splat(simd, 0.0)).to_bitmask() as u32 & active);
+    let agree = negative.iter().all(|&bits| bits == 0 || bits == active);
+    let main = prepared.main_axis[lane];
+    let same_main = u32x16::load_array(simd, prepared.main_axis).simd_eq(u32x16::splat(simd, main));
+    let walk = Walk {
+        simd,
+        tracer,
+        rays,
+        prepared: &prepared,
+        near_rows: [0, 1, 2].map(|a| if negative[a] == 0 { a } else { a + 3 }),
+        axes: (same_main.to_bitmask() as u32 & active == active).then(|| axes_of(main)),
+    };
+    tracer.tree.with_stack(|stack| {
+        if agree && active.count_ones() > ALONE {
+            walk.together::<ANY>(active, found, stack);
+        } else {
+            walk.alone::<ANY>(active, found, 0, stack);
+        }
+    });
+}
+
+impl<S: Simd> Walk<'_, S> {
+    /// Traverses the subtree of `node` by each of the rays `lanes` by itself.
+    #[inline(always)]
+    fn alone<const ANY: bool>(&self, mut lanes: u32, found: &mut Lanes, node: u32, stack: &mut [Entry]) {
+        while lanes != 0 {
+            let k = lanes.trailing_zeros() as usize;
+            lanes &= lanes - 1;
+            let ray = self.prepared.ray(self.rays, k);
+            if ANY {
+                let mut search = Occluded::new(found.t[k]);
+                traverse_alone(self.simd, self.tracer, &ray, &mut search, node, stack);
+                if search.blocked() {
+                    found.block(k);
+                }
+            } else {
+                let mut search = Closest { primitive: found.primitive[k], candidate: found.candidate(k) };
+                traverse_alone(self.simd, self.tracer, &ray, &mut search, node, stack);
+                found.set(k, search.primitive, search.candidate);
+            }
+        }
+    }
+
+    /// Traverses the tree by the rays `active` together.
+    #[inline(always)]
+    fn together<const ANY: bool>(&self, active: u32, found: &mut Lanes, stack: &mut [Entry]) {
+        let nodes = &self.tracer.tree.nodes;
+        let beam = Beam::new(self, active);
+        let mut limit = self.limit(active, found);
+        let mut len = beam.push_children(0, &nodes[0], limit, stack, 0);
+        while len > 0 {
+            len -= 1;
+            let Entry { near, node, slot } = stack[len];
+            if near > limit {
+                continue;
+            }
+            let (parent, slot) = (&nodes[node as usize], slot as usize);
+            let (near, entered) = self.enter(parent, slot, found);
+            let entered = entered & active;
+            if entered == 0 {
+                continue;
+            }
+            let child = parent.child[slot];
+            match parent.blocks[slot] {
+                0 if entered.count_ones() <= ALONE => {
+                    self.alone::<ANY>(entered, found, child, &mut stack[len..]);
+                    limit = self.limit(active, found);
+                }
+                0 => len = beam.push_children(child, &nodes[child as usize], limit, stack, len),
+                blocks => {
+                    let range = child as usize..child as usize + usize::from(blocks);
+                    for block in &self.tracer.tree.blocks[range] {
+                        for slot in 0..block.len as usize {
+                            self.intersect::<ANY>(block, slot, entered, near, found);
+                        }
+                    }
+                    limit = self.limit(active, found);
+                }
+            }
+        }
+    }
+
+    /// The farthest distance that any ray still cares about; minus infinity if all are blocked.
+    #[inline(always)]
+    fn limit(&self, active: u32, found: &Lanes) -> f32 {
+        let t = self.load(&found.t);
+        let out = f32x16::splat(self.simd, f32::NEG_INFINITY);
+        self.mask(active).select(t, out).reduce_max()
+    }
+
+    #[inline(always)]
+    fn load(&self, row: &[f32; PACKET]) -> f32x16<S> {
+        f32x16::load_array_ref(self.simd, row)
+    }
+
+    #[inline(always)]
+    fn mask(&self, lanes: u32) -> mask32x16<S> {
+        mask32x16::from_bitmask(self.simd, u64::from(lanes))
+    }
+
+    /// Which rays enter the box of a child before their limits, and where.
+    #[inline(always)]
+    fn enter(&self, node: &Node, slot: usize, found: &Lanes) -> (f32x16<S>, u32) {
+        let t = |row: usize, axis: usize, origin: &[f32; PACKET]| {
+            let plane = f32x16::splat(self.simd, node.planes[row][slot]);
+            (plane - self.load(origin)) * self.load(&self.prepared.inverse[axis])
+        };
+        let near = [0, 1, 2].map(|a| t(self.near_rows[a], a, &self.prepared.near_origin[a]));
+        let far = [0, 1, 2].map(|a| t((self.near_rows[a] + 3) % 6, a, &self.prepared.far_origin[a]));
+        let near = near[0].max(near[1]).max(near[2]);
+        let far = far[0].min(far[1]).min(far[2]).min(self.load(&found.t));
+        let entered = near.max(self.load(&self.rays.t_min)).simd_le(far);
+        (near, entered.to_bitmask() as u32)
+    }
+
+    /// Tests the rays `lanes` against a triangle. `near` is where they enter its leaf's box.
+    #[inline(always)]
+    fn intersect<const ANY: bool>(&self, block: &Block, slot: usize, lanes: u32, near: f32x16<S>, found: &mut Lanes) {
+        let triangle = block.triangle(slot);
+        let edges = edges(self.relative(triangle), self.prepared.shear.each_ref().map(|row| self.load(row)));
+        let inside = edges.inside() & self.mask(lanes);
+        if inside.all_false() {
+            return;
+        }
+        let (determinant, t) = edges.determinant_and_t(self.load(&self.prepared.inverse_main));
+        let degenerate = inside & determinant.simd_eq(f32x16::splat(self.simd, 0.0));
+        let primitive = block.primitives[slot];
+        // Rule 3 of the module: never before the leaf's box. Adding zero turns -0 to 0.
+        let t = t.simd_gt(near).select(t, near) + f32x16::splat(self.simd, 0.0);
+        let best = self.load(&found.t);
+        let best_primitive = u32x16::load_array_ref(self.simd, &found.primitive);
+        let first = t.simd_eq(best) & u32x16::splat(self.simd, primitive).simd_lt(best_primitive);
+        let wanted = t.simd_ge(self.load(&self.rays.t_min)) & (t.simd_lt(best) | first);
+        let mut wanted = (inside & wanted).to_bitmask() as u32;
+        let degenerate = degenerate.to_bitmask() as u32;
+        let [_, v, w] = edges.weights;
+        wanted &= !degenerate;
+        if block.cutouts >> slot & 1 == 1 || degenerate != 0 {
+            let candidates = [t, v, w, determinant].map(|x| x.to_array());
+            let near = near.to_array();
+            self.one_by_one::<ANY>(triangle, block, slot, wanted, degenerate, candidates, near, found);
+        } else if wanted != 0 {
+            if ANY {
+                found.blocked |= wanted as u16;
+                let out = f32x16::splat(self.simd, f32::NEG_INFINITY);
+                self.mask(wanted).select(out, best).store_array(&mut found.t);
+            } else {
+                let mask = self.mask(wanted);
+                let put = |new: f32x16<S>, row: &mut [f32; PACKET]| {
+                    mask.select(new, self.load(row)).store_array(row);
+                };
+                put(t, &mut found.t);
+                put(v, &mut found.v);
+                put(w, &mut found.w);
+                put(determinant, &mut found.determinant);
+                mask.select(u32x16::splat(self.simd, primitive), best_primitive).store_array(&mut found.primitive);
+            }
+        }
+    }
+
+    /// The rare end of [`Self::intersect`]: cut-outs, and triangles whose edge functions all round to zero.
+    #[inline(never)]
+    fn one_by_one<const ANY: bool>(
+        &self,
+        triangle: [[f32; 3]; 3],
+        block: &Block,
+        slot: usize,
+        wanted: u32,
+        degenerate: u32,
+        [t, v, w, determinant]: [[f32; PACKET]; 4],
+        near: [f32; PACKET],
+        found: &mut Lanes,
+    ) {
+        let primitive = block.primitives[slot];
+        let mut lanes = wanted | degenerate;
+        while lanes != 0 {
+            let k = lanes.trailing_zeros() as usize;
+            lanes &= lanes - 1;
+            let mut candidate = Candidate { t: t[k], v: v[k], w: w[k], determinant: determinant[k] };
+            if degenerate >> k & 1 == 1 {
+                let ray = self.prepared.ray(self.rays, k);
+                let relative = relative(triangle, &ray);
+                let Some(exact) = exact(relative, ray.shear, ray.inverse_main()) else { continue };
+                candidate = Candidate { t: if exact.t > near[k] { exact.t } else { near[k] } + 0.0, ..exact };
+                let first = candidate.t == found.t[k] && primitive < found.primitive[k];
+                if candidate.t < self.rays.t_min[k] || !(candidate.t < found.t[k] || first) {
+                    continue;
+                }
+            }
+            let opaque = block.cutouts >> slot & 1 == 0
+                || self.tracer.cutouts.is_opaque(&self.tracer.scene, primitive, candidate.barycentric());
+            match (opaque, ANY) {
+                (false, _) => {}
+                (true, true) => found.block(k),
+                (true, false) => found.set(k, primitive, candidate),
+            }
+        }
+    }
+
+    /// A triangle's vertices relative to each ray's origin, on the axes of each ray's shear.
+    #[inline(always)]
+    fn relative(&self, triangle: [[f32; 3]; 3]) -> [[f32x16<S>; 3]; 3] {
+        let origin = |axis: usize| self.load(&self.rays.origin[axis]);
+        let splat = |x: f32| f32x16::splat(self.simd, x);
+        if let Some(axes) = self.axes {
+            return triangle.map(|vertex| axes.map(|a| splat(vertex[a]) - origin(a)));
+        }
+        let main = u32x16::load_array_ref(self.simd, &self.prepared.main_axis);
+        let [is_x, is_y] = [0, 1].map(|axis| main.simd_eq(u32x16::splat(self.simd, axis)));
+        triangle.map(|vertex| {
+            let [x, y, z] = [0, 1, 2].map(|a| splat(vertex[a]) - origin(a));
+            // The rows are axes_of(0), axes_of(1), axes_of(2).
+            let pick = |on_x, on_y, on_z| is_x.select(on_x, is_y.select(on_y, on_z));
+            [pick(y, z, x), pick(z, x, y), pick(x, y, z)]
+        })
+    }
+}
+
+/// [`single::traverse`] as a function of its own in code compiled for the SIMD level.
+#[inline(always)]
+fn traverse_alone<S: Simd, F: single::Found>(
+    simd: S,
+    tracer: &Tracer,
+    ray: &Prepared,
+    search: &mut F,
+    node: u32,
+    stack: &mut [Entry],
+) {
+    simd.vectorize(
+        #[inline(always)]
+        || single::traverse(simd, tracer, ray, search, node, stack),
+    );
+}
+
+/// Intervals around the rays of a packet, in every lane.
+struct Beam<S: Simd> {
+    simd: S,
+    near_rows: [usize; 3],
+    /// The extreme `near_origin` and `far_origin` that enter earliest and leave latest.
+    near_origin: [f32x8<S>; 3],
+    far_origin: [f32x8<S>; 3],
+    /// Least and greatest reciprocal direction.
+    inverse: [[f32x8<S>; 2]; 3],
+    t_min: f32x8<S>,
+}
+
+impl<S: Simd> Beam<S> {
+    #[inline(always)]
+    fn new(walk: &Walk<'_, S>, active: u32) -> Self {
+        let simd = walk.simd;
+        let mask = walk.mask(active);
+        let least = |row: &[f32; PACKET]| mask.select(walk.load(row), f32x16::splat(simd, f32::INFINITY)).reduce_min();
+        let greatest =
+            |row: &[f32; PACKET]| mask.select(walk.load(row), f32x16::splat(simd, f32::NEG_INFINITY)).reduce_max();
+        let splat = |x: f32| f32x8::splat(simd, x);
+        let p = walk.prepared;
+        let positive = [0, 1, 2].map(|a| walk.near_rows[a] == a);
+        let pick = |max: bool, row: &[f32; PACKET]| splat(if max { greatest(row) } else { least(row) });
+        Self {
+            simd,
+            near_rows: walk.near_rows,
+            near_origin: [0, 1, 2].map(|a| pick(positive[a], &p.near_origin[a])),
+            far_origin: [0, 1, 2].map(|a| pick(!positive[a], &p.far_origin[a])),
+            inverse: [0, 1, 2].map(|a| [splat(least(&p.inverse[a])), splat(greatest(&p.inverse[a]))]),
+            t_min: splat(least(&walk.rays.t_min)),
+        }
+    }
+
+    /// Which of a node's children any ray may enter before `limit`, and a lower bound of where. Each operation is
+    /// monotone in its arguments, so the bounds hold for the rounded results of every ray.
+    #[inline(always)]
+    fn enter(&self, node: &Node, limit: f32) -> (f32x8<S>, u32) {
+        let distance = |row: usize, axis: usize, origin: &[f32x8<S>; 3]| {
+            let offset = node.row(self.simd, row) - origin[axis];
+            let [least, greatest] = self.inverse[axis];
+            [offset * least, offset * greatest]
+        };
+        let near = [0, 1, 2].map(|a| {
+            let [p, q] = distance(self.near_rows[a], a, &self.near_origin);
+            p.min(q)
+        });
+        let far = [0, 1, 2].map(|a| {
+            let [p, q] = distance((self.near_rows[a] + 3) % 6, a, &self.far_origin);
+            p.max(q)
+        });
+        let near = near[0].max(near[1]).max(near[2]);
+        let far = far[0].min(far[1]).min(far[2]);
+        let entered = near.max(self.t_min).simd_le(far.min(f32x8::splat(self.simd, limit)));
+        (near, entered.to_bitmask() as u32)
+    }
+
+    /// Pushes the children that any ray may enter, the nearest last, and returns the stack's new length.
+    #[inline(always)]
+    fn push_children(&self, index: u32, node: &Node, limit: f32, stack: &mut [Entry], base: usize) -> usize {
+        let (near, mut entered) = self.enter(node, limit);
+        let near: [f32; WIDTH] = near.to_array();
+        let mut len = base;
+        while entered != 0 {
+            let slot = entered.trailing_zeros();
+            entered &= entered - 1;
+            push_sorted(stack, base, len, Entry { near: near[slot as usize], node: index, slot });
+            len += 1;
+        }
+        len
+    }
+}
