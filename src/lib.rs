@@ -8,7 +8,12 @@
 pub use headbox_capture as capture;
 pub use headbox_scenes as scenes;
 
+pub mod container;
+pub mod files;
 pub mod ldi;
 pub mod metrics;
 pub mod packed;
+pub mod path;
 pub mod report;
+pub mod scene_source;
+pub mod truth;

@@ -28,11 +28,14 @@
 
 mod camera;
 mod depth_image;
+pub mod light;
 pub mod load;
 mod material;
 pub mod rig;
+pub mod sampler;
 pub mod scene;
 pub mod trace;
+pub mod viewpoint;
 
 pub use camera::{Camera, CameraError};
 pub use depth_image::DepthKind;

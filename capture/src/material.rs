@@ -98,7 +98,9 @@ impl Texture {
 fn neighbours(t: f32, size: u32) -> (usize, usize, f32) {
     let size_f = size as f32;
     let t = if t.is_finite() { t } else { 0.0 };
-    let x = (t.rem_euclid(1.0) * size_f - 0.5).rem_euclid(size_f);
+    // `t - floor(t)` may round up to 1, and half a texel may be missing on the left: both wrap.
+    let x = (t - t.floor()) * size_f - 0.5;
+    let x = if x < 0.0 { x + size_f } else { x };
     let first = (x as usize).min(size as usize - 1);
     let second = if first + 1 == size as usize { 0 } else { first + 1 };
     (first, second, (x - first as f32).clamp(0.0, 1.0))

@@ -1,6 +1,6 @@
 //! The six faces of a cube and the cameras that look through them.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec3};
 
 /// A face of a cube, which is also the camera that looks through it from the centre.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -66,6 +66,23 @@ impl Face {
         Self::ALL[2 * axis + usize::from(from_centre[axis] < 0.0)]
     }
 
+    /// The face that contains a point (relative to the centre; ties as in [`Self::containing`]) and the point's
+    /// coordinates in the face's eye space: right, up, and eye depth. All results are exact.
+    #[inline]
+    pub fn locate(from_centre: Vec3) -> (Self, [f32; 3]) {
+        let Vec3 { x, y, z } = from_centre;
+        let a = from_centre.abs();
+        if a.x >= a.y && a.x >= a.z {
+            if x < 0.0 { (Self::NegX, [-z, y, -x]) } else { (Self::PosX, [z, y, x]) }
+        } else if a.z > a.y {
+            if z < 0.0 { (Self::NegZ, [x, y, -z]) } else { (Self::PosZ, [-x, y, z]) }
+        } else if y < 0.0 {
+            (Self::NegY, [x, -z, -y])
+        } else {
+            (Self::PosY, [x, z, y])
+        }
+    }
+
     /// Image position in pixels (row 0 on top) on a face image of `size_px` pixels a side, and eye depth, of a point
     /// relative to the centre. The point must be in front of the face.
     pub fn project(self, from_centre: DVec3, size_px: u32) -> [f64; 3] {
@@ -101,5 +118,20 @@ mod tests {
             }
         }
         assert_eq!(Face::containing(dvec3(1.0, 1.0, -1.0)), Face::PosX, "ties go to the lower index");
+        assert_eq!(Face::containing(dvec3(0.0, -1.0, 1.0)), Face::NegY, "ties go to the lower index");
+    }
+
+    #[test]
+    fn locate_is_containing_and_the_eye_space_coordinates() {
+        for i in 0..343 {
+            let point = dvec3(f64::from(i % 7) - 3.0, f64::from(i / 7 % 7) - 3.0, f64::from(i / 49) - 3.0);
+            if point == DVec3::ZERO {
+                continue;
+            }
+            let (face, local) = Face::locate(point.as_vec3());
+            assert_eq!(face, Face::containing(point));
+            let expected = [face.right(), face.up(), face.normal()].map(|axis| point.dot(axis) as f32);
+            assert_eq!(local, expected);
+        }
     }
 }

@@ -8,8 +8,24 @@
 //! samples  [ far  mid  near | only ]        offsets  [ 0, 3, 4 ]
 //! ```
 
+pub mod accumulate;
+pub mod build;
+pub mod file;
+pub mod job;
+pub mod merge;
+pub mod misses;
+pub mod plan;
+pub mod shade;
+pub mod shard;
+pub mod store;
+mod validate;
+
 use crate::capture::rig::Face;
+use build::Sampler;
+pub use validate::{LdiError, MAX_FACE_SIZE_PX};
+
 use glam::{DVec3, Vec3};
+use merge::MergeRule;
 use serde::{Deserialize, Serialize};
 
 /// One sample of a layered depth image.
@@ -87,7 +103,7 @@ pub struct Environment {
 }
 
 /// What a capture was and what it knows of itself; travels in the `.ldi` file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CaptureInfo {
     /// The scene, as given on the command line.
     pub scene: String,
@@ -101,19 +117,29 @@ pub struct CaptureInfo {
     pub z_up: bool,
     /// Linear radiance times this is what is stored.
     pub exposure: f32,
-    /// Strata per dimension (N) and rays per stratum (M).
+    /// Which rays were traced.
+    pub sampler: Sampler,
+    /// Strata per dimension (N).
     pub strata: u32,
     /// Rays per stratum (M).
     pub rays_per_stratum: u32,
     /// Rays traced, all faces.
     pub rays_traced: u64,
+    /// Threshold of the novelty plan; 0 if every ray was traced.
+    pub novelty: f64,
+    /// What became of samples at similar depth.
+    pub merge_rule: MergeRule,
     /// Random seed.
     pub seed: u64,
     /// Diffuse bounces.
     pub bounces: u32,
+    /// Light samples per depth pixel.
+    pub light_samples: u32,
+    /// Share of the headbox that its centre does not see because geometry is in the way.
+    pub blocked_share: f64,
     /// Per face of the ray domain: the estimated probability that one more ray would find a depth pixel that is not in
-    /// the LDI (Good 1953: share of samples seen once).
-    pub missing_estimate: [f64; 6],
+    /// the LDI (Good 1953: share of samples seen once); `None` where rays were not random.
+    pub missing_estimate: [Option<f64>; 6],
 }
 
 /// Six layered depth images about one centre, and the environment behind them.

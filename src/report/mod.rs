@@ -1,4 +1,5 @@
 //! What is shown to people: sheets of pictures side by side.
 
+pub mod cube_map;
 pub mod font;
 pub mod sheet;

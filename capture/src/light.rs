@@ -1,0 +1,372 @@
+//! Diffuse, view-independent light: sun, sky, emissive triangles and bounces, by path tracing.
+//!
+//! One estimator serves capture and truth alike. At a surface point it returns one sample of *radiosity per albedo*
+//! (irradiance / pi): the radiance that leaves the surface is that times its albedo, plus its emission. Next-event
+//! estimation for the sun and for emissive triangles; the sky (and the next bounce) by one cosine-weighted ray; Russian
+//! roulette beyond three bounces.
+
+use crate::sampler::{cosine_direction, disk_from_square, random4, unit_float};
+use crate::scene::{Scene, Sky, Sun};
+use crate::trace::{Hit, Ray, Tracer};
+use glam::{Quat, Vec3};
+use std::sync::Arc;
+
+/// Paths beyond this many bounces are ended at random (Russian roulette).
+const ROULETTE_BOUNCES: u32 = 3;
+
+/// Light that reaches every open place from nowhere in particular: what a cosine-weighted ray sees that meets nothing
+/// within `reach_m`, fading in from nothing at zero distance. Stands in for the lamps that a model of a closed room
+/// lacks; zero unless [`Lighting::measure`] finds a scene mostly black without it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FillLight {
+    /// Radiance, grey.
+    pub radiance: f32,
+    /// Distance from which the fill counts in full, metres.
+    pub reach_m: f32,
+}
+
+/// Everything that lights a scene, and the exposure under which it is stored. A pure function of the scene (not of the
+/// headbox), so that a capture and a truth frame agree.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lighting {
+    /// The sun.
+    pub sun: Option<Sun>,
+    /// The sky.
+    pub sky: Option<Sky>,
+    /// Emissive triangles with the running sum of their power, in ascending order, the last being 1.
+    emitters: Vec<Emitter>,
+    /// Fill light.
+    pub fill: FillLight,
+    /// Diffuse bounces of a path beyond direct light.
+    pub bounces: u32,
+    /// Stored value = linear radiance times this.
+    pub exposure: f32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Emitter {
+    primitive: u32,
+    /// Probability of this emitter or one before it.
+    cumulative: f32,
+    /// Probability of this emitter, over its area: density of a light sample, 1/m^2.
+    density: f32,
+}
+
+/// A point to be lit, in the tracer's local frame.
+#[derive(Clone, Copy, Debug)]
+pub struct LitPoint {
+    /// Position, metres.
+    pub position: Vec3,
+    /// Unit geometric normal on the lit side.
+    pub normal: Vec3,
+    /// Unit shading normal, in the hemisphere of `normal`.
+    pub shading_normal: Vec3,
+    /// Largest absolute coordinate of the triangle that the point lies on, metres: its rounding error scales with it.
+    pub extent: f32,
+}
+
+impl LitPoint {
+    /// The point where `ray` met the scene, on the side that the ray came from.
+    pub fn from_hit(tracer: &Tracer, ray: &Ray, hit: &Hit) -> (Self, crate::scene::Surface) {
+        let surface = tracer.scene().surface(hit.primitive, hit.u, hit.v);
+        let flip = if surface.normal.dot(ray.direction) > 0.0 { -1.0 } else { 1.0 };
+        let position = ray.origin + ray.direction * hit.t;
+        let extent = extent_of(tracer.triangle(hit.primitive));
+        let (normal, shading_normal) = (surface.normal * flip, surface.shading_normal * flip);
+        (Self { position, normal, shading_normal, extent }, surface)
+    }
+
+    /// Where rays from this point start: lifted off its surface by more than the rounding error of the position.
+    fn lifted(&self) -> Vec3 {
+        /// Rounding of a hit position is a few units in the last place (2^-24) of the triangle's largest coordinate and
+        /// of the point's own; 2^-18 is a factor of 64 above that.
+        const LIFT: f32 = 1.0 / 262_144.0;
+        self.position + self.normal * (LIFT * self.position.abs().max_element().max(self.extent))
+    }
+}
+
+/// Names one light sample: its numbers depend on nothing else.
+#[derive(Clone, Copy, Debug)]
+pub struct LightSample {
+    /// Stream: which point (a hash of face, pixel and layer, or of a ray).
+    pub stream: u32,
+    /// Number of the sample.
+    pub index: u32,
+    /// How many samples this point takes: they are spread evenly over the hemisphere.
+    pub count: u32,
+}
+
+/// Decisions at each point of a path: sun, emitter, direction, survival.
+const DECISIONS: u32 = 4;
+
+/// 2^32 / g, / g^2, / g^3, / g^4 with g^5 = g + 1: steps of the R4 sequence; integer overflow is the wrap to [0, 1).
+const R4_STEPS: [u32; 4] = [0xdb4f_0b91, 0xbbe0_5633, 0xa0f2_ec77, 0x89e1_8285];
+
+/// Position in the pixel, [0, 1) each way, of camera ray `index` through pixel (x, y): dimensions 1 and 2 of the
+/// sequence whose dimensions 3 and 4 sample light.
+pub fn pixel_jitter(x: u32, y: u32, index: u32) -> [f32; 2] {
+    let random = random4([x, y, 0x7247, 0]);
+    [0, 1].map(|i| unit_float(random[i].wrapping_add(R4_STEPS[i].wrapping_mul(index))))
+}
+
+impl LightSample {
+    /// Two numbers in [0, 1) for decision `dimension` of the path. At the lit point itself they are dimensions 3 and 4
+    /// of the R4 sequence (Roberts 2018) over the sample's index, shifted at random per stream (Cranley and Patterson);
+    /// dimensions 1 and 2 are the camera's ([`pixel_jitter`]). Further along the path they are independent: a second
+    /// use of the same sequence would tie decisions together that must be free.
+    fn pair(&self, dimension: u32) -> [f32; 2] {
+        if dimension >= DECISIONS {
+            let random = random4([self.stream, dimension, self.index, self.count]);
+            return [unit_float(random[0]), unit_float(random[1])];
+        }
+        let random = random4([self.stream, dimension, 0x9e37_79b9, 0x7f4a_7c15]);
+        [0, 1].map(|i| unit_float(random[i].wrapping_add(R4_STEPS[2 + i].wrapping_mul(self.index))))
+    }
+
+    /// One random number, independent of everything else.
+    fn single(&self, dimension: u32) -> f32 {
+        unit_float(random4([self.stream, dimension, self.index, self.count])[2])
+    }
+}
+
+impl Lighting {
+    /// The lights of `scene` with `bounces` diffuse bounces, no fill and an exposure of 1.
+    pub fn of_scene(tracer: &Tracer, bounces: u32) -> Self {
+        let scene = tracer.scene();
+        let emitters = collect_emitters(tracer);
+        Self { sun: scene.sun, sky: scene.sky, emitters, fill: FillLight::default(), bounces, exposure: 1.0 }
+    }
+
+    /// The lights of `scene`, with exposure and fill chosen by a pilot: what is seen from seeded points in the scene's
+    /// bounding box, sky included. The 90th percentile of luminance is exposed to 0.8. If more than a third of the
+    /// surfaces seen get under 1 % of that percentile, a fill light of a tenth of it (or 1 in total darkness) is added.
+    pub fn measure(tracer: &Tracer, bounces: u32) -> Self {
+        /// Where bright things end up: 231 of 255 in sRGB, which leaves room for sunlit white.
+        const EXPOSED_TO: f32 = 0.8;
+        let mut lighting = Self::of_scene(tracer, bounces);
+        let pilot = Pilot::new(tracer);
+        let sky: Vec<f32> =
+            pilot.misses.iter().map(|&direction| luminance(lighting.miss_radiance(direction))).collect();
+        let bright_of = |surfaces: &[f32]| percentile(&mut [surfaces, &sky].concat(), 0.9);
+        let mut levels = lighting.pilot_luminance(tracer, &pilot.surfaces);
+        let mut bright = bright_of(&levels);
+        let dark = levels.iter().filter(|&&level| level <= bright * 0.01).count();
+        if dark * 3 > levels.len() {
+            let mut distances: Vec<f32> = pilot.surfaces.iter().map(|p| p.distance_m).collect();
+            let reach_m = 0.5 * percentile(&mut distances, 0.5);
+            lighting.fill = FillLight { radiance: if bright > 0.0 { bright * 0.1 } else { 1.0 }, reach_m };
+            levels = lighting.pilot_luminance(tracer, &pilot.surfaces);
+            bright = bright_of(&levels);
+        }
+        lighting.exposure = if bright > 0.0 { EXPOSED_TO / bright } else { 1.0 };
+        lighting
+    }
+
+    fn pilot_luminance(&self, tracer: &Tracer, pilot: &[PilotPoint]) -> Vec<f32> {
+        use rayon::prelude::*;
+        const SAMPLES: u32 = 8;
+        let light = |(i, p): (usize, &PilotPoint)| {
+            let mut sum = 0.0;
+            for index in 0..SAMPLES {
+                let sample = LightSample { stream: i as u32, index, count: SAMPLES };
+                let radiosity = self.radiosity_per_albedo(tracer, &p.point, &sample);
+                sum += luminance([0, 1, 2].map(|c| radiosity[c] * p.albedo[c] + p.emission[c]));
+            }
+            sum / SAMPLES as f32
+        };
+        pilot.par_iter().enumerate().map(light).collect()
+    }
+
+    /// What a ray sees that leaves the scene in the unit direction `direction`: linear radiance. The sun's disk is
+    /// not drawn: it would be a single saturated texel.
+    pub fn miss_radiance(&self, direction: Vec3) -> [f32; 3] {
+        self.sky.map_or([0.0; 3], |sky| sky.radiance(direction))
+    }
+
+    /// One sample of irradiance / pi at `point`.
+    pub fn radiosity_per_albedo(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> [f32; 3] {
+        let mut sum = Vec3::ZERO;
+        let mut throughput = Vec3::ONE;
+        let mut point = *point;
+        for bounce in 0..=self.bounces {
+            let dimension = bounce * DECISIONS;
+            sum += throughput * self.direct(tracer, &point, sample, dimension);
+            let [u, v] = sample.pair(dimension + 2);
+            let local = Vec3::from_array(cosine_direction(u, v));
+            let direction = Quat::from_rotation_arc(Vec3::Z, point.shading_normal) * local;
+            if direction.dot(point.normal) <= 0.0 {
+                break; // below the true surface: a shading normal that leans too far
+            }
+            let origin = point.lifted();
+            let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
+            let last = bounce == self.bounces;
+            let hit = if last && self.fill.radiance == 0.0 {
+                // Of what the last ray meets, nothing matters but whether it is there.
+                if self.sky.is_none() || tracer.occluded(&ray) {
+                    break;
+                }
+                None
+            } else {
+                tracer.closest(&ray)
+            };
+            let Some(hit) = hit else {
+                sum += throughput * (Vec3::from_array(self.miss_radiance(direction)) + self.fill.radiance);
+                break;
+            };
+            if self.fill.radiance > 0.0 {
+                let open = (hit.t / self.fill.reach_m).min(1.0);
+                sum += throughput * (self.fill.radiance * open * open);
+            }
+            if last {
+                break;
+            }
+            let (next, surface) = LitPoint::from_hit(tracer, &ray, &hit);
+            throughput *= Vec3::from_array(surface.albedo);
+            if bounce >= ROULETTE_BOUNCES {
+                let survive = throughput.max_element().min(0.95);
+                if sample.single(dimension + 3) >= survive {
+                    break;
+                }
+                throughput /= survive;
+            }
+            point = next;
+        }
+        sum.to_array()
+    }
+
+    /// Sun and emissive triangles at `point`, one shadow ray each.
+    fn direct(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample, dimension: u32) -> Vec3 {
+        let mut sum = Vec3::ZERO;
+        if let Some(sun) = &self.sun {
+            sum += sun_light(sun, tracer, point, sample.pair(dimension));
+        }
+        if !self.emitters.is_empty() {
+            sum += self.emitter_light(tracer, point, sample, dimension);
+        }
+        sum
+    }
+
+    fn emitter_light(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample, dimension: u32) -> Vec3 {
+        let pick = sample.single(dimension + 1);
+        let at = self.emitters.partition_point(|e| e.cumulative <= pick).min(self.emitters.len() - 1);
+        let emitter = &self.emitters[at];
+        let [s, t] = sample.pair(dimension + 1);
+        // Uniform on the triangle: fold the far half of the square back (no square root needed).
+        let (u, v) = if s + t > 1.0 { (1.0 - s, 1.0 - t) } else { (s, t) };
+        let [a, b, c] = tracer.triangle(emitter.primitive);
+        let target = a + (b - a) * u + (c - a) * v;
+        let origin = point.lifted();
+        let offset = target - origin;
+        let distance2 = offset.length_squared();
+        let direction = offset / distance2.sqrt();
+        let cos_here = direction.dot(point.shading_normal);
+        if !(cos_here > 0.0) || direction.dot(point.normal) <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let surface = tracer.scene().surface(emitter.primitive, u, v);
+        let cos_there = direction.dot(surface.normal).abs();
+        // Stop short of the light itself.
+        let ray = Ray { origin, direction: offset, t_min: 0.0, t_max: 0.999 };
+        if cos_there <= 0.0 || tracer.occluded(&ray) {
+            return Vec3::ZERO;
+        }
+        let geometry = cos_here * cos_there / (distance2 * std::f32::consts::PI * emitter.density);
+        Vec3::from_array(surface.emission) * geometry
+    }
+}
+
+fn sun_light(sun: &Sun, tracer: &Tracer, point: &LitPoint, [u, v]: [f32; 2]) -> Vec3 {
+    let [x, y] = disk_from_square(u, v);
+    let spread = sun.angular_radius_rad;
+    let to_sun = Quat::from_rotation_arc(Vec3::Z, sun.direction) * Vec3::new(x * spread, y * spread, 1.0);
+    let cos = to_sun.dot(point.shading_normal);
+    if cos <= 0.0 || to_sun.dot(point.normal) <= 0.0 {
+        return Vec3::ZERO;
+    }
+    let ray = Ray { origin: point.lifted(), direction: to_sun, t_min: 0.0, t_max: f32::INFINITY };
+    if tracer.occluded(&ray) {
+        return Vec3::ZERO;
+    }
+    Vec3::from_array(sun.irradiance) * (cos / std::f32::consts::PI)
+}
+
+/// Rec. 709 luminance of linear RGB.
+pub fn luminance([r, g, b]: [f32; 3]) -> f32 {
+    0.2126 * r + 0.7152 * g + 0.0722 * b
+}
+
+fn collect_emitters(tracer: &Tracer) -> Vec<Emitter> {
+    let scene: &Arc<Scene> = tracer.scene();
+    let mut emitters = Vec::new();
+    let mut total = 0.0f64;
+    for primitive in 0..scene.triangles.len() as u32 {
+        let material = &scene.materials[scene.triangles[primitive as usize].material as usize];
+        if material.emission.iter().all(|&c| c <= 0.0) {
+            continue;
+        }
+        let [a, b, c] = tracer.triangle(primitive);
+        let area = 0.5 * (b - a).cross(c - a).length();
+        let power = area * luminance(scene.surface(primitive, 1.0 / 3.0, 1.0 / 3.0).emission);
+        if power > 0.0 && power.is_finite() {
+            total += f64::from(power);
+            emitters.push((primitive, power, area, total));
+        }
+    }
+    let to_emitter = |(primitive, power, area, sum): (u32, f32, f32, f64)| Emitter {
+        primitive,
+        cumulative: (sum / total) as f32,
+        density: (f64::from(power) / total / f64::from(area)) as f32,
+    };
+    emitters.into_iter().map(to_emitter).collect()
+}
+
+/// Largest absolute coordinate of a triangle.
+pub fn extent_of(triangle: [Vec3; 3]) -> f32 {
+    triangle.iter().map(|corner| corner.abs().max_element()).fold(0.0, f32::max)
+}
+
+struct PilotPoint {
+    point: LitPoint,
+    albedo: [f32; 3],
+    emission: [f32; 3],
+    distance_m: f32,
+}
+
+/// What is seen from seeded points in the bounding box, in seeded directions.
+struct Pilot {
+    surfaces: Vec<PilotPoint>,
+    misses: Vec<Vec3>,
+}
+
+impl Pilot {
+    fn new(tracer: &Tracer) -> Self {
+        const RAYS: u32 = 4096;
+        let [low, high] = tracer.scene().bounds().map(|corner| (corner - tracer.origin()).as_vec3());
+        let mut pilot = Self { surfaces: Vec::new(), misses: Vec::new() };
+        for i in 0..RAYS {
+            let place = random4([i, 1, 2, 3]).map(unit_float);
+            let aim = random4([i, 4, 5, 6]).map(unit_float);
+            let origin = low + (high - low) * Vec3::new(place[0], place[1], place[2]);
+            let y = 2.0 * aim[0] - 1.0;
+            let [x, z] = disk_from_square(aim[1], aim[2]);
+            let direction = Vec3::new(x, 0.0, z).normalize_or(Vec3::X) * (1.0 - y * y).sqrt() + Vec3::Y * y;
+            let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
+            let Some(hit) = tracer.closest(&ray) else {
+                pilot.misses.push(direction);
+                continue;
+            };
+            let (point, surface) = LitPoint::from_hit(tracer, &ray, &hit);
+            let (albedo, emission) = (surface.albedo, surface.emission);
+            pilot.surfaces.push(PilotPoint { point, albedo, emission, distance_m: hit.t });
+        }
+        pilot
+    }
+}
+
+fn percentile(values: &mut [f32], share: f64) -> f32 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let at = ((values.len() - 1) as f64 * share) as usize;
+    *values.select_nth_unstable_by(at, f32::total_cmp).1
+}

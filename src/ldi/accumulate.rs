@@ -1,0 +1,198 @@
+//! What capture keeps of the rays: one accumulator per surface met in one depth bin of one pixel.
+//!
+//! Everything in an accumulator is a sum of integers or the minimum of a total order, so that the result does not
+//! depend on the order in which rays arrive, on threads, or on how a capture is cut into shards.
+
+use crate::capture::rig::Face;
+use crate::capture::sampler::RayKey;
+
+/// Fixed bins of inverse depth, the depth threshold ("epsilon") of the papers.
+///
+/// The bins are uniform in `half_size / eye_depth`, which lies in 0..1 because the headbox is empty. Moving the eye by
+/// the headbox's half-diagonal shifts a sample on a face image by `sqrt(3) * half_size * (face_size / 2) / eye_depth`
+/// pixels; a bin is [`Self::PARALLAX_PX`] of that, so that two samples in one bin of one pixel can never part by more,
+/// whatever the scene. Near surfaces get fine bins, far ones coarse, and nothing needs tuning per model (Rafferty et al.
+/// found theirs by trial and error).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DepthBins {
+    half_size_m: f32,
+    count: f32,
+}
+
+impl DepthBins {
+    /// Largest parallax, in face pixels, by which two samples of one bin can part inside the headbox.
+    pub const PARALLAX_PX: f64 = 1.0;
+
+    /// Bins for a headbox and a face resolution.
+    pub fn new(half_size_m: f64, face_size_px: u32) -> Self {
+        let count = 3f64.sqrt() * f64::from(face_size_px) / 2.0 / Self::PARALLAX_PX;
+        Self { half_size_m: half_size_m as f32, count: count.ceil().clamp(1.0, 65_535.0) as f32 }
+    }
+
+    /// Bin of an inverse depth, and the position inside the bin in 1/65,536 of its width.
+    #[inline]
+    pub fn place(&self, inverse_depth: f32) -> (u16, u16) {
+        let x = (inverse_depth * self.half_size_m * self.count).clamp(0.0, self.count - 0.001);
+        let bin = x as u32;
+        ((bin as u16), ((x - bin as f32) * 65_536.0).min(65_535.0) as u16)
+    }
+
+    /// Inverse depth, 1/m, at a position in bins.
+    pub fn inverse_depth(&self, position: f64) -> f64 {
+        position / (f64::from(self.half_size_m) * f64::from(self.count))
+    }
+}
+
+/// One ray's hit, ready to be kept.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// The face whose frustum holds the hit, whichever face the ray left (C13).
+    pub face: Face,
+    /// Pixel column on that face.
+    pub x: u16,
+    /// Pixel row on that face.
+    pub y: u16,
+    /// Depth bin.
+    pub bin: u16,
+    /// Position in the bin, 1/65,536 of its width.
+    pub offset: u16,
+    /// Kind of surface: see [`Accumulator::class`].
+    pub class: u16,
+    /// Albedo, linear, 16 bits a channel.
+    pub albedo: [u16; 3],
+    /// Triangle.
+    pub primitive: u32,
+    /// Barycentric weights of vertices 1 and 2, 16 bits each.
+    pub barycentric: [u16; 2],
+    /// Area in m^2 that a ray of unit solid angle covers there: distance squared over cosine (the measure of
+    /// Rafferty's rule "keep the smaller area").
+    pub area: f32,
+    /// Which ray.
+    pub key: RayKey,
+}
+
+/// All samples of one class in one depth bin of one pixel.
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct Accumulator {
+    /// The ray of the representative sample: the one with the smallest area, ties broken by key.
+    pub key: RayKey,
+    /// Sum of positions in the bin.
+    pub offset_sum: u64,
+    /// Sums of albedo.
+    pub albedo_sum: [u64; 3],
+    /// Samples.
+    pub count: u32,
+    /// Area of the representative.
+    pub area: f32,
+    /// Triangle of the representative.
+    pub primitive: u32,
+    /// Where on the triangle the representative lies: barycentric weights of vertices 1 and 2.
+    pub barycentric: [u16; 2],
+    /// In a tile: the next accumulator of the same pixel, or [`Self::NO_NEXT`]. In a sorted run: the pixel.
+    pub link: u32,
+    /// Depth bin.
+    pub bin: u16,
+    /// Kind of surface: material, side (front or back) and octant of the normal. Samples of different classes are
+    /// lit apart, so that a depth pixel never takes light from another surface, even where their colours are averaged.
+    pub class: u16,
+}
+
+const _: () = assert!(size_of::<Accumulator>() == 64, "one cache line");
+
+impl Accumulator {
+    /// End of a pixel's list.
+    pub const NO_NEXT: u32 = u32::MAX;
+
+    /// An accumulator with one sample in it.
+    pub fn new(sample: &Sample) -> Self {
+        Self {
+            key: sample.key,
+            offset_sum: u64::from(sample.offset),
+            albedo_sum: sample.albedo.map(u64::from),
+            count: 1,
+            area: sample.area,
+            primitive: sample.primitive,
+            barycentric: sample.barycentric,
+            link: Self::NO_NEXT,
+            bin: sample.bin,
+            class: sample.class,
+        }
+    }
+
+    /// Adds another accumulator of the same pixel, bin and class.
+    #[inline]
+    pub fn absorb(&mut self, other: &Self) {
+        self.offset_sum += other.offset_sum;
+        for c in 0..3 {
+            self.albedo_sum[c] += other.albedo_sum[c];
+        }
+        self.count = self.count.saturating_add(other.count);
+        if other.area.total_cmp(&self.area).then(other.key.cmp(&self.key)).is_lt() {
+            (self.key, self.area) = (other.key, other.area);
+            (self.primitive, self.barycentric) = (other.primitive, other.barycentric);
+        }
+    }
+
+    /// The class of a surface: 12 bits of material, the side, and the octant of its normal.
+    pub fn class(material: u32, back: bool, normal: glam::Vec3) -> u16 {
+        let octant = u32::from(normal.x < 0.0) | u32::from(normal.y < 0.0) << 1 | u32::from(normal.z < 0.0) << 2;
+        (material << 4 | u32::from(back) << 3 | octant) as u16
+    }
+
+    /// True if the representative was seen from the back of its triangle.
+    pub fn is_back(&self) -> bool {
+        self.class & 8 != 0
+    }
+
+    /// What runs are sorted by: pixel (in `link`), bin, class.
+    pub fn run_order(&self) -> (u32, u16, u16) {
+        (self.link, self.bin, self.class)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bins_cover_the_range_and_invert() {
+        let bins = DepthBins::new(0.5, 1024);
+        for i in 0..5000 {
+            let inverse_depth = i as f32 / 5000.0 * 2.0;
+            let (bin, offset) = bins.place(inverse_depth);
+            let back = bins.inverse_depth(f64::from(bin) + f64::from(offset) / 65_536.0);
+            // Half a 1/65,536 of a bin, and f32 rounding of a position of up to 887 bins.
+            assert!((back - f64::from(inverse_depth)).abs() < 2.0 / 887.0 * 1e-3, "{inverse_depth} {back}");
+        }
+        assert_eq!(bins.place(f32::NAN).0, 0);
+        assert_eq!(bins.place(f32::INFINITY).0, 886);
+    }
+
+    #[test]
+    fn absorbing_does_not_depend_on_order() {
+        let sample = |i: u32| Sample {
+            face: Face::PosX,
+            x: 0,
+            y: 0,
+            bin: 7,
+            offset: (i * 977 % 65_521) as u16,
+            class: 3,
+            albedo: [i as u16, 2, 3],
+            primitive: i,
+            barycentric: [i as u16, 0],
+            area: (i % 5) as f32,
+            key: RayKey::new(0, i, 0),
+        };
+        let fold = |order: &mut dyn Iterator<Item = u32>| {
+            let parts: Vec<_> = order.map(|i| Accumulator::new(&sample(i))).collect();
+            parts.into_iter().reduce(|mut a, b| {
+                a.absorb(&b);
+                a
+            })
+        };
+        let forward = fold(&mut (0..100)).unwrap();
+        assert_eq!(forward, fold(&mut (0..100).rev()).unwrap());
+        assert_eq!((forward.count, forward.area, forward.primitive), (100, 0.0, 0));
+    }
+}

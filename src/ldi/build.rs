@@ -1,0 +1,374 @@
+//! Capture: rays from every face of the headbox, hits into accumulators, accumulators into a cube LDI.
+//!
+//! The rounds are: a pilot over all strata, the plan that follows from it, the planned rays. All six faces are traced in
+//! one run; a hit goes to the face whose frustum contains it, whichever face its ray left (C13).
+
+use super::accumulate::{Accumulator, DepthBins, Sample};
+use super::merge::{MergeRule, depth_pixels_of};
+use super::misses::MissMap;
+use super::plan::RayPlan;
+use super::shade::Shader;
+use super::store::{InsertScratch, TILE_PX, TileStore};
+use super::{CaptureInfo, CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
+use crate::capture::light::Lighting;
+use crate::capture::rig::Face;
+use crate::capture::sampler::{DirectionCell, RayDomain, RayKey, Strata};
+use crate::capture::trace::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::io;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Which rays a capture traces.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sampler {
+    /// Jittered in 4-D strata (S15; default).
+    #[default]
+    Stratified,
+    /// Independent over the whole domain.
+    WhiteNoise,
+    /// One ray through the centre of each pixel, from the centre of the cube, every hit kept (S13): the baseline that
+    /// undersamples surfaces seen edge-on.
+    CentreRays,
+}
+
+/// What to capture and how.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CaptureSettings {
+    /// Half of the headbox's edge, metres; its centre is the tracer's origin.
+    pub half_size_m: f64,
+    /// Pixels a side of a face.
+    pub face_size_px: u32,
+    /// Which rays.
+    pub sampler: Sampler,
+    /// The strata of each face of the headbox.
+    pub strata: Strata,
+    /// Threshold of the novelty plan, see [`RayPlan::from_pilot`]; 0 traces every ray.
+    pub novelty: f64,
+    /// What becomes of samples at similar depth.
+    pub merge_rule: MergeRule,
+    /// Light samples per depth pixel.
+    pub light_samples: u32,
+    /// Bytes that accumulators may take before they are spilled, and the folder to spill to.
+    pub budget: Option<(u64, PathBuf)>,
+    /// Part `.0` (from 0) of `.1`: this run traces only its share of the rays.
+    pub shard: (u32, u32),
+}
+
+/// Where a capture reports how far it is. Called from many threads.
+pub trait Progress: Sync {
+    /// A stage of `total` steps begins; `unit` names them ("rays", "tiles").
+    fn begin(&self, stage: &str, unit: &str, total: u64);
+    /// `steps` more are done.
+    fn advance(&self, steps: u64);
+}
+
+/// Reports to nobody.
+pub struct Silent;
+
+impl Progress for Silent {
+    fn begin(&self, _: &str, _: &str, _: u64) {}
+    fn advance(&self, _: u64) {}
+}
+
+/// Rays traced and kept, not yet lit and merged: what a shard file holds.
+pub struct Tracing {
+    /// Accumulators.
+    pub store: TileStore,
+    /// Directions in which rays left the scene.
+    pub misses: MissMap,
+    /// How many rays each stratum got.
+    pub plan: RayPlan,
+    /// Rays traced (in a shard: by this shard, its repetition of the pilot not counted).
+    pub rays: u64,
+}
+
+/// Traces the rays of `settings` (or of its shard).
+///
+/// # Errors
+/// If spilling to disk fails.
+pub fn trace(tracer: &Tracer, settings: &CaptureSettings, progress: &dyn Progress) -> io::Result<Tracing> {
+    let new_store = || {
+        let budget = settings.budget.as_ref().map(|(bytes, dir)| (*bytes, dir.as_path()));
+        TileStore::new(settings.face_size_px, budget)
+    };
+    let strata = settings.strata;
+    let (part, parts) = settings.shard;
+    let mut run = Tracing {
+        store: new_store()?,
+        misses: MissMap::new(settings.face_size_px),
+        plan: RayPlan::full(strata, 6),
+        rays: 0,
+    };
+    if settings.sampler == Sampler::CentreRays {
+        run.rays = pierce_from_centre(tracer, settings, &run, progress)?;
+        return Ok(run);
+    }
+    let total = |plan: &RayPlan, job: &(u8, u32)| plan.rays_in_cell(job.0, job.1);
+    let jobs: Vec<(u8, u32)> =
+        (0..6).flat_map(|domain| (0..strata.direction_cells()).map(move |cell| (domain, cell))).collect();
+    let mine: Vec<(u8, u32)> = jobs.iter().copied().skip(part as usize).step_by(parts as usize).collect();
+    let planned = settings.novelty > 0.0 && strata.rays > 1;
+    if planned {
+        let pilot = run.plan.pilot_rays;
+        let count = jobs.len() as u64 * u64::from(strata.position_cells()) * u64::from(pilot);
+        progress.begin("pilot", "rays", count);
+        trace_jobs(tracer, settings, &run, &jobs, |_| 0..pilot, progress)?;
+        run.plan = RayPlan::from_pilot(strata, 6, &run.store, settings.novelty)?;
+    }
+    let pilot_done = planned && parts == 1;
+    if planned && !pilot_done {
+        // The other shards' share of the pilot is theirs to report.
+        (run.store, run.misses) = (new_store()?, MissMap::new(settings.face_size_px));
+    }
+    run.rays = mine.iter().map(|job| total(&run.plan, job)).sum();
+    let first = if pilot_done { run.plan.pilot_rays } else { 0 };
+    let traced_before = mine.len() as u64 * u64::from(strata.position_cells()) * u64::from(first);
+    progress.begin("trace", "rays", run.rays - traced_before);
+    let range = |group: usize| first..run.plan.pilot_rays + run.plan.more_rays[group];
+    trace_jobs(tracer, settings, &run, &mine, range, progress)?;
+    Ok(run)
+}
+
+/// Traces, of every stratum of the given (domain, direction cell) pairs, the rays in the range for its group.
+fn trace_jobs(
+    tracer: &Tracer,
+    settings: &CaptureSettings,
+    run: &Tracing,
+    jobs: &[(u8, u32)],
+    range: impl Fn(usize) -> std::ops::Range<u32> + Sync,
+    progress: &dyn Progress,
+) -> io::Result<()> {
+    let bins = DepthBins::new(settings.half_size_m, settings.face_size_px);
+    jobs.par_iter().try_for_each_init(JobBuffers::default, |buffers, &(domain, cell)| {
+        let job = DirectionCell {
+            domain: RayDomain::cube_face(Face::ALL[usize::from(domain)], settings.half_size_m),
+            domain_number: domain,
+            strata: settings.strata,
+            cell,
+        };
+        buffers.names.clear();
+        for position_cell in 0..settings.strata.position_cells() {
+            let rays = range(run.plan.groups.of_cell(domain, cell, position_cell));
+            buffers.names.extend(rays.map(|ray| (position_cell, ray)));
+        }
+        let router = Router { tracer, bins, size_px: settings.face_size_px, misses: &run.misses };
+        buffers.trace(&job, &router);
+        run.store.insert(&buffers.samples, &mut buffers.scratch)?;
+        progress.advance(buffers.names.len() as u64);
+        Ok(())
+    })
+}
+
+/// Buffers that a thread reuses from job to job.
+#[derive(Default)]
+struct JobBuffers {
+    names: Vec<(u32, u32)>,
+    packets: Vec<RayPacket>,
+    hits: Vec<HitPacket>,
+    samples: Vec<Sample>,
+    scratch: InsertScratch,
+}
+
+impl JobBuffers {
+    /// Traces all named rays of a job into `samples`.
+    fn trace(&mut self, job: &DirectionCell, router: &Router) {
+        /// Packets in flight: 64 of 16 rays and their hits stay in the level 2 cache.
+        const BATCH: usize = 64;
+        self.samples.clear();
+        self.packets.resize(BATCH, RayPacket::EMPTY);
+        self.hits.resize(BATCH, HitPacket::MISS);
+        for names in self.names.chunks(BATCH * PACKET) {
+            let count = names.len().div_ceil(PACKET);
+            for (names, packet) in names.chunks(PACKET).zip(&mut self.packets) {
+                job.fill_packet(names, packet);
+            }
+            router.tracer.closest_packets(&self.packets[..count], &mut self.hits[..count]);
+            for (i, &(position_cell, ray)) in names.iter().enumerate() {
+                let (packet, hits, lane) = (&self.packets[i / PACKET], &self.hits[i / PACKET], i % PACKET);
+                let ray_here = Ray {
+                    origin: Vec3::from_array(packet.origin.map(|c| c[lane])),
+                    direction: Vec3::from_array(packet.direction.map(|c| c[lane])),
+                    t_min: 0.0,
+                    t_max: f32::INFINITY,
+                };
+                let hit = Hit { t: hits.t[lane], primitive: hits.primitive[lane], u: hits.u[lane], v: hits.v[lane] };
+                self.samples.extend(router.sample(&ray_here, &hit, job.key(position_cell, ray)));
+            }
+        }
+    }
+}
+
+/// Turns hits into samples of the face that contains them.
+struct Router<'a> {
+    tracer: &'a Tracer,
+    bins: DepthBins,
+    size_px: u32,
+    misses: &'a MissMap,
+}
+
+impl Router<'_> {
+    /// The sample of a hit; a miss (`t` infinite) is marked in the environment instead.
+    #[inline]
+    fn sample(&self, ray: &Ray, hit: &Hit, key: RayKey) -> Option<Sample> {
+        if hit.t == f32::INFINITY {
+            self.misses.mark(ray.direction);
+            return None;
+        }
+        let (face, [right, up, eye_depth]) = Face::locate(ray.origin + ray.direction * hit.t);
+        let inverse_depth = 1.0 / eye_depth;
+        let half = self.size_px as f32 / 2.0;
+        let pixel = |c: f32| ((half * (1.0 + c * inverse_depth)) as u32).min(self.size_px - 1) as u16;
+        let (bin, offset) = self.bins.place(inverse_depth);
+        let scene = self.tracer.scene();
+        let surface = scene.surface(hit.primitive, hit.u, hit.v);
+        let cos = surface.normal.dot(ray.direction);
+        let normal = if cos > 0.0 { -surface.normal } else { surface.normal };
+        let material = scene.triangles[hit.primitive as usize].material;
+        Some(Sample {
+            face,
+            x: pixel(right),
+            y: pixel(-up),
+            bin,
+            offset,
+            class: Accumulator::class(material, cos > 0.0, normal),
+            albedo: surface.albedo.map(|c| (c * 65_535.0 + 0.5) as u16),
+            primitive: hit.primitive,
+            barycentric: [hit.u, hit.v].map(|w| (w * 65_535.0 + 0.5) as u16),
+            area: hit.t * hit.t / cos.abs().max(1e-6),
+            key,
+        })
+    }
+}
+
+/// Sampler [`Sampler::CentreRays`]: every hit beyond the headbox on the ray through each pixel's centre.
+fn pierce_from_centre(
+    tracer: &Tracer,
+    settings: &CaptureSettings,
+    run: &Tracing,
+    progress: &dyn Progress,
+) -> io::Result<u64> {
+    let size = settings.face_size_px;
+    let bins = DepthBins::new(settings.half_size_m, size);
+    let router = Router { tracer, bins, size_px: size, misses: &run.misses };
+    let (part, parts) = settings.shard;
+    let rows: Vec<u32> = (0..6 * size).skip(part as usize).step_by(parts as usize).collect();
+    progress.begin("trace", "rays", rows.len() as u64 * u64::from(size));
+    rows.par_iter().try_for_each_init(InsertScratch::default, |scratch, &row| -> io::Result<()> {
+        let face = Face::ALL[(row / size) as usize];
+        let mut samples = Vec::new();
+        for x in 0..size {
+            let direction = face.direction(f64::from(x) + 0.5, f64::from(row % size) + 0.5, size).as_vec3();
+            // Directions have eye depth 1, so the headbox ends at t = half size.
+            let t_min = settings.half_size_m as f32;
+            let ray = Ray { origin: Vec3::ZERO, direction, t_min, t_max: f32::INFINITY };
+            let before = samples.len();
+            let key = RayKey::new(face.index() as u8, row % size * size + x, 0);
+            tracer.all_hits(&ray, &mut |hit| samples.extend(router.sample(&ray, &hit, key)));
+            if samples.len() == before {
+                run.misses.mark(direction);
+            }
+        }
+        progress.advance(u64::from(size));
+        run.store.insert(&samples, scratch)
+    })?;
+    Ok(rows.len() as u64 * u64::from(size))
+}
+
+/// Lights and merges what was traced into a cube LDI. `info` is completed with the rays and the missing estimate.
+///
+/// # Errors
+/// If spilled accumulators cannot be read.
+pub fn finish(
+    run: &Tracing,
+    mut info: CaptureInfo,
+    tracer: &Tracer,
+    lighting: &Lighting,
+    settings: &CaptureSettings,
+    progress: &dyn Progress,
+) -> io::Result<CubeLdi> {
+    if settings.sampler != Sampler::CentreRays {
+        let missing = run.plan.missing_estimate(&run.store)?;
+        info.missing_estimate.iter_mut().zip(missing).for_each(|(slot, estimate)| *slot = Some(estimate));
+    }
+    info.rays_traced = run.rays;
+    if settings.budget.is_some() {
+        run.store.spill_all()?; // the LDI that now grows needs the memory
+    }
+    let shader = Shader { tracer, lighting, samples: settings.light_samples, face_size_px: settings.face_size_px };
+    let bins = DepthBins::new(settings.half_size_m, settings.face_size_px);
+    let tiles_per_face = run.store.tile_count() / 6;
+    progress.begin("light and merge", "tiles", run.store.tile_count() as u64);
+    let mut faces = Vec::with_capacity(6);
+    for face in Face::ALL {
+        let first = face.index() * tiles_per_face;
+        let finish_tile = |tile: usize| {
+            let (face, x0, y0) = run.store.tile_place(tile);
+            let accumulators = run.store.tile_run(tile)?;
+            run.store.clear_tile(tile);
+            let mut tile = FinishedTile::default();
+            for pixel in accumulators.chunk_by(|a, b| a.link == b.link) {
+                let place = (face, x0 + pixel[0].link % TILE_PX, y0 + pixel[0].link / TILE_PX);
+                let before = tile.samples.len();
+                depth_pixels_of(pixel, place, settings.merge_rule, &bins, &shader, &mut tile.samples);
+                tile.pixels.push((place.1, place.2, (tile.samples.len() - before) as u32));
+            }
+            progress.advance(1);
+            Ok(tile)
+        };
+        let tiles: io::Result<Vec<FinishedTile>> =
+            (first..first + tiles_per_face).into_par_iter().map(finish_tile).collect();
+        faces.push(assemble(face, settings.face_size_px, &tiles?));
+    }
+    Ok(CubeLdi { info, faces, environment: run.misses.environment(lighting) })
+}
+
+/// The depth pixels of one tile.
+#[derive(Default)]
+struct FinishedTile {
+    /// Column, row and number of samples of each occupied pixel, row-major.
+    pixels: Vec<(u32, u32, u32)>,
+    samples: Vec<DepthPixel>,
+}
+
+/// Puts the tiles of a face together into row-major order.
+fn assemble(face: Face, size_px: u32, tiles: &[FinishedTile]) -> LayeredDepthImage {
+    let mut ldi = LayeredDepthImage::empty(face, size_px);
+    let at = |x: u32, y: u32| y as usize * size_px as usize + x as usize;
+    for &(x, y, count) in tiles.iter().flat_map(|tile| &tile.pixels) {
+        ldi.offsets[at(x, y) + 1] = count;
+    }
+    for p in 1..ldi.offsets.len() {
+        ldi.offsets[p] += ldi.offsets[p - 1];
+    }
+    let total = ldi.offsets[ldi.offsets.len() - 1] as usize;
+    let blank = DepthPixel { inverse_depth: 0.0, normal: EncodedNormal::new(Vec3::Z), color_srgb: [0; 4] };
+    ldi.samples = vec![blank; total];
+    for tile in tiles {
+        let mut samples = tile.samples.as_slice();
+        for &(x, y, count) in &tile.pixels {
+            let (here, rest) = samples.split_at(count as usize);
+            let start = ldi.offsets[at(x, y)] as usize;
+            ldi.samples[start..start + here.len()].copy_from_slice(here);
+            samples = rest;
+        }
+    }
+    ldi
+}
+
+/// Share of the headbox that its centre does not see: geometry inside it or across it hides the scene from there.
+/// Capture works all the same; rays start on the headbox's faces.
+pub fn blocked_share(tracer: &Tracer, half_size_m: f64) -> f64 {
+    const SIDE: u32 = 24;
+    let blocked = AtomicU64::new(0);
+    (0..SIDE.pow(3)).into_par_iter().for_each(|i| {
+        let cell = |k: u32| (f64::from(k) + 0.5) / f64::from(SIDE) * 2.0 - 1.0;
+        let place = DVec3::new(cell(i % SIDE), cell(i / SIDE % SIDE), cell(i / SIDE / SIDE)) * half_size_m;
+        let ray = Ray { origin: Vec3::ZERO, direction: place.as_vec3(), t_min: 0.0, t_max: 1.0 };
+        blocked.fetch_add(u64::from(tracer.occluded(&ray)), Ordering::Relaxed);
+    });
+    blocked.into_inner() as f64 / f64::from(SIDE.pow(3))
+}

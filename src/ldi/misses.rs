@@ -1,0 +1,71 @@
+//! Which directions rays left the scene in: the reach of the environment.
+
+use super::Environment;
+use crate::capture::light::Lighting;
+use crate::capture::rig::Face;
+use crate::capture::srgb8_from_linear;
+use glam::Vec3;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// One bit per texel of an environment cube map, set where a ray left the scene.
+pub struct MissMap {
+    size_px: u32,
+    bits: Vec<AtomicU64>,
+}
+
+impl MissMap {
+    /// A map for faces of `face_size_px` pixels: a quarter of their resolution, the surroundings being smooth.
+    pub fn new(face_size_px: u32) -> Self {
+        let size_px = (face_size_px / 4).clamp(16, 512);
+        let words = (6 * size_px as usize * size_px as usize).div_ceil(64);
+        Self { size_px, bits: (0..words).map(|_| AtomicU64::new(0)).collect() }
+    }
+
+    /// Texels a side.
+    pub fn size_px(&self) -> u32 {
+        self.size_px
+    }
+
+    /// Marks the texel of a direction (world axes, any length).
+    #[inline]
+    pub fn mark(&self, direction: Vec3) {
+        let (face, [x, y, depth]) = Face::locate(direction);
+        let half = self.size_px as f32 / 2.0;
+        let texel = |c: f32| ((half * (1.0 + c / depth)) as u32).min(self.size_px - 1);
+        let at = ((face.index() as u32 * self.size_px + texel(-y)) * self.size_px + texel(x)) as usize;
+        let bit = 1u64 << (at % 64);
+        // Read first: nearly every miss finds its bit set, and a shared read costs no cache line transfer.
+        if self.bits[at / 64].load(Ordering::Relaxed) & bit == 0 {
+            self.bits[at / 64].fetch_or(bit, Ordering::Relaxed);
+        }
+    }
+
+    /// The words of the bit map, to be stored in a shard.
+    pub fn words(&self) -> Vec<u64> {
+        self.bits.iter().map(|word| word.load(Ordering::Relaxed)).collect()
+    }
+
+    /// Adds the words of another map of the same size.
+    pub fn absorb(&self, words: &[u64]) {
+        for (mine, theirs) in self.bits.iter().zip(words) {
+            mine.fetch_or(*theirs, Ordering::Relaxed);
+        }
+    }
+
+    /// The environment: the sky's radiance in every direction, alpha 255 where a ray got out; empty if none did.
+    pub fn environment(&self, lighting: &Lighting) -> Environment {
+        if self.words().iter().all(|&word| word == 0) {
+            return Environment { size_px: 0, texels: Vec::new() };
+        }
+        let per_face = (self.size_px * self.size_px) as usize;
+        let texel = |at: usize| {
+            let (x, y) = ((at % per_face) as u32 % self.size_px, (at % per_face) as u32 / self.size_px);
+            let direction = Face::ALL[at / per_face].direction(f64::from(x) + 0.5, f64::from(y) + 0.5, self.size_px);
+            let radiance = lighting.miss_radiance(direction.normalize().as_vec3());
+            let [r, g, b] = radiance.map(|c| srgb8_from_linear(c * lighting.exposure));
+            let reached = self.bits[at / 64].load(Ordering::Relaxed) >> (at % 64) & 1 == 1;
+            [r, g, b, if reached { 255 } else { 0 }]
+        };
+        Environment { size_px: self.size_px, texels: (0..6 * per_face).map(texel).collect() }
+    }
+}

@@ -1,0 +1,117 @@
+//! Ray-traced reference frames: the same camera, the same light as a capture, to convergence.
+
+use crate::capture::Camera;
+use crate::capture::light::{LightSample, Lighting, LitPoint, pixel_jitter};
+use crate::capture::sampler::random4;
+use crate::capture::srgb8_from_linear;
+use crate::capture::trace::{HitPacket, PACKET, Ray, RayPacket, Tracer};
+use crate::ldi::build::Progress;
+use glam::Vec3;
+use image::{Rgb, RgbImage};
+use rayon::prelude::*;
+
+/// A ray-traced frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TruthFrame {
+    /// The picture, 8-bit sRGB.
+    pub color: RgbImage,
+    /// How far the picture is from its own limit, as a PSNR in dB: from the difference between two independent halves
+    /// of the samples. Infinite if they agree to the last bit.
+    pub standard_error_psnr_db: f64,
+    /// Per pixel, row-major: share of the camera rays that met a surface.
+    pub surface_share: Vec<f32>,
+}
+
+/// Traces a frame with `samples` camera rays per pixel (rounded up to a multiple of 2), jittered over the pixel, one
+/// light sample each; 0 light samples (`lit` false) shows albedo and emission as a capture without light does.
+pub fn render(
+    tracer: &Tracer,
+    lighting: &Lighting,
+    lit: bool,
+    camera: &Camera,
+    samples: u32,
+    progress: &dyn Progress,
+) -> TruthFrame {
+    let (width, height) = (camera.width(), camera.height());
+    let half = samples.div_ceil(2).max(1);
+    progress.begin("truth", "rows", u64::from(height));
+    let row = |y: u32| {
+        let mut pixels = Vec::with_capacity(width as usize);
+        let mut surface_share = Vec::with_capacity(width as usize);
+        let mut squared_error = 0.0;
+        for x in 0..width {
+            let pixel = PixelTracer { tracer, lighting, lit, camera, x, y, total: 2 * half };
+            let [(first, hits), (second, more_hits)] = [0, half].map(|first| pixel.radiance(first, half));
+            let halves = [first, second];
+            let encode = |linear: Vec3| (linear * lighting.exposure).to_array().map(srgb8_from_linear);
+            let [a, b] = halves.map(encode);
+            for c in 0..3 {
+                // The mean of two halves has half the standard deviation of their difference.
+                squared_error += (f64::from(a[c].abs_diff(b[c])) / 2.0).powi(2);
+            }
+            pixels.push(encode((halves[0] + halves[1]) / 2.0));
+            surface_share.push((hits + more_hits) as f32 / (2 * half) as f32);
+        }
+        progress.advance(1);
+        (pixels, surface_share, squared_error)
+    };
+    let rows: Vec<_> = (0..height).into_par_iter().map(row).collect();
+    let mean_square = rows.iter().map(|row| row.2).sum::<f64>() / (f64::from(width) * f64::from(height) * 3.0);
+    let color = RgbImage::from_fn(width, height, |x, y| Rgb(rows[y as usize].0[x as usize]));
+    let surface_share = rows.into_iter().flat_map(|row| row.1).collect();
+    TruthFrame { color, surface_share, standard_error_psnr_db: 10.0 * (255.0f64.powi(2) / mean_square).log10() }
+}
+
+/// Samples one pixel.
+struct PixelTracer<'a> {
+    tracer: &'a Tracer,
+    lighting: &'a Lighting,
+    lit: bool,
+    camera: &'a Camera,
+    x: u32,
+    y: u32,
+    total: u32,
+}
+
+impl PixelTracer<'_> {
+    /// Mean radiance of samples `first..first + count`, linear, and how many of them met a surface.
+    fn radiance(&self, first: u32, count: u32) -> (Vec3, u32) {
+        let mut sum = Vec3::ZERO;
+        let mut surfaces = 0;
+        let end = first + count;
+        for start in (first..end).step_by(PACKET) {
+            let numbers = start..end.min(start + PACKET as u32);
+            let rays: Vec<Ray> = numbers.clone().map(|index| self.ray(index)).collect();
+            let hits: HitPacket = self.tracer.closest_packet(&RayPacket::from_rays(&rays));
+            for (lane, index) in numbers.enumerate() {
+                let hit = hits.hit(lane);
+                surfaces += u32::from(hit.is_some());
+                sum += match hit {
+                    Some(hit) => self.shade(&rays[lane], &hit, index),
+                    None => Vec3::from_array(self.lighting.miss_radiance(rays[lane].direction.normalize())),
+                };
+            }
+        }
+        (sum / count as f32, surfaces)
+    }
+
+    /// Camera ray number `index`.
+    fn ray(&self, index: u32) -> Ray {
+        let [dx, dy] = pixel_jitter(self.x, self.y, index).map(f64::from);
+        let direction = self.camera.direction(f64::from(self.x) + dx, f64::from(self.y) + dy).as_vec3();
+        let origin = (self.camera.eye() - self.tracer.origin()).as_vec3();
+        Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY }
+    }
+
+    fn shade(&self, ray: &Ray, hit: &crate::capture::trace::Hit, index: u32) -> Vec3 {
+        let (point, surface) = LitPoint::from_hit(self.tracer, ray, hit);
+        let radiosity = if self.lit {
+            let [stream, ..] = random4([self.x, self.y, 0x11d1, 1]);
+            let sample = LightSample { stream, index, count: self.total };
+            Vec3::from_array(self.lighting.radiosity_per_albedo(self.tracer, &point, &sample))
+        } else {
+            Vec3::ONE
+        };
+        Vec3::from_array(surface.albedo) * radiosity + Vec3::from_array(surface.emission)
+    }
+}
