@@ -3,11 +3,14 @@
 //! Every scene suggests a headbox that no triangle touches. The same name and seed give the same scene.
 //!
 //! ```
-//! let tree = headbox_scenes::build("tree", 1).unwrap();
-//! assert_eq!(tree.validate(), Ok(()));
+//! let bump = headbox_scenes::build("bump", 1).unwrap();
+//! assert_eq!(bump.validate(), Ok(()));
 //! assert!(headbox_scenes::build("no such scene", 1).is_none());
 //! ```
 
+mod bump;
+mod hard;
+mod interior;
 mod mesh;
 mod rng;
 mod texture;
@@ -34,11 +37,20 @@ impl BuiltinScene {
 
 /// All built-in scenes.
 pub fn all() -> &'static [BuiltinScene] {
-    &[BuiltinScene {
-        name: "tree",
-        description: "broad-leaved tree with 440,000 leaf triangles on a meadow",
-        generator: tree::build,
-    }]
+    const fn scene(name: &'static str, generator: fn(u64) -> Scene, description: &'static str) -> BuiltinScene {
+        BuiltinScene { name, description, generator }
+    }
+    const ALL: &[BuiltinScene] = &[
+        scene("tree", tree::build, "broad-leaved tree with 440,000 leaf triangles on a meadow"),
+        scene("interior", interior::build, "furnished room with textures, lamps, and sun through its windows"),
+        scene("bump", bump::build, "textured plane with a hemisphere and a pyramid, for sprites"),
+        scene("poles", hard::poles, "hard case: 240 poles, 1 mm to 4 cm thick, at 2 to 90 m"),
+        scene("edge-on", hard::edge_on, "hard case: planes seen edge-on from the centre of the headbox"),
+        scene("contact", hard::contact, "hard case: panels 1 mm away from every face of the headbox"),
+        scene("far-offset", hard::far_offset, "hard case: millimetre steps at coordinates of 100 km"),
+        scene("miniature", hard::miniature, "hard case: a scene one millimetre across"),
+    ];
+    ALL
 }
 
 /// Makes the scene called `name`, or `None` if there is none of that name.

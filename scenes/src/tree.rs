@@ -36,10 +36,10 @@ const ORDERS: [Order; 4] = [
         sides: 20,
         wander: 0.05,
         upward: 0.05,
-        children: 13,
+        children: 17,
         first_child: 0.3,
-        child_length: 0.66,
-        child_angle_deg: [88.0, 32.0],
+        child_length: 0.78,
+        child_angle_deg: [86.0, 26.0],
     },
     Order {
         steps: 10,
@@ -97,10 +97,10 @@ pub(crate) fn build(seed: u64) -> Scene {
 
     let mut tree = Tree { mesh, bark, twigs: Vec::new() };
     let start = DVec3::Y * (ground_height(0.0, 0.0) - 0.15);
-    tree.grow(Shoot { start, direction: DVec3::Y, length: 6.6, radius: 0.34 }, 0, &rng.fork(0));
+    tree.grow(Shoot { start, direction: DVec3::Y, length: 5.4, radius: 0.34 }, 0, &rng.fork(0));
     tree.add_leaves(leaf, &rng.fork(1));
 
-    let centre = DVec3::new(1.5, ground_height(1.5, 9.0) + 1.8, 9.0);
+    let centre = DVec3::new(1.2, ground_height(1.2, 7.5) + 1.8, 7.5);
     tree.mesh.finish("tree", centre, 0.75)
 }
 
@@ -127,7 +127,7 @@ impl Tree {
             // The golden angle spreads shoots evenly around the stem.
             let around = child as f64 * 2.399_963 + draw.between(-0.4, 0.4);
             let across = DQuat::from_axis_angle(along, around) * along.any_orthonormal_vector();
-            let reach = 1.0 - 0.55 * (at - order.first_child);
+            let reach = 1.0 - 0.42 * (at - order.first_child);
             let child_shoot = Shoot {
                 start,
                 direction: (along * angle.cos() + across * angle.sin()).normalize(),
@@ -150,7 +150,7 @@ impl Tree {
             let forward = stalk.reject_from(normal).try_normalize().unwrap_or_else(|| normal.any_orthonormal_vector());
             let color = leaf_color(&mut draw);
             let hub = start + stalk * draw.between(0.06, 0.14);
-            let length = draw.between(0.12, 0.19);
+            let length = draw.between(0.13, 0.21);
             for leaflet in 0..LEAFLETS {
                 let spread = (leaflet as f64 - (LEAFLETS - 1) as f64 / 2.0) * 0.62;
                 let direction = DQuat::from_axis_angle(normal, spread) * forward;

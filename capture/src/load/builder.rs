@@ -24,13 +24,6 @@ pub(super) struct Vertex {
     pub(super) color: Vec3,
 }
 
-impl Vertex {
-    /// A vertex with a position only.
-    pub(super) fn at(position: DVec3) -> Self {
-        Self { position, normal: Vec3::ZERO, texcoord: Vec2::ZERO, color: Vec3::ONE }
-    }
-}
-
 /// The scene while it is being read.
 #[derive(Debug, Default)]
 pub(super) struct Builder {

@@ -5,6 +5,7 @@
 //! file and the cause.
 
 mod builder;
+mod gltf;
 mod lines;
 mod mtl;
 mod notes;
@@ -93,6 +94,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
     let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
     let loader = match extension.as_deref() {
         Some("obj") => obj::load,
+        Some("gltf" | "glb") => gltf::load,
         _ => return Err(LoadError::UnknownFormat { path: path.to_path_buf() }),
     };
     let bytes = std::fs::read(path).map_err(|cause| LoadError::Io { path: path.to_path_buf(), cause })?;

@@ -1,0 +1,137 @@
+//! The hard cases: small scenes, each of which strains one thing.
+
+use crate::bump;
+use crate::mesh::Mesh;
+use crate::rng::Rng;
+use crate::texture::paint;
+use glam::{DMat3, DVec3};
+use headbox_capture::Texture;
+use headbox_capture::scene::{Scene, SuggestedHeadbox};
+use std::f64::consts::TAU;
+
+fn checkerboard(a: [f64; 3], b: [f64; 3]) -> Texture {
+    paint(64, 64, |u, v| if ((u * 4.0).floor() + (v * 4.0).floor()) % 2.0 == 0.0 { a } else { b })
+}
+
+/// `poles`: poles from 1 mm to 4 cm thick on rings from 2 m to 64 m, over a checkered ground. Most are thinner than a
+/// pixel, at depths that jump from one to the next.
+pub(crate) fn poles(seed: u64) -> Scene {
+    let mut mesh = Mesh::default();
+    let rng = Rng::new(seed);
+    let ground = mesh.textured("ground", checkerboard([0.55, 0.55, 0.5], [0.35, 0.38, 0.35]));
+    mesh.add_rectangle(DVec3::new(-80.0, 0.0, 80.0), DVec3::X * 160.0, DVec3::NEG_Z * 160.0, 4.0, ground);
+    let paints = [[0.75, 0.15, 0.1], [0.85, 0.85, 0.8], [0.1, 0.25, 0.6], [0.8, 0.65, 0.1], [0.1, 0.1, 0.1]];
+    let paints = paints.map(|albedo| mesh.plain("pole", albedo));
+    for ring in 0..6_u32 {
+        let distance = 2.0 * f64::from(1_u32 << ring);
+        for pole in 0..40_u32 {
+            let mut draw = rng.fork(u64::from(ring * 40 + pole));
+            let around = (f64::from(pole) + draw.between(0.0, 0.8)) / 40.0 * TAU;
+            let reach = distance * draw.between(1.0, 1.4);
+            let base = DVec3::new(around.cos() * reach, 0.0, around.sin() * reach);
+            let lean = DVec3::new(draw.between(-0.3, 0.3), draw.between(2.0, 6.0), draw.between(-0.3, 0.3));
+            let radius = [0.0005, 0.002, 0.005, 0.02][pole as usize % 4];
+            mesh.add_tube(&[(base, radius), (base + lean, radius)], 6, 1.0, paints[pole as usize % paints.len()]);
+        }
+    }
+    mesh.finish("poles", DVec3::Y * 1.6, 0.5)
+}
+
+/// `edge-on`: planes that contain the centre of the headbox, all around it, so that from there they are lines and from
+/// anywhere else they are not; and a room around them.
+pub(crate) fn edge_on(_seed: u64) -> Scene {
+    let mut mesh = Mesh::default();
+    let wall = mesh.textured("wall", checkerboard([0.8, 0.8, 0.8], [0.6, 0.6, 0.65]));
+    let blade = mesh.textured("blade", checkerboard([0.8, 0.3, 0.2], [0.95, 0.85, 0.7]));
+    add_room(&mut mesh, DVec3::splat(4.0), wall);
+    // Around all three axes, so that every face of a cube sees some.
+    for axis in 0..3 {
+        let along = DVec3::AXES[axis];
+        let (x_axis, y_axis) = (DVec3::AXES[(axis + 1) % 3], DVec3::AXES[(axis + 2) % 3]);
+        for step in 0..8 {
+            let turn = (f64::from(step) + 0.25) / 8.0 * TAU;
+            let outward = x_axis * turn.cos() + y_axis * turn.sin();
+            let low = outward * 1.2 - along * 0.35;
+            mesh.add_rectangle(low, outward * 1.6, along * 0.7, 0.4, blade);
+        }
+    }
+    mesh.finish("edge-on", DVec3::ZERO, 0.5)
+}
+
+/// `contact`: a panel one millimetre before every face of the headbox, covering a quarter of it, in a room.
+pub(crate) fn contact(_seed: u64) -> Scene {
+    const HALF: f64 = 0.5;
+    const GAP: f64 = 0.001;
+    let mut mesh = Mesh::default();
+    let wall = mesh.textured("wall", checkerboard([0.8, 0.8, 0.8], [0.5, 0.6, 0.7]));
+    let panel = mesh.textured("panel", checkerboard([0.2, 0.5, 0.3], [0.9, 0.9, 0.7]));
+    add_room(&mut mesh, DVec3::splat(3.0), wall);
+    for axis in 0..3 {
+        for side in [-1.0, 1.0] {
+            let (right, up) = (DVec3::AXES[(axis + 1) % 3], DVec3::AXES[(axis + 2) % 3]);
+            let corner = DVec3::AXES[axis] * side * (HALF + GAP) - up * HALF * side;
+            mesh.add_rectangle(corner, right * HALF * side, up * HALF, 0.25, panel);
+        }
+    }
+    mesh.finish("contact", DVec3::ZERO, HALF)
+}
+
+/// `far-offset`: `bump` with stairs of millimetres beside it, moved by 1e5 m in every direction: in `f32` all of it
+/// would lie on a grid of 8 mm.
+pub(crate) fn far_offset(seed: u64) -> Scene {
+    let mut scene = bump::build(seed);
+    let mut stairs = Mesh::default();
+    let step = stairs.textured("stairs", checkerboard([0.7, 0.4, 0.6], [0.95, 0.9, 0.9]));
+    for i in 0..40 {
+        let height = 0.001 * f64::from(i + 1);
+        let low = DVec3::new(-1.0 + 0.05 * f64::from(i), 1.2, 0.02);
+        stairs.add_block(low, low + DVec3::new(0.05, 0.4, height), 0.1, step);
+    }
+    append(&mut scene, stairs.finish("stairs", DVec3::ZERO, 1.0));
+    moved(scene, "far-offset", 1.0, DVec3::new(1e5, 1e5, -1e5))
+}
+
+/// `miniature`: `bump` at a scale that makes it 1 mm across.
+pub(crate) fn miniature(seed: u64) -> Scene {
+    moved(bump::build(seed), "miniature", 1e-3 / 4.0, DVec3::ZERO)
+}
+
+/// Adds the geometry of another scene.
+fn append(scene: &mut Scene, other: Scene) {
+    let counts = [scene.positions.len(), scene.materials.len(), scene.textures.len()];
+    let [vertices, materials, textures] = counts.map(|count| count as u32);
+    scene.positions.extend(other.positions);
+    scene.normals.extend(other.normals);
+    scene.texcoords.extend(other.texcoords);
+    scene.triangles.extend(other.triangles.into_iter().map(|mut triangle| {
+        triangle.vertices = triangle.vertices.map(|vertex| vertex + vertices);
+        triangle.material += materials;
+        triangle
+    }));
+    scene.materials.extend(other.materials.into_iter().map(|mut material| {
+        material.albedo_texture = material.albedo_texture.map(|texture| texture + textures);
+        material
+    }));
+    scene.textures.extend(other.textures);
+}
+
+/// The scene scaled about the origin and then moved, with its headbox.
+fn moved(scene: Scene, name: &str, scale: f64, offset: DVec3) -> Scene {
+    let place = |p: DVec3| p * scale + offset;
+    Scene {
+        name: name.into(),
+        positions: scene.positions.into_iter().map(place).collect(),
+        headbox: scene.headbox.map(|headbox| SuggestedHeadbox {
+            centre: place(headbox.centre),
+            half_size_m: headbox.half_size_m * scale,
+        }),
+        ..scene
+    }
+}
+
+/// A box about the origin, seen from within, with light enough in it from a panel under its ceiling.
+fn add_room(mesh: &mut Mesh, half: DVec3, wall: u32) {
+    let light = mesh.emissive("light", [6.0, 5.8, 5.4]);
+    mesh.add_box(DVec3::ZERO, half, DMat3::IDENTITY, 1.0, wall);
+    mesh.add_rectangle(DVec3::new(-1.0, half.y - 0.01, -1.0), DVec3::X * 2.0, DVec3::Z * 2.0, 0.0, light);
+}
