@@ -10,7 +10,7 @@ use std::{
 ///
 /// # Errors
 /// What the system or the encoder said.
-pub fn write_png(path: &Path, width: usize, pixels: &[[u8; 4]]) -> io::Result<()> {
+pub(crate) fn write_png(path: &Path, width: usize, pixels: &[[u8; 4]]) -> io::Result<()> {
     let height = pixels.len().checked_div(width).unwrap_or(0);
     let too_large = |_| io::Error::new(io::ErrorKind::InvalidInput, "the image is too large for a PNG file");
     let (w, h) = (u32::try_from(width).map_err(too_large)?, u32::try_from(height).map_err(too_large)?);
@@ -25,7 +25,7 @@ pub fn write_png(path: &Path, width: usize, pixels: &[[u8; 4]]) -> io::Result<()
 ///
 /// # Errors
 /// What the system said.
-pub fn write_json(path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
+pub(crate) fn write_json(path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
     write_whole(path, |file| {
         serde_json::to_writer_pretty(&mut *file, value)?;
         file.write_all(b"\n")
@@ -52,7 +52,7 @@ fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Resu
 }
 
 /// `stem-0001.extension` in `dir`, or the first later number that is not taken.
-pub fn free_name(dir: &Path, stem: &str, extension: &str) -> PathBuf {
+pub(crate) fn free_name(dir: &Path, stem: &str, extension: &str) -> PathBuf {
     let name = |number: u32| dir.join(format!("{stem}-{number:04}.{extension}"));
     (1..u32::MAX).map(name).find(|path| !path.exists()).unwrap_or_else(|| name(u32::MAX))
 }

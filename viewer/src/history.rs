@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 
 /// Times of one shown frame.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct FrameTimes {
+pub(crate) struct FrameTimes {
     /// When it was shown, seconds on any steady clock.
     pub shown_s: f64,
     /// Wall time of rendering all its pictures, ms.
@@ -18,18 +18,18 @@ pub struct FrameTimes {
 
 /// A ring of the last frames.
 #[derive(Clone, Debug, Default)]
-pub struct History {
+pub(crate) struct History {
     frames: VecDeque<FrameTimes>,
 }
 
 impl History {
     /// Frames kept.
-    pub const CAPACITY: usize = 160;
+    pub(crate) const CAPACITY: usize = 160;
     /// The frame rate is an average over the frames of this many last seconds.
     const RATE_WINDOW_S: f64 = 1.0;
 
     /// Appends a frame, forgetting the oldest if full.
-    pub fn push(&mut self, frame: FrameTimes) {
+    pub(crate) fn push(&mut self, frame: FrameTimes) {
         if self.frames.len() == Self::CAPACITY {
             self.frames.pop_front();
         }
@@ -37,17 +37,17 @@ impl History {
     }
 
     /// Forgets all frames.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.frames.clear();
     }
 
     /// The frames, oldest first.
-    pub fn frames(&self) -> impl ExactSizeIterator<Item = &FrameTimes> {
+    pub(crate) fn frames(&self) -> impl DoubleEndedIterator<Item = &FrameTimes> + ExactSizeIterator {
         self.frames.iter()
     }
 
     /// Frames per second shown over the last second before the newest frame, or 0 if too few.
-    pub fn shown_per_s(&self) -> f64 {
+    pub(crate) fn shown_per_s(&self) -> f64 {
         let Some(newest) = self.frames.back() else { return 0.0 };
         let recent = || self.frames.iter().filter(|f| newest.shown_s - f.shown_s <= Self::RATE_WINDOW_S);
         let (count, first) = (recent().count(), recent().next().map_or(newest.shown_s, |f| f.shown_s));
@@ -55,7 +55,7 @@ impl History {
     }
 
     /// Names of the stages, in the order of their first appearance.
-    pub fn stage_names(&self) -> Vec<&'static str> {
+    pub(crate) fn stage_names(&self) -> Vec<&'static str> {
         let mut names = Vec::new();
         for stage in self.frames.iter().flat_map(|f| &f.stages) {
             if !names.contains(&stage.name) {
@@ -66,13 +66,13 @@ impl History {
     }
 
     /// Median over the frames kept of `value`, or `None` if there is no frame.
-    pub fn median(&self, value: impl Fn(&FrameTimes) -> f64) -> Option<f64> {
+    pub(crate) fn median(&self, value: impl Fn(&FrameTimes) -> f64) -> Option<f64> {
         median(self.frames.iter().map(value).collect())
     }
 }
 
 /// The middle value (the mean of the two middle ones for an even count), or `None` if there is none.
-pub fn median(mut values: Vec<f64>) -> Option<f64> {
+pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_unstable_by(f64::total_cmp);
     let middle = values.len() / 2;
     match values.len() {
@@ -83,7 +83,7 @@ pub fn median(mut values: Vec<f64>) -> Option<f64> {
 }
 
 /// Adds `stages` to `sum`, name by name.
-pub fn add_stages(sum: &mut Vec<Stage>, stages: &[Stage]) {
+pub(crate) fn add_stages(sum: &mut Vec<Stage>, stages: &[Stage]) {
     for stage in stages {
         match sum.iter_mut().find(|s| s.name == stage.name) {
             Some(same) => same.ms += stage.ms,
@@ -93,7 +93,7 @@ pub fn add_stages(sum: &mut Vec<Stage>, stages: &[Stage]) {
 }
 
 /// The smallest of 1, 2, 5 times a power of ten that is at least `value`: the top of a chart's axis.
-pub fn nice_ceiling(value: f64) -> f64 {
+pub(crate) fn nice_ceiling(value: f64) -> f64 {
     if !(value > 0.0 && value.is_finite()) {
         return 1.0;
     }

@@ -5,7 +5,7 @@ use glam::DVec3;
 
 /// What the hands did since the last frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Steering {
+pub(crate) struct Steering {
     /// Held movement keys: right, up, forward, each -1, 0 or 1.
     pub drive: DVec3,
     /// Held turning keys: left, up, each -1, 0 or 1.
@@ -20,7 +20,7 @@ pub struct Steering {
 
 /// How steering acts; the person's taste and the source's kind.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Handling {
+pub(crate) struct Handling {
     /// Free flight, walking or orbiting.
     pub navigation: Navigation,
     /// Speed of the eye with a key held, metres per second.
@@ -36,7 +36,7 @@ pub struct Handling {
 /// The momentum of the eye. Velocities follow the keys with a first-order lag, solved exactly over a frame, so that the
 /// way covered does not depend on the frame rate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Motion {
+pub(crate) struct Motion {
     /// Metres per second, in the axes that [`Navigation`] moves along: right, up, forward.
     velocity: DVec3,
     /// Radians per second: left, up.
@@ -56,12 +56,12 @@ const MIN_ORBIT_RADIUS_M: f64 = 1e-3;
 
 impl Motion {
     /// Whether the eye coasts although no key is held.
-    pub fn is_moving(&self) -> bool {
+    pub(crate) fn is_moving(&self) -> bool {
         *self != Self::default()
     }
 
     /// The pose `dt_s` seconds after `pose`.
-    pub fn advance(&mut self, pose: &Pose, steering: &Steering, handling: &Handling, dt_s: f64) -> Pose {
+    pub(crate) fn advance(&mut self, pose: &Pose, steering: &Steering, handling: &Handling, dt_s: f64) -> Pose {
         let speed = handling.speed_m_per_s * steering.speed_factor;
         let drive = if steering.drive.length() > 1.0 { steering.drive.normalize() } else { steering.drive };
         let mut travel = DVec3::ZERO;
@@ -98,7 +98,7 @@ impl Motion {
     }
 
     /// Stops at once (after a jump to another pose).
-    pub fn stop(&mut self) {
+    pub(crate) fn stop(&mut self) {
         *self = Self::default();
     }
 }

@@ -108,17 +108,17 @@ fn cubic(knots: [Option<(f64, f64)>; 4], time: f64) -> f64 {
 
 /// Collects a path while the eye moves.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Recorder {
+pub(crate) struct Recorder {
     poses: Vec<TimedPose>,
 }
 
 impl Recorder {
     /// Shortest time between two recorded poses, seconds: finer than any hand moves.
-    pub const INTERVAL_S: f64 = 1.0 / 30.0;
+    pub(crate) const INTERVAL_S: f64 = 1.0 / 30.0;
 
     /// Notes where the eye is, `time_s` seconds after some fixed moment. While the eye stands still nothing is stored; the
     /// wait is kept by storing where it ended.
-    pub fn record(&mut self, time_s: f64, pose: Pose) {
+    pub(crate) fn record(&mut self, time_s: f64, pose: Pose) {
         match self.poses.as_slice() {
             [.., last] if time_s - last.time_s < Self::INTERVAL_S => {}
             [.., before, last] if before.pose == last.pose && last.pose == pose => {
@@ -131,17 +131,12 @@ impl Recorder {
     }
 
     /// Number of poses so far.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.poses.len()
     }
 
-    /// Whether nothing was recorded.
-    pub fn is_empty(&self) -> bool {
-        self.poses.is_empty()
-    }
-
     /// The path, its first pose at time 0, or `None` if nothing was recorded.
-    pub fn finish(mut self) -> Option<CameraPath> {
+    pub(crate) fn finish(mut self) -> Option<CameraPath> {
         let start = self.poses.first()?.time_s;
         for pose in &mut self.poses {
             pose.time_s -= start;

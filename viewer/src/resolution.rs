@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 /// The resolutions tried while moving, as shares of each side of the frame.
-pub const SCALES: [f64; 5] = [1.0, 0.75, 0.5, 0.375, 0.25];
+pub(crate) const SCALES: [f64; 5] = [1.0, 0.75, 0.5, 0.375, 0.25];
 
 /// A lower step must save at least this share of the time, or it is not worth its blur (an image-based renderer may spend
 /// its time on depth pixels that do not become fewer).
@@ -15,7 +15,7 @@ const NEWEST_WEIGHT: f64 = 0.25;
 
 /// Chooses the resolution while moving from the times of earlier frames.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct ResolutionPolicy {
+pub(crate) struct ResolutionPolicy {
     step: usize,
     /// Running mean of the render time at each step tried, ms.
     mean_ms: HashMap<usize, f64>,
@@ -23,12 +23,12 @@ pub struct ResolutionPolicy {
 
 impl ResolutionPolicy {
     /// The share of each side of the frame to render at while moving.
-    pub fn moving_scale(&self) -> f64 {
+    pub(crate) fn moving_scale(&self) -> f64 {
         SCALES[self.step]
     }
 
     /// Learns that a frame at `scale` took `ms`, and chooses the next step for frames of at most `target_ms`.
-    pub fn observe(&mut self, scale: f64, ms: f64, target_ms: f64) {
+    pub(crate) fn observe(&mut self, scale: f64, ms: f64, target_ms: f64) {
         let Some(step) = SCALES.iter().position(|s| *s == scale) else { return };
         let mean = self.mean_ms.entry(step).or_insert(ms);
         *mean += (ms - *mean) * NEWEST_WEIGHT;
@@ -38,7 +38,7 @@ impl ResolutionPolicy {
     }
 
     /// Forgets everything (other settings, another window size).
-    pub fn reset(&mut self) {
+    pub(crate) fn reset(&mut self) {
         *self = Self::default();
     }
 

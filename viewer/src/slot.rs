@@ -5,7 +5,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 /// Holds at most one value: the newest. Neither side ever waits for the other.
 #[derive(Debug)]
-pub struct Slot<T>(Mutex<Option<T>>);
+pub(crate) struct Slot<T>(Mutex<Option<T>>);
 
 impl<T> Default for Slot<T> {
     fn default() -> Self {
@@ -15,19 +15,19 @@ impl<T> Default for Slot<T> {
 
 impl<T> Slot<T> {
     /// Stores `value` and hands back the one that nobody took, for reuse.
-    pub fn put(&self, value: T) -> Option<T> {
+    pub(crate) fn put(&self, value: T) -> Option<T> {
         lock(&self.0).replace(value)
     }
 
     /// Takes the newest value, if there is one that has not been taken.
-    pub fn take(&self) -> Option<T> {
+    pub(crate) fn take(&self) -> Option<T> {
         lock(&self.0).take()
     }
 }
 
 /// What the render thread is asked to do: orders, each of which counts, and jobs, of which only the newest does.
 #[derive(Debug)]
-pub struct Inbox<Order, Job> {
+pub(crate) struct Inbox<Order, Job> {
     state: Mutex<InboxState<Order, Job>>,
     changed: Condvar,
 }
@@ -41,7 +41,7 @@ struct InboxState<Order, Job> {
 
 /// What [`Inbox::next`] found.
 #[derive(Debug, PartialEq, Eq)]
-pub enum Next<Order, Job> {
+pub(crate) enum Next<Order, Job> {
     /// The oldest order; orders go before jobs.
     Order(Order),
     /// The newest job.
@@ -61,25 +61,25 @@ impl<Order, Job> Default for Inbox<Order, Job> {
 
 impl<Order, Job> Inbox<Order, Job> {
     /// Replaces the waiting job, if any.
-    pub fn put_job(&self, job: Job) {
+    pub(crate) fn put_job(&self, job: Job) {
         lock(&self.state).job = Some(job);
         self.changed.notify_one();
     }
 
     /// Appends an order.
-    pub fn push_order(&self, order: Order) {
+    pub(crate) fn push_order(&self, order: Order) {
         lock(&self.state).orders.push_back(order);
         self.changed.notify_one();
     }
 
     /// Ends every wait, now and later.
-    pub fn close(&self) {
+    pub(crate) fn close(&self) {
         lock(&self.state).closed = true;
         self.changed.notify_all();
     }
 
     /// The next thing to do; with `wait`, sleeps until there is one.
-    pub fn next(&self, wait: bool) -> Next<Order, Job> {
+    pub(crate) fn next(&self, wait: bool) -> Next<Order, Job> {
         let mut state = lock(&self.state);
         loop {
             if state.closed {

@@ -67,7 +67,7 @@ impl Stereo {
 
 /// One rendered image: `width` x `height` pixels, row 0 on top.
 #[derive(Clone, Copy, Debug)]
-pub struct PictureRef<'a> {
+pub(crate) struct PictureRef<'a> {
     /// Width in pixels.
     pub width: usize,
     /// The pixels.
@@ -77,7 +77,7 @@ pub struct PictureRef<'a> {
 /// Puts the pictures of one frame together as the screen shows them: `pictures` holds for each place from left to right
 /// one picture per setting set (A, or A and B), all of one size; `divider` is the share of each place's width that shows A.
 /// Returns width and pixels, row 0 on top.
-pub fn compose(pictures: &[PictureRef<'_>], places: usize, divider: f64) -> (usize, Vec<[u8; 4]>) {
+pub(crate) fn compose(pictures: &[PictureRef<'_>], places: usize, divider: f64) -> (usize, Vec<[u8; 4]>) {
     let sets = pictures.len() / places.max(1);
     let (Some(first), true) = (pictures.first(), sets > 0) else { return (0, Vec::new()) };
     let width = first.width;
@@ -95,7 +95,7 @@ pub fn compose(pictures: &[PictureRef<'_>], places: usize, divider: f64) -> (usi
 }
 
 /// The first column that shows B.
-pub fn divider_column(divider: f64, width: usize) -> usize {
+pub(crate) fn divider_column(divider: f64, width: usize) -> usize {
     ((divider.clamp(0.0, 1.0) * width as f64).round() as usize).min(width)
 }
 
