@@ -162,7 +162,7 @@ impl Viewer {
         let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
         self.commands.extend(dropped.map(|path| Command::Open(crate::session::Location::File(path))));
         self.panels(ui, now_s);
-        CentralPanel::default().frame(Frame::NONE.fill(panels::theme::BACKDROP)).show(ui, |ui| {
+        CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
             if self.info.is_some() {
                 self.look(ui, now_s);
             } else {

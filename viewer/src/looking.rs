@@ -17,8 +17,11 @@ use std::time::{Duration, Instant};
 const REST_S: f64 = 0.12;
 /// The longest step of time that is simulated at once, seconds: after a stall the eye must not leap.
 const MAX_STEP_S: f64 = 0.1;
-/// The longest wait for the next pass while moving; a finished frame comes sooner.
+/// Time between passes while moving, if no frame is being made.
 const MOVING_PASS: Duration = Duration::from_millis(15);
+/// The longest wait for a frame in the making while moving. Its arrival wakes the window, which then asks for the next one;
+/// drawing the old frame again meanwhile would only take time from the renderer where there is no GPU.
+const AWAITING_PASS: Duration = Duration::from_millis(50);
 /// Points of scrolling in one notch of the wheel.
 const POINTS_PER_NOTCH: f64 = 50.0;
 /// Width of the strip in which the divider can be grabbed, points.
@@ -34,11 +37,12 @@ impl Viewer {
         }
         self.steer(ui, &response, now_s);
         let moving = now_s - self.eye.moved_s < REST_S;
-        if moving {
-            // The eye coasts, or rests soon: either way there is another pass to come.
-            ui.ctx().request_repaint_after(MOVING_PASS);
-        }
         self.ask(ui, rect, moving);
+        if moving || self.eye.motion.is_moving() || self.tape.is_playing() {
+            // The eye coasts, or rests soon: either way there is another pass to come.
+            let awaiting = self.shown.as_ref().is_none_or(|shown| shown.job.number < self.jobs_issued);
+            ui.ctx().request_repaint_after(if awaiting { AWAITING_PASS } else { MOVING_PASS });
+        }
         self.paint(ui.painter(), rect);
         if let Some(divider) = divider {
             panels::divider::paint(ui.painter(), rect, self.divider_x(rect), &divider);
@@ -50,10 +54,7 @@ impl Viewer {
     fn steer(&mut self, ui: &Ui, response: &Response, now_s: f64) {
         let before = self.eye.pose;
         match self.tape.step(now_s) {
-            Replay::Show(pose) => {
-                self.eye.pose = pose;
-                ui.ctx().request_repaint_after(MOVING_PASS);
-            }
+            Replay::Show(pose) => self.eye.pose = pose,
             Replay::Ended(pose) => {
                 self.eye.pose = pose;
                 self.path_ended = true;
@@ -87,9 +88,6 @@ impl Viewer {
         }
         let handling = self.handling(response.rect);
         self.eye.pose = self.eye.motion.advance(&self.eye.pose, &steering, &handling, dt_s);
-        if self.eye.motion.is_moving() {
-            ui.ctx().request_repaint_after(MOVING_PASS);
-        }
     }
 
     fn handling(&self, rect: Rect) -> Handling {

@@ -90,7 +90,10 @@ pub struct Summary {
 /// Why the window could not do its work.
 #[derive(Debug, thiserror::Error)]
 pub enum ViewerError {
-    /// There is no display, or it cannot draw.
+    /// There is no display to open a window on.
+    #[error("there is no display to open a window on ({0}); the other commands work without one")]
+    NoDisplay(String),
+    /// There is a display, but it cannot draw.
     #[error("cannot open a window: {0}")]
     Window(String),
     /// Neither a source nor a library was given.
