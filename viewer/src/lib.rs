@@ -1,1 +1,59 @@
 //! The window of headbox: shows anything that turns a camera into a frame.
+//!
+//! The window knows nothing of layered depth images. It shows a [`FrameSource`]: camera in, frame and statistics out, its
+//! own settings as data. The source lives on a render thread that makes the newest frame for the newest camera; the window
+//! shows the latest one that is finished and never waits.
+//!
+//! | file | what |
+//! |---|---|
+//! | `source`, `setting` | the frame source and its settings: what another crate implements |
+//! | `pose`, `motion`, `bounds`, `path`, `tape` | the eye: where it is, how it moves, where it must stay, what it repeats |
+//! | `views`, `resolution` | which pictures make a frame, and of how many pixels |
+//! | `slot`, `session`, `worker` | the hand-over to the render thread and its loop |
+//! | `app`, `looking`, `commands`, `keymap` | one pass of the window: news, keys, panels, frame |
+//! | `panels/*` | what surrounds the frame, a file each |
+//! | `automation`, `options`, `window` | a run from start to end, by hand or by script |
+//!
+//! Everything but `window` runs without a display, and is tested so.
+
+// The tests use the example's frame source, which knows this crate by its name.
+#[cfg(test)]
+extern crate self as headbox_viewer;
+
+mod app;
+mod automation;
+mod bounds;
+mod camera_file;
+mod commands;
+mod export;
+mod history;
+mod keymap;
+mod looking;
+mod messages;
+mod motion;
+mod options;
+mod panels;
+mod path;
+mod pose;
+mod resolution;
+mod session;
+mod setting;
+mod slot;
+mod source;
+mod tape;
+mod views;
+mod window;
+mod worker;
+
+pub use bounds::EyeBounds;
+pub use camera_file::{CameraFileError, CameraRecord, PathPoseRecord, PathRecord, ViewRecord};
+pub use options::{Exit, Summary, ViewerError, ViewerOptions};
+pub use path::{CameraPath, PathError, TimedPose};
+pub use pose::Pose;
+pub use setting::{Control, Setting, SettingError, SettingValue, SettingValues};
+pub use source::{
+    Entry, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Plan, Room, Stage, Thumbnail,
+};
+pub use tape::ReplayMode;
+pub use views::Stereo;
+pub use window::run;

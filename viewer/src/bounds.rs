@@ -1,0 +1,126 @@
+//! The headbox as the viewer knows it: a box with a soft edge that keeps the eye inside.
+
+use glam::DVec3;
+
+/// The axis-aligned box in which the eye may move (for a cube LDI the headbox). World metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EyeBounds {
+    /// Centre of the box.
+    pub centre: DVec3,
+    /// Half its size along each axis, at least 0.
+    pub half_size: DVec3,
+}
+
+impl EyeBounds {
+    /// The share of the half size, next to the wall, in which the eye is slowed down.
+    pub const SOFT_SHARE: f64 = 0.15;
+
+    /// Whether `eye` lies in the box (its walls included).
+    pub fn contains(&self, eye: DVec3) -> bool {
+        (eye - self.centre).abs().cmple(self.half_size).all()
+    }
+
+    /// The box with every wall moved inward by `distance` metres (both eyes of a stereo pair stay inside).
+    #[must_use]
+    pub fn shrunk(&self, distance: f64) -> Self {
+        Self { half_size: (self.half_size - distance).max(DVec3::ZERO), ..*self }
+    }
+
+    /// Where the eye arrives that moves from `from` by `by`. Axis by axis: unhindered until the soft margin of
+    /// [`Self::SOFT_SHARE`] begins, then at a speed proportional to the distance left, so that the wall is approached but
+    /// never crossed. An eye outside may only move back. The remaining distance is the exact solution of that law, hence
+    /// one long move equals many short ones, at any frame rate.
+    pub fn soft_move(&self, from: DVec3, by: DVec3) -> DVec3 {
+        let offset = from - self.centre;
+        let axis = |i: usize| soft_axis(offset[i], by[i], self.half_size[i]);
+        self.centre + DVec3::new(axis(0), axis(1), axis(2))
+    }
+
+    /// How hard the edge brakes at `eye`: 0 where the eye moves freely, 1 on a wall or beyond.
+    pub fn edge_share(&self, eye: DVec3) -> f64 {
+        let offset = (eye - self.centre).abs();
+        let share = |i: usize| {
+            let margin = self.half_size[i] * Self::SOFT_SHARE;
+            let left = self.half_size[i] - offset[i];
+            if margin > 0.0 { (1.0 - left / margin).clamp(0.0, 1.0) } else { 1.0 }
+        };
+        share(0).max(share(1)).max(share(2))
+    }
+}
+
+/// One axis of [`EyeBounds::soft_move`], with the centre at 0.
+fn soft_axis(offset: f64, by: f64, half: f64) -> f64 {
+    if by < 0.0 {
+        return -soft_axis(-offset, -by, half);
+    }
+    let margin = half * EyeBounds::SOFT_SHARE;
+    let free_until = half - margin;
+    if offset + by <= free_until || by == 0.0 {
+        return offset + by;
+    }
+    let start = offset.max(free_until);
+    let left = half - start;
+    if left <= 0.0 {
+        return offset;
+    }
+    let rest = by - (start - offset);
+    half - left * (-rest / margin).exp()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::dvec3;
+
+    const BOUNDS: EyeBounds = EyeBounds { centre: DVec3::new(1.0, 2.0, 3.0), half_size: DVec3::new(0.5, 0.5, 1.0) };
+
+    /// Rounding of a few exponentials on lengths of order 1 m.
+    const MOVE_TOLERANCE_M: f64 = 1e-12;
+
+    #[test]
+    fn free_inside_and_never_through_the_wall() {
+        let centre = BOUNDS.centre;
+        assert_eq!(BOUNDS.soft_move(centre, dvec3(0.1, -0.2, 0.3)), centre + dvec3(0.1, -0.2, 0.3));
+        for by in [dvec3(1.0, 0.0, 0.0), dvec3(-40.0, 3.0, -1e9), DVec3::splat(1e300)] {
+            assert!(BOUNDS.contains(BOUNDS.soft_move(centre, by)), "{by}");
+        }
+    }
+
+    #[test]
+    fn one_long_move_equals_many_short_ones() {
+        let by = dvec3(0.9, -0.7, 0.2);
+        let once = BOUNDS.soft_move(BOUNDS.centre, by);
+        let steps = 7;
+        let many = (0..steps).fold(BOUNDS.centre, |eye, _| BOUNDS.soft_move(eye, by / f64::from(steps)));
+        assert!(once.distance(many) < MOVE_TOLERANCE_M, "{once} {many}");
+    }
+
+    #[test]
+    fn the_way_back_is_never_slowed() {
+        let at_wall = BOUNDS.centre + dvec3(0.499, 0.0, 0.0);
+        assert!((BOUNDS.soft_move(at_wall, dvec3(-0.1, 0.0, 0.0)).x - (at_wall.x - 0.1)).abs() < MOVE_TOLERANCE_M);
+    }
+
+    #[test]
+    fn from_outside_only_inward() {
+        let outside = BOUNDS.centre + dvec3(2.0, 0.0, 0.0);
+        assert_eq!(BOUNDS.soft_move(outside, dvec3(0.5, 0.0, 0.0)), outside);
+        assert_eq!(BOUNDS.soft_move(outside, dvec3(-0.5, 0.0, 0.0)), outside - dvec3(0.5, 0.0, 0.0));
+    }
+
+    #[test]
+    fn a_box_without_extent_holds_the_eye() {
+        let point = EyeBounds { centre: DVec3::ZERO, half_size: DVec3::ZERO };
+        assert_eq!(point.soft_move(DVec3::ZERO, dvec3(1.0, -1.0, 0.0)), DVec3::ZERO);
+        assert_eq!(BOUNDS.shrunk(9.0).half_size, DVec3::ZERO);
+    }
+
+    #[test]
+    fn the_brake_share_grows_from_0_to_1() {
+        let at = |x: f64| BOUNDS.edge_share(BOUNDS.centre + dvec3(x, 0.0, 0.0));
+        assert_eq!(at(0.0), 0.0);
+        assert!(at(0.5 * (1.0 - EyeBounds::SOFT_SHARE)) < 1e-9);
+        assert!((at(0.5 * (1.0 - EyeBounds::SOFT_SHARE / 2.0)) - 0.5).abs() < 1e-9);
+        assert_eq!(at(0.6), 1.0);
+    }
+}

@@ -1,0 +1,86 @@
+//! How the frame is shown: resolution, stereo, comparison.
+
+use crate::{app::Sets, views::Stereo};
+use egui::{Checkbox, Slider, Ui};
+use std::sync::Arc;
+
+/// State of the panel.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Display {
+    /// Render fewer pixels while the eye moves, if frames would take longer than `target_ms`.
+    pub lower_resolution: bool,
+    /// The longest a frame should take while the eye moves, ms.
+    pub target_ms: f64,
+    pub stereo: Stereo,
+    /// Distance between the two eyes, metres.
+    pub separation_m: f64,
+    /// Show A and B side by side.
+    pub compare: bool,
+    /// Share of the frame's width that shows A.
+    pub divider: f32,
+    /// Show the headbox and the plan in the corner.
+    pub insets: bool,
+}
+
+impl Default for Display {
+    fn default() -> Self {
+        Self {
+            lower_resolution: true,
+            target_ms: 16.0,
+            stereo: Stereo::Off,
+            separation_m: 0.063,
+            compare: false,
+            divider: 0.5,
+            insets: true,
+        }
+    }
+}
+
+/// The controls. `moving_scale` is the resolution in use while moving.
+pub(crate) fn show(ui: &mut Ui, display: &mut Display, sets: &mut Sets, moving_scale: f64) {
+    let text = if display.lower_resolution && moving_scale < 1.0 {
+        format!("Fewer pixels while moving (now {:.0} %)", moving_scale * 100.0)
+    } else {
+        "Fewer pixels while moving".into()
+    };
+    ui.add(Checkbox::new(&mut display.lower_resolution, text)).on_hover_text(
+        "Renders at a share (in % of each side) of the window's pixels while the eye moves, if frames take longer than \
+         the limit below; at rest every pixel is rendered.",
+    );
+    ui.add_enabled(
+        display.lower_resolution,
+        Slider::new(&mut display.target_ms, 4.0..=100.0).logarithmic(true).suffix(" ms").max_decimals(0).text("Limit"),
+    )
+    .on_hover_text("The longest a frame should take while the eye moves, in milliseconds (16 ms: 60 frames a second).");
+    ui.horizontal(|ui| {
+        ui.label("Stereo");
+        for stereo in Stereo::ALL {
+            let tip = match stereo {
+                Stereo::Off => "One eye (X switches).",
+                Stereo::CrossEyed => "Two views, the right eye's on the left: cross your eyes (X switches).",
+                Stereo::Parallel => {
+                    "Two views, the left eye's on the left: for lenses, or a distant gaze (X switches)."
+                }
+            };
+            ui.selectable_value(&mut display.stereo, stereo, stereo.name()).on_hover_text(tip);
+        }
+    });
+    ui.add_enabled(
+        display.stereo != Stereo::Off,
+        Slider::new(&mut display.separation_m, 0.001..=1.0)
+            .logarithmic(true)
+            .suffix(" m")
+            .max_decimals(3)
+            .text("Eyes apart"),
+    )
+    .on_hover_text("Distance between the two eyes in metres (a person's: 0.063 m).");
+    let before = display.compare;
+    ui.add(Checkbox::new(&mut display.compare, "Compare A with B"))
+        .on_hover_text("Shows two sets of settings left and right of a divider that can be dragged (B).");
+    if display.compare && !before {
+        // B starts as A: what one then changes is the difference seen.
+        (sets.b, sets.edits_b) = (Arc::clone(&sets.a), true);
+    }
+    ui.add(Checkbox::new(&mut display.insets, "Headbox and plan"))
+        .on_hover_text("Shows in the corner where the eye is in the headbox (sizes in metres), and on the plan.");
+}

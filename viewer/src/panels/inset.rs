@@ -1,0 +1,139 @@
+//! The small 3-D drawing of the headbox with the eye in it.
+
+use super::theme;
+use crate::{bounds::EyeBounds, pose::Pose};
+use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, StrokeKind, pos2, vec2};
+use glam::{DMat3, DVec3, dvec3};
+
+/// Distance of the insets from the frame's corner and from each other, points.
+pub(crate) const MARGIN_POINTS: f32 = 10.0;
+const SIZE_POINTS: f32 = 148.0;
+/// Share of the inset's half width that the box's circumscribed sphere takes.
+const FILL: f64 = 0.88;
+/// The drawing is seen from behind and above the eye, turned a little so that depth shows.
+const SEEN_FROM_YAW_RAD: f64 = -0.5;
+const SEEN_FROM_PITCH_RAD: f64 = -0.45;
+/// Length of the drawn frustum as a share of the box's half diagonal.
+const FRUSTUM_SHARE: f64 = 0.45;
+
+/// Draws an empty inset whose right bottom corner is `corner`, moves the corner up for the next one, and returns the
+/// space to draw in.
+pub(crate) fn frame(painter: &Painter, corner: &mut Pos2, title: &str) -> Rect {
+    let rect = Rect::from_min_size(*corner - vec2(SIZE_POINTS, SIZE_POINTS), vec2(SIZE_POINTS, SIZE_POINTS));
+    corner.y -= SIZE_POINTS + MARGIN_POINTS;
+    painter.rect(rect, 5.0, Color32::from_black_alpha(150), Stroke::new(1.0, theme::FAINT), StrokeKind::Inside);
+    painter.text(rect.min + vec2(7.0, 5.0), Align2::LEFT_TOP, title, FontId::proportional(11.0), theme::LINE);
+    rect.shrink(6.0)
+}
+
+/// Orthographic projection of the inset: box-relative metres to points.
+struct Projection {
+    page_from_world: DMat3,
+    centre: DVec3,
+    middle: Pos2,
+    points_per_m: f64,
+}
+
+impl Projection {
+    fn new(rect: Rect, bounds: &EyeBounds, yaw_rad: f64) -> Self {
+        let yaw = DMat3::from_rotation_y(yaw_rad + SEEN_FROM_YAW_RAD);
+        let world_from_page = yaw * DMat3::from_rotation_x(SEEN_FROM_PITCH_RAD);
+        let points_per_m = f64::from(rect.width()) / 2.0 * FILL / bounds.half_size.length().max(1e-9);
+        let page_from_world = world_from_page.transpose();
+        Self { page_from_world, centre: bounds.centre, middle: rect.center() + vec2(0.0, 6.0), points_per_m }
+    }
+
+    /// Position on the page, and how near the point is to the viewer (metres, larger is nearer).
+    fn point(&self, world: DVec3) -> (Pos2, f64) {
+        let p = self.page_from_world * (world - self.centre);
+        let points = p * self.points_per_m;
+        (pos2(self.middle.x + points.x as f32, self.middle.y - points.y as f32), p.z)
+    }
+}
+
+/// Draws box, eye, its plumb line to the floor, and the frustum of a frame of `aspect` = width / height.
+pub(crate) fn paint(painter: &Painter, rect: Rect, bounds: &EyeBounds, pose: &Pose, aspect: f64) {
+    let painter = painter.with_clip_rect(rect.expand(5.0).intersect(painter.clip_rect()));
+    let projection = Projection::new(rect, bounds, pose.yaw_rad);
+    let near_edge = theme::mix(theme::LINE, theme::WARNING, bounds.edge_share(pose.eye));
+    for (a, b) in edges() {
+        let [(a, a_near), (b, b_near)] =
+            [a, b].map(|corner| projection.point(bounds.centre + bounds.half_size * corner));
+        // Edges at the back are drawn thinner and darker.
+        let front = a_near + b_near > 0.0;
+        let stroke = if front {
+            Stroke::new(1.4, near_edge)
+        } else {
+            Stroke::new(1.0, theme::mix(near_edge, theme::FAINT, 0.6))
+        };
+        painter.line_segment([a, b], stroke);
+    }
+    let floor = dvec3(pose.eye.x, bounds.centre.y - bounds.half_size.y, pose.eye.z);
+    let ((eye, _), (foot, _)) = (projection.point(pose.eye), projection.point(floor));
+    painter.line_segment([eye, foot], Stroke::new(1.0, theme::FAINT));
+    painter.circle_filled(foot, 1.5, theme::FAINT);
+    let corners =
+        frustum(pose, aspect, bounds.half_size.length() * FRUSTUM_SHARE).map(|corner| projection.point(corner).0);
+    let stroke = Stroke::new(1.2, theme::ACCENT);
+    for i in 0..4 {
+        painter.line_segment([eye, corners[i]], stroke);
+        painter.line_segment([corners[i], corners[(i + 1) % 4]], stroke);
+    }
+    painter.circle_filled(eye, 3.5, theme::ACCENT);
+    let size = bounds.half_size * 2.0;
+    let label = format!("{:.2} x {:.2} x {:.2} m", size.x, size.y, size.z);
+    painter.text(rect.right_bottom(), Align2::RIGHT_BOTTOM, label, FontId::proportional(10.0), theme::LINE);
+}
+
+/// The four corners of the view at a distance of `length` metres along the diagonal rays.
+fn frustum(pose: &Pose, aspect: f64, length: f64) -> [DVec3; 4] {
+    let half_height = (pose.fov_y_deg.to_radians() / 2.0).tan();
+    [(-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)].map(|(x, y)| {
+        let ray = dvec3(x * half_height * aspect, y * half_height, -1.0).normalize();
+        pose.eye + pose.world_from_eye() * ray * length
+    })
+}
+
+/// The twelve edges of the cube from -1 to 1.
+fn edges() -> impl Iterator<Item = (DVec3, DVec3)> {
+    let corner = |i: usize| DVec3::from([0, 1, 2].map(|axis| if i >> axis & 1 == 1 { 1.0 } else { -1.0 }));
+    (0..8)
+        .flat_map(move |i| (0..3).map(move |axis| (i, i | 1 << axis)))
+        .filter(|(a, b)| a != b)
+        .map(move |(a, b)| (corner(a), corner(b)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cube_has_twelve_edges_of_length_2() {
+        assert_eq!(edges().count(), 12);
+        assert!(edges().all(|(a, b)| a.distance(b) == 2.0));
+    }
+
+    #[test]
+    fn the_box_fits_the_inset_from_every_side() {
+        let rect = Rect::from_min_size(pos2(10.0, 20.0), vec2(136.0, 136.0));
+        let bounds = EyeBounds { centre: dvec3(5.0, -3.0, 2.0), half_size: dvec3(0.5, 0.5, 2.0) };
+        for i in 0..64 {
+            let projection = Projection::new(rect, &bounds, f64::from(i) * 0.1);
+            for (a, _) in edges() {
+                assert!(rect.expand(6.0).contains(projection.point(bounds.centre + bounds.half_size * a).0));
+            }
+        }
+    }
+
+    #[test]
+    fn forward_is_into_the_page_and_up() {
+        let rect = Rect::from_min_size(Pos2::ZERO, vec2(100.0, 100.0));
+        let bounds = EyeBounds { centre: DVec3::ZERO, half_size: DVec3::ONE };
+        for yaw in [0.0, 1.0, 4.0] {
+            let pose = Pose { eye: DVec3::ZERO, yaw_rad: yaw, pitch_rad: 0.0, fov_y_deg: 60.0 };
+            let projection = Projection::new(rect, &bounds, yaw);
+            let ((eye, _), (ahead, nearness)) = (projection.point(pose.eye), projection.point(pose.forward()));
+            assert!(ahead.y < eye.y && nearness < 0.0, "{yaw}");
+        }
+    }
+}

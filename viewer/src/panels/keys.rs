@@ -1,0 +1,32 @@
+//! The list of keys.
+
+use crate::keymap::{BINDINGS, MOUSE_HELP};
+use egui::{Context, Grid, Ui, Window};
+
+/// The list in a window of its own, while `open`.
+pub(crate) fn show(ctx: &Context, open: &mut bool) {
+    Window::new("Keys").open(open).resizable(false).collapsible(false).show(ctx, |ui| {
+        ui.horizontal_top(|ui| {
+            let half = BINDINGS.len().div_ceil(2);
+            for (i, column) in BINDINGS.chunks(half).enumerate() {
+                let rows = column.iter().map(|binding| {
+                    let keys: Vec<_> = binding.keys.iter().map(|key| key.name()).collect();
+                    (keys.join(" or "), binding.help)
+                });
+                list(ui, i, rows);
+            }
+            list(ui, BINDINGS.len(), MOUSE_HELP.iter().map(|(what, help)| ((*what).to_owned(), *help)));
+        });
+    });
+}
+
+fn list(ui: &mut Ui, id: usize, rows: impl Iterator<Item = (String, &'static str)>) {
+    Grid::new(("keys", id)).num_columns(2).spacing([14.0, 3.0]).show(ui, |ui| {
+        for (keys, help) in rows {
+            ui.strong(keys);
+            ui.label(help);
+            ui.end_row();
+        }
+    });
+    ui.add_space(10.0);
+}

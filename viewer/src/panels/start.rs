@@ -1,0 +1,103 @@
+//! The page shown while there is no view.
+
+use super::theme;
+use crate::{
+    keymap::Command,
+    session::Location,
+    source::{Entry, Thumbnail},
+};
+use egui::{
+    Align, Button, Color32, ColorImage, Context, Layout, RichText, Sense, TextureHandle, TextureOptions, Ui, vec2,
+};
+
+/// Size of a card's picture, points.
+const CARD_POINTS: egui::Vec2 = vec2(200.0, 150.0);
+
+/// State of the page.
+#[derive(Default)]
+pub(crate) struct StartPage {
+    has_library: bool,
+    cards: Vec<(Entry, Option<TextureHandle>)>,
+}
+
+impl StartPage {
+    pub(crate) fn new(has_library: bool) -> Self {
+        Self { has_library, cards: Vec::new() }
+    }
+
+    /// Whether anything can be opened from this window.
+    pub(crate) fn has_library(&self) -> bool {
+        self.has_library
+    }
+
+    pub(crate) fn set_entries(&mut self, entries: Vec<Entry>) {
+        self.cards = entries.into_iter().map(|entry| (entry, None)).collect();
+    }
+
+    pub(crate) fn set_thumbnail(&mut self, ctx: &Context, id: &str, thumbnail: &Thumbnail) {
+        let size = [thumbnail.width as usize, thumbnail.height as usize];
+        let card = self.cards.iter_mut().find(|(entry, _)| entry.id == id);
+        if let (Some((_, picture)), true) = (card, size[0] * size[1] == thumbnail.pixels.len()) {
+            let image = ColorImage::from_rgba_unmultiplied(size, bytemuck::cast_slice(&thumbnail.pixels));
+            *picture = Some(ctx.load_texture(format!("thumbnail {id}"), image, TextureOptions::LINEAR));
+        }
+    }
+}
+
+/// The page: what can be opened, or what is being opened.
+pub(crate) fn show(ui: &mut Ui, page: &mut StartPage, opening: Option<&str>, commands: &mut Vec<Command>) {
+    if opening.is_some() || !page.has_library {
+        ui.centered_and_justified(|ui| {
+            ui.label(
+                RichText::new(opening.map_or_else(|| "Opening…".into(), |what| format!("Opening {what}…"))).heading(),
+            );
+        });
+        return;
+    }
+    ui.with_layout(Layout::top_down(Align::Center), |ui| {
+        ui.add_space(40.0);
+        ui.label(RichText::new("headbox").size(34.0).color(Color32::WHITE));
+        ui.label("Choose a scene, open a file, or drop one here.");
+        ui.add_space(10.0);
+        let tip = "Lists the files of a folder (O).";
+        if ui.add(Button::new("Open a file…")).on_hover_text(tip).clicked() {
+            commands.push(Command::ShowOpen);
+        }
+        ui.add_space(20.0);
+        egui::ScrollArea::vertical().show(ui, |ui| {
+            ui.with_layout(
+                Layout::left_to_right(Align::Min).with_main_wrap(true).with_main_align(Align::Center),
+                |ui| {
+                    for (entry, picture) in &page.cards {
+                        if card(ui, entry, picture.as_ref()) {
+                            commands.push(Command::Open(Location::Entry(entry.id.clone())));
+                        }
+                    }
+                },
+            );
+        });
+    });
+}
+
+/// One offer; true if it was chosen.
+fn card(ui: &mut Ui, entry: &Entry, picture: Option<&TextureHandle>) -> bool {
+    ui.vertical(|ui| {
+        ui.set_width(CARD_POINTS.x);
+        let (rect, response) = ui.allocate_exact_size(CARD_POINTS, Sense::click());
+        let whole = egui::Rect::from_min_max(egui::Pos2::ZERO, egui::pos2(1.0, 1.0));
+        ui.painter().rect_filled(rect, 4.0, Color32::from_gray(34));
+        if let Some(picture) = picture {
+            ui.painter().image(picture.id(), rect, whole, Color32::WHITE);
+        }
+        if response.hovered() {
+            let stroke = egui::Stroke::new(2.0, theme::ACCENT);
+            ui.painter().rect_stroke(rect, 4.0, stroke, egui::StrokeKind::Outside);
+        }
+        let response = response.on_hover_text(format!("Opens {}: {}", entry.name, entry.description));
+        let name = ui.add(Button::new(&entry.name)).on_hover_text(&entry.description);
+        ui.add(egui::Label::new(RichText::new(&entry.description).weak()).wrap());
+        ui.add_space(14.0);
+        response.clicked() || name.clicked()
+    })
+    .inner
+}

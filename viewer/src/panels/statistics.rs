@@ -1,0 +1,90 @@
+//! What the last frame did and cost.
+
+use super::chart;
+use crate::{
+    history::{History, add_stages},
+    session::Finished,
+    source::Figure,
+};
+use egui::{Grid, Ui};
+
+/// The rate, the chart, and the figures that the source reports (a column each for A and B).
+pub(crate) fn show(ui: &mut Ui, shown: Option<&Finished>, history: &History) {
+    let median = |value: fn(&crate::history::FrameTimes) -> f64| history.median(value).unwrap_or(0.0);
+    ui.label(format!(
+        "{:.1} ms a frame, {:.0} frames/s, {:.0} ms to the image",
+        median(|f| f.render_ms),
+        history.shown_per_s(),
+        median(|f| f.latency_ms),
+    ))
+    .on_hover_text(
+        "Medians over the frames of the chart: milliseconds to render a frame; frames shown per second while something \
+         moves; milliseconds from the wish for a view to its image.",
+    );
+    chart::show(ui, history);
+    let Some(shown) = shown else { return };
+    let sets = shown.job.sets.len();
+    Grid::new("figures").num_columns(1 + sets).spacing([12.0, 2.0]).striped(true).show(ui, |ui| {
+        if sets > 1 {
+            ui.label("");
+            for letter in ["A", "B"] {
+                ui.strong(letter);
+            }
+            ui.end_row();
+        }
+        let mut stages: Vec<Vec<_>> = vec![Vec::new(); sets];
+        for (i, picture) in shown.pictures.iter().enumerate() {
+            add_stages(&mut stages[i % sets], &picture.report.stages);
+        }
+        for stage in &stages[0] {
+            ui.label(stage.name)
+                .on_hover_text("A stage of the frame, in milliseconds; both eyes of a stereo pair together.");
+            for set in &stages {
+                let ms = set.iter().find(|s| s.name == stage.name).map_or(0.0, |s| s.ms);
+                ui.monospace(format!("{ms:.2} ms"));
+            }
+            ui.end_row();
+        }
+        // Figures of the left picture: both eyes see nearly the same.
+        for figure in &shown.pictures[0].report.figures {
+            ui.label(figure.name).on_hover_text(tooltip(figure));
+            for picture in shown.pictures.iter().take(sets) {
+                let same = picture.report.figures.iter().find(|f| f.name == figure.name);
+                ui.monospace(same.map_or_else(String::new, value));
+            }
+            ui.end_row();
+        }
+    });
+}
+
+fn tooltip(figure: &Figure) -> String {
+    let unit = if figure.unit.is_empty() { "a number without unit" } else { figure.unit };
+    format!("{}: {unit}, reported by the view for this frame.", figure.name)
+}
+
+/// A figure with its unit: whole numbers whole, others with three or four digits.
+fn value(figure: &Figure) -> String {
+    let v = figure.value;
+    let number = match v.abs() {
+        a if v.fract() == 0.0 && a < 1e15 => format!("{v:.0}"),
+        a if a >= 100.0 => format!("{v:.0}"),
+        a if a >= 1.0 => format!("{v:.2}"),
+        a if a >= 1e-3 => format!("{v:.4}"),
+        _ => format!("{v:.2e}"),
+    };
+    if figure.unit.is_empty() { number } else { format!("{number} {}", figure.unit) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_are_readable() {
+        let show = |v, unit| value(&Figure { name: "x", value: v, unit });
+        assert_eq!(show(123_456.0, ""), "123456");
+        assert_eq!(show(1.234_56, "px"), "1.23 px");
+        assert_eq!(show(0.012_34, "%"), "0.0123 %");
+        assert_eq!(show(1.5e-7, ""), "1.50e-7");
+    }
+}

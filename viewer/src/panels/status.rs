@@ -1,0 +1,39 @@
+//! The line below the frame.
+
+use crate::app::Viewer;
+use egui::{Align, Layout, Ui};
+
+/// Where the eye is, what is rendered, how fast.
+pub(crate) fn show(ui: &mut Ui, viewer: &Viewer) {
+    ui.horizontal(|ui| {
+        let pose = &viewer.eye.pose;
+        let (eye, yaw, pitch) = (pose.eye, pose.yaw_rad.to_degrees(), pose.pitch_rad.to_degrees());
+        ui.monospace(format!("eye {:8.3} {:8.3} {:8.3} m", eye.x, eye.y, eye.z))
+            .on_hover_text("Position of the eye: right, up, back, in metres.");
+        ui.monospace(format!("{:6.1}° {pitch:5.1}°", wrapped(yaw))).on_hover_text("Heading and tilt in degrees.");
+        ui.monospace(format!("view {:.1}°", pose.fov_y_deg)).on_hover_text("Vertical field of view in degrees.");
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            ui.weak("F1: keys").on_hover_text("F1 lists the keys.");
+            if let Some(shown) = &viewer.shown {
+                let (size, ms) = (shown.pictures[0].image.size, shown.render_ms);
+                let share = if shown.job.scale < 1.0 { format!(" ({:.0} %)", shown.job.scale * 100.0) } else { String::new() };
+                ui.monospace(format!("{}x{} px{share}  {ms:5.1} ms", size[0], size[1])).on_hover_text(
+                    "Size of each rendered picture in pixels (share of the window's, in % of each side), and milliseconds \
+                     for the frame.",
+                );
+            }
+            if let Some(poses) = viewer.tape.recorded() {
+                ui.colored_label(super::theme::WARNING, format!("recording, {poses} poses"))
+                    .on_hover_text("The eye's path is being recorded (R stops).");
+            }
+            if viewer.tape.is_playing() {
+                ui.colored_label(super::theme::ACCENT, "replaying").on_hover_text("A path is replayed (Space stops).");
+            }
+        });
+    });
+}
+
+/// Degrees in [-180, 180].
+fn wrapped(degrees: f64) -> f64 {
+    degrees - 360.0 * (degrees / 360.0).round()
+}

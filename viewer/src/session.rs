@@ -1,0 +1,244 @@
+//! The render thread and the window's end of it.
+//!
+//! The window asks for the newest view and shows the latest finished frame; neither side waits for the other. Everything
+//! slow (opening, rendering, writing path frames, thumbnails) happens on the thread.
+
+use crate::{
+    bounds::EyeBounds,
+    path::CameraPath,
+    pose::Pose,
+    setting::{Setting, SettingValues},
+    slot::{Inbox, Slot},
+    source::{Entry, FrameReport, FrameSource, Library, Navigation, Plan, Thumbnail},
+    worker::Worker,
+};
+use egui::{Color32, ColorImage};
+use headbox_capture::{Camera, scene::FileFrame};
+use std::{
+    path::PathBuf,
+    sync::{Arc, Mutex, PoisonError, mpsc},
+    thread::{Builder, JoinHandle},
+    time::Instant,
+};
+
+/// What to open.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Location {
+    /// An entry of the start page, by id.
+    Entry(String),
+    /// A file.
+    File(PathBuf),
+}
+
+/// Work that is never skipped.
+pub(crate) enum Order {
+    /// Replace the source.
+    Open(Location),
+    /// Press a button of the source's panel.
+    Act(&'static str),
+    /// Render a path to PNG files.
+    Export(ExportOrder),
+    /// Leave the rest of the running export.
+    CancelExport,
+}
+
+/// A path to be written as frames.
+pub(crate) struct ExportOrder {
+    pub path: CameraPath,
+    pub size: [u32; 2],
+    pub settings: Arc<SettingValues>,
+    pub dir: PathBuf,
+}
+
+/// A view to render: for each camera, one picture per setting set.
+#[derive(Clone, Debug)]
+pub(crate) struct Job {
+    /// Which source it was meant for.
+    pub source_id: u64,
+    /// Number of the job, counted by the window.
+    pub number: u64,
+    /// From left to right on the screen.
+    pub cameras: Vec<Camera>,
+    /// A, or A and B.
+    pub sets: Vec<Arc<SettingValues>>,
+    pub moving: bool,
+    /// Share of each side of the frame that is rendered.
+    pub scale: f64,
+    /// When the window first wished for this view.
+    pub issued: Instant,
+    /// How often it was rendered before (a source that converges).
+    pub round: u32,
+}
+
+/// One rendered picture with what the source said about it.
+#[derive(Clone)]
+pub(crate) struct Picture {
+    pub image: Arc<ColorImage>,
+    pub report: FrameReport,
+}
+
+/// A finished frame; pictures in the order cameras x sets.
+pub(crate) struct Finished {
+    pub job: Job,
+    pub pictures: Vec<Picture>,
+    pub render_ms: f64,
+}
+
+/// What a source says about itself when it is opened.
+#[derive(Clone, Debug)]
+pub(crate) struct SourceInfo {
+    pub id: u64,
+    pub title: String,
+    pub start_pose: Pose,
+    pub bounds: Option<EyeBounds>,
+    pub navigation: Navigation,
+    pub speed_m_per_s: f64,
+    pub plan: Option<Plan>,
+    pub file_frame: FileFrame,
+    pub settings: Vec<Setting>,
+}
+
+impl SourceInfo {
+    pub(crate) fn of(source: &dyn FrameSource, id: u64) -> Self {
+        Self {
+            id,
+            title: source.title(),
+            start_pose: source.start_pose(),
+            bounds: source.bounds(),
+            navigation: source.navigation(),
+            speed_m_per_s: source.speed_m_per_s(),
+            plan: source.plan(),
+            file_frame: source.file_frame(),
+            settings: source.settings(),
+        }
+    }
+}
+
+/// News from the thread.
+pub(crate) enum Event {
+    /// A source is ready.
+    Opened(Box<SourceInfo>),
+    /// Opening failed; what was shown before stays.
+    OpenFailed(String),
+    /// The source broke down and is gone.
+    Lost(String),
+    /// Something did not work.
+    Error(String),
+    /// Something was done.
+    Done(String),
+    /// What the start page offers, and the extensions of files that can be opened.
+    Offers { entries: Vec<Entry>, extensions: Vec<String> },
+    /// The picture of an entry.
+    Thumbnail { id: String, thumbnail: Thumbnail },
+    /// Frames written by the running export, `None` when it has ended.
+    Exported(Option<[usize; 2]>),
+}
+
+/// What both sides hold.
+#[derive(Default)]
+pub(crate) struct Shared {
+    pub inbox: Inbox<Order, Job>,
+    pub finished: Slot<Finished>,
+    pool: Mutex<Vec<Vec<Color32>>>,
+}
+
+impl Shared {
+    /// A pixel buffer of `len` pixels, a used one if there is one.
+    pub(crate) fn buffer(&self, len: usize) -> Vec<Color32> {
+        let used = self.pool.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let mut buffer = used.unwrap_or_default();
+        buffer.resize(len, Color32::TRANSPARENT);
+        buffer
+    }
+
+    /// Gives the buffers of pictures that nobody else holds back to the renderer.
+    pub(crate) fn recycle(&self, pictures: impl IntoIterator<Item = Picture>) {
+        let buffers = pictures.into_iter().filter_map(|picture| Arc::into_inner(picture.image));
+        let mut pool = self.pool.lock().unwrap_or_else(PoisonError::into_inner);
+        pool.extend(buffers.map(|image| image.pixels));
+        pool.truncate(Self::MAX_POOLED);
+    }
+
+    /// Two frames of four pictures (stereo, A and B).
+    const MAX_POOLED: usize = 8;
+}
+
+/// How a thread tells the window that there is news.
+pub(crate) type Wake = Arc<dyn Fn() + Send + Sync>;
+
+/// The window's end of the render thread. Dropping it waits for the frame and the files in hand.
+pub(crate) struct Session {
+    shared: Arc<Shared>,
+    sender: mpsc::Sender<Event>,
+    events: mpsc::Receiver<Event>,
+    wake: Wake,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Session {
+    /// Starts the thread; `wake` is called whenever there is news.
+    pub(crate) fn start(
+        source: Option<Box<dyn FrameSource>>,
+        library: Option<Box<dyn Library>>,
+        wake: Wake,
+    ) -> std::io::Result<Self> {
+        let shared = Arc::new(Shared::default());
+        let (sender, events) = mpsc::channel();
+        let worker = Worker::new(Arc::clone(&shared), sender.clone(), Arc::clone(&wake), source, library);
+        let thread = Builder::new().name("render".into()).spawn(move || worker.run())?;
+        Ok(Self { shared, sender, events, wake, threads: vec![thread] })
+    }
+
+    /// Asks for a view in place of any that was not begun.
+    pub(crate) fn request(&self, job: Job) {
+        self.shared.inbox.put_job(job);
+    }
+
+    /// Gives an order.
+    pub(crate) fn order(&self, order: Order) {
+        self.shared.inbox.push_order(order);
+    }
+
+    /// The latest finished frame, if it was not taken before.
+    pub(crate) fn latest(&self) -> Option<Finished> {
+        self.shared.finished.take()
+    }
+
+    /// The oldest piece of news not yet read.
+    pub(crate) fn news(&self) -> Option<Event> {
+        self.events.try_recv().ok()
+    }
+
+    /// Gives pictures back for reuse.
+    pub(crate) fn recycle(&self, pictures: Vec<Picture>) {
+        self.shared.recycle(pictures);
+    }
+
+    /// Does something slow (writing a file) on a thread of its own and tells the outcome as a message.
+    pub(crate) fn in_background(&mut self, work: impl FnOnce() -> Result<String, String> + Send + 'static) {
+        self.threads.retain(|thread| !thread.is_finished());
+        let (sender, wake) = (self.sender.clone(), Arc::clone(&self.wake));
+        let spawned = Builder::new().name("file".into()).spawn(move || {
+            // The window may be gone already; then nobody needs to know.
+            let _ = sender.send(work().map_or_else(Event::Error, Event::Done));
+            wake();
+        });
+        match spawned {
+            Ok(thread) => self.threads.push(thread),
+            Err(error) => {
+                // The receiver is ours, so this cannot fail.
+                let _ = self.sender.send(Event::Error(format!("Cannot start a thread: {error}.")));
+            }
+        }
+    }
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        self.shared.inbox.close();
+        for thread in self.threads.drain(..) {
+            // A panic there has been reported as a message already.
+            let _ = thread.join();
+        }
+    }
+}

@@ -1,0 +1,266 @@
+//! Settings of a frame source as data: the window draws them without knowing what they mean.
+
+use std::{collections::BTreeMap, ops::RangeInclusive};
+
+/// One control of a source's panel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Setting {
+    /// Name in code; unique within a source.
+    pub id: &'static str,
+    /// Heading under which it is shown.
+    pub group: String,
+    /// Text beside the control.
+    pub label: String,
+    /// What it does, with the unit: shown when the pointer rests on the control.
+    pub tooltip: String,
+    /// Kind, range and initial value.
+    pub control: Control,
+}
+
+/// The kinds of control.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Control {
+    /// On or off.
+    Toggle {
+        /// Initial state.
+        on: bool,
+    },
+    /// One of several.
+    Choice {
+        /// The names, at least one.
+        options: Vec<String>,
+        /// Index of the initial one.
+        selected: usize,
+    },
+    /// A number.
+    Number {
+        /// Initial value.
+        value: f64,
+        /// Smallest and largest value.
+        range: RangeInclusive<f64>,
+        /// Smallest change; 1 for whole numbers, 0 for a continuous range.
+        step: f64,
+        /// Unit as it is printed behind the value, or "".
+        unit: &'static str,
+        /// Whether the slider is logarithmic.
+        logarithmic: bool,
+    },
+    /// A button ([`FrameSource::act`](crate::FrameSource::act)).
+    Action,
+}
+
+impl Setting {
+    /// A control of any kind, under the heading "View".
+    pub fn new(id: &'static str, label: &str, tooltip: &str, control: Control) -> Self {
+        Self { id, group: "View".into(), label: label.into(), tooltip: tooltip.into(), control }
+    }
+
+    /// A check box.
+    pub fn toggle(id: &'static str, label: &str, tooltip: &str, on: bool) -> Self {
+        Self::new(id, label, tooltip, Control::Toggle { on })
+    }
+
+    /// One of several; the first option is the initial one.
+    pub fn choice(id: &'static str, label: &str, tooltip: &str, options: &[&str]) -> Self {
+        let options = options.iter().map(ToString::to_string).collect();
+        Self::new(id, label, tooltip, Control::Choice { options, selected: 0 })
+    }
+
+    /// A slider over a continuous range.
+    pub fn number(
+        id: &'static str,
+        label: &str,
+        tooltip: &str,
+        value: f64,
+        range: RangeInclusive<f64>,
+        unit: &'static str,
+    ) -> Self {
+        Self::new(id, label, tooltip, Control::Number { value, range, step: 0.0, unit, logarithmic: false })
+    }
+
+    /// A slider over whole numbers.
+    pub fn count(id: &'static str, label: &str, tooltip: &str, value: u32, range: RangeInclusive<u32>) -> Self {
+        let range = f64::from(*range.start())..=f64::from(*range.end());
+        let control = Control::Number { value: value.into(), range, step: 1.0, unit: "", logarithmic: false };
+        Self::new(id, label, tooltip, control)
+    }
+
+    /// A button; `id` is what [`FrameSource::act`](crate::FrameSource::act) is given.
+    pub fn action(id: &'static str, label: &str, tooltip: &str) -> Self {
+        Self::new(id, label, tooltip, Control::Action)
+    }
+
+    /// The same control under another heading.
+    #[must_use]
+    pub fn under(mut self, group: &str) -> Self {
+        self.group = group.into();
+        self
+    }
+}
+
+/// The value of one setting.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SettingValue {
+    /// Of a toggle.
+    Toggle(bool),
+    /// Of a choice: the index of the option.
+    Choice(usize),
+    /// Of a number.
+    Number(f64),
+}
+
+/// The values of all settings of a source, by id.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SettingValues(BTreeMap<&'static str, SettingValue>);
+
+/// Why a value could not be read or set.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SettingError {
+    /// There is no setting of this id and kind.
+    #[error("there is no {kind} named \"{id}\" among the settings of this view")]
+    Unknown {
+        /// The id asked for.
+        id: String,
+        /// The kind asked for.
+        kind: &'static str,
+    },
+    /// The text is no value of the setting.
+    #[error("\"{text}\" is not a value of the setting \"{id}\"; expected {expected}")]
+    Value {
+        /// The setting.
+        id: String,
+        /// The text given.
+        text: String,
+        /// What would be right.
+        expected: String,
+    },
+}
+
+impl From<SettingError> for String {
+    fn from(error: SettingError) -> Self {
+        error.to_string()
+    }
+}
+
+impl SettingValues {
+    /// The initial values of `settings`.
+    pub fn initial(settings: &[Setting]) -> Self {
+        let values = settings.iter().filter_map(|setting| {
+            let value = match &setting.control {
+                Control::Toggle { on } => SettingValue::Toggle(*on),
+                Control::Choice { selected, .. } => SettingValue::Choice(*selected),
+                Control::Number { value, .. } => SettingValue::Number(*value),
+                Control::Action => return None,
+            };
+            Some((setting.id, value))
+        });
+        Self(values.collect())
+    }
+
+    /// The state of a toggle.
+    ///
+    /// # Errors
+    /// [`SettingError::Unknown`] if the source declared no such toggle.
+    pub fn toggle(&self, id: &str) -> Result<bool, SettingError> {
+        match self.0.get(id) {
+            Some(SettingValue::Toggle(on)) => Ok(*on),
+            _ => Err(SettingError::Unknown { id: id.into(), kind: "toggle" }),
+        }
+    }
+
+    /// The index of the option chosen.
+    ///
+    /// # Errors
+    /// [`SettingError::Unknown`] if the source declared no such choice.
+    pub fn choice(&self, id: &str) -> Result<usize, SettingError> {
+        match self.0.get(id) {
+            Some(SettingValue::Choice(index)) => Ok(*index),
+            _ => Err(SettingError::Unknown { id: id.into(), kind: "choice" }),
+        }
+    }
+
+    /// The value of a number.
+    ///
+    /// # Errors
+    /// [`SettingError::Unknown`] if the source declared no such number.
+    pub fn number(&self, id: &str) -> Result<f64, SettingError> {
+        match self.0.get(id) {
+            Some(SettingValue::Number(value)) => Ok(*value),
+            _ => Err(SettingError::Unknown { id: id.into(), kind: "number" }),
+        }
+    }
+
+    /// The value of `id` for a control to change in place.
+    pub(crate) fn get_mut(&mut self, id: &str) -> Option<&mut SettingValue> {
+        self.0.get_mut(id)
+    }
+
+    /// Sets the value of `id` from text: `on` or `off`, the name of an option (any case), or a number.
+    ///
+    /// # Errors
+    /// [`SettingError`] if `settings` has no such control or the text is none of its values.
+    pub fn set_text(&mut self, settings: &[Setting], id: &str, text: &str) -> Result<(), SettingError> {
+        let unknown = || SettingError::Unknown { id: id.into(), kind: "setting" };
+        let setting = settings.iter().find(|s| s.id == id).ok_or_else(unknown)?;
+        let wrong = |expected: String| SettingError::Value { id: id.into(), text: text.into(), expected };
+        let value = match &setting.control {
+            Control::Toggle { .. } => match text {
+                "on" | "true" => SettingValue::Toggle(true),
+                "off" | "false" => SettingValue::Toggle(false),
+                _ => return Err(wrong("on or off".into())),
+            },
+            Control::Choice { options, .. } => {
+                let index = options.iter().position(|option| option.eq_ignore_ascii_case(text));
+                SettingValue::Choice(index.ok_or_else(|| wrong(options.join(", ")))?)
+            }
+            Control::Number { range, .. } => {
+                let value = text.parse().ok().filter(|value: &f64| range.contains(value));
+                let expected = || wrong(format!("a number from {} to {}", range.start(), range.end()));
+                SettingValue::Number(value.ok_or_else(expected)?)
+            }
+            Control::Action => return Err(unknown()),
+        };
+        self.0.insert(setting.id, value);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings() -> Vec<Setting> {
+        vec![
+            Setting::toggle("clip", "Clipping", "Skips what lies outside the view.", true),
+            Setting::choice("kernel", "Kernel", "Shape of the splats.", &["Square", "Gauss"]),
+            Setting::number("width", "Width", "Width of the splats in pixels.", 1.5, 0.5..=4.0, "px"),
+            Setting::action("save", "Save", "Writes the file."),
+        ]
+    }
+
+    #[test]
+    fn initial_values_and_typed_access() {
+        let values = SettingValues::initial(&settings());
+        assert_eq!(values.toggle("clip"), Ok(true));
+        assert_eq!(values.choice("kernel"), Ok(0));
+        assert_eq!(values.number("width"), Ok(1.5));
+        assert!(values.toggle("kernel").is_err(), "the kind must fit");
+        assert!(values.number("save").is_err(), "a button has no value");
+    }
+
+    #[test]
+    fn values_from_text() {
+        let (settings, mut values) = (settings(), SettingValues::initial(&settings()));
+        for (id, text) in [("clip", "off"), ("kernel", "gauss"), ("width", "2")] {
+            values.set_text(&settings, id, text).unwrap();
+        }
+        assert_eq!(values.toggle("clip"), Ok(false));
+        assert_eq!(values.choice("kernel"), Ok(1));
+        assert_eq!(values.number("width"), Ok(2.0));
+        for (id, text) in
+            [("clip", "2"), ("kernel", "disk"), ("width", "9"), ("width", "NaN"), ("save", "on"), ("x", "1")]
+        {
+            assert!(values.set_text(&settings, id, text).is_err(), "{id}={text}");
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! Hand-over between the window and the render thread, where only the newest counts.
+
+use std::collections::VecDeque;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+
+/// Holds at most one value: the newest. Neither side ever waits for the other.
+#[derive(Debug)]
+pub(crate) struct Slot<T>(Mutex<Option<T>>);
+
+impl<T> Default for Slot<T> {
+    fn default() -> Self {
+        Self(Mutex::new(None))
+    }
+}
+
+impl<T> Slot<T> {
+    /// Stores `value` and hands back the one that nobody took, for reuse.
+    pub(crate) fn put(&self, value: T) -> Option<T> {
+        lock(&self.0).replace(value)
+    }
+
+    /// Takes the newest value, if there is one that has not been taken.
+    pub(crate) fn take(&self) -> Option<T> {
+        lock(&self.0).take()
+    }
+}
+
+/// What the render thread is asked to do: orders, each of which counts, and jobs, of which only the newest does.
+#[derive(Debug)]
+pub(crate) struct Inbox<Order, Job> {
+    state: Mutex<InboxState<Order, Job>>,
+    changed: Condvar,
+}
+
+#[derive(Debug)]
+struct InboxState<Order, Job> {
+    orders: VecDeque<Order>,
+    job: Option<Job>,
+    closed: bool,
+}
+
+/// What [`Inbox::next`] found.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum Next<Order, Job> {
+    /// The oldest order; orders go before jobs.
+    Order(Order),
+    /// The newest job.
+    Job(Job),
+    /// Nothing (only without waiting).
+    Nothing,
+    /// The other side is gone.
+    Closed,
+}
+
+impl<Order, Job> Default for Inbox<Order, Job> {
+    fn default() -> Self {
+        let state = InboxState { orders: VecDeque::new(), job: None, closed: false };
+        Self { state: Mutex::new(state), changed: Condvar::new() }
+    }
+}
+
+impl<Order, Job> Inbox<Order, Job> {
+    /// Replaces the waiting job, if any.
+    pub(crate) fn put_job(&self, job: Job) {
+        lock(&self.state).job = Some(job);
+        self.changed.notify_one();
+    }
+
+    /// Appends an order.
+    pub(crate) fn push_order(&self, order: Order) {
+        lock(&self.state).orders.push_back(order);
+        self.changed.notify_one();
+    }
+
+    /// Ends every wait, now and later.
+    pub(crate) fn close(&self) {
+        lock(&self.state).closed = true;
+        self.changed.notify_all();
+    }
+
+    /// The next thing to do; with `wait`, sleeps until there is one.
+    pub(crate) fn next(&self, wait: bool) -> Next<Order, Job> {
+        let mut state = lock(&self.state);
+        loop {
+            if state.closed {
+                return Next::Closed;
+            }
+            if let Some(order) = state.orders.pop_front() {
+                return Next::Order(order);
+            }
+            if let Some(job) = state.job.take() {
+                return Next::Job(job);
+            }
+            if !wait {
+                return Next::Nothing;
+            }
+            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+}
+
+/// A panic elsewhere leaves whole values here (nothing is changed in place), so a poisoned lock is still good.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Arc;
+
+    #[test]
+    fn the_slot_keeps_only_the_newest() {
+        let slot = Slot::default();
+        assert_eq!(slot.take(), None);
+        assert_eq!(slot.put(1), None);
+        assert_eq!(slot.put(2), Some(1), "the one nobody took comes back");
+        assert_eq!(slot.take(), Some(2));
+        assert_eq!(slot.take(), None);
+    }
+
+    #[test]
+    fn orders_are_kept_in_order_and_go_first() {
+        let inbox = Inbox::default();
+        inbox.put_job('a');
+        inbox.push_order(1);
+        inbox.put_job('b');
+        inbox.push_order(2);
+        assert_eq!(inbox.next(false), Next::Order(1));
+        assert_eq!(inbox.next(false), Next::Order(2));
+        assert_eq!(inbox.next(false), Next::Job('b'));
+        assert_eq!(inbox.next(false), Next::Nothing);
+    }
+
+    #[test]
+    fn closing_wakes_a_sleeper() {
+        let inbox = Arc::new(Inbox::<(), ()>::default());
+        let sleeper = std::thread::spawn({
+            let inbox = Arc::clone(&inbox);
+            move || inbox.next(true)
+        });
+        inbox.close();
+        assert_eq!(sleeper.join().unwrap(), Next::Closed);
+    }
+}

@@ -1,0 +1,228 @@
+//! What the window shows: anything that turns a camera into a frame.
+
+use crate::{
+    bounds::EyeBounds,
+    pose::Pose,
+    setting::{Setting, SettingValues},
+};
+use glam::DVec3;
+use headbox_capture::{Camera, scene::FileFrame};
+use std::{path::Path, sync::Arc};
+
+/// Something that can be looked at. Lives on the render thread, which is the only one that calls it, and may take its time
+/// there: the window never waits for it.
+pub trait FrameSource: Send {
+    /// What is shown, for the window's title: a file name and its kind.
+    fn title(&self) -> String;
+
+    /// Where a visitor starts, and where the key "centre" returns to.
+    fn start_pose(&self) -> Pose;
+
+    /// The box in which the eye may move (the headbox); `None` leaves it free.
+    fn bounds(&self) -> Option<EyeBounds> {
+        None
+    }
+
+    /// How the eye moves.
+    fn navigation(&self) -> Navigation {
+        Navigation::Fly
+    }
+
+    /// Speed of the eye with a key held, metres per second. By default the headbox's half width in one second, or a
+    /// stroll.
+    fn speed_m_per_s(&self) -> f64 {
+        self.bounds().map_or(1.4, |bounds| bounds.half_size.max_element().max(1e-3))
+    }
+
+    /// A plan to show the eye on, for sources with rooms.
+    fn plan(&self) -> Option<Plan> {
+        None
+    }
+
+    /// The axes and unit of the scene's file, in which cameras and paths are saved, as on the command line.
+    fn file_frame(&self) -> FileFrame {
+        FileFrame::default()
+    }
+
+    /// The source's own panel, in order. The window shows the settings, keeps their values, and passes them back with each
+    /// request; asked once, when the source is opened.
+    fn settings(&self) -> Vec<Setting> {
+        Vec::new()
+    }
+
+    /// Renders the request into `pixels`: `request.camera`'s width x height, row 0 on top, sRGB with 8 bits per channel,
+    /// alpha 255 where something was seen (premultiplied elsewhere; what is transparent shows the window's background).
+    /// Every pixel must be written: the buffer holds an older frame.
+    ///
+    /// # Errors
+    /// One sentence for the person at the window; the last good frame stays.
+    fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String>;
+
+    /// Does what a button of the panel ([`Setting::action`]) says, and returns one sentence that says what was done.
+    ///
+    /// # Errors
+    /// One sentence for the person at the window.
+    fn act(&mut self, action: &str) -> Result<String, String> {
+        Err(format!("\"{action}\" is not something that this view can do."))
+    }
+}
+
+/// What can be opened from the window: the start page, drag and drop, the file list. Lives on the render thread.
+pub trait Library: Send {
+    /// What the start page offers, in order.
+    fn entries(&self) -> Vec<Entry>;
+
+    /// The picture of an entry, 4:3 with straight corners, made when the thread has nothing else to do.
+    fn thumbnail(&mut self, _entry: &Entry) -> Option<Thumbnail> {
+        None
+    }
+
+    /// File extensions that [`Self::open_file`] understands, without the dot, for the file list.
+    fn extensions(&self) -> Vec<String>;
+
+    /// Opens an entry of the start page by its id.
+    ///
+    /// # Errors
+    /// One sentence for the person at the window.
+    fn open_entry(&mut self, id: &str) -> Result<Box<dyn FrameSource>, String>;
+
+    /// Opens a file.
+    ///
+    /// # Errors
+    /// One sentence for the person at the window.
+    fn open_file(&mut self, path: &Path) -> Result<Box<dyn FrameSource>, String>;
+}
+
+/// One offer of the start page.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Entry {
+    /// What [`Library::open_entry`] is given.
+    pub id: String,
+    /// Short name.
+    pub name: String,
+    /// One sentence.
+    pub description: String,
+}
+
+/// A small picture: `width` x `height` opaque sRGB pixels, row 0 on top.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Thumbnail {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// The pixels, `width * height` of them.
+    pub pixels: Vec<[u8; 4]>,
+}
+
+/// How the eye moves.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Navigation {
+    /// Forward is where one looks.
+    #[default]
+    Fly,
+    /// Forward stays level.
+    Walk,
+    /// The eye circles a point and looks at it (sprites).
+    Orbit {
+        /// The point, world metres.
+        pivot: DVec3,
+    },
+}
+
+/// One frame to make.
+#[derive(Clone, Debug)]
+pub struct FrameRequest {
+    /// The view; its width and height are those of the pixels to fill.
+    pub camera: Camera,
+    /// The values of the source's settings.
+    pub settings: Arc<SettingValues>,
+    /// Whether the eye is in motion: a source may save work that shows only at rest.
+    pub moving: bool,
+}
+
+/// What is known about one rendered frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FrameReport {
+    /// Time by stage, in the order of the work; drawn as the rolling chart.
+    pub stages: Vec<Stage>,
+    /// Further figures.
+    pub figures: Vec<Figure>,
+    /// Whether the same request, asked again, would give a better frame (progressive capture, an error map that refines):
+    /// the window asks again while nothing newer is wanted.
+    pub converging: bool,
+}
+
+/// Time spent in one stage of a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stage {
+    /// Name, the same in every frame.
+    pub name: &'static str,
+    /// Wall time in milliseconds.
+    pub ms: f64,
+}
+
+/// One figure about a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Figure {
+    /// Name, the same in every frame.
+    pub name: &'static str,
+    /// Value in `unit`.
+    pub value: f64,
+    /// Unit as it is printed behind the value, or "" for a bare number.
+    pub unit: &'static str,
+}
+
+/// A plan of rooms seen from above, in world metres: (x, z) pairs, as x grows to the right and z downward on the page.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Plan {
+    /// The rooms.
+    pub rooms: Vec<Room>,
+    /// Doors and other openings, as line segments.
+    pub openings: Vec<[[f64; 2]; 2]>,
+}
+
+/// One room of a [`Plan`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Room {
+    /// Name.
+    pub name: String,
+    /// Corners of the floor, a simple polygon.
+    pub outline: Vec<[f64; 2]>,
+}
+
+impl Plan {
+    /// The first room whose outline holds the eye, by the even-odd rule.
+    pub fn room_at(&self, eye: DVec3) -> Option<usize> {
+        self.rooms.iter().position(|room| room.holds([eye.x, eye.z]))
+    }
+}
+
+impl Room {
+    fn holds(&self, [x, z]: [f64; 2]) -> bool {
+        let next = self.outline.iter().cycle().skip(1);
+        let crossings = self.outline.iter().zip(next).filter(|&(&[ax, az], &[bx, bz])| {
+            let spans = (az > z) != (bz > z);
+            spans && x < ax + (z - az) / (bz - az) * (bx - ax)
+        });
+        crossings.count() % 2 == 1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::dvec3;
+
+    #[test]
+    fn the_plan_knows_the_room() {
+        let room = |name: &str, outline: &[[f64; 2]]| Room { name: name.into(), outline: outline.to_vec() };
+        let ell = [[0.0, 0.0], [4.0, 0.0], [4.0, 1.0], [1.0, 1.0], [1.0, 3.0], [0.0, 3.0]];
+        let square = [[1.0, 1.0], [4.0, 1.0], [4.0, 3.0], [1.0, 3.0]];
+        let plan = Plan { rooms: vec![room("ell", &ell), room("square", &square)], openings: vec![] };
+        assert_eq!(plan.room_at(dvec3(0.5, 1.6, 2.0)), Some(0));
+        assert_eq!(plan.room_at(dvec3(3.0, -9.0, 0.5)), Some(0));
+        assert_eq!(plan.room_at(dvec3(2.0, 0.0, 2.0)), Some(1));
+        assert_eq!(plan.room_at(dvec3(5.0, 0.0, 2.0)), None);
+    }
+}
