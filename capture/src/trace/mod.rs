@@ -1,6 +1,6 @@
 //! Ray tracing: the tree, its traversal, and the intersection of rays with triangles.
 //!
-//! `obvhs` builds a binary tree (`build`); [`tree`] turns it into nodes of eight children with the triangles in leaf
+//! `obvhs` builds a binary tree (`build`); `tree` turns it into nodes of eight children with the triangles in leaf
 //! order. Packets of 16 coherent rays (`packet`) walk it together while they agree and one by one below that
 //! (`single`).
 //!

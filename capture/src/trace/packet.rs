@@ -5,9 +5,9 @@
 //! 16 rays when its turn comes, so that hits found meanwhile count. Where few rays agree, each goes on alone
 //! ([`super::single`]): the same box and triangle tests, so the same bits.
 
-use super::prepared::{Prepared, Slab, axes_of, is_valid, largest, main_axis};
+use super::prepared::{Prepared, Slab, axes_of, each_axis, is_valid, largest, main_axis};
 use super::single::{self, Closest, Occluded, push_sorted, relative};
-use super::tree::{Block, Entry, Node, WIDTH};
+use super::tree::{Block, Entry, Node, SMALL_STACK, opposite};
 use super::triangle::{Candidate, edges, exact};
 use super::{Ray, Tracer};
 use fearless_simd::{Simd, f32x8, f32x16, mask32x16, prelude::*, u32x16};
@@ -73,8 +73,8 @@ impl RayPacket {
     #[inline]
     pub fn ray(&self, k: usize) -> Option<Ray> {
         (k < PACKET && self.active >> k & 1 == 1).then(|| Ray {
-            origin: Vec3::from_array(self.origin.map(|row| row[k])),
-            direction: Vec3::from_array(self.direction.map(|row| row[k])),
+            origin: Vec3::from_array(each_axis!(a => self.origin[a][k])),
+            direction: Vec3::from_array(each_axis!(a => self.direction[a][k])),
             t_min: self.t_min[k],
             t_max: self.t_max[k],
         })
@@ -213,7 +213,7 @@ impl PreparedPacket {
             valid: [false; PACKET],
         };
         for k in 0..PACKET {
-            let (origin, direction) = (rays.origin.map(|row| row[k]), rays.direction.map(|row| row[k]));
+            let (origin, direction) = (each_axis!(a => rays.origin[a][k]), each_axis!(a => rays.direction[a][k]));
             let (largest_origin, largest_direction) = (largest(origin), largest(direction));
             let sum = origin[0] + origin[1] + origin[2] + direction[0] + direction[1] + direction[2];
             p.valid[k] = is_valid(largest_origin, largest_direction, sum, rays.t_min[k], rays.t_max[k]);
@@ -248,14 +248,14 @@ impl PreparedPacket {
     fn ray(&self, rays: &RayPacket, k: usize) -> Prepared {
         let axes = axes_of(self.main_axis[k]);
         Prepared {
-            slabs: [0, 1, 2].map(|a| Slab {
+            slabs: each_axis!(a => Slab {
                 near_origin: self.near_origin[a][k],
                 far_origin: self.far_origin[a][k],
                 inverse: self.inverse[a][k],
             }),
             axes,
-            origin: axes.map(|a| rays.origin[a][k]),
-            shear: self.shear.map(|row| row[k]),
+            origin: each_axis!(i => rays.origin[axes[i]][k]),
+            shear: [self.shear[0][k], self.shear[1][k]],
             t_min: rays.t_min[k],
         }
     }
@@ -277,33 +277,35 @@ struct Walk<'a, S: Simd> {
 #[inline(always)]
 fn trace<S: Simd, const ANY: bool>(simd: S, tracer: &Tracer, rays: &RayPacket, found: &mut Lanes) {
     let prepared = PreparedPacket::new(rays);
-    let valid = (0..PACKET).fold(0, |bits, k| bits | u32::from(prepared.valid[k]) << k);
-    let active = u32::from(rays.active) & valid;
+    let mut active = u32::from(rays.active);
+    for k in 0..PACKET {
+        active &= !(u32::from(!prepared.valid[k]) << k);
+    }
     if active == 0 || tracer.tree.nodes.is_empty() {
         return;
     }
-    let lane = active.trailing_zeros() as usize;
-    let negative = prepared
-        .inverse
-        .map(|row| f32x16::load_array(simd, row).simd_lt(f32x16::splat(simd, 0.0)).to_bitmask() as u32 & active);
-    let agree = negative.iter().all(|&bits| bits == 0 || bits == active);
-    let main = prepared.main_axis[lane];
-    let same_main = u32x16::load_array(simd, prepared.main_axis).simd_eq(u32x16::splat(simd, main));
+    let zero = f32x16::splat(simd, 0.0);
+    let negative = each_axis!(a => {
+        f32x16::load_array_ref(simd, &prepared.inverse[a]).simd_lt(zero).to_bitmask() as u32 & active
+    });
+    let main = prepared.main_axis[active.trailing_zeros() as usize];
+    let same_main = u32x16::load_array_ref(simd, &prepared.main_axis).simd_eq(u32x16::splat(simd, main));
     let walk = Walk {
         simd,
         tracer,
         rays,
         prepared: &prepared,
-        near_rows: [0, 1, 2].map(|a| if negative[a] == 0 { a } else { a + 3 }),
-        axes: (same_main.to_bitmask() as u32 & active == active).then(|| axes_of(main)),
+        near_rows: each_axis!(a => if negative[a] == 0 { a } else { a + 3 }),
+        axes: if same_main.to_bitmask() as u32 & active == active { Some(axes_of(main)) } else { None },
     };
-    tracer.tree.with_stack(|stack| {
-        if agree && active.count_ones() > ALONE {
-            walk.together::<ANY>(active, found, stack);
-        } else {
-            walk.alone::<ANY>(active, found, 0, stack);
-        }
-    });
+    let (mut small, mut large) = ([Entry::EMPTY; SMALL_STACK], Vec::new());
+    let stack = tracer.tree.stack(&mut small, &mut large);
+    let agree = |bits: u32| bits == 0 || bits == active;
+    if agree(negative[0]) && agree(negative[1]) && agree(negative[2]) && active.count_ones() > ALONE {
+        walk.together::<ANY>(active, found, stack);
+    } else {
+        walk.alone::<ANY>(active, found, 0, stack);
+    }
 }
 
 impl<S: Simd> Walk<'_, S> {
@@ -370,9 +372,7 @@ impl<S: Simd> Walk<'_, S> {
     /// The farthest distance that any ray still cares about; minus infinity if all are blocked.
     #[inline(always)]
     fn limit(&self, active: u32, found: &Lanes) -> f32 {
-        let t = self.load(&found.t);
-        let out = f32x16::splat(self.simd, f32::NEG_INFINITY);
-        self.mask(active).select(t, out).reduce_max()
+        self.greatest(active, &found.t)
     }
 
     #[inline(always)]
@@ -385,15 +385,30 @@ impl<S: Simd> Walk<'_, S> {
         mask32x16::from_bitmask(self.simd, u64::from(lanes))
     }
 
+    /// The greatest value of the rays `active`.
+    #[inline(always)]
+    fn greatest(&self, active: u32, row: &[f32; PACKET]) -> f32 {
+        self.mask(active).select(self.load(row), f32x16::splat(self.simd, f32::NEG_INFINITY)).reduce_max()
+    }
+
+    /// The least value of the rays `active`.
+    #[inline(always)]
+    fn least(&self, active: u32, row: &[f32; PACKET]) -> f32 {
+        self.mask(active).select(self.load(row), f32x16::splat(self.simd, f32::INFINITY)).reduce_min()
+    }
+
     /// Which rays enter the box of a child before their limits, and where.
     #[inline(always)]
     fn enter(&self, node: &Node, slot: usize, found: &Lanes) -> (f32x16<S>, u32) {
-        let t = |row: usize, axis: usize, origin: &[f32; PACKET]| {
-            let plane = f32x16::splat(self.simd, node.planes[row][slot]);
-            (plane - self.load(origin)) * self.load(&self.prepared.inverse[axis])
-        };
-        let near = [0, 1, 2].map(|a| t(self.near_rows[a], a, &self.prepared.near_origin[a]));
-        let far = [0, 1, 2].map(|a| t((self.near_rows[a] + 3) % 6, a, &self.prepared.far_origin[a]));
+        let p = self.prepared;
+        let near = each_axis!(a => {
+            let plane = f32x16::splat(self.simd, node.planes[self.near_rows[a]][slot]);
+            (plane - self.load(&p.near_origin[a])) * self.load(&p.inverse[a])
+        });
+        let far = each_axis!(a => {
+            let plane = f32x16::splat(self.simd, node.planes[opposite(self.near_rows[a])][slot]);
+            (plane - self.load(&p.far_origin[a])) * self.load(&p.inverse[a])
+        });
         let near = near[0].max(near[1]).max(near[2]);
         let far = far[0].min(far[1]).min(far[2]).min(self.load(&found.t));
         let entered = near.max(self.load(&self.rays.t_min)).simd_le(far);
@@ -403,43 +418,37 @@ impl<S: Simd> Walk<'_, S> {
     /// Tests the rays `lanes` against a triangle. `near` is where they enter its leaf's box.
     #[inline(always)]
     fn intersect<const ANY: bool>(&self, block: &Block, slot: usize, lanes: u32, near: f32x16<S>, found: &mut Lanes) {
-        let triangle = block.triangle(slot);
-        let edges = edges(self.relative(triangle), self.prepared.shear.each_ref().map(|row| self.load(row)));
+        let shear = [self.load(&self.prepared.shear[0]), self.load(&self.prepared.shear[1])];
+        let edges = edges(self.relative(block, slot), shear);
         let inside = edges.inside() & self.mask(lanes);
         if inside.all_false() {
             return;
         }
+        let zero = f32x16::splat(self.simd, 0.0);
         let (determinant, t) = edges.determinant_and_t(self.load(&self.prepared.inverse_main));
-        let degenerate = inside & determinant.simd_eq(f32x16::splat(self.simd, 0.0));
+        let degenerate = (inside & determinant.simd_eq(zero)).to_bitmask() as u32;
         let primitive = block.primitives[slot];
-        // Rule 3 of the module: never before the leaf's box. Adding zero turns -0 to 0.
-        let t = t.simd_gt(near).select(t, near) + f32x16::splat(self.simd, 0.0);
+        // As `Candidate::t_from`.
+        let t = t.simd_gt(near).select(t, near) + zero;
         let best = self.load(&found.t);
         let best_primitive = u32x16::load_array_ref(self.simd, &found.primitive);
         let first = t.simd_eq(best) & u32x16::splat(self.simd, primitive).simd_lt(best_primitive);
-        let wanted = t.simd_ge(self.load(&self.rays.t_min)) & (t.simd_lt(best) | first);
-        let mut wanted = (inside & wanted).to_bitmask() as u32;
-        let degenerate = degenerate.to_bitmask() as u32;
+        let wanted = inside & t.simd_ge(self.load(&self.rays.t_min)) & (t.simd_lt(best) | first);
+        let wanted = wanted.to_bitmask() as u32 & !degenerate;
         let [_, v, w] = edges.weights;
-        wanted &= !degenerate;
         if block.cutouts >> slot & 1 == 1 || degenerate != 0 {
-            let candidates = [t, v, w, determinant].map(|x| x.to_array());
-            let near = near.to_array();
-            self.one_by_one::<ANY>(triangle, block, slot, wanted, degenerate, candidates, near, found);
+            let candidates = [t.to_array(), v.to_array(), w.to_array(), determinant.to_array()];
+            self.one_by_one::<ANY>(block, slot, wanted, degenerate, &candidates, &near.to_array(), found);
         } else if wanted != 0 {
+            let mask = self.mask(wanted);
             if ANY {
                 found.blocked |= wanted as u16;
-                let out = f32x16::splat(self.simd, f32::NEG_INFINITY);
-                self.mask(wanted).select(out, best).store_array(&mut found.t);
+                mask.select(f32x16::splat(self.simd, f32::NEG_INFINITY), best).store_array(&mut found.t);
             } else {
-                let mask = self.mask(wanted);
-                let put = |new: f32x16<S>, row: &mut [f32; PACKET]| {
-                    mask.select(new, self.load(row)).store_array(row);
-                };
-                put(t, &mut found.t);
-                put(v, &mut found.v);
-                put(w, &mut found.w);
-                put(determinant, &mut found.determinant);
+                mask.select(t, best).store_array(&mut found.t);
+                mask.select(v, self.load(&found.v)).store_array(&mut found.v);
+                mask.select(w, self.load(&found.w)).store_array(&mut found.w);
+                mask.select(determinant, self.load(&found.determinant)).store_array(&mut found.determinant);
                 mask.select(u32x16::splat(self.simd, primitive), best_primitive).store_array(&mut found.primitive);
             }
         }
@@ -449,13 +458,12 @@ impl<S: Simd> Walk<'_, S> {
     #[inline(never)]
     fn one_by_one<const ANY: bool>(
         &self,
-        triangle: [[f32; 3]; 3],
         block: &Block,
         slot: usize,
         wanted: u32,
         degenerate: u32,
-        [t, v, w, determinant]: [[f32; PACKET]; 4],
-        near: [f32; PACKET],
+        [t, v, w, determinant]: &[[f32; PACKET]; 4],
+        near: &[f32; PACKET],
         found: &mut Lanes,
     ) {
         let primitive = block.primitives[slot];
@@ -466,9 +474,9 @@ impl<S: Simd> Walk<'_, S> {
             let mut candidate = Candidate { t: t[k], v: v[k], w: w[k], determinant: determinant[k] };
             if degenerate >> k & 1 == 1 {
                 let ray = self.prepared.ray(self.rays, k);
-                let relative = relative(triangle, &ray);
-                let Some(exact) = exact(relative, ray.shear, ray.inverse_main()) else { continue };
-                candidate = Candidate { t: if exact.t > near[k] { exact.t } else { near[k] } + 0.0, ..exact };
+                let exact = exact(relative(block, slot, &ray), ray.shear, ray.inverse_main());
+                let Some(exact) = exact else { continue };
+                candidate = Candidate { t: exact.t_from(near[k]), ..exact };
                 let first = candidate.t == found.t[k] && primitive < found.primitive[k];
                 if candidate.t < self.rays.t_min[k] || !(candidate.t < found.t[k] || first) {
                     continue;
@@ -484,21 +492,26 @@ impl<S: Simd> Walk<'_, S> {
         }
     }
 
+    /// A coordinate of a vertex relative to each ray's origin.
+    #[inline(always)]
+    fn from_origin(&self, block: &Block, slot: usize, vertex: usize, axis: usize) -> f32x16<S> {
+        f32x16::splat(self.simd, block.vertices[vertex][axis][slot]) - self.load(&self.rays.origin[axis])
+    }
+
     /// A triangle's vertices relative to each ray's origin, on the axes of each ray's shear.
     #[inline(always)]
-    fn relative(&self, triangle: [[f32; 3]; 3]) -> [[f32x16<S>; 3]; 3] {
-        let origin = |axis: usize| self.load(&self.rays.origin[axis]);
-        let splat = |x: f32| f32x16::splat(self.simd, x);
+    fn relative(&self, block: &Block, slot: usize) -> [[f32x16<S>; 3]; 3] {
         if let Some(axes) = self.axes {
-            return triangle.map(|vertex| axes.map(|a| splat(vertex[a]) - origin(a)));
+            return each_axis!(vertex => each_axis!(i => self.from_origin(block, slot, vertex, axes[i])));
         }
         let main = u32x16::load_array_ref(self.simd, &self.prepared.main_axis);
-        let [is_x, is_y] = [0, 1].map(|axis| main.simd_eq(u32x16::splat(self.simd, axis)));
-        triangle.map(|vertex| {
-            let [x, y, z] = [0, 1, 2].map(|a| splat(vertex[a]) - origin(a));
+        let is_x = main.simd_eq(u32x16::splat(self.simd, 0));
+        let is_y = main.simd_eq(u32x16::splat(self.simd, 1));
+        each_axis!(vertex => {
+            let [x, y, z] = each_axis!(a => self.from_origin(block, slot, vertex, a));
             // The rows are axes_of(0), axes_of(1), axes_of(2).
-            let pick = |on_x, on_y, on_z| is_x.select(on_x, is_y.select(on_y, on_z));
-            [pick(y, z, x), pick(z, x, y), pick(x, y, z)]
+            let choices = [[y, z, x], [z, x, y], [x, y, z]];
+            each_axis!(i => is_x.select(choices[0][i], is_y.select(choices[1][i], choices[2][i])))
         })
     }
 }
@@ -534,22 +547,24 @@ struct Beam<S: Simd> {
 impl<S: Simd> Beam<S> {
     #[inline(always)]
     fn new(walk: &Walk<'_, S>, active: u32) -> Self {
-        let simd = walk.simd;
-        let mask = walk.mask(active);
-        let least = |row: &[f32; PACKET]| mask.select(walk.load(row), f32x16::splat(simd, f32::INFINITY)).reduce_min();
-        let greatest =
-            |row: &[f32; PACKET]| mask.select(walk.load(row), f32x16::splat(simd, f32::NEG_INFINITY)).reduce_max();
-        let splat = |x: f32| f32x8::splat(simd, x);
-        let p = walk.prepared;
-        let positive = [0, 1, 2].map(|a| walk.near_rows[a] == a);
-        let pick = |max: bool, row: &[f32; PACKET]| splat(if max { greatest(row) } else { least(row) });
+        let (simd, p) = (walk.simd, walk.prepared);
+        let positive = each_axis!(a => walk.near_rows[a] == a);
         Self {
             simd,
             near_rows: walk.near_rows,
-            near_origin: [0, 1, 2].map(|a| pick(positive[a], &p.near_origin[a])),
-            far_origin: [0, 1, 2].map(|a| pick(!positive[a], &p.far_origin[a])),
-            inverse: [0, 1, 2].map(|a| [splat(least(&p.inverse[a])), splat(greatest(&p.inverse[a]))]),
-            t_min: splat(least(&walk.rays.t_min)),
+            near_origin: each_axis!(a => {
+                let row = &p.near_origin[a];
+                f32x8::splat(simd, if positive[a] { walk.greatest(active, row) } else { walk.least(active, row) })
+            }),
+            far_origin: each_axis!(a => {
+                let row = &p.far_origin[a];
+                f32x8::splat(simd, if positive[a] { walk.least(active, row) } else { walk.greatest(active, row) })
+            }),
+            inverse: each_axis!(a => {
+                let row = &p.inverse[a];
+                [f32x8::splat(simd, walk.least(active, row)), f32x8::splat(simd, walk.greatest(active, row))]
+            }),
+            t_min: f32x8::splat(simd, walk.least(active, &walk.rays.t_min)),
         }
     }
 
@@ -557,18 +572,13 @@ impl<S: Simd> Beam<S> {
     /// monotone in its arguments, so the bounds hold for the rounded results of every ray.
     #[inline(always)]
     fn enter(&self, node: &Node, limit: f32) -> (f32x8<S>, u32) {
-        let distance = |row: usize, axis: usize, origin: &[f32x8<S>; 3]| {
-            let offset = node.row(self.simd, row) - origin[axis];
-            let [least, greatest] = self.inverse[axis];
-            [offset * least, offset * greatest]
-        };
-        let near = [0, 1, 2].map(|a| {
-            let [p, q] = distance(self.near_rows[a], a, &self.near_origin);
-            p.min(q)
+        let near = each_axis!(a => {
+            let offset = node.row(self.simd, self.near_rows[a]) - self.near_origin[a];
+            (offset * self.inverse[a][0]).min(offset * self.inverse[a][1])
         });
-        let far = [0, 1, 2].map(|a| {
-            let [p, q] = distance((self.near_rows[a] + 3) % 6, a, &self.far_origin);
-            p.max(q)
+        let far = each_axis!(a => {
+            let offset = node.row(self.simd, opposite(self.near_rows[a])) - self.far_origin[a];
+            (offset * self.inverse[a][0]).max(offset * self.inverse[a][1])
         });
         let near = near[0].max(near[1]).max(near[2]);
         let far = far[0].min(far[1]).min(far[2]);
@@ -579,15 +589,7 @@ impl<S: Simd> Beam<S> {
     /// Pushes the children that any ray may enter, the nearest last, and returns the stack's new length.
     #[inline(always)]
     fn push_children(&self, index: u32, node: &Node, limit: f32, stack: &mut [Entry], base: usize) -> usize {
-        let (near, mut entered) = self.enter(node, limit);
-        let near: [f32; WIDTH] = near.to_array();
-        let mut len = base;
-        while entered != 0 {
-            let slot = entered.trailing_zeros();
-            entered &= entered - 1;
-            push_sorted(stack, base, len, Entry { near: near[slot as usize], node: index, slot });
-            len += 1;
-        }
-        len
+        let (near, entered) = self.enter(node, limit);
+        push_sorted(stack, base, index, entered, near.to_array())
     }
 }

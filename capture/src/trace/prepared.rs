@@ -48,6 +48,28 @@ impl Slab {
     }
 }
 
+/// `[body with a = 0, with a = 1, with a = 2]`. Not a closure: one that is not `#[inline(always)]` would be compiled
+/// without the SIMD level's instructions, and `array::map` is not inlined with large elements.
+macro_rules! each_axis {
+    ($a:ident => $body:expr) => {
+        [
+            {
+                let $a = 0_usize;
+                $body
+            },
+            {
+                let $a = 1_usize;
+                $body
+            },
+            {
+                let $a = 2_usize;
+                $body
+            },
+        ]
+    };
+}
+pub(super) use each_axis;
+
 /// The larger of two numbers, neither of them NaN, as one instruction (`f32::max` also looks after NaN).
 #[inline(always)]
 pub(super) fn larger(a: f32, b: f32) -> f32 {
@@ -57,7 +79,7 @@ pub(super) fn larger(a: f32, b: f32) -> f32 {
 /// The axis of the direction's largest component: 0, 1 or 2. The lower axis wins a tie.
 #[inline(always)]
 pub(super) fn main_axis(direction: [f32; 3]) -> u32 {
-    let [x, y, z] = direction.map(f32::abs);
+    let [x, y, z] = [direction[0].abs(), direction[1].abs(), direction[2].abs()];
     let first = if x >= y { 0 } else { 1 };
     if larger(x, y) >= z { first } else { 2 }
 }
@@ -78,7 +100,7 @@ pub(super) fn is_valid(largest_origin: f32, largest_direction: f32, sum: f32, t_
 /// The largest absolute value of three numbers.
 #[inline(always)]
 pub(super) fn largest(v: [f32; 3]) -> f32 {
-    let [x, y, z] = v.map(f32::abs);
+    let [x, y, z] = [v[0].abs(), v[1].abs(), v[2].abs()];
     larger(larger(x, y), z)
 }
 
@@ -105,13 +127,13 @@ impl Prepared {
         if !is_valid(largest_origin, largest_direction, sum, ray.t_min, ray.t_max) {
             return None;
         }
-        let slabs: [Slab; 3] = [0, 1, 2].map(|a| Slab::new(origin[a], direction[a], largest_origin, largest_direction));
+        let slabs = each_axis!(a => Slab::new(origin[a], direction[a], largest_origin, largest_direction));
         let axes = axes_of(main_axis(direction));
         let inverse = slabs[axes[2]].inverse;
         Some(Self {
             slabs,
             axes,
-            origin: axes.map(|a| origin[a]),
+            origin: each_axis!(i => origin[axes[i]]),
             shear: [direction[axes[0]] * inverse, direction[axes[1]] * inverse],
             t_min: ray.t_min,
         })

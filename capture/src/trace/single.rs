@@ -1,7 +1,7 @@
 //! Traversal by one ray, eight boxes or four triangles at a time.
 
-use super::prepared::Prepared;
-use super::tree::{BLOCK, Entry, Node, WIDTH};
+use super::prepared::{Prepared, each_axis};
+use super::tree::{Block, Entry, Node, SMALL_STACK, WIDTH, opposite};
 use super::triangle::{Candidate, edges, exact};
 use super::{Hit, Tracer};
 use fearless_simd::{Simd, f32x4, f32x8, prelude::*};
@@ -137,7 +137,8 @@ impl Found for All {
 #[inline(always)]
 pub(super) fn traverse_from_root<S: Simd, F: Found>(simd: S, tracer: &Tracer, ray: &Prepared, found: &mut F) {
     if !tracer.tree.nodes.is_empty() {
-        tracer.tree.with_stack(|stack| traverse(simd, tracer, ray, found, 0, stack));
+        let (mut small, mut large) = ([Entry::EMPTY; SMALL_STACK], Vec::new());
+        traverse(simd, tracer, ray, found, 0, tracer.tree.stack(&mut small, &mut large));
     }
 }
 
@@ -188,25 +189,20 @@ struct BoxTest<S: Simd> {
 impl<S: Simd> BoxTest<S> {
     #[inline(always)]
     fn new(simd: S, ray: &Prepared) -> Self {
-        let splat = |x: f32| f32x8::splat(simd, x);
         Self {
-            near_rows: [0, 1, 2].map(|a| if ray.slabs[a].inverse < 0.0 { a + 3 } else { a }),
-            near_origin: ray.slabs.map(|slab| splat(slab.near_origin)),
-            far_origin: ray.slabs.map(|slab| splat(slab.far_origin)),
-            inverse: ray.slabs.map(|slab| splat(slab.inverse)),
-            t_min: splat(ray.t_min),
+            near_rows: each_axis!(a => if ray.slabs[a].inverse < 0.0 { a + 3 } else { a }),
+            near_origin: each_axis!(a => f32x8::splat(simd, ray.slabs[a].near_origin)),
+            far_origin: each_axis!(a => f32x8::splat(simd, ray.slabs[a].far_origin)),
+            inverse: each_axis!(a => f32x8::splat(simd, ray.slabs[a].inverse)),
+            t_min: f32x8::splat(simd, ray.t_min),
         }
     }
 
     /// Which of a node's children the ray enters before `limit`, and where.
     #[inline(always)]
     fn enter(&self, simd: S, node: &Node, limit: f32) -> (f32x8<S>, u32) {
-        let t =
-            |row: usize, axis: usize, origin: &[f32x8<S>; 3]| (node.row(simd, row) - origin[axis]) * self.inverse[axis];
-        let [x, y, z] = self.near_rows;
-        let near = [t(x, 0, &self.near_origin), t(y, 1, &self.near_origin), t(z, 2, &self.near_origin)];
-        let [x, y, z] = [(x + 3) % 6, (y + 3) % 6, (z + 3) % 6];
-        let far = [t(x, 0, &self.far_origin), t(y, 1, &self.far_origin), t(z, 2, &self.far_origin)];
+        let near = each_axis!(a => (node.row(simd, self.near_rows[a]) - self.near_origin[a]) * self.inverse[a]);
+        let far = each_axis!(a => (node.row(simd, opposite(self.near_rows[a])) - self.far_origin[a]) * self.inverse[a]);
         let near = near[0].max(near[1]).max(near[2]);
         let far = far[0].min(far[1]).min(far[2]);
         let entered = near.max(self.t_min).simd_le(far.min(f32x8::splat(simd, limit)));
@@ -225,57 +221,55 @@ fn push_children<S: Simd>(
     stack: &mut [Entry],
     base: usize,
 ) -> usize {
-    let (near, mut entered) = boxes.enter(simd, node, limit);
-    let near: [f32; WIDTH] = near.to_array();
+    let (near, entered) = boxes.enter(simd, node, limit);
+    push_sorted(stack, base, index, entered, near.to_array())
+}
+
+/// Pushes the slots of a node that are set in `entered`, from far to near, and returns the stack's new length.
+#[inline(always)]
+pub(super) fn push_sorted(stack: &mut [Entry], base: usize, node: u32, mut entered: u32, near: [f32; WIDTH]) -> usize {
     let mut len = base;
     while entered != 0 {
         let slot = entered.trailing_zeros();
         entered &= entered - 1;
-        push_sorted(stack, base, len, Entry { near: near[slot as usize], node: index, slot });
+        let entry = Entry { near: near[slot as usize], node, slot };
+        let mut at = len;
+        while at > base && stack[at - 1].near < entry.near {
+            stack[at] = stack[at - 1];
+            at -= 1;
+        }
+        stack[at] = entry;
         len += 1;
     }
     len
-}
-
-/// Inserts an entry among `stack[base..len]`, which fall from far to near.
-#[inline(always)]
-pub(super) fn push_sorted(stack: &mut [Entry], base: usize, len: usize, entry: Entry) {
-    let mut at = len;
-    while at > base && stack[at - 1].near < entry.near {
-        stack[at] = stack[at - 1];
-        at -= 1;
-    }
-    stack[at] = entry;
 }
 
 /// Tests the triangles of a block. `near` is where the ray enters the leaf's box.
 #[inline(always)]
 fn intersect<S: Simd, F: Found>(simd: S, tracer: &Tracer, ray: &Prepared, found: &mut F, block: u32, near: f32) {
     let block = &tracer.tree.blocks[block as usize];
-    let splat = |x: f32| f32x4::splat(simd, x);
-    let origin = ray.origin.map(splat);
-    let vertices =
-        block.vertices.map(|vertex| [0, 1, 2].map(|i| f32x4::load_array_ref(simd, &vertex[ray.axes[i]]) - origin[i]));
-    let edges = edges(vertices, ray.shear.map(splat));
+    let origin = each_axis!(i => f32x4::splat(simd, ray.origin[i]));
+    let vertices = each_axis!(vertex => each_axis!(i => {
+        f32x4::load_array_ref(simd, &block.vertices[vertex][ray.axes[i]]) - origin[i]
+    }));
+    let edges = edges(vertices, [f32x4::splat(simd, ray.shear[0]), f32x4::splat(simd, ray.shear[1])]);
     let mut inside = edges.inside().to_bitmask() as u32;
     if inside == 0 {
         return;
     }
     let inverse_main = ray.inverse_main();
-    let (determinant, t) = edges.determinant_and_t(splat(inverse_main));
-    let [determinant, t, v, w]: [[f32; BLOCK]; 4] =
-        [determinant, t, edges.weights[1], edges.weights[2]].map(|x| x.to_array());
+    let (determinant, t) = edges.determinant_and_t(f32x4::splat(simd, inverse_main));
+    let [_, v, w] = edges.weights;
+    let (determinant, t, v, w) = (determinant.to_array(), t.to_array(), v.to_array(), w.to_array());
     while inside != 0 {
         let slot = inside.trailing_zeros() as usize;
         inside &= inside - 1;
         let mut candidate = Candidate { t: t[slot], v: v[slot], w: w[slot], determinant: determinant[slot] };
         if candidate.determinant == 0.0 {
-            let relative = relative(block.triangle(slot), ray);
-            let Some(exact) = exact(relative, ray.shear, inverse_main) else { continue };
+            let Some(exact) = exact(relative(block, slot, ray), ray.shear, inverse_main) else { continue };
             candidate = exact;
         }
-        // Rule 3 of the module: never before the leaf's box. Adding zero turns -0 to 0.
-        candidate.t = if candidate.t > near { candidate.t } else { near } + 0.0;
+        candidate.t = candidate.t_from(near);
         let primitive = block.primitives[slot];
         if candidate.t < ray.t_min || !found.wants(candidate.t, primitive) {
             continue;
@@ -288,8 +282,8 @@ fn intersect<S: Simd, F: Found>(simd: S, tracer: &Tracer, ray: &Prepared, found:
     }
 }
 
-/// Vertices relative to the ray's origin, on the axes of its shear.
+/// The vertices of a block's triangle relative to the ray's origin, on the axes of its shear.
 #[inline(always)]
-pub(super) fn relative(triangle: [[f32; 3]; 3], ray: &Prepared) -> [[f32; 3]; 3] {
-    triangle.map(|vertex| [0, 1, 2].map(|i| vertex[ray.axes[i]] - ray.origin[i]))
+pub(super) fn relative(block: &Block, slot: usize, ray: &Prepared) -> [[f32; 3]; 3] {
+    each_axis!(vertex => each_axis!(i => block.vertices[vertex][ray.axes[i]][slot] - ray.origin[i]))
 }

@@ -64,6 +64,12 @@ impl Node {
     }
 }
 
+/// The row of planes on the other side of the box.
+#[inline(always)]
+pub(super) fn opposite(row: usize) -> usize {
+    if row < 3 { row + 3 } else { row - 3 }
+}
+
 /// An axis-aligned box.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Bounds {
@@ -118,12 +124,6 @@ impl Block {
         self.cutouts |= u32::from(cutout) << slot;
         self.len += 1;
     }
-
-    /// The vertices of the triangle in a slot.
-    #[inline(always)]
-    pub(super) fn triangle(&self, slot: usize) -> [[f32; 3]; 3] {
-        self.vertices.map(|vertex| vertex.map(|row| row[slot]))
-    }
 }
 
 /// The tree. Node 0 is the root; children come after their parents. No nodes: nothing to hit.
@@ -136,21 +136,29 @@ pub(super) struct Tree {
 }
 
 /// An entry of a traversal's stack: a child of a node and where the ray (or the first ray of a packet) enters it.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Entry {
     pub(super) near: f32,
     pub(super) node: u32,
     pub(super) slot: u32,
 }
 
+impl Entry {
+    pub(super) const EMPTY: Self = Self { near: 0.0, node: 0, slot: 0 };
+}
+
 /// Entries that a traversal keeps without allocating; enough for a tree 13 levels deep (8^13 leaves if balanced).
-const SMALL_STACK: usize = 96;
+pub(super) const SMALL_STACK: usize = 96;
 
 impl Tree {
-    /// Calls `walk` with a stack long enough for this tree.
+    /// A stack long enough for this tree: `small` if that will do.
     #[inline(always)]
-    pub(super) fn with_stack<R>(&self, walk: impl FnOnce(&mut [Entry]) -> R) -> R {
-        let mut small = [Entry::default(); SMALL_STACK];
-        if self.stack_len <= SMALL_STACK { walk(&mut small) } else { walk(&mut vec![Entry::default(); self.stack_len]) }
+    pub(super) fn stack<'a>(&self, small: &'a mut [Entry; SMALL_STACK], large: &'a mut Vec<Entry>) -> &'a mut [Entry] {
+        if self.stack_len <= SMALL_STACK {
+            small
+        } else {
+            large.resize(self.stack_len, Entry::EMPTY);
+            large
+        }
     }
 }

@@ -13,6 +13,7 @@
 //! `t` is a mean of the vertices' z' with weights of one sign, so it never leaves their range, however thin the
 //! triangle.
 
+use super::prepared::{each_axis, larger};
 use fearless_simd::{Simd, prelude::*};
 
 /// Edge functions of sheared triangles (or of one triangle in several shears): twice the areas opposite each vertex.
@@ -24,9 +25,12 @@ pub(super) struct Edges<V> {
 /// `vertices[vertex][axis]` are relative to the ray's origin and on the axes x', y', z' of its shear.
 #[inline(always)]
 pub(super) fn edges<S: Simd, V: SimdFloat<S, Element = f32>>(vertices: [[V; 3]; 3], shear: [V; 2]) -> Edges<V> {
-    let [a, b, c] = vertices.map(|[x, y, z]| [x - shear[0] * z, y - shear[1] * z]);
+    let [a, b, c] = each_axis!(i => {
+        let [x, y, z] = vertices[i];
+        [x - shear[0] * z, y - shear[1] * z]
+    });
     let weights = [c[0] * b[1] - c[1] * b[0], a[0] * c[1] - a[1] * c[0], b[0] * a[1] - b[1] * a[0]];
-    Edges { weights, depths: vertices.map(|v| v[2]) }
+    Edges { weights, depths: [vertices[0][2], vertices[1][2], vertices[2][2]] }
 }
 
 impl<V> Edges<V> {
@@ -64,6 +68,13 @@ pub(super) struct Candidate {
 }
 
 impl Candidate {
+    /// `t`, but never before `near`, where the ray enters the leaf's box (rule 3 of the parent module). Adding zero
+    /// turns -0 to 0.
+    #[inline(always)]
+    pub(super) fn t_from(&self, near: f32) -> f32 {
+        larger(self.t, near) + 0.0
+    }
+
     /// Barycentric weights of the second and the third vertex.
     #[inline(always)]
     pub(super) fn barycentric(&self) -> [f32; 2] {
