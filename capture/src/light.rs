@@ -8,6 +8,7 @@
 use crate::sampler::{cosine_direction, disk_from_square, random4, unit_float};
 use crate::scene::{Scene, Sky, Sun};
 use crate::trace::{Hit, Ray, Tracer};
+use crate::viewpoint;
 use glam::{Quat, Vec3};
 use std::sync::Arc;
 
@@ -137,28 +138,31 @@ impl Lighting {
         Self { sun: scene.sun, sky: scene.sky, emitters, fill: FillLight::default(), bounces, exposure: 1.0 }
     }
 
-    /// The lights of `scene`, with exposure and fill chosen by a pilot: what is seen from seeded points in the scene's
-    /// bounding box, sky included. The 90th percentile of luminance is exposed to 0.8. If more than a third of the
-    /// surfaces seen get under 1 % of that percentile, a fill light of a tenth of it (or 1 in total darkness) is added.
+    /// The lights of `scene`, with exposure and fill chosen by a pilot: what is seen, sky included, from seeded points in
+    /// the headbox that the scene suggests (or [`viewpoint::suggest_headbox`] finds). The logarithmic mean of luminance is
+    /// exposed to a middle grey, as a photographer's meter does (Reinhard et al. 2002, "Photographic tone reproduction",
+    /// without the compression). If more than a third of the surfaces seen get under 1 % of the brightest tenth, a fill
+    /// light of a tenth of it (or 1 in total darkness) is added.
     pub fn measure(tracer: &Tracer, bounces: u32) -> Self {
-        /// Where bright things end up: 231 of 255 in sRGB, which leaves room for sunlit white.
-        const EXPOSED_TO: f32 = 0.8;
+        /// 125 of 255 in sRGB.
+        const MIDDLE_GREY: f32 = 0.21;
         let mut lighting = Self::of_scene(tracer, bounces);
         let pilot = Pilot::new(tracer);
         let sky: Vec<f32> =
             pilot.misses.iter().map(|&direction| luminance(lighting.miss_radiance(direction))).collect();
-        let bright_of = |surfaces: &[f32]| percentile(&mut [surfaces, &sky].concat(), 0.9);
-        let mut levels = lighting.pilot_luminance(tracer, &pilot.surfaces);
-        let mut bright = bright_of(&levels);
-        let dark = levels.iter().filter(|&&level| level <= bright * 0.01).count();
-        if dark * 3 > levels.len() {
+        let mut seen = [lighting.pilot_luminance(tracer, &pilot.surfaces), sky.clone()].concat();
+        let bright = percentile(&mut seen.clone(), 0.9);
+        let dark = seen[..pilot.surfaces.len()].iter().filter(|&&level| level <= bright * 0.01).count();
+        if dark * 3 > pilot.surfaces.len() {
             let mut distances: Vec<f32> = pilot.surfaces.iter().map(|p| p.distance_m).collect();
             let reach_m = 0.5 * percentile(&mut distances, 0.5);
             lighting.fill = FillLight { radiance: if bright > 0.0 { bright * 0.1 } else { 1.0 }, reach_m };
-            levels = lighting.pilot_luminance(tracer, &pilot.surfaces);
-            bright = bright_of(&levels);
+            seen = [lighting.pilot_luminance(tracer, &pilot.surfaces), sky].concat();
         }
-        lighting.exposure = if bright > 0.0 { EXPOSED_TO / bright } else { 1.0 };
+        let bright = percentile(&mut seen.clone(), 0.9);
+        let logarithm = |level: &f32| f64::from(level.max(bright * 1e-3)).ln();
+        let mean = (seen.iter().map(logarithm).sum::<f64>() / seen.len().max(1) as f64).exp() as f32;
+        lighting.exposure = if mean > 0.0 && mean.is_finite() { MIDDLE_GREY / mean } else { 1.0 };
         lighting
     }
 
@@ -185,12 +189,29 @@ impl Lighting {
 
     /// One sample of irradiance / pi at `point`.
     pub fn radiosity_per_albedo(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> [f32; 3] {
+        (self.sun_radiosity(tracer, point, sample) + self.soft_radiosity(tracer, point, sample)).to_array()
+    }
+
+    /// The part of [`Self::radiosity_per_albedo`] that comes straight from the sun: its shadows have edges.
+    pub fn sun_radiosity(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> Vec3 {
+        self.sun.map_or(Vec3::ZERO, |sun| sun_light(&sun, tracer, point, sample.pair(0)))
+    }
+
+    /// The rest of [`Self::radiosity_per_albedo`]: sky, emissive triangles, bounces.
+    pub fn soft_radiosity(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> Vec3 {
         let mut sum = Vec3::ZERO;
         let mut throughput = Vec3::ONE;
         let mut point = *point;
         for bounce in 0..=self.bounces {
             let dimension = bounce * DECISIONS;
-            sum += throughput * self.direct(tracer, &point, sample, dimension);
+            if bounce > 0
+                && let Some(sun) = &self.sun
+            {
+                sum += throughput * sun_light(sun, tracer, &point, sample.pair(dimension));
+            }
+            if !self.emitters.is_empty() {
+                sum += throughput * self.emitter_light(tracer, &point, sample, dimension);
+            }
             let [u, v] = sample.pair(dimension + 2);
             let local = Vec3::from_array(cosine_direction(u, v));
             let direction = Quat::from_rotation_arc(Vec3::Z, point.shading_normal) * local;
@@ -230,18 +251,6 @@ impl Lighting {
                 throughput /= survive;
             }
             point = next;
-        }
-        sum.to_array()
-    }
-
-    /// Sun and emissive triangles at `point`, one shadow ray each.
-    fn direct(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample, dimension: u32) -> Vec3 {
-        let mut sum = Vec3::ZERO;
-        if let Some(sun) = &self.sun {
-            sum += sun_light(sun, tracer, point, sample.pair(dimension));
-        }
-        if !self.emitters.is_empty() {
-            sum += self.emitter_light(tracer, point, sample, dimension);
         }
         sum
     }
@@ -332,7 +341,7 @@ struct PilotPoint {
     distance_m: f32,
 }
 
-/// What is seen from seeded points in the bounding box, in seeded directions.
+/// What is seen from seeded points in the suggested headbox, in seeded directions.
 struct Pilot {
     surfaces: Vec<PilotPoint>,
     misses: Vec<Vec3>,
@@ -341,12 +350,14 @@ struct Pilot {
 impl Pilot {
     fn new(tracer: &Tracer) -> Self {
         const RAYS: u32 = 4096;
-        let [low, high] = tracer.scene().bounds().map(|corner| (corner - tracer.origin()).as_vec3());
+        let headbox = tracer.scene().headbox.unwrap_or_else(|| viewpoint::suggest_headbox(tracer));
+        let half = headbox.half_size_m as f32;
+        let low = (headbox.centre - tracer.origin()).as_vec3() - half;
         let mut pilot = Self { surfaces: Vec::new(), misses: Vec::new() };
         for i in 0..RAYS {
             let place = random4([i, 1, 2, 3]).map(unit_float);
             let aim = random4([i, 4, 5, 6]).map(unit_float);
-            let origin = low + (high - low) * Vec3::new(place[0], place[1], place[2]);
+            let origin = low + Vec3::new(place[0], place[1], place[2]) * (2.0 * half);
             let y = 2.0 * aim[0] - 1.0;
             let [x, z] = disk_from_square(aim[1], aim[2]);
             let direction = Vec3::new(x, 0.0, z).normalize_or(Vec3::X) * (1.0 - y * y).sqrt() + Vec3::Y * y;

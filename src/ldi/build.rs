@@ -4,13 +4,10 @@
 //! one run; a hit goes to the face whose frustum contains it, whichever face its ray left (C13).
 
 use super::accumulate::{Accumulator, DepthBins, Sample};
-use super::merge::{MergeRule, depth_pixels_of};
+use super::merge::MergeRule;
 use super::misses::MissMap;
 use super::plan::RayPlan;
-use super::shade::Shader;
-use super::store::{InsertScratch, TILE_PX, TileStore};
-use super::{CaptureInfo, CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
-use crate::capture::light::Lighting;
+use super::store::{InsertScratch, TileStore};
 use crate::capture::rig::Face;
 use crate::capture::sampler::{DirectionCell, RayDomain, RayKey, Strata};
 use crate::capture::trace::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
@@ -276,87 +273,6 @@ fn pierce_from_centre(
         run.store.insert(&samples, scratch)
     })?;
     Ok(rows.len() as u64 * u64::from(size))
-}
-
-/// Lights and merges what was traced into a cube LDI. `info` is completed with the rays and the missing estimate.
-///
-/// # Errors
-/// If spilled accumulators cannot be read.
-pub fn finish(
-    run: &Tracing,
-    mut info: CaptureInfo,
-    tracer: &Tracer,
-    lighting: &Lighting,
-    settings: &CaptureSettings,
-    progress: &dyn Progress,
-) -> io::Result<CubeLdi> {
-    if settings.sampler != Sampler::CentreRays {
-        let missing = run.plan.missing_estimate(&run.store)?;
-        info.missing_estimate.iter_mut().zip(missing).for_each(|(slot, estimate)| *slot = Some(estimate));
-    }
-    info.rays_traced = run.rays;
-    if settings.budget.is_some() {
-        run.store.spill_all()?; // the LDI that now grows needs the memory
-    }
-    let shader = Shader { tracer, lighting, samples: settings.light_samples, face_size_px: settings.face_size_px };
-    let bins = DepthBins::new(settings.half_size_m, settings.face_size_px);
-    let tiles_per_face = run.store.tile_count() / 6;
-    progress.begin("light and merge", "tiles", run.store.tile_count() as u64);
-    let mut faces = Vec::with_capacity(6);
-    for face in Face::ALL {
-        let first = face.index() * tiles_per_face;
-        let finish_tile = |tile: usize| {
-            let (face, x0, y0) = run.store.tile_place(tile);
-            let accumulators = run.store.tile_run(tile)?;
-            run.store.clear_tile(tile);
-            let mut tile = FinishedTile::default();
-            for pixel in accumulators.chunk_by(|a, b| a.link == b.link) {
-                let place = (face, x0 + pixel[0].link % TILE_PX, y0 + pixel[0].link / TILE_PX);
-                let before = tile.samples.len();
-                depth_pixels_of(pixel, place, settings.merge_rule, &bins, &shader, &mut tile.samples);
-                tile.pixels.push((place.1, place.2, (tile.samples.len() - before) as u32));
-            }
-            progress.advance(1);
-            Ok(tile)
-        };
-        let tiles: io::Result<Vec<FinishedTile>> =
-            (first..first + tiles_per_face).into_par_iter().map(finish_tile).collect();
-        faces.push(assemble(face, settings.face_size_px, &tiles?));
-    }
-    Ok(CubeLdi { info, faces, environment: run.misses.environment(lighting) })
-}
-
-/// The depth pixels of one tile.
-#[derive(Default)]
-struct FinishedTile {
-    /// Column, row and number of samples of each occupied pixel, row-major.
-    pixels: Vec<(u32, u32, u32)>,
-    samples: Vec<DepthPixel>,
-}
-
-/// Puts the tiles of a face together into row-major order.
-fn assemble(face: Face, size_px: u32, tiles: &[FinishedTile]) -> LayeredDepthImage {
-    let mut ldi = LayeredDepthImage::empty(face, size_px);
-    let at = |x: u32, y: u32| y as usize * size_px as usize + x as usize;
-    for &(x, y, count) in tiles.iter().flat_map(|tile| &tile.pixels) {
-        ldi.offsets[at(x, y) + 1] = count;
-    }
-    for p in 1..ldi.offsets.len() {
-        ldi.offsets[p] += ldi.offsets[p - 1];
-    }
-    let total = ldi.offsets[ldi.offsets.len() - 1] as usize;
-    let blank = DepthPixel { inverse_depth: 0.0, normal: EncodedNormal::new(Vec3::Z), color_srgb: [0; 4] };
-    ldi.samples = vec![blank; total];
-    for tile in tiles {
-        let mut samples = tile.samples.as_slice();
-        for &(x, y, count) in &tile.pixels {
-            let (here, rest) = samples.split_at(count as usize);
-            let start = ldi.offsets[at(x, y)] as usize;
-            ldi.samples[start..start + here.len()].copy_from_slice(here);
-            samples = rest;
-        }
-    }
-    ldi
 }
 
 /// Share of the headbox that its centre does not see: geometry inside it or across it hides the scene from there.

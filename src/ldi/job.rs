@@ -1,7 +1,7 @@
 //! A capture from beginning to end: scene, headbox and settings in; cube LDI (or shard) out.
 
 use super::build::{self, CaptureSettings, Progress, Tracing};
-use super::{CaptureInfo, CubeLdi};
+use super::{CaptureInfo, CubeLdi, finish};
 use crate::capture::light::Lighting;
 use crate::capture::sampler::{Sampling, Strata};
 use crate::capture::scene::UpAxis;
@@ -103,7 +103,7 @@ impl CaptureJob {
         progress: &dyn Progress,
     ) -> io::Result<CubeLdi> {
         let settings = self.settings(resources, (0, 1));
-        build::finish(tracing, self.info(tracer, lighting), tracer, lighting, &settings, progress)
+        finish::finish(tracing, self.info(tracer, lighting), tracer, lighting, &settings, progress)
     }
 
     fn info(&self, tracer: &Tracer, lighting: &Lighting) -> CaptureInfo {

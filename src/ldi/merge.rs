@@ -1,12 +1,11 @@
-//! From accumulators to depth pixels: clusters of bounded depth span, and what a cluster becomes.
+//! From lit parts to depth pixels: clusters of bounded depth span, and what a cluster becomes.
 //!
 //! Neighbouring bins are joined once, pairwise, from the far end: a surface that straddles a bin's border becomes one
 //! depth pixel, a cluster spans at most two bins, and nothing chains.
 
-use super::accumulate::{Accumulator, DepthBins};
-use super::shade::{Lit, Shader};
+use super::accumulate::DepthBins;
+use super::shade::Part;
 use super::{DepthPixel, EncodedNormal};
-use crate::capture::rig::Face;
 use crate::capture::srgb8_from_linear;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -28,24 +27,17 @@ pub enum MergeRule {
 /// Colours closer than this in every channel (sRGB levels) count as equal for [`MergeRule::ColorsApart`].
 const SAME_COLOR_LEVELS: u8 = 16;
 
-/// Turns the accumulators of one pixel (sorted by bin and class) into depth pixels, farthest first, appended to `out`.
-pub fn depth_pixels_of(
-    pixel: &[Accumulator],
-    place: (Face, u32, u32),
-    rule: MergeRule,
-    bins: &DepthBins,
-    shader: &Shader,
-    out: &mut Vec<DepthPixel>,
-) {
+/// Turns the lit parts of one pixel (sorted by bin and class) into depth pixels, farthest first, appended to `out`.
+pub fn depth_pixels_of(pixel: &[Part], rule: MergeRule, bins: &DepthBins, out: &mut Vec<DepthPixel>) {
     let first = out.len();
     for cluster in (Clusters { rest: pixel }) {
         match rule {
-            MergeRule::Average => out.push(average(cluster, place, bins, shader)),
+            MergeRule::Average => out.push(average(cluster, bins)),
             MergeRule::SmallerArea => {
                 let best = cluster.iter().min_by(|a, b| a.area.total_cmp(&b.area).then(a.key.cmp(&b.key)));
-                out.extend(best.map(|best| average(std::slice::from_ref(best), place, bins, shader)));
+                out.extend(best.map(|best| average(std::slice::from_ref(best), bins)));
             }
-            MergeRule::ColorsApart => colors_apart(cluster, place, bins, shader, out),
+            MergeRule::ColorsApart => colors_apart(cluster, bins, out),
         }
     }
     out[first..].sort_by(|a, b| a.inverse_depth.total_cmp(&b.inverse_depth));
@@ -53,11 +45,11 @@ pub fn depth_pixels_of(
 
 /// Iterates over the clusters of a pixel, farthest first.
 struct Clusters<'a> {
-    rest: &'a [Accumulator],
+    rest: &'a [Part],
 }
 
 impl<'a> Iterator for Clusters<'a> {
-    type Item = &'a [Accumulator];
+    type Item = &'a [Part];
 
     fn next(&mut self) -> Option<Self::Item> {
         let bin = self.rest.first()?.bin;
@@ -65,7 +57,7 @@ impl<'a> Iterator for Clusters<'a> {
         let mut end = in_bin(bin);
         if let Some(next_bin) = bin.checked_add(1) {
             let next_end = in_bin(next_bin);
-            let close = |next: &[Accumulator]| mean_position(next) - mean_position(&self.rest[..end]) < 1.0;
+            let close = |next: &[Part]| mean_position(next) - mean_position(&self.rest[..end]) < 1.0;
             if next_end > end && close(&self.rest[end..next_end]) {
                 end = next_end;
             }
@@ -77,40 +69,30 @@ impl<'a> Iterator for Clusters<'a> {
 }
 
 /// Mean position in bins over all samples.
-fn mean_position(cluster: &[Accumulator]) -> f64 {
-    let samples: u64 = cluster.iter().map(|a| u64::from(a.count)).sum();
-    let sum: f64 = cluster.iter().map(|a| f64::from(a.bin) * f64::from(a.count) + a.offset_sum as f64 / 65_536.0).sum();
+fn mean_position(cluster: &[Part]) -> f64 {
+    let samples: u64 = cluster.iter().map(|part| u64::from(part.count)).sum();
+    let sum: f64 = cluster.iter().map(|part| f64::from(part.position) * f64::from(part.count)).sum();
     sum / samples as f64
 }
 
-fn average(cluster: &[Accumulator], place: (Face, u32, u32), bins: &DepthBins, shader: &Shader) -> DepthPixel {
-    let samples: u64 = cluster.iter().map(|a| u64::from(a.count)).sum();
-    let mut color = Vec3::ZERO;
-    let mut normal = (0, Vec3::Z);
-    for acc in cluster {
-        let weight = acc.count as f32 / samples as f32;
-        let lit = light(acc, place, weight, shader);
-        color += lit.color * weight;
-        if acc.count > normal.0 {
-            normal = (acc.count, lit.normal);
-        }
-    }
-    depth_pixel(cluster, color, normal.1, bins)
+/// One depth pixel with the mean depth and colour, and the normal of the part that most rays saw.
+fn average(cluster: &[Part], bins: &DepthBins) -> DepthPixel {
+    let samples: u64 = cluster.iter().map(|part| u64::from(part.count)).sum();
+    let color: Vec3 = cluster.iter().map(|part| part.color() * (part.count as f32 / samples as f32)).sum();
+    let most_seen = cluster.iter().min_by_key(|part| (std::cmp::Reverse(part.count), part.key));
+    let normal = most_seen.map_or(EncodedNormal::new(Vec3::Z), |part| part.normal);
+    // Half a step of the offset keeps the inverse depth positive even in the first bin.
+    let position = mean_position(cluster) + 0.5 / 65_536.0;
+    let [r, g, b] = color.to_array().map(srgb8_from_linear);
+    DepthPixel { inverse_depth: bins.inverse_depth(position) as f32, normal, color_srgb: [r, g, b, 255] }
 }
 
-fn colors_apart(
-    cluster: &[Accumulator],
-    place: (Face, u32, u32),
-    bins: &DepthBins,
-    shader: &Shader,
-    out: &mut Vec<DepthPixel>,
-) {
+fn colors_apart(cluster: &[Part], bins: &DepthBins, out: &mut Vec<DepthPixel>) {
     let first = out.len();
-    let mut in_key_order: Vec<&Accumulator> = cluster.iter().collect();
-    in_key_order.sort_unstable_by_key(|a| a.key);
-    for acc in in_key_order {
-        let lit = light(acc, place, 1.0, shader);
-        let candidate = depth_pixel(std::slice::from_ref(acc), lit.color, lit.normal, bins);
+    let mut in_key_order: Vec<&Part> = cluster.iter().collect();
+    in_key_order.sort_unstable_by_key(|part| part.key);
+    for part in in_key_order {
+        let candidate = average(std::slice::from_ref(part), bins);
         let same = |kept: &DepthPixel| {
             (0..3).all(|c| kept.color_srgb[c].abs_diff(candidate.color_srgb[c]) < SAME_COLOR_LEVELS)
         };
@@ -120,44 +102,30 @@ fn colors_apart(
     }
 }
 
-/// Lights a part of a cluster with its share of the light samples, at least one.
-fn light(acc: &Accumulator, (face, x, y): (Face, u32, u32), weight: f32, shader: &Shader) -> Lit {
-    let samples = (shader.samples as f32 * weight).ceil() as u32;
-    shader.shade(acc, face, x, y, samples)
-}
-
-fn depth_pixel(cluster: &[Accumulator], color: Vec3, normal: Vec3, bins: &DepthBins) -> DepthPixel {
-    // Half a step of the offset keeps the inverse depth positive even in the first bin.
-    let position = mean_position(cluster) + 0.5 / 65_536.0;
-    let [r, g, b] = color.to_array().map(srgb8_from_linear);
-    DepthPixel {
-        inverse_depth: bins.inverse_depth(position) as f32,
-        normal: EncodedNormal::new(normal),
-        color_srgb: [r, g, b, 255],
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::capture::sampler::RayKey;
 
-    fn acc(bin: u16, offset: u64, count: u32) -> Accumulator {
-        Accumulator {
+    fn acc(bin: u16, offset: u32, count: u32) -> Part {
+        Part {
             key: RayKey(0),
-            offset_sum: offset * u64::from(count),
-            albedo_sum: [0; 3],
             count,
             area: 1.0,
-            primitive: 0,
-            barycentric: [0; 2],
-            link: 0,
             bin,
             class: 0,
+            position: f32::from(bin) + offset as f32 / 65_536.0,
+            light_samples: 1,
+            albedo: [0; 3],
+            sharp: Vec3::ZERO,
+            soft: Vec3::ZERO,
+            normal: EncodedNormal::new(Vec3::Z),
+            plane_normal: Vec3::Z,
+            plane_distance: 1.0,
         }
     }
 
-    fn cluster_sizes(pixel: &[Accumulator]) -> Vec<usize> {
+    fn cluster_sizes(pixel: &[Part]) -> Vec<usize> {
         Clusters { rest: pixel }.map(<[_]>::len).collect()
     }
 

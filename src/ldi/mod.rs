@@ -11,10 +11,12 @@
 pub mod accumulate;
 pub mod build;
 pub mod file;
+pub mod finish;
 pub mod job;
 pub mod merge;
 pub mod misses;
 pub mod plan;
+pub mod pool;
 pub mod shade;
 pub mod shard;
 pub mod store;

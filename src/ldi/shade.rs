@@ -1,15 +1,16 @@
 //! Light at kept hits: `K` light samples per depth pixel, taken after merging.
 //!
-//! The alternative is one light sample per ray. Both were built on the same estimator; what decides is that a depth
-//! pixel is met by anything from one to hundreds of rays. Light per ray spends most samples where they are least needed
-//! and leaves depth pixels that few rays reach (the disoccluded ones, and all of them once novelty stopping saves rays)
-//! with a single noisy sample. Light per depth pixel gives each the same error. Albedo, which costs nothing to look up,
-//! is averaged over all rays in either case.
+//! The alternative is one light sample per ray. What decides is that a depth pixel is met by anything from one to
+//! hundreds of rays. Light per ray spends most samples where they are least needed and leaves depth pixels that few rays
+//! reach (the disoccluded ones, and all of them once novelty stopping saves rays) with a single noisy sample. Light per
+//! depth pixel gives each the same error, and can be pooled over a surface ([`super::pool`]). Albedo, which costs
+//! nothing to look up, is averaged over all rays.
 
+use super::EncodedNormal;
 use super::accumulate::Accumulator;
 use crate::capture::light::{LightSample, Lighting, LitPoint, extent_of};
 use crate::capture::rig::Face;
-use crate::capture::sampler::{random4, unit_float};
+use crate::capture::sampler::{RayKey, random4, unit_float};
 use crate::capture::trace::Tracer;
 use glam::Vec3;
 
@@ -25,44 +26,90 @@ pub struct Shader<'a> {
     pub face_size_px: u32,
 }
 
-/// A lit surface sample.
+/// A lit accumulator: one kind of surface in one depth bin of one pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lit {
-    /// Radiance toward any viewer, linear, exposed.
-    pub color: Vec3,
+pub struct Part {
+    /// As [`Accumulator::key`].
+    pub key: RayKey,
+    /// As [`Accumulator::count`].
+    pub count: u32,
+    /// As [`Accumulator::area`].
+    pub area: f32,
+    /// As [`Accumulator::bin`].
+    pub bin: u16,
+    /// As [`Accumulator::class`].
+    pub class: u16,
+    /// Mean position in bins.
+    pub position: f32,
+    /// Light samples behind `soft`.
+    pub light_samples: u16,
+    /// Mean albedo, linear, 16 bits a channel.
+    pub albedo: [u16; 3],
+    /// Radiance that is sharp in space: the sun's, and emission. Linear, exposed.
+    pub sharp: Vec3,
+    /// Radiosity per albedo from everything else, which varies slowly over a surface. Linear, exposed.
+    pub soft: Vec3,
     /// Unit shading normal on the seen side.
-    pub normal: Vec3,
+    pub normal: EncodedNormal,
+    /// Unit normal of the triangle's plane.
+    pub plane_normal: Vec3,
+    /// Distance of the triangle's plane from the centre, metres.
+    pub plane_distance: f32,
+}
+
+impl Part {
+    /// Radiance toward any viewer, linear, exposed.
+    pub fn color(&self) -> Vec3 {
+        self.sharp + Vec3::from_array(self.albedo.map(|c| f32::from(c) / 65_535.0)) * self.soft
+    }
 }
 
 impl Shader<'_> {
-    /// Light of one accumulator in pixel (x, y) of a face, averaged over `samples` light samples spread over the part
-    /// of its triangle that the pixel shows (as seen from the centre), so that edges of shadows are smooth.
-    pub fn shade(&self, acc: &Accumulator, face: Face, x: u32, y: u32, samples: u32) -> Lit {
+    /// Lights one accumulator in pixel (x, y) of a face with `samples` light samples, spread over the part of its
+    /// triangle that the pixel shows (as seen from the centre), so that edges of shadows are smooth.
+    pub fn shade(&self, acc: &Accumulator, face: Face, x: u32, y: u32, samples: u32) -> Part {
         let [u, v] = acc.barycentric.map(|c| f32::from(c) / 65_535.0);
         let surface = self.tracer.scene().surface(acc.primitive, u, v);
         let side = if acc.is_back() { -1.0 } else { 1.0 };
         let (normal, shading_normal) = (surface.normal * side, surface.shading_normal * side);
-        let albedo = acc.albedo_sum.map(|sum| sum as f32 / (acc.count as f32 * 65_535.0));
-        let [a, b, c] = self.tracer.triangle(acc.primitive);
+        let triangle @ [a, b, c] = self.tracer.triangle(acc.primitive);
         let representative = a + (b - a) * u + (c - a) * v;
-        let extent = extent_of([a, b, c]);
-        let mut radiosity = Vec3::ZERO;
+        let extent = extent_of(triangle);
         let [stream, ..] = random4([face.index() as u32 | u32::from(acc.class) << 8, x, y, u32::from(acc.bin)]);
+        let (mut sun, mut soft) = (Vec3::ZERO, Vec3::ZERO);
         for index in 0..samples {
             let [jx, jy, ..] = random4([stream, index, 0x5eed, 0]).map(unit_float);
             let through = face.direction(f64::from(x) + f64::from(jx), f64::from(y) + f64::from(jy), self.face_size_px);
-            let position = on_triangle(through.as_vec3(), [a, b, c]).unwrap_or(representative);
+            let position = on_triangle(through.as_vec3(), triangle).unwrap_or(representative);
             let point = LitPoint { position, normal, shading_normal, extent };
             let sample = LightSample { stream, index, count: samples };
-            radiosity += Vec3::from_array(self.lighting.radiosity_per_albedo(self.tracer, &point, &sample));
+            sun += self.lighting.sun_radiosity(self.tracer, &point, &sample);
+            soft += self.lighting.soft_radiosity(self.tracer, &point, &sample);
         }
-        let radiosity = if samples == 0 { Vec3::ONE } else { radiosity / samples as f32 };
-        let color = Vec3::from_array(albedo) * radiosity + Vec3::from_array(surface.emission);
-        Lit { color: color * self.lighting.exposure, normal: shading_normal }
+        let (sun, soft) =
+            if samples == 0 { (Vec3::ZERO, Vec3::ONE) } else { (sun / samples as f32, soft / samples as f32) };
+        let albedo = acc.albedo_sum.map(|sum| (sum / u64::from(acc.count.max(1))) as u16);
+        let exposure = self.lighting.exposure;
+        let lit = Vec3::from_array(albedo.map(|c| f32::from(c) / 65_535.0)) * sun;
+        Part {
+            key: acc.key,
+            count: acc.count,
+            area: acc.area,
+            bin: acc.bin,
+            class: acc.class,
+            position: (f64::from(acc.bin) + acc.offset_sum as f64 / 65_536.0 / f64::from(acc.count)) as f32,
+            light_samples: samples as u16,
+            albedo,
+            sharp: (lit + Vec3::from_array(surface.emission)) * exposure,
+            soft: soft * exposure,
+            normal: EncodedNormal::new(shading_normal),
+            plane_normal: normal,
+            plane_distance: normal.dot(a),
+        }
     }
 }
 
-/// Where the ray from the local origin along `direction` meets a triangle, if it does so well inside it.
+/// Where the ray from the local origin along `direction` meets a triangle, if it does.
 fn on_triangle(direction: Vec3, [a, b, c]: [Vec3; 3]) -> Option<Vec3> {
     let (e1, e2) = (b - a, c - a);
     let p = direction.cross(e2);

@@ -1,0 +1,134 @@
+//! The end of a capture: light at kept hits, pooled over surfaces, merged into depth pixels, face by face.
+
+use super::accumulate::{Accumulator, DepthBins};
+use super::build::{CaptureSettings, Progress, Sampler, Tracing};
+use super::merge::depth_pixels_of;
+use super::pool::{self, FaceParts};
+use super::shade::{Part, Shader};
+use super::store::TILE_PX;
+use super::{CaptureInfo, CubeLdi, LayeredDepthImage};
+use crate::capture::light::Lighting;
+use crate::capture::rig::Face;
+use crate::capture::trace::Tracer;
+use rayon::prelude::*;
+use std::io;
+
+/// Lights and merges what was traced into a cube LDI. `info` is completed with the rays and the missing estimate.
+///
+/// # Errors
+/// If spilled accumulators cannot be read.
+pub fn finish(
+    run: &Tracing,
+    mut info: CaptureInfo,
+    tracer: &Tracer,
+    lighting: &Lighting,
+    settings: &CaptureSettings,
+    progress: &dyn Progress,
+) -> io::Result<CubeLdi> {
+    if settings.sampler != Sampler::CentreRays {
+        let missing = run.plan.missing_estimate(&run.store)?;
+        info.missing_estimate.iter_mut().zip(missing).for_each(|(slot, estimate)| *slot = Some(estimate));
+    }
+    info.rays_traced = run.rays;
+    if settings.budget.is_some() {
+        run.store.spill_all()?; // the LDI that now grows needs the memory
+    }
+    let shader = Shader { tracer, lighting, samples: settings.light_samples, face_size_px: settings.face_size_px };
+    let bins = DepthBins::new(settings.half_size_m, settings.face_size_px);
+    progress.begin("light and merge", "tiles", run.store.tile_count() as u64);
+    let mut faces = Vec::with_capacity(6);
+    for face in Face::ALL {
+        let mut parts = lit_face(run, face, &shader, progress)?;
+        parts.pool_soft_light(pool::radius_for(settings.light_samples));
+        faces.push(merge_face(face, &parts, settings, &bins));
+    }
+    Ok(CubeLdi { info, faces, environment: run.misses.environment(lighting) })
+}
+
+/// The lit parts of one tile, row-major.
+#[derive(Default)]
+struct LitTile {
+    /// Column, row and number of parts of each occupied pixel.
+    pixels: Vec<(u32, u32, u32)>,
+    parts: Vec<Part>,
+}
+
+/// Lights all accumulators of a face, and forgets them.
+fn lit_face(run: &Tracing, face: Face, shader: &Shader, progress: &dyn Progress) -> io::Result<FaceParts> {
+    let tiles_per_face = run.store.tile_count() / 6;
+    let first = face.index() * tiles_per_face;
+    let light_tile = |tile: usize| {
+        let (face, x0, y0) = run.store.tile_place(tile);
+        let accumulators = run.store.tile_run(tile)?;
+        run.store.clear_tile(tile);
+        let mut lit = LitTile::default();
+        for pixel in accumulators.chunk_by(|a, b| a.link == b.link) {
+            let (x, y) = (x0 + pixel[0].link % TILE_PX, y0 + pixel[0].link / TILE_PX);
+            lit.pixels.push((x, y, pixel.len() as u32));
+            for bin in pixel.chunk_by(|a, b| a.bin == b.bin) {
+                lit.parts
+                    .extend(bin.iter().map(|acc| shader.shade(acc, face, x, y, share_of_samples(acc, bin, shader))));
+            }
+        }
+        progress.advance(1);
+        Ok(lit)
+    };
+    let tiles: io::Result<Vec<LitTile>> = (first..first + tiles_per_face).into_par_iter().map(light_tile).collect();
+    Ok(in_row_order(shader.face_size_px, &tiles?))
+}
+
+/// A depth pixel's light samples, shared out over its parts by the rays that saw them, at least one each.
+fn share_of_samples(acc: &Accumulator, bin: &[Accumulator], shader: &Shader) -> u32 {
+    let rays: u64 = bin.iter().map(|other| u64::from(other.count)).sum();
+    (u64::from(shader.samples) * u64::from(acc.count)).div_ceil(rays.max(1)) as u32
+}
+
+/// Puts the tiles of a face together into row-major order.
+fn in_row_order(size_px: u32, tiles: &[LitTile]) -> FaceParts {
+    let at = |x: u32, y: u32| y as usize * size_px as usize + x as usize;
+    let mut offsets = vec![0u32; (size_px as usize).pow(2) + 1];
+    for &(x, y, count) in tiles.iter().flat_map(|tile| &tile.pixels) {
+        offsets[at(x, y) + 1] = count;
+    }
+    for p in 1..offsets.len() {
+        offsets[p] += offsets[p - 1];
+    }
+    let Some(blank) = tiles.iter().find_map(|tile| tile.parts.first()) else {
+        return FaceParts { size_px, offsets, parts: Vec::new() };
+    };
+    let mut parts = vec![*blank; offsets[offsets.len() - 1] as usize];
+    for tile in tiles {
+        let mut rest = tile.parts.as_slice();
+        for &(x, y, count) in &tile.pixels {
+            let (here, after) = rest.split_at(count as usize);
+            let start = offsets[at(x, y)] as usize;
+            parts[start..start + here.len()].copy_from_slice(here);
+            rest = after;
+        }
+    }
+    FaceParts { size_px, offsets, parts }
+}
+
+/// Merges the parts of every pixel into depth pixels.
+fn merge_face(face: Face, parts: &FaceParts, settings: &CaptureSettings, bins: &DepthBins) -> LayeredDepthImage {
+    let size_px = parts.size_px;
+    let merge_row = |y: u32| {
+        let (mut samples, mut counts) = (Vec::new(), Vec::with_capacity(size_px as usize));
+        for x in 0..size_px {
+            let before = samples.len();
+            depth_pixels_of(parts.pixel(x, y), settings.merge_rule, bins, &mut samples);
+            counts.push((samples.len() - before) as u32);
+        }
+        (samples, counts)
+    };
+    let rows: Vec<_> = (0..size_px).into_par_iter().map(merge_row).collect();
+    let mut ldi = LayeredDepthImage::empty(face, size_px);
+    let mut total = 0;
+    for (slot, count) in ldi.offsets[1..].iter_mut().zip(rows.iter().flat_map(|row| &row.1)) {
+        total += count;
+        *slot = total;
+    }
+    ldi.samples.reserve_exact(total as usize);
+    rows.iter().for_each(|(samples, _)| ldi.samples.extend_from_slice(samples));
+    ldi
+}
