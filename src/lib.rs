@@ -8,5 +8,9 @@
 pub use headbox_capture as capture;
 pub use headbox_scenes as scenes;
 
+pub mod environment;
+pub mod frame;
 pub mod ldi;
 pub mod packed;
+pub mod splat;
+pub mod warp;

@@ -8,6 +8,10 @@
 //! samples  [ far  mid  near | only ]        offsets  [ 0, 3, 4 ]
 //! ```
 
+mod validate;
+
+pub use validate::{LdiError, MAX_FACE_SIZE_PX};
+
 use crate::capture::rig::Face;
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};

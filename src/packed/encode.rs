@@ -1,0 +1,170 @@
+//! From the build-time LDI to the 8-byte render-time one (inventory S17, S22, S23).
+
+use super::decode::INVERSE_DEPTH_CODE_MAX;
+use super::layout::{PackedCube, PackedDepthPixel, PackedSegment, SegmentSide, SplatIndexLayout};
+use super::splat_index::DepthCodeRange;
+use crate::ldi::{CubeLdi, DepthPixel, LayeredDepthImage, LdiError};
+
+/// Where each face is cut into a near and a far segment (S23).
+///
+/// Clipping keeps, of each segment, the rectangle of rays that a view can reach. A sample of inverse depth q moves by
+/// q times the eye's displacement on the face (in units where a face is 2 wide), so the rectangle of a segment whose
+/// inverse depths span a range `dq` is wider than the view itself by the displacement times `dq`. A cut that makes the
+/// ranges short for many samples lets clipping drop more.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Split {
+    /// For each face, the cut that minimises the depth pixels which a clipped view is expected to touch: the sum over
+    /// both segments of `samples * min(4, (V + d * dq)^2)`, V = 1.15 the width of a 60-degree view on a face that is 2
+    /// wide, d = half of the headbox's half size, the mean displacement of an eye along an axis. 64 cuts, equally
+    /// spaced in inverse depth, are tried. A face stays whole unless the best cut saves at least 5 %.
+    #[default]
+    Auto,
+    /// No cut: one segment a face, filed as near.
+    None,
+    /// Samples at this eye depth (metres, along each face's normal) or nearer are near.
+    AtDepth(f64),
+}
+
+/// Why a cube LDI cannot be packed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PackError {
+    /// The LDI breaks a promise of its layout.
+    #[error("the LDI is invalid: {0}")]
+    Ldi(#[from] LdiError),
+    /// The split depth is not a positive number.
+    #[error("a split depth of {0} m; it must be positive and finite")]
+    SplitDepth(f64),
+}
+
+impl PackedCube {
+    /// Packs a cube LDI: cuts each face at its split plane, quantises, and lays each segment out as S17 says.
+    ///
+    /// # Errors
+    /// [`PackError`] if the LDI is invalid or the split depth is not positive and finite.
+    pub fn pack(ldi: &CubeLdi, layout: SplatIndexLayout, split: Split) -> Result<Self, PackError> {
+        if let Split::AtDepth(depth) = split
+            && !(depth > 0.0 && depth.is_finite())
+        {
+            return Err(PackError::SplitDepth(depth));
+        }
+        ldi.validate()?;
+        let mut segments = Vec::new();
+        for face in &ldi.faces {
+            // Near samples have an inverse depth of at least this.
+            let cut = match split {
+                Split::None => 0.0,
+                Split::AtDepth(depth) => (1.0 / depth) as f32,
+                Split::Auto => automatic_cut(face, ldi.info.half_size_m),
+            };
+            segments.extend(pack_segment(face, layout, SegmentSide::Far, |s| s.inverse_depth < cut));
+            segments.extend(pack_segment(face, layout, SegmentSide::Near, |s| s.inverse_depth >= cut));
+        }
+        Ok(Self {
+            info: ldi.info.clone(),
+            face_size_px: ldi.faces.first().map_or(0, |f| f.size_px),
+            layout,
+            segments,
+            environment: ldi.environment.clone(),
+        })
+    }
+}
+
+/// Smallest and largest inverse depth of some samples.
+fn inverse_depth_range<'a>(samples: impl Iterator<Item = &'a DepthPixel>) -> Option<(f32, f32)> {
+    samples.map(|s| s.inverse_depth).fold(None, |range, q| match range {
+        None => Some((q, q)),
+        Some((min, max)) => Some((min.min(q), max.max(q))),
+    })
+}
+
+/// The inverse depth at which [`Split::Auto`] cuts a face; 0 leaves it whole.
+fn automatic_cut(face: &LayeredDepthImage, half_size_m: f64) -> f32 {
+    const CUTS: usize = 64;
+    const VIEW_WIDTH: f64 = 1.15;
+    const WORTHWHILE: f64 = 0.95;
+    let Some((min, max)) = inverse_depth_range(face.samples.iter()) else { return 0.0 };
+    let width = (f64::from(max) - f64::from(min)) / CUTS as f64;
+    if width <= 0.0 {
+        return 0.0;
+    }
+    let mut histogram = [0usize; CUTS];
+    for sample in &face.samples {
+        let bin = (f64::from(sample.inverse_depth) - f64::from(min)) / width;
+        histogram[(bin as usize).min(CUTS - 1)] += 1;
+    }
+    let touched = |samples: usize, bins: usize| {
+        let side = VIEW_WIDTH + 0.5 * half_size_m * bins as f64 * width;
+        samples as f64 * (side * side).min(4.0)
+    };
+    let mut best = (touched(face.samples.len(), CUTS) * WORTHWHILE, 0.0);
+    let mut far = 0;
+    for cut in 1..CUTS {
+        far += histogram[cut - 1];
+        let cost = touched(far, cut) + touched(face.samples.len() - far, CUTS - cut);
+        if cost < best.0 {
+            best = (cost, f64::from(min) + cut as f64 * width);
+        }
+    }
+    best.1 as f32
+}
+
+/// The segment of a face that holds the samples for which `belongs` says so, or `None` if there are none.
+fn pack_segment(
+    face: &LayeredDepthImage,
+    layout: SplatIndexLayout,
+    side: SegmentSide,
+    belongs: impl Fn(&DepthPixel) -> bool,
+) -> Option<PackedSegment> {
+    let (min, max) = inverse_depth_range(face.samples.iter().filter(|s| belongs(s)))?;
+    let occupied = |x: u32, y: u32| face.pixel(x, y).iter().any(&belongs);
+    let all = 0..face.size_px;
+    let row_used = |y: &u32| all.clone().any(|x| occupied(x, *y));
+    let (y0, y1) = (all.clone().find(row_used)?, all.clone().rfind(row_used)?);
+    let column_used = |x: &u32| (y0..=y1).any(|y| occupied(*x, y));
+    let (x0, x1) = (all.clone().find(column_used)?, all.clone().rfind(column_used)?);
+
+    let range = DepthCodeRange::from_inverse_depths(min, max);
+    let codes_per_inverse_depth = match max > min {
+        true => f64::from(INVERSE_DEPTH_CODE_MAX) / (f64::from(max) - f64::from(min)),
+        false => 0.0,
+    };
+    let face_from_world = face.face.world_from_eye().transpose();
+    let encode = |sample: &DepthPixel| {
+        let inverse_depth = f64::from(sample.inverse_depth);
+        let code = ((inverse_depth - f64::from(min)) * codes_per_inverse_depth).round() as u32;
+        let normal = face_from_world * sample.normal.decode().as_dvec3();
+        let index = layout.encode(normal, 1.0 / inverse_depth, range);
+        let geometry = index << 20 | code.min(INVERSE_DEPTH_CODE_MAX);
+        PackedDepthPixel { geometry, color_srgb: sample.color_srgb }
+    };
+
+    let (width, height) = (x1 - x0 + 1, y1 - y0 + 1);
+    let mut depth_pixels = Vec::with_capacity(face.samples.len());
+    let mut row_offsets = Vec::with_capacity(height as usize + 1);
+    let mut row_counts = Vec::with_capacity(height as usize * (width as usize + 1));
+    for y in y0..=y1 {
+        // Lossless: a valid face has at most u32::MAX samples.
+        let row_start = depth_pixels.len();
+        row_offsets.push(row_start as u32);
+        row_counts.push(0);
+        for x in x0..=x1 {
+            depth_pixels.extend(face.pixel(x, y).iter().filter(|s| belongs(s)).map(encode));
+            row_counts.push((depth_pixels.len() - row_start) as u32);
+        }
+    }
+    row_offsets.push(depth_pixels.len() as u32);
+    depth_pixels.shrink_to_fit();
+    Some(PackedSegment {
+        face: face.face,
+        side,
+        x0,
+        y0,
+        width,
+        height,
+        inverse_depth_min: min,
+        inverse_depth_max: max,
+        row_offsets,
+        row_counts,
+        depth_pixels,
+    })
+}
