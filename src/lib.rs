@@ -9,11 +9,15 @@ pub use headbox_capture as capture;
 pub use headbox_scenes as scenes;
 
 pub mod container;
+pub mod environment;
 pub mod files;
+pub mod frame;
 pub mod ldi;
 pub mod metrics;
 pub mod packed;
 pub mod path;
 pub mod report;
 pub mod scene_source;
+pub mod splat;
 pub mod truth;
+pub mod warp;

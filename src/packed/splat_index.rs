@@ -146,10 +146,10 @@ mod tests {
     use super::*;
 
     /// Half the diagonal of the largest cell, degrees: a front ring is 3.6 degrees wide and cut into about as long
-    /// pieces; a back ring 15; the paper's cells are 1/4 of a unit of x and y, which at the rim is as steep as
-    /// acos(1 - 1/4) = 41 degrees.
-    const WORST_FRONT_DEG: f32 = 2.7;
-    const WORST_BACK_DEG: f32 = 13.0;
+    /// pieces, the first ones (few, and rounded to a whole number) up to 4.4; a back ring 16 by up to 21 on its wider
+    /// side; the paper's cells are 1/4 of a unit of x and y, which at the rim is as steep as acos(1 - 1/4) = 41 degrees.
+    const WORST_FRONT_DEG: f32 = 2.9;
+    const WORST_BACK_DEG: f32 = 13.5;
     const WORST_PAPER_DEG: f32 = 30.0;
 
     #[test]

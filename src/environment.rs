@@ -1,0 +1,98 @@
+//! The surroundings at infinity, looked up by direction.
+
+use crate::capture::rig::Face;
+use crate::ldi::Environment;
+use glam::{DVec3, Vec3};
+
+impl Environment {
+    /// Bilinear sample of the cube map in a direction (world axes, any length), sRGB. Texels that no miss reached have
+    /// no part in it; `None` if that leaves none (or the direction is not finite).
+    pub fn sample(&self, direction: Vec3) -> Option<[u8; 3]> {
+        if self.size_px == 0 || !direction.is_finite() || direction == Vec3::ZERO {
+            return None;
+        }
+        let direction = direction.as_dvec3();
+        let face = Face::containing(direction);
+        let [x, y, _] = face.project(direction, self.size_px);
+        let (x, y) = (x - 0.5, y - 0.5);
+        let (left, top) = (x.floor(), y.floor());
+        let (u, v) = (x - left, y - top);
+        let mut sum = [0.0; 3];
+        let mut total = 0.0;
+        for (dx, dy, weight) in
+            [(0, 0, (1.0 - u) * (1.0 - v)), (1, 0, u * (1.0 - v)), (0, 1, (1.0 - u) * v), (1, 1, u * v)]
+        {
+            let texel = self.texel(face, left as i64 + dx, top as i64 + dy);
+            if let Some(color) = texel.filter(|t| t[3] == 255) {
+                total += weight;
+                for c in 0..3 {
+                    sum[c] += weight * f64::from(color[c]);
+                }
+            }
+        }
+        // A weight this small is rounding: the one texel that counts has the alpha 0.
+        (total > 1e-6).then(|| sum.map(|s| (s / total + 0.5) as u8))
+    }
+
+    /// Texel (x, y) of a face; one step beyond its border, the texel of the neighbouring face that lies there.
+    fn texel(&self, face: Face, x: i64, y: i64) -> Option<[u8; 4]> {
+        let size = i64::from(self.size_px);
+        let at = |face: Face, x: i64, y: i64| {
+            let index = face.index() as i64 * size * size + y.clamp(0, size - 1) * size + x.clamp(0, size - 1);
+            self.texels.get(index as usize).copied()
+        };
+        if (0..size).contains(&x) && (0..size).contains(&y) {
+            return at(face, x, y);
+        }
+        let direction: DVec3 = face.direction(x as f64 + 0.5, y as f64 + 0.5, self.size_px);
+        let face = Face::containing(direction);
+        let [x, y, _] = face.project(direction, self.size_px);
+        at(face, x as i64, y as i64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn by_direction(size_px: u32, color: impl Fn(DVec3) -> [u8; 4]) -> Environment {
+        let mut texels = Vec::new();
+        for face in Face::ALL {
+            for y in 0..size_px {
+                for x in 0..size_px {
+                    texels.push(color(face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, size_px).normalize()));
+                }
+            }
+        }
+        Environment { size_px, texels }
+    }
+
+    #[test]
+    fn a_smooth_environment_is_smooth_across_edges() {
+        let ramp = |d: DVec3| {
+            let c = |v: f64| (127.5 + 127.0 * v).round() as u8;
+            [c(d.x), c(d.y), c(d.z), 255]
+        };
+        let environment = by_direction(32, ramp);
+        // One texel of 32 spans up to 1/16 of a unit: linear interpolation of a sine errs by less than 2 levels; at
+        // the border of a face the neighbour's texels are not on the same grid, which costs up to half a texel, 4.
+        const LEVELS: i32 = 5;
+        for i in 0..5000 {
+            let (a, z) = (f64::from(i) * 2.399_963, 1.0 - (f64::from(i) + 0.5) / 2500.0);
+            let d = DVec3::new((1.0 - z * z).sqrt() * a.cos(), (1.0 - z * z).sqrt() * a.sin(), z);
+            let (found, expected) = (environment.sample(d.as_vec3() * 7.0).expect("filled"), ramp(d));
+            for c in 0..3 {
+                assert!((i32::from(found[c]) - i32::from(expected[c])).abs() <= LEVELS, "{d}: {found:?} {expected:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn texels_that_no_miss_reached_do_not_count() {
+        let upper = by_direction(8, |d| if d.y > 0.0 { [200, 100, 50, 255] } else { [0, 0, 0, 0] });
+        assert_eq!(upper.sample(Vec3::new(1.0, 0.05, 0.0)), Some([200, 100, 50]));
+        assert_eq!(upper.sample(Vec3::NEG_Y), None);
+        assert_eq!(upper.sample(Vec3::NAN), None);
+        assert_eq!(Environment { size_px: 0, texels: vec![] }.sample(Vec3::X), None);
+    }
+}

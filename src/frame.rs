@@ -1,0 +1,108 @@
+//! A finished frame.
+
+use crate::capture::CameraError;
+use std::io::Cursor;
+
+/// How a pixel of a frame came about, in one byte.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(transparent)]
+pub struct Coverage(u8);
+
+impl Coverage {
+    /// No splat touched the pixel and no environment texel that a real miss reached is there.
+    pub const HOLE: Self = Self(0);
+    /// The environment alone.
+    pub const ENVIRONMENT: Self = Self(1);
+    /// Splats cover the pixel wholly.
+    pub const FULL: Self = Self(255);
+
+    /// A pixel of which splats cover `share` of 255; at least the smallest value that is not
+    /// [`Self::ENVIRONMENT`].
+    pub fn of_splats(share: u8) -> Self {
+        Self(share.max(2))
+    }
+
+    /// True if nothing is known of the pixel.
+    pub fn is_hole(self) -> bool {
+        self == Self::HOLE
+    }
+
+    /// Share of the pixel that splats cover, of 255; 0 for a hole and for the environment alone.
+    pub fn splat_share(self) -> u8 {
+        if self <= Self::ENVIRONMENT { 0 } else { self.0 }
+    }
+}
+
+/// An image, row 0 on top, and where it came from.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Frame {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// sRGB, alpha 255; `width * height` entries.
+    pub color: Vec<[u8; 4]>,
+    /// One for each pixel.
+    pub coverage: Vec<Coverage>,
+}
+
+/// Why a frame could not be encoded.
+#[derive(Debug, thiserror::Error)]
+pub enum FrameError {
+    /// The size of the frame cannot be that of an image.
+    #[error(transparent)]
+    Size(#[from] CameraError),
+    /// The encoder failed.
+    #[error("cannot encode the frame as PNG: {0}")]
+    Png(#[from] image::ImageError),
+}
+
+impl Frame {
+    /// Makes the frame `width` by `height`, all holes of the colour `color_srgb`; keeps the memory it has.
+    pub(crate) fn reset(&mut self, width: u32, height: u32, color_srgb: [u8; 3]) {
+        let count = width as usize * height as usize;
+        let [r, g, b] = color_srgb;
+        (self.width, self.height) = (width, height);
+        self.color.clear();
+        self.color.resize(count, [r, g, b, 255]);
+        self.coverage.clear();
+        self.coverage.resize(count, Coverage::HOLE);
+    }
+
+    /// Number of hole pixels.
+    pub fn hole_count(&self) -> u64 {
+        self.coverage.iter().filter(|c| c.is_hole()).count() as u64
+    }
+
+    /// The frame as the bytes of a PNG file (8-bit sRGB with alpha).
+    ///
+    /// # Errors
+    /// [`FrameError`] if width, height and the number of colours do not fit together, or the encoder fails.
+    pub fn to_png(&self) -> Result<Vec<u8>, FrameError> {
+        let raw = self.color.iter().flatten().copied().collect();
+        let picture = image::RgbaImage::from_raw(self.width, self.height, raw);
+        let picture = picture.ok_or(CameraError::Size(self.width, self.height))?;
+        let mut png = Cursor::new(Vec::new());
+        picture.write_to(&mut png, image::ImageFormat::Png)?;
+        Ok(png.into_inner())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn png_round_trips_and_a_frame_of_the_wrong_size_is_refused() {
+        let mut frame = Frame::default();
+        frame.reset(3, 2, [1, 2, 3]);
+        frame.color[4] = [250, 128, 7, 255];
+        let png = frame.to_png().expect("encodes");
+        let back = image::load_from_memory(&png).expect("decodes").to_rgba8();
+        assert_eq!(back.get_pixel(1, 1).0, [250, 128, 7, 255]);
+        assert_eq!(back.get_pixel(0, 0).0, [1, 2, 3, 255]);
+        assert_eq!(frame.hole_count(), 6);
+        frame.color.pop();
+        assert!(matches!(frame.to_png(), Err(FrameError::Size(_))));
+    }
+}

@@ -1,0 +1,195 @@
+//! A small capture of an analytic scene, independent of the product's: rays from the headbox's faces, cosine-weighted
+//! (inventory S15), merged by depth in their order of arrival.
+
+use super::bed::{Random, Scene, sky, srgb};
+use glam::{DVec3, dvec3};
+use headbox::capture::rig::Face;
+use headbox::ldi::{CaptureInfo, CubeLdi, DepthPixel, EncodedNormal, Environment, LayeredDepthImage};
+
+/// What a capture is made with.
+pub struct CaptureSettings {
+    pub centre: DVec3,
+    pub half: f64,
+    pub face_px: u32,
+    pub rays_per_pixel: u32,
+    /// Relative difference of inverse depth up to which hits are merged.
+    pub epsilon: f64,
+    /// Whether alpha says how much of its pixel a sample fills, as well as its count of hits can tell.
+    pub alpha_is_coverage: bool,
+}
+
+/// A headbox of half size 0.5 about the origin.
+pub fn quick(scene: &Scene, face_px: u32) -> CubeLdi {
+    let settings = CaptureSettings {
+        centre: DVec3::ZERO,
+        half: 0.5,
+        face_px,
+        rays_per_pixel: 16,
+        epsilon: 0.01,
+        alpha_is_coverage: false,
+    };
+    capture(scene, &settings)
+}
+
+/// Sums over the hits of one depth pixel.
+struct Gathered {
+    inverse_depth: f64,
+    normal: DVec3,
+    color: [f64; 3],
+    count: f64,
+}
+
+impl Gathered {
+    fn mean_inverse_depth(&self) -> f64 {
+        self.inverse_depth / self.count
+    }
+}
+
+/// The sums of every pixel of every face, and of the environment.
+struct Accumulator {
+    size: usize,
+    pixels: Vec<Vec<Gathered>>,
+    environment: Vec<([f64; 3], f64)>,
+}
+
+const ENVIRONMENT_PX: usize = 64;
+
+impl Accumulator {
+    /// Index of the pixel that a point or direction falls into, and its eye depth.
+    fn index(p: DVec3, size: usize) -> (usize, f64) {
+        let face = Face::containing(p);
+        let [x, y, eye_depth] = face.project(p, size as u32);
+        let (x, y) = ((x as usize).min(size - 1), (y as usize).min(size - 1));
+        ((face.index() * size + y) * size + x, eye_depth)
+    }
+
+    fn miss(&mut self, d: DVec3) {
+        let texel = &mut self.environment[Self::index(d, ENVIRONMENT_PX).0];
+        texel.0 = std::array::from_fn(|c| texel.0[c] + sky(d)[c]);
+        texel.1 += 1.0;
+    }
+
+    fn hit(&mut self, p: DVec3, normal: DVec3, color: [f64; 3], epsilon: f64) {
+        let (index, eye_depth) = Self::index(p, self.size);
+        let q = 1.0 / eye_depth;
+        let pixel = &mut self.pixels[index];
+        match pixel.iter_mut().find(|g| (g.mean_inverse_depth() - q).abs() < epsilon * q) {
+            Some(g) => {
+                g.inverse_depth += q;
+                g.normal += normal;
+                g.color = std::array::from_fn(|c| g.color[c] + color[c]);
+                g.count += 1.0;
+            }
+            None => pixel.push(Gathered { inverse_depth: q, normal, color, count: 1.0 }),
+        }
+    }
+
+    /// The count of hits that a depth pixel which is filled has: the upper quartile around it on the same surface.
+    fn full_count(&self, index: usize, q: f64) -> f64 {
+        let size = self.size as i64;
+        let (face, x, y) = (index as i64 / (size * size), index as i64 % size, index as i64 / size % size);
+        let mut counts = Vec::new();
+        for (i, j) in (-2..=2).flat_map(|j| (-2..=2).map(move |i| (x + i, y + j))) {
+            if (0..size).contains(&i) && (0..size).contains(&j) {
+                let pixel = &self.pixels[((face * size + j) * size + i) as usize];
+                let same = pixel.iter().filter(|g| (g.mean_inverse_depth() - q).abs() < 0.05 * q);
+                counts.extend(same.map(|g| g.count).max_by(f64::total_cmp));
+            }
+        }
+        counts.sort_by(f64::total_cmp);
+        counts[counts.len() * 3 / 4]
+    }
+
+    fn finish(mut self, alpha_is_coverage: bool) -> (Vec<LayeredDepthImage>, Environment) {
+        for pixel in &mut self.pixels {
+            pixel.sort_by(|a, b| a.mean_inverse_depth().total_cmp(&b.mean_inverse_depth()));
+        }
+        let per_face = self.size * self.size;
+        let face = |face: Face| {
+            let mut ldi = LayeredDepthImage::empty(face, self.size as u32);
+            for p in 0..per_face {
+                let index = face.index() * per_face + p;
+                for g in &self.pixels[index] {
+                    let mut color_srgb = srgb(g.color.map(|c| c / g.count));
+                    if alpha_is_coverage {
+                        let full = self.full_count(index, g.mean_inverse_depth());
+                        color_srgb[3] = (255.0 * (1.3 * g.count / full).min(1.0)) as u8;
+                    }
+                    ldi.samples.push(DepthPixel {
+                        inverse_depth: g.mean_inverse_depth() as f32,
+                        normal: EncodedNormal::new(g.normal.normalize_or(DVec3::X).as_vec3()),
+                        color_srgb,
+                    });
+                }
+                ldi.offsets[p + 1] = ldi.samples.len() as u32;
+            }
+            ldi
+        };
+        let faces = Face::ALL.map(face).into();
+        let texel = |(sum, n): &([f64; 3], f64)| if *n > 0.0 { srgb(sum.map(|c| c / n)) } else { [0; 4] };
+        let texels: Vec<_> = self.environment.iter().map(texel).collect();
+        let environment = match texels.iter().any(|t| t[3] > 0) {
+            true => Environment { size_px: ENVIRONMENT_PX as u32, texels },
+            false => Environment { size_px: 0, texels: vec![] },
+        };
+        (faces, environment)
+    }
+}
+
+pub fn capture(scene: &Scene, settings: &CaptureSettings) -> CubeLdi {
+    let size = settings.face_px as usize;
+    let mut sums = Accumulator {
+        size,
+        pixels: (0..6 * size * size).map(|_| Vec::new()).collect(),
+        environment: vec![([0.0; 3], 0.0); 6 * ENVIRONMENT_PX * ENVIRONMENT_PX],
+    };
+    let mut random = Random(1);
+    for face in Face::ALL {
+        for _ in 0..settings.rays_per_pixel as usize * size * size {
+            let in_face = |v: DVec3| face.right() * v.x + face.up() * v.y + face.normal() * v.z;
+            let o = in_face(dvec3(random.between(-1.0, 1.0), random.between(-1.0, 1.0), 1.0)) * settings.half;
+            let (r, a) = (random.unit().sqrt(), random.unit() * std::f64::consts::TAU);
+            let d = in_face(dvec3(r * a.cos(), r * a.sin(), (1.0 - r * r).sqrt()));
+            match scene.hit(settings.centre + o, d) {
+                Some(hit) => sums.hit(o + d * hit.t, hit.normal, hit.color, settings.epsilon),
+                None => sums.miss(d),
+            }
+        }
+    }
+    let (faces, environment) = sums.finish(settings.alpha_is_coverage);
+    CubeLdi { info: info(settings.centre, settings.half), faces, environment }
+}
+
+/// Capture information of no capture.
+pub fn info(centre: DVec3, half_size_m: f64) -> CaptureInfo {
+    CaptureInfo {
+        scene: "test".into(),
+        centre,
+        half_size_m,
+        unit_m: 1.0,
+        exposure: 1.0,
+        ..CaptureInfo::default()
+    }
+}
+
+/// A cube LDI of one sample at the centre of each pixel of some faces, as `sample` gives it for a position on the face
+/// in pixels; no environment.
+pub fn one_layer(
+    centre: DVec3,
+    face_px: u32,
+    faces: &[Face],
+    sample: impl Fn(Face, f64, f64) -> Option<DepthPixel>,
+) -> CubeLdi {
+    let face = |face: Face| {
+        let mut ldi = LayeredDepthImage::empty(face, face_px);
+        for p in 0..face_px * face_px {
+            if faces.contains(&face) {
+                ldi.samples.extend(sample(face, f64::from(p % face_px) + 0.5, f64::from(p / face_px) + 0.5));
+            }
+            ldi.offsets[p as usize + 1] = ldi.samples.len() as u32;
+        }
+        ldi
+    };
+    let environment = Environment { size_px: 0, texels: vec![] };
+    CubeLdi { info: info(centre, 0.5), faces: Face::ALL.map(face).into(), environment }
+}
