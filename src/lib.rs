@@ -8,6 +8,7 @@
 pub use headbox_capture as capture;
 pub use headbox_scenes as scenes;
 
+pub mod cli;
 pub mod container;
 pub mod environment;
 pub mod files;

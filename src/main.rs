@@ -1,2 +1,5 @@
-//! .
-fn main() {}
+//! The command line of headbox.
+
+fn main() -> std::process::ExitCode {
+    headbox::cli::main()
+}

@@ -162,14 +162,7 @@ pub fn capture(scene: &Scene, settings: &CaptureSettings) -> CubeLdi {
 
 /// Capture information of no capture.
 pub fn info(centre: DVec3, half_size_m: f64) -> CaptureInfo {
-    CaptureInfo {
-        scene: "test".into(),
-        centre,
-        half_size_m,
-        unit_m: 1.0,
-        exposure: 1.0,
-        ..CaptureInfo::default()
-    }
+    CaptureInfo { scene: "test".into(), centre, half_size_m, unit_m: 1.0, exposure: 1.0, ..CaptureInfo::default() }
 }
 
 /// A cube LDI of one sample at the centre of each pixel of some faces, as `sample` gives it for a position on the face

@@ -1,0 +1,136 @@
+//! Arguments that several subcommands share. Positions and lengths are in the scene file's own axes and unit.
+
+use super::UsageError;
+use crate::capture::Camera;
+use crate::capture::scene::{FileFrame, UpAxis};
+use crate::ldi::CaptureInfo;
+use crate::scene_source::SceneSource;
+use clap::{Args, ValueEnum};
+use glam::DVec3;
+
+/// Three finite numbers, `X,Y,Z`.
+pub(super) fn parse_vector(text: &str) -> Result<DVec3, String> {
+    let parts: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+    match parts.as_deref() {
+        Ok(&[x, y, z]) if [x, y, z].iter().all(|c| c.is_finite()) => Ok(DVec3::new(x, y, z)),
+        _ => Err("give three finite numbers separated by commas, such as 0.5,1.6,-2".into()),
+    }
+}
+
+/// A positive, finite length.
+pub(super) fn parse_length(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(length) if length > 0.0 && f64::is_finite(length) => Ok(length),
+        _ => Err("give a finite number greater than 0".into()),
+    }
+}
+
+/// An image size, `WIDTHxHEIGHT`.
+pub(super) fn parse_size(text: &str) -> Result<(u32, u32), String> {
+    let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    let allowed = 1..=Camera::MAX_SIDE_PX;
+    match sides {
+        Some((w, h)) if allowed.contains(&w) && allowed.contains(&h) => Ok((w, h)),
+        _ => Err(format!("give WIDTHxHEIGHT in pixels, each from 1 to {}, such as 1024x768", Camera::MAX_SIDE_PX)),
+    }
+}
+
+/// Which axis of the file points up.
+#[derive(Clone, Copy, ValueEnum)]
+pub(super) enum Up {
+    Y,
+    Z,
+}
+
+/// The unit of the file's lengths.
+#[derive(Clone, Copy, ValueEnum)]
+pub(super) enum Unit {
+    M,
+    Cm,
+    Mm,
+    In,
+}
+
+/// A scene.
+#[derive(Args)]
+pub(super) struct SceneArgs {
+    /// A scene: an .obj, .gltf or .glb file, or builtin:NAME
+    scene: String,
+    /// Axis that points up in the file
+    #[arg(long)]
+    up: Option<Up>,
+    /// Unit of lengths in the file
+    #[arg(long)]
+    unit: Option<Unit>,
+}
+
+impl SceneArgs {
+    pub(super) fn source(&self) -> SceneSource {
+        let metres = |unit| match unit {
+            Unit::M => 1.0,
+            Unit::Cm => 0.01,
+            Unit::Mm => 0.001,
+            Unit::In => 0.0254,
+        };
+        SceneSource {
+            name: self.scene.clone(),
+            z_up: self.up.map(|up| matches!(up, Up::Z)),
+            unit_m: self.unit.map(metres),
+        }
+    }
+}
+
+/// The frame of the file that a capture was made from.
+pub(super) fn frame_of(info: &CaptureInfo) -> FileFrame {
+    FileFrame { up: if info.z_up { UpAxis::Z } else { UpAxis::Y }, unit_m: info.unit_m }
+}
+
+/// A camera.
+#[derive(Args)]
+pub(super) struct CameraArgs {
+    /// Position of the eye; the centre of the headbox if absent
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
+    eye: Option<DVec3>,
+    /// Point to look at; straight ahead (-Z, or +Y in a file with Z up) if absent
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
+    look_at: Option<DVec3>,
+    /// Direction that points up in the image; the file's up axis if absent
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
+    up_vector: Option<DVec3>,
+    /// Vertical field of view, degrees
+    #[arg(long, value_name = "DEG", default_value_t = 60.0)]
+    fov: f64,
+    /// Size of the image, pixels
+    #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = parse_size)]
+    size: (u32, u32),
+}
+
+impl CameraArgs {
+    /// The camera in the world; `default_eye` is in world metres.
+    pub(super) fn camera(&self, frame: &FileFrame, default_eye: DVec3) -> anyhow::Result<Camera> {
+        let eye = self.eye.map_or(default_eye, |eye| frame.world_from_file(eye));
+        let look_at = self.look_at.map_or(eye - DVec3::Z, |point| frame.world_from_file(point));
+        let up = self.up_vector.map_or(DVec3::Y, |up| frame.world_direction_from_file(up));
+        let (width, height) = self.size;
+        let camera = Camera::look_at(eye, look_at, up, self.fov, width, height);
+        Ok(camera.map_err(|error| UsageError(error.to_string()))?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_sane_values_parse() {
+        assert_eq!(parse_vector("-1, 2.5,3e2"), Ok(DVec3::new(-1.0, 2.5, 300.0)));
+        for bad in ["", "1,2", "1,2,3,4", "nan,0,0", "inf,0,0", "a,b,c"] {
+            assert!(parse_vector(bad).is_err(), "{bad}");
+        }
+        assert!(parse_length("0").is_err() && parse_length("-1").is_err() && parse_length("nan").is_err());
+        assert_eq!(parse_size("640x480"), Ok((640, 480)));
+        for bad in ["0x4", "640", "x", "99999x9", "-1x5"] {
+            assert!(parse_size(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,48 @@
+//! `headbox compare`.
+
+use super::output::{print_json, save_png};
+use crate::metrics;
+use anyhow::Context;
+use clap::Args;
+use std::path::{Path, PathBuf};
+
+#[derive(Args)]
+pub(super) struct Compare {
+    /// The reference image
+    reference: PathBuf,
+    /// The image to judge, of the same size
+    test: PathBuf,
+    /// Write the FLIP error map as PNG
+    #[arg(long, value_name = "OUT.png")]
+    map: Option<PathBuf>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+fn open(path: &Path) -> anyhow::Result<image::RgbImage> {
+    let image = image::open(path).with_context(|| format!("{} could not be read as an image", path.display()))?;
+    Ok(image.to_rgb8())
+}
+
+impl Compare {
+    pub(super) fn run(&self) -> anyhow::Result<()> {
+        let (reference, test) = (open(&self.reference)?, open(&self.test)?);
+        let (comparison, map) = metrics::compare_with_map(&reference, &test)?;
+        if let Some(path) = &self.map {
+            save_png(path, &map.to_magma())?;
+        }
+        if self.json {
+            print_json(&serde_json::to_value(&comparison)?);
+        } else {
+            println!(
+                "FLIP {:.4}  PSNR {:.2} dB  SSIM {:.4}  differing pixels {:.2} %",
+                comparison.flip,
+                comparison.psnr_db,
+                comparison.ssim,
+                comparison.differing_fraction * 100.0
+            );
+        }
+        Ok(())
+    }
+}

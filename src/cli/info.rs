@@ -1,0 +1,106 @@
+//! `headbox info`.
+
+use super::output::print_json;
+use crate::capture::scene::{FileFrame, UpAxis};
+use crate::container::Container;
+use crate::ldi::file::CUBE_LDI;
+use crate::ldi::shard::{self, SHARD};
+use crate::packed::{PackedCube, SegmentSide};
+use anyhow::{Context, bail};
+use clap::Args;
+use serde_json::json;
+use std::path::PathBuf;
+
+#[derive(Args)]
+pub(super) struct Info {
+    /// A .ldi file or a shard
+    file: PathBuf,
+    /// Check every promise of the layout, sample by sample
+    #[arg(long)]
+    check: bool,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+impl Info {
+    pub(super) fn run(&self) -> anyhow::Result<()> {
+        let kind = Container::peek_kind(&self.file).with_context(|| format!("{}", self.file.display()))?;
+        match kind {
+            Some(tag) if tag == CUBE_LDI.tag => self.cube(),
+            Some(tag) if tag == SHARD.tag => self.shard(),
+            Some(tag) => bail!("{}: unknown kind \"{}\"", self.file.display(), String::from_utf8_lossy(&tag)),
+            None => bail!("{}: not a headbox file", self.file.display()),
+        }
+    }
+
+    fn cube(&self) -> anyhow::Result<()> {
+        // Reading checks all that a renderer relies on; --check has nothing to add but the word.
+        let cube = PackedCube::read(&self.file)?;
+        let bytes = std::fs::metadata(&self.file)?.len();
+        let segment = |s: &crate::packed::PackedSegment| {
+            json!({
+                "face": s.face.name(), "side": if s.side == SegmentSide::Near { "near" } else { "far" },
+                "rectangle": [s.x0, s.y0, s.width, s.height], "depth_pixels": s.depth_pixels.len(),
+                "eye_depth_m": [1.0 / s.inverse_depth_max, 1.0 / s.inverse_depth_min],
+            })
+        };
+        let faces: Vec<_> = cube.segments.iter().map(segment).collect();
+        if self.json {
+            print_json(&json!({
+                "kind": CUBE_LDI.name, "bytes": bytes, "depth_pixels": cube.depth_pixel_count(), "faces": faces,
+                "face_size": cube.face_size_px, "layout": cube.layout, "environment_size": cube.environment.size_px,
+                "capture": cube.info, "ok": true,
+            }));
+            return Ok(());
+        }
+        let info = &cube.info;
+        let frame = FileFrame { up: if info.z_up { UpAxis::Z } else { UpAxis::Y }, unit_m: info.unit_m };
+        println!("{}: {}, {bytes} bytes", self.file.display(), CUBE_LDI.name);
+        println!("  scene       {}", info.scene);
+        println!("  centre      {} (in the file's axes and unit)", frame.file_from_world(info.centre));
+        println!("  half-size   {} (file units)", info.half_size_m / info.unit_m);
+        println!("  world       1 file unit = {} m, {} up in the file", info.unit_m, if info.z_up { "Z" } else { "Y" });
+        println!("  faces       6 x {0}x{0} pixels", cube.face_size_px);
+        println!("  samples     {} depth pixels from {} rays", cube.depth_pixel_count(), info.rays_traced);
+        println!("  light       {} bounces, {} samples, exposure {}", info.bounces, info.light_samples, info.exposure);
+        for (face, missing) in crate::capture::rig::Face::ALL.iter().zip(info.missing_estimate) {
+            if let Some(missing) = missing {
+                println!("  {}          next ray new with probability {missing:.4}", face.name());
+            }
+        }
+        for s in &cube.segments {
+            let side = if s.side == SegmentSide::Near { "near" } else { "far " };
+            let (from, to) = (1.0 / s.inverse_depth_max, 1.0 / s.inverse_depth_min);
+            let count = s.depth_pixels.len();
+            let (name, w, h, x, y) = (s.face.name(), s.width, s.height, s.x0, s.y0);
+            println!("  {name} {side}     {count} depth pixels, {w}x{h} at {x},{y}, depth {from:.3} to {to:.3} m");
+        }
+        if self.check {
+            println!("ok: every promise of the layout holds");
+        }
+        Ok(())
+    }
+
+    fn shard(&self) -> anyhow::Result<()> {
+        let info = shard::read_info(&self.file)?;
+        let bytes = std::fs::metadata(&self.file)?.len();
+        let mut samples = None;
+        if self.check {
+            samples = Some(shard::check(&self.file, &info)?);
+        }
+        if self.json {
+            print_json(&json!({
+                "kind": SHARD.name, "bytes": bytes, "rays": info.rays, "part": info.part, "parts": info.parts,
+                "depth_pixels": samples, "faces": [], "job": info.job, "ok": true,
+            }));
+        } else {
+            let (scene, part, parts, rays) = (&info.job.scene.name, info.part, info.parts, info.rays);
+            println!("{}: {} {part}/{parts} of {scene}, {rays} rays, {bytes} bytes", self.file.display(), SHARD.name);
+            if let Some(samples) = samples {
+                println!("ok: {samples} accumulators");
+            }
+        }
+        Ok(())
+    }
+}

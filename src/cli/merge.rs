@@ -1,0 +1,81 @@
+//! `headbox merge`.
+
+use super::capture::{PackingArgs, budget, warn_if_blocked};
+use super::output::{peak_rss_mb, print_json};
+use super::progress::Bar;
+use crate::capture::light::Lighting;
+use crate::capture::trace::Tracer;
+use crate::ldi::job::Resources;
+use crate::ldi::shard;
+use crate::scene_source::fingerprint;
+use anyhow::{Context, ensure};
+use clap::Args;
+use serde_json::json;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+#[derive(Args)]
+pub(super) struct Merge {
+    /// All shards of one capture
+    #[arg(required = true)]
+    shards: Vec<PathBuf>,
+    /// File to write
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Where the scene is now, if it is no longer where the shards were captured
+    #[arg(long)]
+    scene: Option<String>,
+    /// Memory to keep within, MiB
+    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(64..=1 << 24))]
+    memory: Option<u64>,
+    #[command(flatten)]
+    packing: PackingArgs,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+impl Merge {
+    pub(super) fn run(&self) -> anyhow::Result<()> {
+        let mut infos = Vec::with_capacity(self.shards.len());
+        for path in &self.shards {
+            infos.push((path.clone(), shard::read_info(path)?));
+        }
+        shard::check_complete(&infos)?;
+        let (_, first) = &infos[0];
+        let mut source = first.job.scene.clone();
+        if let Some(name) = &self.scene {
+            source.name.clone_from(name);
+        }
+        let scene = source.open().context("light is sampled after merging, which needs the scene (see --scene)")?;
+        ensure!(
+            fingerprint(&scene) == first.scene_fingerprint && scene.triangles.len() as u32 == first.triangles,
+            "{} has changed since the shards were captured; capture them again",
+            source.name
+        );
+        let tracer = Tracer::new(Arc::new(scene), first.job.centre);
+        let lighting = Lighting::measure(&tracer, first.job.bounces);
+        let resources = Resources { budget: budget(self.memory, &self.output) };
+        let mut tracing = first.empty_tracing(resources.budget.clone())?;
+        for (path, info) in &infos {
+            shard::absorb(path, info, &mut tracing)?;
+        }
+        let bar = Bar::new();
+        let ldi = first.job.finish(&tracing, &tracer, &lighting, &resources, &bar)?;
+        drop((tracing, tracer));
+        let packed = self.packing.pack(&ldi)?;
+        packed.write(&self.output)?;
+        bar.finish();
+        warn_if_blocked(packed.info.blocked_share);
+        let (count, rays) = (packed.depth_pixel_count(), packed.info.rays_traced);
+        if self.json {
+            print_json(&json!({
+                "shards": infos.len(), "rays": rays, "depth_pixels": count, "bytes": packed.bytes(),
+                "peak_rss_mb": peak_rss_mb(),
+            }));
+        } else {
+            println!("{}: {count} depth pixels from {rays} rays in {} shards", self.output.display(), infos.len());
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,80 @@
+//! The command line: one file per subcommand. Library code knows nothing of it.
+
+mod args;
+mod capture;
+mod compare;
+mod demo;
+mod info;
+mod merge;
+mod output;
+mod progress;
+mod render;
+mod scenes;
+mod truth;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Image-based rendering with depth: capture a scene once, look at it from anywhere inside a headbox.
+#[derive(Parser)]
+#[command(name = "headbox", version, arg_required_else_help = true)]
+struct Cli {
+    /// Threads to use; all cores if absent
+    #[arg(long, global = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// The main job end to end on a built-in scene: capture, render, compare with truth
+    Demo(demo::Demo),
+    /// List the built-in scenes
+    Scenes,
+    /// Capture a scene into a cube LDI (or one shard of it)
+    Capture(capture::Capture),
+    /// Merge all shards of a capture into a cube LDI
+    Merge(merge::Merge),
+    /// Show what a file holds; check every promise of its layout
+    Info(info::Info),
+    /// Render a frame of a cube LDI, or a frame per pose of a path
+    Render(render::Render),
+    /// Ray-trace a reference frame of a scene
+    Truth(truth::Truth),
+    /// Compare two images: FLIP, PSNR, SSIM
+    Compare(compare::Compare),
+}
+
+/// A mistake in what the user asked for, as opposed to a failure in doing it: exit code 2.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct UsageError(String);
+
+/// Runs the command line and returns its exit code: 0 done, 1 failed, 2 wrong usage.
+pub fn main() -> ExitCode {
+    match run(Cli::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(if error.is::<UsageError>() { 2 } else { 1 })
+        }
+    }
+}
+
+fn run(cli: Cli) -> anyhow::Result<()> {
+    crate::files::clean_up_on_interrupt()?;
+    if let Some(threads) = cli.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()?;
+    }
+    match cli.command {
+        Command::Demo(command) => command.run(),
+        Command::Scenes => scenes::run(),
+        Command::Capture(command) => command.run(),
+        Command::Merge(command) => command.run(),
+        Command::Info(command) => command.run(),
+        Command::Render(command) => command.run(),
+        Command::Truth(command) => command.run(),
+        Command::Compare(command) => command.run(),
+    }
+}

@@ -1,0 +1,44 @@
+//! What goes to standard output, and what the process has used.
+
+use anyhow::Context;
+use image::ImageEncoder;
+use std::path::Path;
+
+/// Prints one JSON object on standard output.
+pub(super) fn print_json(value: &serde_json::Value) {
+    println!("{value:#}");
+}
+
+/// Prints what a loader met and survived to standard error.
+pub(super) fn print_notes(scene: &crate::capture::Scene) {
+    for note in &scene.summary.notes {
+        eprintln!("note: {note}");
+    }
+}
+
+/// Peak and present resident memory of this process in bytes, where the system tells (Linux).
+pub(super) fn memory_bytes() -> Option<(u64, u64)> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let field = |name: &str| {
+        let line = status.lines().find_map(|line| line.strip_prefix(name))?;
+        Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
+    };
+    Some((field("VmHWM:")?, field("VmRSS:")?))
+}
+
+/// Peak resident memory in MiB.
+pub(super) fn peak_rss_mb() -> Option<f64> {
+    memory_bytes().map(|(peak, _)| peak as f64 / 1_048_576.0)
+}
+
+/// Saves an image as PNG, whole or not at all.
+pub(super) fn save_png(path: &Path, image: &image::RgbImage) -> anyhow::Result<()> {
+    let (width, height) = image.dimensions();
+    let written = crate::files::write_atomically(path, |w| {
+        let encoder = image::codecs::png::PngEncoder::new(w);
+        encoder
+            .write_image(image.as_raw(), width, height, image::ExtendedColorType::Rgb8)
+            .map_err(std::io::Error::other)
+    });
+    written.with_context(|| format!("{} could not be written", path.display()))
+}

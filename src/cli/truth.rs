@@ -1,0 +1,64 @@
+//! `headbox truth`.
+
+use super::args::{CameraArgs, SceneArgs};
+use super::capture::place_headbox;
+use super::output::{peak_rss_mb, print_json, print_notes, save_png};
+use super::progress::Bar;
+use crate::capture::light::Lighting;
+use crate::capture::trace::Tracer;
+use crate::truth;
+use clap::Args;
+use serde_json::json;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+#[derive(Args)]
+pub(super) struct Truth {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// PNG to write
+    #[arg(short, long)]
+    output: PathBuf,
+    #[command(flatten)]
+    camera: CameraArgs,
+    /// Diffuse bounces of light beyond direct light; as in the capture to compare with
+    #[arg(long, value_name = "B", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64))]
+    bounces: u32,
+    /// Rays per pixel
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    samples: u32,
+    /// Show albedo and emission without light, as `capture --light-samples 0` does
+    #[arg(long)]
+    unlit: bool,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+impl Truth {
+    pub(super) fn run(&self) -> anyhow::Result<()> {
+        let scene = Arc::new(self.scene.source().open()?);
+        print_notes(&scene);
+        let (centre, _) = place_headbox(&scene, None, None)?;
+        let camera = self.camera.camera(&scene.frame, centre)?;
+        let tracer = Tracer::new(Arc::clone(&scene), camera.eye());
+        let lighting = Lighting::measure(&tracer, self.bounces);
+        let bar = Bar::new();
+        let start = Instant::now();
+        let frame = truth::render(&tracer, &lighting, !self.unlit, &camera, self.samples, &bar);
+        bar.finish();
+        let seconds = start.elapsed().as_secs_f64();
+        save_png(&self.output, &frame.color)?;
+        let error_db = frame.standard_error_psnr_db;
+        if self.json {
+            print_json(&json!({
+                "seconds": seconds, "samples": self.samples, "peak_rss_mb": peak_rss_mb(),
+                "standard_error_psnr_db": if error_db.is_finite() { Some(error_db) } else { None },
+            }));
+        } else {
+            println!("{}: {seconds:.1} s, standard error {error_db:.1} dB (PSNR)", self.output.display());
+        }
+        Ok(())
+    }
+}
