@@ -12,13 +12,11 @@
 //! most), for one and two threads.
 
 use glam::{DVec3, Vec3};
+use headbox_capture::Material;
 use headbox_capture::scene::{Scene, Triangle};
 use headbox_capture::trace::{HitPacket, PACKET, Ray, RayPacket, Tracer};
-use headbox_capture::{Material, trace};
 use std::io::Write;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc;
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 /// Rays of one file, `[component][ray]`: origin x, y, z, direction x, y, z.
@@ -26,6 +24,9 @@ type Rays = [Vec<f32>; 6];
 
 /// Rays that a thread takes at a time.
 const CHUNK: usize = 16_384;
+
+/// Packets that are traced by one call.
+const BATCH: usize = 64;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let args: Vec<String> = std::env::args().collect();
@@ -46,6 +47,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
     println!("{} triangles, {} rays; built in {:.2?}", tracer.scene().triangles.len(), rays[0].len(), start.elapsed());
     report(&tracer, &rays);
+    let mut results = (vec![1.0; rays[0].len()], vec![1; rays[0].len()]);
     for (name, trace_chunk) in [
         ("packets of 16", trace_packets as TraceChunk),
         ("single rays", trace_single),
@@ -53,7 +55,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     ] {
         for threads in [1, 2] {
             let mut rates: Vec<f64> = (0..repetitions)
-                .map(|_| rays[0].len() as f64 / 1e6 / timed_pass(&tracer, &rays, threads, trace_chunk))
+                .map(|_| rays[0].len() as f64 / 1e6 / timed_pass(&tracer, &rays, &mut results, threads, trace_chunk))
                 .collect();
             rates.sort_by(f64::total_cmp);
             let (least, most) = (rates[0], rates[repetitions - 1]);
@@ -139,34 +141,33 @@ fn report(tracer: &Tracer, rays: &Rays) {
     println!("hit fraction {:.5}, mean t {:.5}", hits as f64 / rays[0].len() as f64, sum / hits.max(1) as f64);
 }
 
-/// Traces the rays from `start` to `end` and returns what keeps the results from being optimised away.
-type TraceChunk = fn(&Tracer, &Rays, usize, usize) -> (Vec<f32>, Vec<u32>);
+/// Traces the rays from `start` on, as many as the results hold.
+type TraceChunk = fn(&Tracer, &Rays, usize, &mut [f32], &mut [u32]);
 
-/// Seconds of one pass over all rays.
-fn timed_pass(tracer: &Tracer, rays: &Rays, threads: usize, trace_chunk: TraceChunk) -> f64 {
-    let count = rays[0].len();
-    let next = AtomicUsize::new(0);
-    let (sender, results) = mpsc::channel();
+/// Seconds of one pass over all rays. The results' memory has been touched before.
+fn timed_pass(
+    tracer: &Tracer,
+    rays: &Rays,
+    (t, primitive): &mut (Vec<f32>, Vec<u32>),
+    threads: usize,
+    trace_chunk: TraceChunk,
+) -> f64 {
+    let chunks = t.chunks_mut(CHUNK).zip(primitive.chunks_mut(CHUNK)).enumerate();
+    let chunks = Mutex::new(chunks);
     let start = Instant::now();
     std::thread::scope(|scope| {
         for _ in 0..threads {
-            let (sender, next) = (sender.clone(), &next);
-            scope.spawn(move || {
+            scope.spawn(|| {
                 loop {
-                    let from = next.fetch_add(CHUNK, Ordering::Relaxed);
-                    if from >= count {
-                        break;
-                    }
-                    let result = trace_chunk(tracer, rays, from, count.min(from + CHUNK));
-                    // The receiver outlives the scope, so this cannot fail.
-                    let _ = sender.send(result);
+                    let chunk = chunks.lock().ok().and_then(|mut chunks| chunks.next());
+                    let Some((index, (t, primitive))) = chunk else { break };
+                    trace_chunk(tracer, rays, index * CHUNK, t, primitive);
                 }
             });
         }
     });
     let seconds = start.elapsed().as_secs_f64();
-    drop(sender);
-    std::hint::black_box(results.iter().count());
+    std::hint::black_box((t, primitive));
     seconds
 }
 
@@ -181,33 +182,44 @@ fn load_packet(rays: &Rays, start: usize) -> RayPacket {
     packet
 }
 
-fn trace_packets(tracer: &Tracer, rays: &Rays, start: usize, end: usize) -> (Vec<f32>, Vec<u32>) {
-    let packets: Vec<RayPacket> = (start..end).step_by(PACKET).map(|i| load_packet(rays, i)).collect();
-    let mut hits = vec![HitPacket::MISS; packets.len()];
-    tracer.closest_packets(&packets, &mut hits);
-    let t = hits.iter().flat_map(|h| h.t).collect();
-    (t, hits.iter().flat_map(|h| h.primitive).collect())
+fn trace_packets(tracer: &Tracer, rays: &Rays, start: usize, t: &mut [f32], primitive: &mut [u32]) {
+    let mut packets = [const { RayPacket::EMPTY }; BATCH];
+    let mut hits = [const { HitPacket::MISS }; BATCH];
+    for (i, (t, primitive)) in t.chunks_mut(BATCH * PACKET).zip(primitive.chunks_mut(BATCH * PACKET)).enumerate() {
+        let start = start + i * BATCH * PACKET;
+        let count = t.len().div_ceil(PACKET);
+        for (k, packet) in packets[..count].iter_mut().enumerate() {
+            *packet = load_packet(rays, start + k * PACKET);
+        }
+        tracer.closest_packets(&packets[..count], &mut hits[..count]);
+        for (k, (t, primitive)) in t.chunks_mut(PACKET).zip(primitive.chunks_mut(PACKET)).enumerate() {
+            t.copy_from_slice(&hits[k].t[..t.len()]);
+            primitive.copy_from_slice(&hits[k].primitive[..primitive.len()]);
+        }
+    }
 }
 
-fn trace_occlusion(tracer: &Tracer, rays: &Rays, start: usize, end: usize) -> (Vec<f32>, Vec<u32>) {
-    let packets: Vec<RayPacket> = (start..end).step_by(PACKET).map(|i| load_packet(rays, i)).collect();
-    let mut blocked = vec![0; packets.len()];
-    tracer.occluded_packets(&packets, &mut blocked);
-    (Vec::new(), blocked.into_iter().map(u32::from).collect())
+fn trace_occlusion(tracer: &Tracer, rays: &Rays, start: usize, _: &mut [f32], blocked: &mut [u32]) {
+    for (i, blocked) in blocked.chunks_mut(BATCH * PACKET).enumerate() {
+        let starts = (start + i * BATCH * PACKET..).step_by(PACKET).take(blocked.len().div_ceil(PACKET));
+        let packets: Vec<RayPacket> = starts.map(|start| load_packet(rays, start)).collect();
+        let mut bits = [0; BATCH];
+        tracer.occluded_packets(&packets, &mut bits);
+        for (k, blocked) in blocked.iter_mut().enumerate() {
+            *blocked = u32::from(bits[k / PACKET] >> (k % PACKET) & 1);
+        }
+    }
 }
 
-fn trace_single(tracer: &Tracer, rays: &Rays, start: usize, end: usize) -> (Vec<f32>, Vec<u32>) {
-    let hits = (start..end).map(|i| {
-        let at = |component: usize| rays[component][i];
+fn trace_single(tracer: &Tracer, rays: &Rays, start: usize, t: &mut [f32], primitive: &mut [u32]) {
+    for (i, (t, primitive)) in t.iter_mut().zip(primitive).enumerate() {
+        let at = |component: usize| rays[component][start + i];
         let ray = Ray {
             origin: Vec3::new(at(0), at(1), at(2)),
             direction: Vec3::new(at(3), at(4), at(5)),
             t_min: 0.0,
             t_max: f32::INFINITY,
         };
-        let miss = trace::Hit { t: f32::INFINITY, primitive: u32::MAX, u: 0.0, v: 0.0 };
-        let hit = tracer.closest(&ray).unwrap_or(miss);
-        (hit.t, hit.primitive)
-    });
-    hits.unzip()
+        (*t, *primitive) = tracer.closest(&ray).map_or((f32::INFINITY, u32::MAX), |hit| (hit.t, hit.primitive));
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::MAX_COORDINATE;
 use super::cutout::Cutouts;
-use super::tree::{BLOCK, Block, Bounds, Node, Tree, WIDTH};
+use super::tree::{BLOCK, Block, Bounds, Child, Node, Tree, WIDTH};
 use crate::Scene;
 use glam::{DVec3, Vec3, Vec3A};
 use obvhs::bvh2::builder::build_bvh2;
@@ -87,7 +87,7 @@ impl Collapse<'_> {
             deepest = deepest.max(depth);
             let index = self.tree.nodes.len();
             if let Some((node, slot)) = parent {
-                self.tree.nodes[node].child[slot] = index as u32;
+                self.tree.nodes[node].child[slot] = Child::node(index);
             }
             self.tree.nodes.push(Node::EMPTY);
             let children = self.widen(binary);
@@ -130,16 +130,16 @@ impl Collapse<'_> {
         let members: Vec<(u32, [Vec3; 3])> =
             self.binary.primitive_indices[range].iter().map(|&i| self.solid[i as usize]).collect();
         let first = self.tree.blocks.len();
-        for chunk in members.chunks(BLOCK) {
-            let mut block = Block::EMPTY;
+        let mut chunks = members.chunks(BLOCK).peekable();
+        while let Some(chunk) = chunks.next() {
+            let mut block = Block { more: chunks.peek().is_some(), ..Block::EMPTY };
             for &(primitive, triangle) in chunk {
                 block.push(primitive, triangle, (self.has_cutout)(primitive));
             }
             self.tree.blocks.push(block);
         }
         let wide = &mut self.tree.nodes[node];
-        wide.child[slot] = first as u32;
-        wide.blocks[slot] = (self.tree.blocks.len() - first) as u8;
+        wide.child[slot] = Child::leaf(first);
         wide.set_bounds(slot, Bounds::of_leaf(members.iter().map(|m| m.1)));
     }
 
@@ -150,9 +150,10 @@ impl Collapse<'_> {
             let (before, after) = self.tree.nodes.split_at_mut(index + 1);
             let node = &mut before[index];
             for slot in 0..WIDTH {
-                // Inner children have an index above their parent's; unused slots have index 0.
-                let child = node.child[slot] as usize;
-                if node.blocks[slot] == 0 && child > index {
+                let child = node.child[slot];
+                if child != Child::NONE && child.first_block().is_none() {
+                    // Children come after their parents.
+                    let child = child.index() as usize;
                     node.set_bounds(slot, after[child - index - 1].bounds());
                 }
             }

@@ -6,8 +6,8 @@
 //! ([`super::single`]): the same box and triangle tests, so the same bits.
 
 use super::prepared::{Prepared, Slab, axes_of, each_axis, is_valid, largest, main_axis};
-use super::single::{self, Closest, Occluded, push_sorted, relative};
-use super::tree::{Block, Entry, Node, SMALL_STACK, opposite};
+use super::single::{self, Closest, Occluded, relative};
+use super::tree::{BLOCK, Block, Entry, Node, SMALL_STACK, WIDTH, opposite, push_sorted};
 use super::triangle::{Candidate, edges, exact};
 use super::{Ray, Tracer};
 use fearless_simd::{Simd, f32x8, f32x16, mask32x16, prelude::*, u32x16};
@@ -111,9 +111,11 @@ impl HitPacket {
 /// Closest hits of each packet.
 #[inline(always)]
 pub(super) fn closest<S: Simd>(simd: S, tracer: &Tracer, rays: &[RayPacket], hits: &mut [HitPacket]) {
+    let (mut small, mut large) = ([Entry::EMPTY; SMALL_STACK], Vec::new());
+    let stack = tracer.tree.stack(&mut small, &mut large);
     for (rays, hits) in rays.iter().zip(hits) {
         let mut found = Lanes::new(rays);
-        trace::<S, false>(simd, tracer, rays, &mut found);
+        trace::<S, false>(simd, tracer, rays, &mut found, stack);
         *hits = found.hits();
     }
 }
@@ -121,9 +123,11 @@ pub(super) fn closest<S: Simd>(simd: S, tracer: &Tracer, rays: &[RayPacket], hit
 /// Blocked rays of each packet.
 #[inline(always)]
 pub(super) fn occluded<S: Simd>(simd: S, tracer: &Tracer, rays: &[RayPacket], blocked: &mut [u16]) {
+    let (mut small, mut large) = ([Entry::EMPTY; SMALL_STACK], Vec::new());
+    let stack = tracer.tree.stack(&mut small, &mut large);
     for (rays, blocked) in rays.iter().zip(blocked) {
         let mut found = Lanes::new(rays);
-        trace::<S, true>(simd, tracer, rays, &mut found);
+        trace::<S, true>(simd, tracer, rays, &mut found, stack);
         *blocked = found.blocked;
     }
 }
@@ -275,7 +279,7 @@ struct Walk<'a, S: Simd> {
 
 /// Traces a packet; `ANY` is for occlusion.
 #[inline(always)]
-fn trace<S: Simd, const ANY: bool>(simd: S, tracer: &Tracer, rays: &RayPacket, found: &mut Lanes) {
+fn trace<S: Simd, const ANY: bool>(simd: S, tracer: &Tracer, rays: &RayPacket, found: &mut Lanes, stack: &mut [Entry]) {
     let prepared = PreparedPacket::new(rays);
     let mut active = u32::from(rays.active);
     for k in 0..PACKET {
@@ -298,8 +302,6 @@ fn trace<S: Simd, const ANY: bool>(simd: S, tracer: &Tracer, rays: &RayPacket, f
         near_rows: each_axis!(a => if negative[a] == 0 { a } else { a + 3 }),
         axes: if same_main.to_bitmask() as u32 & active == active { Some(axes_of(main)) } else { None },
     };
-    let (mut small, mut large) = ([Entry::EMPTY; SMALL_STACK], Vec::new());
-    let stack = tracer.tree.stack(&mut small, &mut large);
     let agree = |bits: u32| bits == 0 || bits == active;
     if agree(negative[0]) && agree(negative[1]) && agree(negative[2]) && active.count_ones() > ALONE {
         walk.together::<ANY>(active, found, stack);
@@ -339,34 +341,51 @@ impl<S: Simd> Walk<'_, S> {
         let mut len = beam.push_children(0, &nodes[0], limit, stack, 0);
         while len > 0 {
             len -= 1;
-            let Entry { near, node, slot } = stack[len];
-            if near > limit {
+            let entry = stack[len];
+            if entry.enter() > limit {
                 continue;
             }
-            let (parent, slot) = (&nodes[node as usize], slot as usize);
-            let (near, entered) = self.enter(parent, slot, found);
+            let (parent, slot) = entry.node_and_slot();
+            let (enter, entered) = self.enter(&nodes[parent], slot, found);
             let entered = entered & active;
             if entered == 0 {
                 continue;
             }
-            let child = parent.child[slot];
-            match parent.blocks[slot] {
-                0 if entered.count_ones() <= ALONE => {
-                    self.alone::<ANY>(entered, found, child, &mut stack[len..]);
+            let child = nodes[parent].child[slot];
+            if let Some(block) = child.first_block() {
+                if self.intersect_leaf::<ANY>(block, entered, enter, found) {
                     limit = self.limit(active, found);
                 }
-                0 => len = beam.push_children(child, &nodes[child as usize], limit, stack, len),
-                blocks => {
-                    let range = child as usize..child as usize + usize::from(blocks);
-                    for block in &self.tracer.tree.blocks[range] {
-                        for slot in 0..block.len as usize {
-                            self.intersect::<ANY>(block, slot, entered, near, found);
-                        }
-                    }
-                    limit = self.limit(active, found);
-                }
+            } else if entered.count_ones() <= ALONE {
+                self.alone::<ANY>(entered, found, child.index(), &mut stack[len..]);
+                limit = self.limit(active, found);
+            } else {
+                let node = child.index();
+                len = beam.push_children(node, &nodes[node as usize], limit, stack, len);
             }
         }
+    }
+
+    /// Tests the rays `lanes` against the triangles of a leaf, whose box they enter at `enter`. Whether anything was
+    /// hit.
+    #[inline(always)]
+    fn intersect_leaf<const ANY: bool>(
+        &self,
+        first_block: usize,
+        lanes: u32,
+        enter: f32x16<S>,
+        found: &mut Lanes,
+    ) -> bool {
+        let mut hit = false;
+        for block in &self.tracer.tree.blocks[first_block..] {
+            for slot in 0..usize::from(block.len).min(BLOCK) {
+                hit |= self.intersect::<ANY>(block, slot, lanes, enter, found);
+            }
+            if !block.more {
+                break;
+            }
+        }
+        hit
     }
 
     /// The farthest distance that any ray still cares about; minus infinity if all are blocked.
@@ -397,7 +416,7 @@ impl<S: Simd> Walk<'_, S> {
         self.mask(active).select(self.load(row), f32x16::splat(self.simd, f32::INFINITY)).reduce_min()
     }
 
-    /// Which rays enter the box of a child before their limits, and where.
+    /// Which rays enter the box of a child before their limits, and where (not before their `t_min`).
     #[inline(always)]
     fn enter(&self, node: &Node, slot: usize, found: &Lanes) -> (f32x16<S>, u32) {
         let p = self.prepared;
@@ -409,49 +428,57 @@ impl<S: Simd> Walk<'_, S> {
             let plane = f32x16::splat(self.simd, node.planes[opposite(self.near_rows[a])][slot]);
             (plane - self.load(&p.far_origin[a])) * self.load(&p.inverse[a])
         });
-        let near = near[0].max(near[1]).max(near[2]);
-        let far = far[0].min(far[1]).min(far[2]).min(self.load(&found.t));
-        let entered = near.max(self.load(&self.rays.t_min)).simd_le(far);
-        (near, entered.to_bitmask() as u32)
+        let enter = near[0].max(near[1]).max(near[2].max(self.load(&self.rays.t_min)));
+        let leave = far[0].min(far[1]).min(far[2].min(self.load(&found.t)));
+        (enter, enter.simd_le(leave).to_bitmask() as u32)
     }
 
-    /// Tests the rays `lanes` against a triangle. `near` is where they enter its leaf's box.
+    /// Tests the rays `lanes` against a triangle. `enter` is where they enter its leaf's box. Whether any hit it.
     #[inline(always)]
-    fn intersect<const ANY: bool>(&self, block: &Block, slot: usize, lanes: u32, near: f32x16<S>, found: &mut Lanes) {
+    fn intersect<const ANY: bool>(
+        &self,
+        block: &Block,
+        slot: usize,
+        lanes: u32,
+        enter: f32x16<S>,
+        found: &mut Lanes,
+    ) -> bool {
         let shear = [self.load(&self.prepared.shear[0]), self.load(&self.prepared.shear[1])];
         let edges = edges(self.relative(block, slot), shear);
         let inside = edges.inside() & self.mask(lanes);
         if inside.all_false() {
-            return;
+            return false;
         }
         let zero = f32x16::splat(self.simd, 0.0);
         let (determinant, t) = edges.determinant_and_t(self.load(&self.prepared.inverse_main));
         let degenerate = (inside & determinant.simd_eq(zero)).to_bitmask() as u32;
         let primitive = block.primitives[slot];
+        let inside = inside & t.simd_ge(self.load(&self.rays.t_min));
         // As `Candidate::t_from`.
-        let t = t.simd_gt(near).select(t, near) + zero;
+        let t = t.simd_gt(enter).select(t, enter) + zero;
         let best = self.load(&found.t);
         let best_primitive = u32x16::load_array_ref(self.simd, &found.primitive);
         let first = t.simd_eq(best) & u32x16::splat(self.simd, primitive).simd_lt(best_primitive);
-        let wanted = inside & t.simd_ge(self.load(&self.rays.t_min)) & (t.simd_lt(best) | first);
-        let wanted = wanted.to_bitmask() as u32 & !degenerate;
+        let wanted = (inside & (t.simd_lt(best) | first)).to_bitmask() as u32 & !degenerate;
         let [_, v, w] = edges.weights;
         if block.cutouts >> slot & 1 == 1 || degenerate != 0 {
             let candidates = [t.to_array(), v.to_array(), w.to_array(), determinant.to_array()];
-            self.one_by_one::<ANY>(block, slot, wanted, degenerate, &candidates, &near.to_array(), found);
-        } else if wanted != 0 {
-            let mask = self.mask(wanted);
-            if ANY {
-                found.blocked |= wanted as u16;
-                mask.select(f32x16::splat(self.simd, f32::NEG_INFINITY), best).store_array(&mut found.t);
-            } else {
-                mask.select(t, best).store_array(&mut found.t);
-                mask.select(v, self.load(&found.v)).store_array(&mut found.v);
-                mask.select(w, self.load(&found.w)).store_array(&mut found.w);
-                mask.select(determinant, self.load(&found.determinant)).store_array(&mut found.determinant);
-                mask.select(u32x16::splat(self.simd, primitive), best_primitive).store_array(&mut found.primitive);
-            }
+            return self.one_by_one::<ANY>(block, slot, wanted, degenerate, &candidates, &enter.to_array(), found);
         }
+        let mask = self.mask(wanted);
+        if wanted == 0 {
+            return false;
+        } else if ANY {
+            found.blocked |= wanted as u16;
+            mask.select(f32x16::splat(self.simd, f32::NEG_INFINITY), best).store_array(&mut found.t);
+        } else {
+            mask.select(t, best).store_array(&mut found.t);
+            mask.select(v, self.load(&found.v)).store_array(&mut found.v);
+            mask.select(w, self.load(&found.w)).store_array(&mut found.w);
+            mask.select(determinant, self.load(&found.determinant)).store_array(&mut found.determinant);
+            mask.select(u32x16::splat(self.simd, primitive), best_primitive).store_array(&mut found.primitive);
+        }
+        true
     }
 
     /// The rare end of [`Self::intersect`]: cut-outs, and triangles whose edge functions all round to zero.
@@ -463,10 +490,11 @@ impl<S: Simd> Walk<'_, S> {
         wanted: u32,
         degenerate: u32,
         [t, v, w, determinant]: &[[f32; PACKET]; 4],
-        near: &[f32; PACKET],
+        enter: &[f32; PACKET],
         found: &mut Lanes,
-    ) {
+    ) -> bool {
         let primitive = block.primitives[slot];
+        let mut hit = false;
         let mut lanes = wanted | degenerate;
         while lanes != 0 {
             let k = lanes.trailing_zeros() as usize;
@@ -475,26 +503,28 @@ impl<S: Simd> Walk<'_, S> {
             if degenerate >> k & 1 == 1 {
                 let ray = self.prepared.ray(self.rays, k);
                 let exact = exact(relative(block, slot, &ray), ray.shear, ray.inverse_main());
-                let Some(exact) = exact else { continue };
-                candidate = Candidate { t: exact.t_from(near[k]), ..exact };
+                let Some(exact) = exact.filter(|exact| exact.t >= ray.t_min) else { continue };
+                candidate = Candidate { t: exact.t_from(enter[k]), ..exact };
                 let first = candidate.t == found.t[k] && primitive < found.primitive[k];
-                if candidate.t < self.rays.t_min[k] || !(candidate.t < found.t[k] || first) {
+                if !(candidate.t < found.t[k] || first) {
                     continue;
                 }
             }
             let opaque = block.cutouts >> slot & 1 == 0
                 || self.tracer.cutouts.is_opaque(&self.tracer.scene, primitive, candidate.barycentric());
+            hit |= opaque;
             match (opaque, ANY) {
                 (false, _) => {}
                 (true, true) => found.block(k),
                 (true, false) => found.set(k, primitive, candidate),
             }
         }
+        hit
     }
 
     /// A coordinate of a vertex relative to each ray's origin.
     #[inline(always)]
-    fn from_origin(&self, block: &Block, slot: usize, vertex: usize, axis: usize) -> f32x16<S> {
+    fn relative_coordinate(&self, block: &Block, slot: usize, vertex: usize, axis: usize) -> f32x16<S> {
         f32x16::splat(self.simd, block.vertices[vertex][axis][slot]) - self.load(&self.rays.origin[axis])
     }
 
@@ -502,13 +532,13 @@ impl<S: Simd> Walk<'_, S> {
     #[inline(always)]
     fn relative(&self, block: &Block, slot: usize) -> [[f32x16<S>; 3]; 3] {
         if let Some(axes) = self.axes {
-            return each_axis!(vertex => each_axis!(i => self.from_origin(block, slot, vertex, axes[i])));
+            return each_axis!(vertex => each_axis!(i => self.relative_coordinate(block, slot, vertex, axes[i])));
         }
         let main = u32x16::load_array_ref(self.simd, &self.prepared.main_axis);
         let is_x = main.simd_eq(u32x16::splat(self.simd, 0));
         let is_y = main.simd_eq(u32x16::splat(self.simd, 1));
         each_axis!(vertex => {
-            let [x, y, z] = each_axis!(a => self.from_origin(block, slot, vertex, a));
+            let [x, y, z] = each_axis!(a => self.relative_coordinate(block, slot, vertex, a));
             // The rows are axes_of(0), axes_of(1), axes_of(2).
             let choices = [[y, z, x], [z, x, y], [x, y, z]];
             each_axis!(i => is_x.select(choices[0][i], is_y.select(choices[1][i], choices[2][i])))
@@ -571,7 +601,7 @@ impl<S: Simd> Beam<S> {
     /// Which of a node's children any ray may enter before `limit`, and a lower bound of where. Each operation is
     /// monotone in its arguments, so the bounds hold for the rounded results of every ray.
     #[inline(always)]
-    fn enter(&self, node: &Node, limit: f32) -> (f32x8<S>, u32) {
+    fn enter(&self, node: &Node, limit: f32) -> ([f32; WIDTH], u32) {
         let near = each_axis!(a => {
             let offset = node.row(self.simd, self.near_rows[a]) - self.near_origin[a];
             (offset * self.inverse[a][0]).min(offset * self.inverse[a][1])
@@ -580,16 +610,15 @@ impl<S: Simd> Beam<S> {
             let offset = node.row(self.simd, opposite(self.near_rows[a])) - self.far_origin[a];
             (offset * self.inverse[a][0]).max(offset * self.inverse[a][1])
         });
-        let near = near[0].max(near[1]).max(near[2]);
-        let far = far[0].min(far[1]).min(far[2]);
-        let entered = near.max(self.t_min).simd_le(far.min(f32x8::splat(self.simd, limit)));
-        (near, entered.to_bitmask() as u32)
+        let enter = near[0].max(near[1]).max(near[2].max(self.t_min));
+        let leave = far[0].min(far[1]).min(far[2].min(f32x8::splat(self.simd, limit)));
+        (enter.to_array(), enter.simd_le(leave).to_bitmask() as u32)
     }
 
     /// Pushes the children that any ray may enter, the nearest last, and returns the stack's new length.
     #[inline(always)]
     fn push_children(&self, index: u32, node: &Node, limit: f32, stack: &mut [Entry], base: usize) -> usize {
-        let (near, entered) = self.enter(node, limit);
-        push_sorted(stack, base, index, entered, near.to_array())
+        let (enter, entered) = self.enter(node, limit);
+        push_sorted(stack, base, index, entered, &enter)
     }
 }

@@ -1,7 +1,7 @@
 //! Traversal by one ray, eight boxes or four triangles at a time.
 
 use super::prepared::{Prepared, each_axis};
-use super::tree::{Block, Entry, Node, SMALL_STACK, WIDTH, opposite};
+use super::tree::{Block, Entry, Node, SMALL_STACK, WIDTH, opposite, push_sorted};
 use super::triangle::{Candidate, edges, exact};
 use super::{Hit, Tracer};
 use fearless_simd::{Simd, f32x4, f32x8, prelude::*};
@@ -154,27 +154,49 @@ pub(super) fn traverse<S: Simd, F: Found>(
 ) {
     let nodes = &tracer.tree.nodes;
     let boxes = BoxTest::new(simd, ray);
-    let mut len = push_children(simd, &boxes, root, &nodes[root as usize], found.limit(), stack, 0);
-    while len > 0 {
-        len -= 1;
-        let Entry { near, node, slot } = stack[len];
-        if near > found.limit() {
-            continue;
-        }
-        let (parent, slot) = (&nodes[node as usize], slot as usize);
-        let child = parent.child[slot];
-        match parent.blocks[slot] {
-            0 => len = push_children(simd, &boxes, child, &nodes[child as usize], found.limit(), stack, len),
-            blocks => {
-                for block in child..child + u32::from(blocks) {
-                    intersect(simd, tracer, ray, found, block, near);
-                }
-                if found.done() {
-                    return;
-                }
+    let (mut node, mut len) = (root, 0);
+    loop {
+        let (enter, entered) = boxes.enter(simd, &nodes[node as usize], found.limit());
+        let mut next = if entered.is_power_of_two() {
+            // The only child needs no stack.
+            let slot = entered.trailing_zeros();
+            Entry::new(enter[slot as usize], node, slot)
+        } else {
+            len = push_sorted(stack, len, node, entered, &enter);
+            match pop(stack, &mut len, found.limit()) {
+                Some(entry) => entry,
+                None => return,
+            }
+        };
+        loop {
+            let (parent, slot) = next.node_and_slot();
+            let child = nodes[parent].child[slot];
+            let Some(block) = child.first_block() else {
+                node = child.index();
+                break;
+            };
+            intersect_leaf(simd, tracer, ray, found, block, next.enter());
+            if found.done() {
+                return;
+            }
+            match pop(stack, &mut len, found.limit()) {
+                Some(entry) => next = entry,
+                None => return,
             }
         }
     }
+}
+
+/// The nearest entry that is not beyond `limit`.
+#[inline(always)]
+fn pop(stack: &[Entry], len: &mut usize, limit: f32) -> Option<Entry> {
+    while *len > 0 {
+        *len -= 1;
+        if stack[*len].enter() <= limit {
+            return Some(stack[*len]);
+        }
+    }
+    None
 }
 
 /// The constants of the box test, in every lane.
@@ -198,56 +220,38 @@ impl<S: Simd> BoxTest<S> {
         }
     }
 
-    /// Which of a node's children the ray enters before `limit`, and where.
+    /// Which of a node's children the ray enters before `limit`, and where (not before `t_min`).
     #[inline(always)]
-    fn enter(&self, simd: S, node: &Node, limit: f32) -> (f32x8<S>, u32) {
+    fn enter(&self, simd: S, node: &Node, limit: f32) -> ([f32; WIDTH], u32) {
         let near = each_axis!(a => (node.row(simd, self.near_rows[a]) - self.near_origin[a]) * self.inverse[a]);
         let far = each_axis!(a => (node.row(simd, opposite(self.near_rows[a])) - self.far_origin[a]) * self.inverse[a]);
-        let near = near[0].max(near[1]).max(near[2]);
-        let far = far[0].min(far[1]).min(far[2]);
-        let entered = near.max(self.t_min).simd_le(far.min(f32x8::splat(simd, limit)));
-        (near, entered.to_bitmask() as u32)
+        let enter = near[0].max(near[1]).max(near[2].max(self.t_min));
+        let leave = far[0].min(far[1]).min(far[2].min(f32x8::splat(simd, limit)));
+        (enter.to_array(), enter.simd_le(leave).to_bitmask() as u32)
     }
 }
 
-/// Pushes the children that the ray enters, the nearest last, and returns the stack's new length.
+/// Tests the triangles of a leaf. `enter` is where the ray enters the leaf's box.
 #[inline(always)]
-fn push_children<S: Simd>(
+fn intersect_leaf<S: Simd, F: Found>(
     simd: S,
-    boxes: &BoxTest<S>,
-    index: u32,
-    node: &Node,
-    limit: f32,
-    stack: &mut [Entry],
-    base: usize,
-) -> usize {
-    let (near, entered) = boxes.enter(simd, node, limit);
-    push_sorted(stack, base, index, entered, near.to_array())
-}
-
-/// Pushes the slots of a node that are set in `entered`, from far to near, and returns the stack's new length.
-#[inline(always)]
-pub(super) fn push_sorted(stack: &mut [Entry], base: usize, node: u32, mut entered: u32, near: [f32; WIDTH]) -> usize {
-    let mut len = base;
-    while entered != 0 {
-        let slot = entered.trailing_zeros();
-        entered &= entered - 1;
-        let entry = Entry { near: near[slot as usize], node, slot };
-        let mut at = len;
-        while at > base && stack[at - 1].near < entry.near {
-            stack[at] = stack[at - 1];
-            at -= 1;
+    tracer: &Tracer,
+    ray: &Prepared,
+    found: &mut F,
+    first_block: usize,
+    enter: f32,
+) {
+    for block in &tracer.tree.blocks[first_block..] {
+        intersect(simd, tracer, ray, found, block, enter);
+        if !block.more {
+            break;
         }
-        stack[at] = entry;
-        len += 1;
     }
-    len
 }
 
-/// Tests the triangles of a block. `near` is where the ray enters the leaf's box.
+/// Tests the triangles of a block. `enter` is where the ray enters the leaf's box.
 #[inline(always)]
-fn intersect<S: Simd, F: Found>(simd: S, tracer: &Tracer, ray: &Prepared, found: &mut F, block: u32, near: f32) {
-    let block = &tracer.tree.blocks[block as usize];
+fn intersect<S: Simd, F: Found>(simd: S, tracer: &Tracer, ray: &Prepared, found: &mut F, block: &Block, enter: f32) {
     let origin = each_axis!(i => f32x4::splat(simd, ray.origin[i]));
     let vertices = each_axis!(vertex => each_axis!(i => {
         f32x4::load_array_ref(simd, &block.vertices[vertex][ray.axes[i]]) - origin[i]
@@ -269,9 +273,13 @@ fn intersect<S: Simd, F: Found>(simd: S, tracer: &Tracer, ray: &Prepared, found:
             let Some(exact) = exact(relative(block, slot, ray), ray.shear, inverse_main) else { continue };
             candidate = exact;
         }
-        candidate.t = candidate.t_from(near);
         let primitive = block.primitives[slot];
-        if candidate.t < ray.t_min || !found.wants(candidate.t, primitive) {
+        let in_range = candidate.t >= ray.t_min; // not so for NaN
+        if !in_range {
+            continue;
+        }
+        candidate.t = candidate.t_from(enter);
+        if !found.wants(candidate.t, primitive) {
             continue;
         }
         let opaque = block.cutouts >> slot & 1 == 0

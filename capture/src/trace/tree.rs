@@ -16,10 +16,8 @@ pub(super) const BLOCK: usize = 4;
 pub(super) struct Node {
     /// Lower planes on x, y, z, then upper planes on x, y, z.
     pub(super) planes: [[f32; WIDTH]; 6],
-    /// Index of a node, or of a leaf's first block.
-    pub(super) child: [u32; WIDTH],
-    /// Blocks of a leaf; 0 for an inner node.
-    pub(super) blocks: [u8; WIDTH],
+    /// What is in each box.
+    pub(super) child: [Child; WIDTH],
 }
 
 const _: () = assert!(size_of::<Node>() == 256, "four cache lines");
@@ -35,8 +33,7 @@ impl Node {
             [f32::NEG_INFINITY; WIDTH],
             [f32::NEG_INFINITY; WIDTH],
         ],
-        child: [0; WIDTH],
-        blocks: [0; WIDTH],
+        child: [Child::NONE; WIDTH],
     };
 
     /// Sets the box of a slot.
@@ -99,7 +96,9 @@ pub(super) struct Block {
     /// Bit k: the triangle in slot k has a cut-out.
     pub(super) cutouts: u32,
     /// Number of triangles.
-    pub(super) len: u32,
+    pub(super) len: u16,
+    /// Whether the next block belongs to the same leaf.
+    pub(super) more: bool,
 }
 
 const _: () = assert!(size_of::<Block>() == 192, "three cache lines");
@@ -107,11 +106,11 @@ const _: () = assert!(size_of::<Block>() == 192, "three cache lines");
 impl Block {
     /// A block without triangles.
     pub(super) const EMPTY: Self =
-        Self { vertices: [[[f32::NAN; BLOCK]; 3]; 3], primitives: [u32::MAX; BLOCK], cutouts: 0, len: 0 };
+        Self { vertices: [[[f32::NAN; BLOCK]; 3]; 3], primitives: [u32::MAX; BLOCK], cutouts: 0, len: 0, more: false };
 
     /// Adds a triangle; ignored if the block is full.
     pub(super) fn push(&mut self, primitive: u32, triangle: [Vec3; 3], cutout: bool) {
-        let slot = self.len as usize;
+        let slot = usize::from(self.len);
         if slot == BLOCK {
             return;
         }
@@ -135,16 +134,88 @@ pub(super) struct Tree {
     pub(super) stack_len: usize,
 }
 
-/// An entry of a traversal's stack: a child of a node and where the ray (or the first ray of a packet) enters it.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Entry {
-    pub(super) near: f32,
-    pub(super) node: u32,
-    pub(super) slot: u32,
+/// What a box holds: the index of a node, or with the highest bit set that of a leaf's first block.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Child(u32);
+
+impl Child {
+    /// In unused slots, which no ray enters. (Node 0 is nobody's child.)
+    pub(super) const NONE: Self = Self(0);
+    const LEAF: u32 = 1 << 31;
+
+    pub(super) fn node(index: usize) -> Self {
+        Self(index as u32)
+    }
+
+    pub(super) fn leaf(first_block: usize) -> Self {
+        Self(first_block as u32 | Self::LEAF)
+    }
+
+    /// The first block, if this is a leaf.
+    #[inline(always)]
+    pub(super) fn first_block(self) -> Option<usize> {
+        if self.0 & Self::LEAF == 0 { None } else { Some((self.0 & !Self::LEAF) as usize) }
+    }
+
+    /// The node, if this is not a leaf.
+    #[inline(always)]
+    pub(super) fn index(self) -> u32 {
+        self.0
+    }
 }
 
+/// An entry of a traversal's stack: a child of a node, and where the ray (or the first ray of a packet) enters it.
+/// In one word, so that entries sort by distance: the bits of a non-negative `f32`, read as an integer, keep its
+/// order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Entry(u64);
+
 impl Entry {
-    pub(super) const EMPTY: Self = Self { near: 0.0, node: 0, slot: 0 };
+    pub(super) const EMPTY: Self = Self(0);
+
+    /// `enter` is not negative; `node` is less than 2^29 (its nodes would fill 128 GiB).
+    #[inline(always)]
+    pub(super) fn new(enter: f32, node: u32, slot: u32) -> Self {
+        Self(u64::from(enter.to_bits()) << 32 | u64::from(node << 3 | slot))
+    }
+
+    /// Where the box is entered.
+    #[inline(always)]
+    pub(super) fn enter(self) -> f32 {
+        f32::from_bits((self.0 >> 32) as u32)
+    }
+
+    /// Node and slot.
+    #[inline(always)]
+    pub(super) fn node_and_slot(self) -> (usize, usize) {
+        let low = self.0 as u32;
+        ((low >> 3) as usize, (low & 7) as usize)
+    }
+}
+
+/// Pushes the slots of a node that are set in `entered`, from far to near, and returns the stack's new length.
+#[inline(always)]
+pub(super) fn push_sorted(
+    stack: &mut [Entry],
+    base: usize,
+    node: u32,
+    mut entered: u32,
+    enter: &[f32; WIDTH],
+) -> usize {
+    let mut len = base;
+    while entered != 0 {
+        let slot = entered.trailing_zeros();
+        entered &= entered - 1;
+        let entry = Entry::new(enter[slot as usize], node, slot);
+        let mut at = len;
+        while at > base && stack[at - 1] < entry {
+            stack[at] = stack[at - 1];
+            at -= 1;
+        }
+        stack[at] = entry;
+        len += 1;
+    }
+    len
 }
 
 /// Entries that a traversal keeps without allocating; enough for a tree 13 levels deep (8^13 leaves if balanced).

@@ -68,11 +68,11 @@ pub(super) struct Candidate {
 }
 
 impl Candidate {
-    /// `t`, but never before `near`, where the ray enters the leaf's box (rule 3 of the parent module). Adding zero
+    /// `t`, but never before `enter`, where the ray enters the leaf's box (rule 3 of the parent module). Adding zero
     /// turns -0 to 0.
     #[inline(always)]
-    pub(super) fn t_from(&self, near: f32) -> f32 {
-        larger(self.t, near) + 0.0
+    pub(super) fn t_from(&self, enter: f32) -> f32 {
+        larger(self.t, enter) + 0.0
     }
 
     /// Barycentric weights of the second and the third vertex.
