@@ -6,23 +6,27 @@ use headbox_capture::Scene;
 use headbox_capture::load::{LoadOptions, load};
 
 /// One clean triangle, four lines.
-pub const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+pub(crate) const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
 
-pub struct Folder(tempfile::TempDir);
+pub(crate) struct Folder(tempfile::TempDir);
 
 impl Folder {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self(tempfile::tempdir().expect("a temporary folder"))
     }
 
-    pub fn write(&self, name: &str, content: impl AsRef<[u8]>) {
+    pub(crate) fn write(&self, name: &str, content: impl AsRef<[u8]>) {
         let path = self.0.path().join(name);
         std::fs::create_dir_all(path.parent().expect("inside the folder")).expect("a folder");
         std::fs::write(path, content).expect("written");
     }
 
+    pub(crate) fn read(&self, name: &str) -> Vec<u8> {
+        std::fs::read(self.0.path().join(name)).expect("there")
+    }
+
     /// Writes an image one texel high, in the format that its name says.
-    pub fn write_image(&self, name: &str, texels: &[[u8; 4]]) {
+    pub(crate) fn write_image(&self, name: &str, texels: &[[u8; 4]]) {
         let rgba = image::RgbaImage::from_raw(texels.len() as u32, 1, texels.concat()).expect("one row");
         let image = image::DynamicImage::from(rgba);
         let path = self.0.path().join(name);
@@ -34,12 +38,12 @@ impl Folder {
         image.save(path).expect("an image");
     }
 
-    pub fn load(&self, name: &str) -> Result<Scene, String> {
+    pub(crate) fn load(&self, name: &str) -> Result<Scene, String> {
         self.load_with(name, &LoadOptions::default())
     }
 
     /// Loads a file; a scene that loads is valid.
-    pub fn load_with(&self, name: &str, options: &LoadOptions) -> Result<Scene, String> {
+    pub(crate) fn load_with(&self, name: &str, options: &LoadOptions) -> Result<Scene, String> {
         let scene = load(&self.0.path().join(name), options).map_err(|e| e.to_string())?;
         assert_eq!(scene.validate(), Ok(()));
         Ok(scene)
@@ -47,7 +51,7 @@ impl Folder {
 }
 
 /// The beginning of a PNG file that claims a size.
-pub fn png_header(width: u32, height: u32) -> Vec<u8> {
+pub(crate) fn png_header(width: u32, height: u32) -> Vec<u8> {
     let mut chunk = b"IHDR".to_vec();
     chunk.extend(width.to_be_bytes());
     chunk.extend(height.to_be_bytes());

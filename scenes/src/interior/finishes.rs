@@ -158,7 +158,7 @@ fn picture(kind: u32, seed: u64) -> Texture {
         }
         _ => {
             let from_centre = ((u - 0.5) * 4.0 / 3.0).hypot(v - 0.5);
-            if (from_centre * 14.0) as u32 % 2 == 0 { [0.85, 0.30, 0.15] } else { [0.96, 0.90, 0.80] }
+            if (from_centre * 7.0).fract() < 0.5 { [0.85, 0.30, 0.15] } else { [0.96, 0.90, 0.80] }
         }
     })
 }
