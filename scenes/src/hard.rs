@@ -4,7 +4,7 @@ use crate::bump;
 use crate::mesh::Mesh;
 use crate::rng::Rng;
 use crate::texture::paint;
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use headbox_capture::Texture;
 use headbox_capture::scene::{Scene, SuggestedHeadbox};
 use std::f64::consts::TAU;
@@ -129,9 +129,20 @@ fn moved(scene: Scene, name: &str, scale: f64, offset: DVec3) -> Scene {
     }
 }
 
-/// A box about the origin, seen from within, with light enough in it from a panel under its ceiling.
+/// A box about the origin, seen from within and open above, so that sun and sky light it.
 fn add_room(mesh: &mut Mesh, half: DVec3, wall: u32) {
-    let light = mesh.emissive("light", [6.0, 5.8, 5.4]);
-    mesh.add_box(DVec3::ZERO, half, DMat3::IDENTITY, 1.0, wall);
-    mesh.add_rectangle(DVec3::new(-1.0, half.y - 0.01, -1.0), DVec3::X * 2.0, DVec3::Z * 2.0, 0.0, light);
+    mesh.add_rectangle(
+        -half + DVec3::Z * 2.0 * half.z,
+        DVec3::X * 2.0 * half.x,
+        DVec3::NEG_Z * 2.0 * half.z,
+        1.0,
+        wall,
+    );
+    for (right, reach) in [(DVec3::X, half.z), (DVec3::Z, half.x)] {
+        for side in [-1.0, 1.0] {
+            let right = right * half.dot(right) * side;
+            let corner = right.normalize().cross(DVec3::NEG_Y) * reach - right - DVec3::Y * half.y;
+            mesh.add_rectangle(corner, right * 2.0, DVec3::Y * 2.0 * half.y, 1.0, wall);
+        }
+    }
 }

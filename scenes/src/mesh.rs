@@ -186,11 +186,6 @@ impl Mesh {
         });
     }
 
-    /// Moves and scales everything added so far: first by `scale` about the origin, then by `offset`.
-    pub(crate) fn transform(&mut self, scale: f64, offset: DVec3) {
-        self.scene.positions.iter_mut().for_each(|p| *p = *p * scale + offset);
-    }
-
     /// The finished scene under the default sun and sky.
     pub(crate) fn finish(self, name: &str, centre: DVec3, half_size_m: f64) -> Scene {
         let mut scene = self.scene;

@@ -61,15 +61,17 @@ impl Builder {
     pub(super) fn push_triangle(&mut self, vertices: [u32; 3], material: u32) {
         let [a, b, c] = vertices.map(|vertex| self.scene.positions[vertex as usize]);
         if ![a, b, c].into_iter().all(DVec3::is_finite) {
-            return self.notes.add(Note::NotFinite, 1);
+            self.notes.add(Note::NotFinite, 1);
+            return;
         }
         let longest = (b - a).length_squared().max((c - a).length_squared()).max((c - b).length_squared());
         let doubled_area = (b - a).cross(c - a).length();
-        // The negation also catches an overflow to NaN.
-        if !(doubled_area > longest * DEGENERATE_SHARE) {
-            return self.notes.add(Note::Degenerate, 1);
+        // Also false where huge coordinates overflow to infinity or NaN.
+        if doubled_area > longest * DEGENERATE_SHARE {
+            self.scene.triangles.push(Triangle { vertices, material });
+        } else {
+            self.notes.add(Note::Degenerate, 1);
         }
-        self.scene.triangles.push(Triangle { vertices, material });
     }
 
     /// The finished scene, under the default sun and sky. `path` is the file for messages; its stem names the scene.

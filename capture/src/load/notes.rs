@@ -49,7 +49,7 @@ impl Note {
             Self::AccessorUnreadable => ["mesh part or attribute", "mesh parts or attributes", "damaged and left out"],
             Self::SkinAtRest => ["skinned mesh", "skinned meshes", "shown at rest"],
             Self::NodeCycle => ["node", "nodes", "reached more than once and kept only the first time"],
-            Self::NonTriangles => ["element", "elements", "that are points, lines or curves left out"],
+            Self::NonTriangles => ["element", "elements", "left out, as points, lines and curves have no surface"],
             Self::EmptyGroup => ["group", "groups", "without faces"],
             Self::FaceTooShort => ["face", "faces", "with fewer than three corners left out"],
             Self::FaceIndexOutOfRange => ["face", "faces", "left out because a vertex index is out of range"],

@@ -74,7 +74,9 @@ impl TextureSet {
                 if found.renamed {
                     notes.add_named(Note::TextureRenamed, written);
                 }
-                (found.path.to_string_lossy().into_owned(), Source::File(found.path))
+                // One file may be written in several ways.
+                let path = found.path.canonicalize().unwrap_or(found.path);
+                (path.to_string_lossy().into_owned(), Source::File(path))
             }
             None => (written.to_owned(), Source::Absent("no such file".into())),
         };

@@ -55,8 +55,8 @@ impl Finishes {
             metal: mesh.plain("metal", [0.12, 0.12, 0.13]),
             clay: mesh.plain("clay", [0.50, 0.22, 0.12]),
             foliage: mesh.plain("foliage", [0.10, 0.28, 0.07]),
-            bulb: mesh.emissive("bulb", [60.0, 48.0, 32.0]),
-            shade: mesh.plain("lamp shade", [0.85, 0.78, 0.62]),
+            bulb: mesh.emissive("bulb", [110.0, 90.0, 62.0]),
+            shade: mesh.emissive("lamp shade", [1.6, 1.3, 0.9]),
             lawn: mesh.textured("lawn", lawn(seed)),
             pictures: [0, 1, 2].map(|i| mesh.textured("picture", picture(i, seed + 10 + u64::from(i)))),
             books: books.map(|albedo| mesh.plain("book", albedo)),
@@ -158,7 +158,7 @@ fn picture(kind: u32, seed: u64) -> Texture {
         }
         _ => {
             let from_centre = ((u - 0.5) * 4.0 / 3.0).hypot(v - 0.5);
-            if (from_centre * 14.0) as u32 % 2 == 0 { [0.85, 0.30, 0.15] } else { [0.96, 0.90, 0.80] }
+            if (from_centre * 7.0).fract() < 0.5 { [0.85, 0.30, 0.15] } else { [0.96, 0.90, 0.80] }
         }
     })
 }

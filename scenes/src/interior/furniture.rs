@@ -129,7 +129,7 @@ pub(super) fn pendant(mesh: &mut Mesh, place: DVec3, ceiling: f64, finishes: &Fi
 }
 
 fn bulb_in_shade(mesh: &mut Mesh, centre: DVec3, wide: f64, narrow: f64, finishes: &Finishes) {
-    mesh.add_sphere(centre, 0.045, -FRAC_PI_2, FRAC_PI_2, 24, finishes.bulb);
+    mesh.add_sphere(centre, 0.06, -FRAC_PI_2, FRAC_PI_2, 16, finishes.bulb);
     let shade = [(centre - DVec3::Y * 0.1, wide), (centre + DVec3::Y * 0.2, narrow)];
     mesh.add_tube(&shade, 40, 1.0, finishes.shade);
 }

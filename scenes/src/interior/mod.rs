@@ -8,7 +8,7 @@ use crate::rng::Rng;
 use finishes::Finishes;
 use glam::{DVec2, DVec3, dvec3};
 use headbox_capture::scene::Scene;
-use std::f64::consts::PI;
+use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Half of the room's width (x) and depth (z), and its height; inner faces of the walls, metres.
 const ROOM: DVec3 = dvec3(3.0, 2.8, 2.5);
@@ -146,8 +146,13 @@ fn add_garden(mesh: &mut Mesh, finishes: &Finishes) {
     mesh.add_block(dvec3(14.0, -0.3, -12.0), dvec3(15.5, 1.6, 14.0), 2.5, finishes.foliage);
     mesh.add_block(dvec3(-12.0, -0.3, 13.0), dvec3(14.0, 1.4, 14.5), 2.5, finishes.foliage);
     for (x, z, radius) in [(9.0, -4.0, 1.7), (11.5, 3.5, 2.2), (4.0, 10.0, 1.9), (-3.0, 11.0, 1.4)] {
-        let crown = dvec3(x, 1.4 + radius, z);
-        mesh.add_sphere(crown, radius, -1.2, std::f64::consts::FRAC_PI_2, 32, finishes.foliage);
+        // A crown of four clumps.
+        for (right, up, near, share) in
+            [(0.0, 0.5, 0.0, 0.8), (-0.6, 0.0, 0.2, 0.7), (0.5, -0.1, -0.4, 0.75), (0.2, 0.0, 0.6, 0.65)]
+        {
+            let centre = dvec3(x, 1.4 + radius, z) + dvec3(right, up, near) * radius;
+            mesh.add_sphere(centre, radius * share, -FRAC_PI_2, FRAC_PI_2, 24, finishes.foliage);
+        }
         mesh.add_cylinder(dvec3(x, -0.3, z), 0.14, 2.4, 12, finishes.walnut);
     }
 }
