@@ -143,17 +143,18 @@ fn every_broken_promise_of_the_ldi_is_named() {
     broken("texel alpha", &|l| l.environment.texels[3][3] = 7, &|e| {
         *e == LdiError::EnvironmentAlpha { index: 3, alpha: 7 }
     });
-    let info: [(&str, &dyn Fn(&mut CubeLdi)); 7] = [
-        ("centre", &|l| l.info.centre.y = f64::NAN),
-        ("half_size_m", &|l| l.info.half_size_m = 0.0),
-        ("half_size_m", &|l| l.info.half_size_m = f64::INFINITY),
-        ("unit_m", &|l| l.info.unit_m = -1.0),
-        ("exposure", &|l| l.info.exposure = 0.0),
-        ("missing_estimate", &|l| l.info.missing_estimate[3] = 1.5),
-        ("missing_estimate", &|l| l.info.missing_estimate[0] = f64::NAN),
+    type Damage = fn(&mut CubeLdi);
+    let info: [(&str, Damage); 7] = [
+        ("centre", |l| l.info.centre.y = f64::NAN),
+        ("half_size_m", |l| l.info.half_size_m = 0.0),
+        ("half_size_m", |l| l.info.half_size_m = f64::INFINITY),
+        ("unit_m", |l| l.info.unit_m = -1.0),
+        ("exposure", |l| l.info.exposure = 0.0),
+        ("missing_estimate", |l| l.info.missing_estimate[3] = 1.5),
+        ("missing_estimate", |l| l.info.missing_estimate[0] = f64::NAN),
     ];
     for (name, damage) in info {
-        broken(name, damage, &|e| matches!(e, LdiError::Info { field, .. } if *field == name));
+        broken(name, &damage, &|e| matches!(e, LdiError::Info { field, .. } if *field == name));
     }
 }
 

@@ -163,7 +163,7 @@ mod tests {
         let range = DepthCodeRange { nearest_m: 1.0, farthest_m: 100.0 };
         let mut worst = [0.0f32; 3];
         for i in 0..40_000 {
-            let (a, z) = (i as f64 * 2.399_963, 1.0 - (i as f64 + 0.5) / 20_000.0);
+            let (a, z) = (f64::from(i) * 2.399_963, 1.0 - (f64::from(i) + 0.5) / 20_000.0);
             let r = (1.0 - z * z).sqrt();
             let n = DVec3::new(r * a.cos(), r * a.sin(), z);
             let error = |layout: SplatIndexLayout| {

@@ -112,8 +112,14 @@ pub(crate) trait Canvas {
 /// The pixels from `position - radius` to `position + radius` whose centres lie inside, clipped to `0..size`.
 #[inline(always)]
 fn covered(position: f32, radius: f32, size: u32) -> std::ops::Range<u32> {
-    // A saturating cast: positions left of the frame become 0.
-    let start = (position - radius - 0.5).ceil() as u32;
-    let end = (position + radius - 0.5).ceil() as u32;
+    let start = ceil_to_u32(position - radius - 0.5);
+    let end = ceil_to_u32(position + radius - 0.5);
     start.min(size)..end.min(size)
+}
+
+/// `v.ceil() as u32` (negative and NaN: 0) without the call into libm that `ceil` is on processors before SSE4.1.
+#[inline(always)]
+fn ceil_to_u32(v: f32) -> u32 {
+    let truncated = v as u32;
+    truncated.saturating_add(u32::from((truncated as f32) < v))
 }

@@ -9,19 +9,19 @@
 use super::{Canvas, Splats, covered};
 
 /// Weight 1, with which the samples of a whole surface add up in every pixel.
-const ONE: u16 = 128;
+const ONE: u64 = 128;
 
 /// A pixel's weights stay at or below this, so that sums of 255 times a weight fit into 16 bits.
-const MAX_WEIGHT: u16 = 257;
+const MAX_WEIGHT: u64 = 257;
 
 /// Weights at which a surface begins to hide what is behind it, and at which it hides it wholly. A sample that a ray
 /// found at a silhouette stands for a whole LDI pixel of which the surface fills half, on average; cutting the outer
 /// part of its tent gives that half back.
-const TRANSPARENT: u32 = 26;
-const OPAQUE: u32 = 128;
+const TRANSPARENT: u64 = 26;
+const OPAQUE: u64 = 128;
 
 /// The least share of 255 of a pixel that a surface has where it has any.
-const MIN_SHARE: u32 = 13;
+const MIN_SHARE: u64 = 13;
 
 /// Weight in the middle of a splat, at least. The pixel that holds a sample of the least radius, 0.6 px, is at most half
 /// a pixel away in x and y and gets (1 - 0.5 / 0.6)^2 = 1/36 of it, which must not round to nothing however small the
@@ -32,8 +32,9 @@ const MIN_PEAK: f32 = 0.15;
 #[derive(Clone, Copy, Default)]
 #[repr(C, align(16))]
 struct Cell {
-    /// Of the front surface: red, green and blue times weight, and weight.
-    sum: [u16; 4],
+    /// Of the front surface, 16 bits each from the lowest: red, green and blue times weight, and weight. No lane
+    /// overflows into the next, so that one multiplication and one addition serve all four.
+    sum: u64,
     /// 1 / eye depth of the front surface, 1/m: the largest in the mean. 0 for none.
     inverse_depth: f32,
     /// What is behind it: straight colour, and the share of the pixel that is covered.
@@ -51,42 +52,64 @@ fn over(front: [u8; 4], behind: [u8; 4]) -> [u8; 4] {
     [mix(0), mix(1), mix(2), (share + rest) as u8]
 }
 
+/// Red, green, blue and 1, 16 bits each: times a weight, what a splat adds to a sum.
+fn lanes([r, g, b, _]: [u8; 4]) -> u64 {
+    u64::from(r) | u64::from(g) << 16 | u64::from(b) << 32 | 1 << 48
+}
+
+/// 2^32 / weight, rounded up: `n * reciprocal >> 32` is `n / weight` for all n below 2^16 (n times the excess, 1, is
+/// less than 2^32 / 257).
+static RECIPROCALS: [u64; MAX_WEIGHT as usize + 1] = {
+    let mut reciprocals = [0; MAX_WEIGHT as usize + 1];
+    let mut weight = 1;
+    while weight < reciprocals.len() {
+        reciprocals[weight] = (1u64 << 32).div_ceil(weight as u64);
+        weight += 1;
+    }
+    reciprocals
+};
+
 impl Cell {
+    /// Weight of the front surface.
+    #[inline(always)]
+    fn weight(&self) -> u64 {
+        self.sum >> 48
+    }
+
     /// The front surface over what is behind it.
     fn flattened(&self) -> [u8; 4] {
-        let weight = u32::from(self.sum[3]);
+        let weight = self.weight();
         if weight == 0 {
             return self.behind;
         }
-        let share = (weight.saturating_sub(TRANSPARENT) * 255 / (OPAQUE - TRANSPARENT)).clamp(MIN_SHARE, 255);
-        let mean = |c: usize| ((u32::from(self.sum[c]) + weight / 2) / weight) as u8;
-        let front = [mean(0), mean(1), mean(2), share as u8];
+        let reciprocal = RECIPROCALS[(weight as usize).min(RECIPROCALS.len() - 1)];
+        let mean = |lane: u32| (((self.sum >> (16 * lane) & 0xffff) + weight / 2) * reciprocal >> 32) as u8;
+        let share = (weight.saturating_sub(TRANSPARENT) * 255 / (OPAQUE - TRANSPARENT)).clamp(MIN_SHARE, 255) as u8;
+        let front = [mean(0), mean(1), mean(2), share];
         if share == 255 { front } else { over(front, self.behind) }
     }
 
-    /// Adds a splat. `color` is red, green, blue, 1. `nearest_behind` and `farthest_in_front` are the inverse depths
-    /// below and above which another surface lies behind and in front of the splat's.
+    /// Adds a splat of `lanes(color)`. `nearest_behind` and `farthest_in_front` are the inverse depths below and above
+    /// which another surface lies behind and in front of the splat's.
     #[inline(always)]
-    fn add(&mut self, color: [u16; 4], weight: u16, inverse_depth: f32, nearest_behind: f32, farthest_in_front: f32) {
+    fn add(&mut self, color: u64, weight: u64, inverse_depth: f32, nearest_behind: f32, farthest_in_front: f32) {
         if self.inverse_depth < nearest_behind {
-            if self.sum[3] > 0 {
+            if self.sum != 0 {
                 self.behind = self.flattened();
             }
-            self.sum = color.map(|c| c * weight);
+            self.sum = color * weight;
             self.inverse_depth = inverse_depth;
         } else if self.inverse_depth <= farthest_in_front {
-            if self.sum[3] + weight > MAX_WEIGHT {
-                self.sum = self.sum.map(|s| s >> 1);
+            if self.weight() + weight > MAX_WEIGHT {
+                self.sum = self.sum >> 1 & 0x7fff_7fff_7fff_7fff;
             }
-            for c in 0..4 {
-                self.sum[c] += color[c] * weight;
-            }
+            self.sum += color * weight;
             self.inverse_depth = self.inverse_depth.max(inverse_depth);
-        } else if u32::from(self.sum[3]) < OPAQUE {
+        } else if self.weight() < OPAQUE {
             // Behind a surface that does not fill the pixel (yet).
-            let share = (u32::from(weight) * 255 / u32::from(ONE)).min(255) as u8;
-            let [r, g, b, _] = color.map(|c| c as u8);
-            self.behind = over([r, g, b, share], self.behind);
+            let lane = |lane: u32| (color >> (16 * lane)) as u8;
+            let share = (weight * 255 / ONE) as u8;
+            self.behind = over([lane(0), lane(1), lane(2), share], self.behind);
         }
     }
 }
@@ -120,12 +143,11 @@ impl Canvas for SurfaceCanvas {
     fn draw(&mut self, splats: &Splats) {
         for i in 0..splats.len {
             let (x, y, footprint) = (splats.x[i], splats.y[i], splats.footprint[i]);
-            let [r, g, b, alpha] = splats.color[i].map(u16::from);
-            let color = [r, g, b, 1];
+            let (color, alpha) = (lanes(splats.color[i]), splats.color[i][3]);
             let inverse_depth = splats.inverse_depth[i];
             let nearest_behind = inverse_depth * (1.0 - self.tolerance);
             let farthest_in_front = inverse_depth * (1.0 + self.tolerance);
-            let peak = footprint.weight.max(MIN_PEAK) * f32::from(alpha) * (f32::from(ONE) / 255.0);
+            let peak = footprint.weight.max(MIN_PEAK) * f32::from(alpha) * (ONE as f32 / 255.0);
             let (slope_x, slope_y) = (1.0 / footprint.radius_x, 1.0 / footprint.radius_y);
             let columns = covered(x, footprint.radius_x, self.width);
             for py in covered(y, footprint.radius_y, self.height) {
@@ -135,7 +157,7 @@ impl Canvas for SurfaceCanvas {
                 for (px, cell) in columns.clone().zip(row) {
                     let weight = row_weight * (1.0 - (px as f32 + 0.5 - x).abs() * slope_x);
                     // At most ONE, as every factor is at most 1.
-                    let weight = ((weight + 0.5) as u16).min(ONE);
+                    let weight = u64::from((weight + 0.5) as u32).min(ONE);
                     if weight > 0 {
                         cell.add(color, weight, inverse_depth, nearest_behind, farthest_in_front);
                     }

@@ -201,8 +201,11 @@ fn finish(frame: &mut Frame, canvas: &impl Canvas, cube: &PackedCube, camera: &C
             (*color, *coverage) = ([r, g, b, 255], Coverage::FULL);
             continue;
         }
-        let (x, y) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-        match (cube.environment.sample(camera.direction(x, y).as_vec3()), share) {
+        let environment = (cube.environment.size_px > 0).then(|| {
+            let (x, y) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+            cube.environment.sample(camera.direction(x, y).as_vec3())
+        });
+        match (environment.flatten(), share) {
             (None, 0) => {}
             (None, _) => (*color, *coverage) = ([r, g, b, 255], Coverage::of_splats(share)),
             (Some([er, eg, eb]), 0) => (*color, *coverage) = ([er, eg, eb, 255], Coverage::ENVIRONMENT),

@@ -108,7 +108,7 @@ mod tests {
                     let exact = transfer.at(f64::from(column) + 0.5, f64::from(row) + 0.5)
                         + transfer.inverse_depth * (min + f64::from(code) * step);
                     let found = anchored.apply((column - block) as f32, code as f32);
-                    let error = |h: Vec3| (h.x / h.z - (exact.x / exact.z) as f32).abs() as f64;
+                    let error = |h: Vec3| (f64::from(h.x) / f64::from(h.z) - exact.x / exact.z).abs();
                     let in_view = (exact.x / exact.z).abs() < 2048.0 && exact.z > 0.0;
                     if in_view {
                         let x = f64::from(found.x) / f64::from(found.z) - exact.x / exact.z;

@@ -31,6 +31,18 @@ impl Batch {
         let nothing = PackedDepthPixel { geometry: 0, color_srgb: [0; 4] };
         Self { row: 0, anchor_column: 0, len: 0, columns: [0; BATCH_CAPACITY], depth_pixels: [nothing; BATCH_CAPACITY] }
     }
+
+    /// Appends a depth pixel; a full batch is drawn first.
+    #[inline(always)]
+    fn push(&mut self, column: u8, depth_pixel: PackedDepthPixel, draw: &mut impl FnMut(&Self)) {
+        if self.len >= BATCH_CAPACITY {
+            draw(self);
+            self.len = 0;
+        }
+        self.columns[self.len] = column;
+        self.depth_pixels[self.len] = depth_pixel;
+        self.len += 1;
+    }
 }
 
 /// Passes all depth pixels of a segment to `draw`, in drawing order. Parts of the rectangle outside the face, and rows
@@ -52,30 +64,25 @@ pub(crate) fn traverse(
                 return;
             }
             for run in &columns {
-                for_each_block(run, |range, descending| {
+                for_each_block(run, |run| {
                     batch.row = row;
-                    batch.anchor_column = range.start - range.start % BLOCK_COLUMNS;
+                    batch.anchor_column = run.range.start - run.range.start % BLOCK_COLUMNS;
                     batch.len = 0;
-                    let run = Run { range, descending };
+                    let first = (run.range.start - segment.x0) as usize;
+                    let counts = &counts[first..=first + run.range.len()];
+                    if counts[0] == counts[run.range.len()] {
+                        return;
+                    }
                     for_each(&run, |x| {
-                        let i = (x - segment.x0) as usize;
+                        let i = (x - run.range.start) as usize;
                         let Some(pixel) = samples.get(counts[i] as usize..counts[i + 1] as usize) else { return };
                         let column = (x - batch.anchor_column) as u8;
-                        let mut push = |depth_pixel: &PackedDepthPixel| {
-                            if batch.len == BATCH_CAPACITY {
-                                draw(batch);
-                                batch.len = 0;
-                            }
-                            batch.columns[batch.len] = column;
-                            batch.depth_pixels[batch.len] = *depth_pixel;
-                            batch.len += 1;
-                        };
                         match layers {
-                            LayerOrder::FarthestFirst => pixel.iter().for_each(&mut push),
-                            LayerOrder::NearestFirst => pixel.iter().rev().for_each(&mut push),
+                            LayerOrder::FarthestFirst => pixel.iter().for_each(|p| batch.push(column, *p, draw)),
+                            LayerOrder::NearestFirst => pixel.iter().rev().for_each(|p| batch.push(column, *p, draw)),
                             LayerOrder::PerPixel => {
                                 let foot = eye.foot_on_ray(f64::from(x) + 0.5, f64::from(row) + 0.5);
-                                from_both_ends(segment, pixel, foot, &mut push);
+                                from_both_ends(segment, pixel, foot, |p| batch.push(column, *p, draw));
                             }
                         }
                     });
@@ -94,7 +101,7 @@ fn from_both_ends(
     segment: &PackedSegment,
     mut pixel: &[PackedDepthPixel],
     foot: f64,
-    push: &mut impl FnMut(&PackedDepthPixel),
+    mut push: impl FnMut(&PackedDepthPixel),
 ) {
     let from_foot = |p: &PackedDepthPixel| (1.0 / segment.inverse_depth(p.inverse_depth_code()) - foot).abs();
     while let [first, .., last] = pixel {
@@ -118,7 +125,7 @@ fn for_each(run: &Run, visit: impl FnMut(u32)) {
 }
 
 /// Cuts a run at multiples of [`BLOCK_COLUMNS`].
-fn for_each_block(run: &Run, mut visit: impl FnMut(Range<u32>, bool)) {
+fn for_each_block(run: &Run, mut visit: impl FnMut(Run)) {
     let Range { start, end } = run.range;
     if start >= end {
         return;
@@ -126,6 +133,7 @@ fn for_each_block(run: &Run, mut visit: impl FnMut(Range<u32>, bool)) {
     let blocks = Run { range: start / BLOCK_COLUMNS..end.div_ceil(BLOCK_COLUMNS), descending: run.descending };
     for_each(&blocks, |block| {
         let first = block * BLOCK_COLUMNS;
-        visit(start.max(first)..end.min(first + BLOCK_COLUMNS), run.descending);
+        let range = start.max(first)..end.min(first + BLOCK_COLUMNS);
+        visit(Run { range, descending: run.descending });
     });
 }
