@@ -79,7 +79,9 @@ impl Motion {
         for i in 0..2 {
             turn[i] += drag_sign * steering.drag_points[i] * rad_per_point;
         }
-        let pose = pose.zoomed(NOTCH_ZOOM.powf(steering.wheel_notches));
+        // Not even a rounding error without a turn of the wheel.
+        let zooms = steering.wheel_notches != 0.0;
+        let pose = if zooms { pose.zoomed(NOTCH_ZOOM.powf(steering.wheel_notches)) } else { *pose };
         match handling.navigation {
             Navigation::Fly | Navigation::Walk => {
                 let pose = pose.turned(turn[0], turn[1]);
@@ -219,6 +221,7 @@ mod tests {
             let handling = Handling { bounds: Some(bounds), ..handling(navigation) };
             let (pose, _) = simulate(&held(dvec3(1.0, 0.3, 1.0)), &handling, 5.0, 30);
             assert!(bounds.contains(pose.eye), "{navigation:?} {}", pose.eye);
+            assert_eq!(pose.fov_y_deg, 60.0, "moving does not zoom");
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Colours and spacing: dark and quiet, so that the frame is the brightest thing in the window.
 
 use egui::{Color32, Context, CornerRadius, Stroke, Theme, Visuals};
+use std::num::NonZeroUsize;
 
 /// Behind the frame.
 pub(crate) const BACKDROP: Color32 = Color32::from_gray(16);
@@ -33,6 +34,11 @@ pub(crate) fn mix(a: Color32, b: Color32, share: f64) -> Color32 {
 
 /// Sets the window's look.
 pub(crate) fn install(ctx: &Context) {
+    // A pass moves the eye and obeys keys, so that it must run once per frame, also when a list appears whose size egui
+    // would like to try out first.
+    if let Some(once) = NonZeroUsize::new(1) {
+        ctx.options_mut(|options| options.max_passes = once);
+    }
     ctx.set_theme(Theme::Dark);
     ctx.style_mut_of(Theme::Dark, |style| {
         let mut visuals = Visuals::dark();
