@@ -61,7 +61,9 @@ fn dragging_looks_around_and_the_wheel_changes_the_field_of_view() {
 #[test]
 fn an_orbiting_eye_keeps_looking_at_its_pivot() {
     let mut window = room_with(Kind::Orbit, ViewerOptions::default());
-    let crate::Navigation::Orbit { pivot } = window.state().info.as_ref().unwrap().navigation else { unreachable!() };
+    let crate::Navigation::Orbit { pivot, .. } = window.state().info.as_ref().unwrap().navigation else {
+        unreachable!()
+    };
     let distance = window.state().eye.pose.eye.distance(pivot);
     window.drag_at(IN_FRAME);
     window.step();
