@@ -45,6 +45,9 @@ mod views;
 mod window;
 mod worker;
 
+#[cfg(test)]
+mod tests;
+
 pub use bounds::EyeBounds;
 pub use camera_file::{CameraFileError, CameraRecord, PathPoseRecord, PathRecord, ViewRecord};
 pub use options::{Exit, Summary, ViewerError, ViewerOptions};

@@ -51,7 +51,7 @@ const TURN_RAD_PER_S: f64 = 1.3;
 const NOTCH_ZOOM: f64 = 1.1;
 /// Below this share of the full speed the eye stands still, so that the window can rest.
 const STANDSTILL_SHARE: f64 = 2e-3;
-/// The nearest an orbiting eye comes to its pivot, metres.
+/// An orbiting eye never reaches its pivot, whatever the source says, metres.
 const MIN_ORBIT_RADIUS_M: f64 = 1e-3;
 
 impl Motion {
@@ -79,17 +79,19 @@ impl Motion {
         for i in 0..2 {
             turn[i] += drag_sign * steering.drag_points[i] * rad_per_point;
         }
-        let pose = pose.zoomed(NOTCH_ZOOM.powf(steering.wheel_notches));
+        // Not even a rounding error without a turn of the wheel.
+        let zooms = steering.wheel_notches != 0.0;
+        let pose = if zooms { pose.zoomed(NOTCH_ZOOM.powf(steering.wheel_notches)) } else { *pose };
         match handling.navigation {
             Navigation::Fly | Navigation::Walk => {
                 let pose = pose.turned(turn[0], turn[1]);
                 let by = world_travel(&pose, handling.navigation, travel);
                 Pose { eye: moved(handling.bounds, pose.eye, by), ..pose }
             }
-            Navigation::Orbit { pivot } => {
+            Navigation::Orbit { pivot, nearest } => {
                 // A drag to the right carries the object to the right: the eye goes the other way around it.
                 let turned = Pose::looking_at(pose.eye, pivot, pose.fov_y_deg).turned(-turn[0], -turn[1]);
-                let radius = (pose.eye.distance(pivot) - travel.z).max(MIN_ORBIT_RADIUS_M);
+                let radius = (pose.eye.distance(pivot) - travel.z).max(nearest.max(MIN_ORBIT_RADIUS_M));
                 let around = turned.turned(travel.x / radius, -travel.y / radius);
                 let eye = moved(handling.bounds, pose.eye, pivot - around.forward() * radius - pose.eye);
                 Pose { eye, ..Pose::looking_at(eye, pivot, pose.fov_y_deg) }
@@ -128,6 +130,9 @@ fn lagged(velocity: f64, wanted: f64, dt_s: f64, full_speed: f64) -> (f64, f64) 
 mod tests {
     use super::*;
     use glam::dvec3;
+
+    const PIVOT: DVec3 = DVec3::new(0.0, 0.0, -3.0);
+    const ORBIT: Navigation = Navigation::Orbit { pivot: PIVOT, nearest: 1.0 };
 
     fn handling(navigation: Navigation) -> Handling {
         Handling { navigation, speed_m_per_s: 2.0, grab_scene: false, bounds: None, view_height_points: 600.0 }
@@ -199,12 +204,11 @@ mod tests {
 
     #[test]
     fn orbiting_keeps_distance_and_looks_at_the_pivot() {
-        let pivot = dvec3(0.0, 0.0, -3.0);
         let mut steering = held(DVec3::ZERO);
         steering.drag_points = [120.0, 40.0];
-        let pose = Motion::default().advance(&start(), &steering, &handling(Navigation::Orbit { pivot }), 1.0 / 60.0);
-        assert!((pose.eye.distance(pivot) - 3.0).abs() < 1e-9);
-        assert!(pose.forward().distance((pivot - pose.eye).normalize()) < 1e-9);
+        let pose = Motion::default().advance(&start(), &steering, &handling(ORBIT), 1.0 / 60.0);
+        assert!((pose.eye.distance(PIVOT) - 3.0).abs() < 1e-9);
+        assert!(pose.forward().distance((PIVOT - pose.eye).normalize()) < 1e-9);
         assert!(
             pose.eye.x < 0.0 && pose.eye.y > 0.0,
             "dragging right and down shows the left and the top: {}",
@@ -213,12 +217,19 @@ mod tests {
     }
 
     #[test]
+    fn an_orbit_has_an_inner_edge() {
+        let (pose, _) = simulate(&held(DVec3::Z), &handling(ORBIT), 5.0, 30);
+        assert!((pose.eye.distance(PIVOT) - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
     fn bounds_hold_the_eye() {
         let bounds = EyeBounds { centre: DVec3::ZERO, half_size: DVec3::splat(0.25) };
-        for navigation in [Navigation::Fly, Navigation::Walk, Navigation::Orbit { pivot: dvec3(0.0, 0.0, -3.0) }] {
+        for navigation in [Navigation::Fly, Navigation::Walk, ORBIT] {
             let handling = Handling { bounds: Some(bounds), ..handling(navigation) };
             let (pose, _) = simulate(&held(dvec3(1.0, 0.3, 1.0)), &handling, 5.0, 30);
             assert!(bounds.contains(pose.eye), "{navigation:?} {}", pose.eye);
+            assert_eq!(pose.fov_y_deg, 60.0, "moving does not zoom");
         }
     }
 }

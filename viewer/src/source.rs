@@ -127,6 +127,8 @@ pub enum Navigation {
     Orbit {
         /// The point, world metres.
         pivot: DVec3,
+        /// The nearest that the eye comes to it, metres.
+        nearest: f64,
     },
 }
 

@@ -76,7 +76,7 @@ impl FrameSource for CheckerRoom {
     fn navigation(&self) -> Navigation {
         match self.kind {
             Kind::Headbox => Navigation::Fly,
-            Kind::Orbit => Navigation::Orbit { pivot: BALL.0.as_dvec3() },
+            Kind::Orbit => Navigation::Orbit { pivot: BALL.0.as_dvec3(), nearest: 1.2 * f64::from(BALL.1) },
             Kind::Walk => Navigation::Walk,
         }
     }

@@ -7,35 +7,41 @@ use glam::DVec3;
 
 /// The controls; the eye stays inside `bounds`.
 pub(crate) fn show(ui: &mut Ui, eye: &mut Eye, bounds: Option<&EyeBounds>, now_s: f64, commands: &mut Vec<Command>) {
-    let before = eye.pose;
-    let mut wanted = before.eye;
+    // A control may round what it shows, so only what a person changed is taken over.
+    let mut moved = false;
     ui.horizontal(|ui| {
         let names = ["X (right)", "Y (up)", "Z (back)"];
+        let before = eye.pose.eye;
+        let mut wanted = before;
         for (i, name) in names.into_iter().enumerate() {
             let value = DragValue::new(&mut wanted[i]).speed(0.005).fixed_decimals(3).suffix(" m");
-            ui.add(value).on_hover_text(format!("{name} of the eye in the world, in metres."));
+            let response = ui.add(value).on_hover_text(format!("{name} of the eye in the world, in metres."));
+            if response.changed() {
+                let by = DVec3::AXES[i] * (wanted[i] - before[i]);
+                eye.pose.eye = bounds.map_or(before + by, |bounds| bounds.soft_move(before, by));
+                moved = true;
+            }
         }
     });
-    if wanted != before.eye {
-        let by = wanted - before.eye;
-        eye.pose.eye = bounds.map_or(wanted, |bounds| bounds.soft_move(before.eye, by));
-    }
     ui.horizontal(|ui| {
-        let mut angles = [before.yaw_rad.to_degrees(), before.pitch_rad.to_degrees()];
-        let names =
-            ["Heading of the eye in degrees, 0 along -Z, positive to the left.", "Tilt in degrees, positive up."];
-        for (angle, name) in angles.iter_mut().zip(names) {
-            ui.add(DragValue::new(angle).speed(0.25).fixed_decimals(1).suffix("°")).on_hover_text(name);
+        let (mut yaw, mut pitch) = (eye.pose.yaw_rad.to_degrees(), eye.pose.pitch_rad.to_degrees());
+        let tip = "Heading of the eye in degrees, 0 along -Z, positive to the left.";
+        if ui.add(angle(&mut yaw)).on_hover_text(tip).changed() {
+            eye.pose = eye.pose.turned(yaw.to_radians() - eye.pose.yaw_rad, 0.0);
+            moved = true;
         }
-        let turn = [angles[0].to_radians() - before.yaw_rad, angles[1].to_radians() - before.pitch_rad];
-        // A conversion to degrees and back is no turn.
-        if turn.iter().any(|t| t.abs() > 1e-9) {
-            eye.pose = eye.pose.turned(turn[0], turn[1]);
+        if ui.add(angle(&mut pitch)).on_hover_text("Tilt in degrees, positive up.").changed() {
+            eye.pose = eye.pose.turned(0.0, pitch.to_radians() - eye.pose.pitch_rad);
+            moved = true;
         }
         button(ui, "Centre", "Back to where the view started (Home, C, or a double click).", Command::Centre, commands);
     });
-    ui.add(Slider::new(&mut eye.pose.fov_y_deg, Pose::FOV_Y_DEG).suffix("°").max_decimals(1).text("View"))
-        .on_hover_text("Vertical field of view in degrees (mouse wheel).");
+    let mut fov = eye.pose.fov_y_deg;
+    let slider = Slider::new(&mut fov, Pose::FOV_Y_DEG).suffix("°").max_decimals(1).text("View");
+    if ui.add(slider).on_hover_text("Vertical field of view in degrees (mouse wheel).").changed() {
+        eye.pose.fov_y_deg = fov;
+        moved = true;
+    }
     ui.add(Slider::new(&mut eye.speed_m_per_s, 0.001..=100.0).logarithmic(true).suffix(" m/s").text("Speed"))
         .on_hover_text(
             "Speed of the eye with a key held, in metres per second; shift is 4 times as fast, alt as slow.",
@@ -45,10 +51,14 @@ pub(crate) fn show(ui: &mut Ui, eye: &mut Eye, bounds: Option<&EyeBounds>, now_s
     let forward = eye.pose.forward();
     ui.weak(format!("looks along {}", vector(forward)))
         .on_hover_text("Unit vector of the viewing direction in world axes (no unit).");
-    if eye.pose != before {
+    if moved {
         eye.motion.stop();
         eye.moved_s = now_s;
     }
+}
+
+fn angle(degrees: &mut f64) -> DragValue<'_> {
+    DragValue::new(degrees).speed(0.25).fixed_decimals(1).suffix("°")
 }
 
 fn vector(v: DVec3) -> String {

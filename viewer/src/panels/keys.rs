@@ -1,11 +1,11 @@
 //! The list of keys.
 
 use crate::keymap::{BINDINGS, MOUSE_HELP};
-use egui::{Context, Grid, Ui, Window};
+use egui::{Context, Grid, Ui};
 
 /// The list in a window of its own, while `open`.
 pub(crate) fn show(ctx: &Context, open: &mut bool) {
-    Window::new("Keys").open(open).resizable(false).collapsible(false).show(ctx, |ui| {
+    super::dialog(ctx, "Keys", open).resizable(false).show(ctx, |ui| {
         ui.horizontal_top(|ui| {
             let half = BINDINGS.len().div_ceil(2);
             for (i, column) in BINDINGS.chunks(half).enumerate() {

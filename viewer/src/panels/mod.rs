@@ -18,7 +18,7 @@ pub(crate) mod status;
 pub(crate) mod theme;
 
 use crate::{app::Viewer, keymap::Command};
-use egui::{Button, CollapsingHeader, RichText, Ui};
+use egui::{Align2, Button, CollapsingHeader, Context, RichText, Ui, Window};
 
 /// Width of the side panel at first, points.
 pub(crate) const WIDTH_POINTS: f32 = 290.0;
@@ -50,6 +50,12 @@ pub(crate) fn side(ui: &mut Ui, viewer: &mut Viewer, now_s: f64) {
         button(ui, "Keys", "Lists the keys (F1).", Command::ToggleKeys, &mut viewer.commands);
         button(ui, "Hide", "Hides the panels (H brings them back).", Command::TogglePanels, &mut viewer.commands);
     });
+}
+
+/// A window over the frame, at first in the middle of it.
+pub(crate) fn dialog<'a>(ctx: &Context, title: &'a str, open: &'a mut bool) -> Window<'a> {
+    let middle = ctx.content_rect().center();
+    Window::new(title).open(open).collapsible(false).pivot(Align2::CENTER_CENTER).default_pos(middle)
 }
 
 /// A part of the side panel that can be folded away.

@@ -1,7 +1,7 @@
 //! A small list of files to open. Drawn by the window itself, so that it also works remotely and without a desktop.
 
 use crate::{keymap::Command, session::Location};
-use egui::{Context, ScrollArea, Window};
+use egui::{Context, ScrollArea};
 use std::path::{Path, PathBuf};
 
 /// State of the list.
@@ -75,7 +75,7 @@ fn list(dir: &Path, extensions: &[String]) -> std::io::Result<Contents> {
 /// The list in a window of its own, while open.
 pub(crate) fn show(ctx: &Context, list: &mut OpenList, commands: &mut Vec<Command>) {
     let (mut is_open, mut next_dir, mut chosen) = (list.is_open, None, None);
-    Window::new("Open").open(&mut is_open).default_size([420.0, 360.0]).show(ctx, |ui| {
+    super::dialog(ctx, "Open", &mut is_open).default_size([420.0, 360.0]).show(ctx, |ui| {
         ui.horizontal(|ui| {
             if ui.button("Up").on_hover_text("Goes to the folder above.").clicked() {
                 next_dir = list.dir.parent().map(Path::to_owned);

@@ -13,6 +13,8 @@ use egui::{
 /// Size of a card's picture, points.
 const CARD_POINTS: egui::Vec2 = vec2(200.0, 150.0);
 
+const CARD_GAP_POINTS: f32 = 24.0;
+
 /// State of the page.
 #[derive(Default)]
 pub(crate) struct StartPage {
@@ -65,16 +67,21 @@ pub(crate) fn show(ui: &mut Ui, page: &mut StartPage, opening: Option<&str>, com
         }
         ui.add_space(20.0);
         egui::ScrollArea::vertical().show(ui, |ui| {
-            ui.with_layout(
-                Layout::left_to_right(Align::Min).with_main_wrap(true).with_main_align(Align::Center),
-                |ui| {
-                    for (entry, picture) in &page.cards {
+            let across = CARD_POINTS.x + CARD_GAP_POINTS;
+            let columns = ((ui.available_width() / across) as usize).clamp(1, page.cards.len().max(1));
+            let margin = ((ui.available_width() - across * columns as f32 + CARD_GAP_POINTS) / 2.0).max(0.0);
+            for row in page.cards.chunks(columns) {
+                ui.horizontal_top(|ui| {
+                    ui.spacing_mut().item_spacing.x = 0.0;
+                    ui.add_space(margin);
+                    for (entry, picture) in row {
                         if card(ui, entry, picture.as_ref()) {
                             commands.push(Command::Open(Location::Entry(entry.id.clone())));
                         }
+                        ui.add_space(CARD_GAP_POINTS);
                     }
-                },
-            );
+                });
+            }
         });
     });
 }

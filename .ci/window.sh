@@ -1,0 +1,74 @@
+#!/bin/sh
+# Opens the real window on a virtual display, plays a scripted path in it, lets it take its own picture, and checks that
+# something is to be seen. Without a display, one sentence and exit 1.
+#
+#     .ci/window.sh [OUT]
+#
+# OUT (default: target/window) receives the pictures and what each run measured. Needs Xvfb and a software OpenGL driver
+# (Debian: xvfb libgl1 libgl1-mesa-dri libxcursor1 libxi6 libxrender1 libxkbcommon-x11-0).
+set -eu
+cd "$(dirname "$0")/.."
+out=${1:-target/window}
+mkdir -p "$out"
+
+cargo build --release -p headbox-viewer --example checker_room --example not_blank
+viewer=target/release/examples/checker_room
+not_blank=target/release/examples/not_blank
+
+# Xvfb chooses a free display number and writes it to descriptor 3.
+Xvfb -displayfd 3 -screen 0 1600x1000x24 3>"$out/display" 2>"$out/xvfb.log" &
+xvfb=$!
+trap 'kill $xvfb' EXIT
+for _ in 1 2 3 4 5 6 7 8 9 10; do
+    [ -s "$out/display" ] && break
+    sleep 0.5
+done
+DISPLAY=:$(cat "$out/display")
+export DISPLAY
+unset WAYLAND_DISPLAY
+
+# Six poses that turn and step through the middle of the room.
+cat >"$out/path.json" <<'JSON'
+{"size": [1280, 720], "poses": [
+  {"time_s": 0.0, "eye": [0.0, 0.0, 0.0], "look_at": [0.2, -0.15, -1.0], "up": [0, 1, 0], "fov": 60},
+  {"time_s": 0.4, "eye": [0.1, 0.0, -0.1], "look_at": [0.9, -0.3, -1.0], "up": [0, 1, 0], "fov": 60},
+  {"time_s": 0.8, "eye": [0.3, 0.1, -0.3], "look_at": [0.7, -0.5, -1.4], "up": [0, 1, 0], "fov": 70},
+  {"time_s": 1.2, "eye": [0.3, 0.2, -0.4], "look_at": [0.6, -0.7, -1.8], "up": [0, 1, 0], "fov": 70},
+  {"time_s": 1.6, "eye": [0.0, 0.2, -0.3], "look_at": [0.4, -0.5, -1.6], "up": [0, 1, 0], "fov": 70},
+  {"time_s": 2.0, "eye": [-0.2, 0.1, -0.2], "look_at": [0.2, -0.3, -1.6], "up": [0, 1, 0], "fov": 65}
+]}
+JSON
+
+# run NAME ARGUMENTS...: plays the path, and looks at the picture taken at its end.
+run() {
+    name=$1
+    shift
+    echo "window: $name"
+    timeout 120 "$viewer" "$@" --path "$out/path.json" --exit-after-path --size 1280x720 --out "$out" \
+        --screenshot "$out/$name.png" >"$out/$name.json"
+    cat "$out/$name.json"
+    "$not_blank" "$out/$name.png"
+}
+
+run room room --every-pose
+run room_in_time room --set block=4
+run compare room --every-pose --compare overlay=distance
+run stereo ball --every-pose --stereo cross
+run plan hall --every-pose --set overlay=face
+
+echo "window: a failing view"
+if timeout 60 "$viewer" room --set fail=on --frames 3 2>"$out/fails.txt"; then
+    echo "expected an error" >&2
+    exit 1
+fi
+cat "$out/fails.txt"
+
+echo "window: no display"
+status=0
+env -u DISPLAY timeout 60 "$viewer" room >"$out/no_display.json" 2>"$out/no_display.txt" || status=$?
+cat "$out/no_display.txt"
+if [ "$status" -ne 1 ] || [ "$(wc -l <"$out/no_display.txt")" -ne 1 ] || ! grep -q 'no display' "$out/no_display.txt"; then
+    echo "expected one sentence about the missing display and exit 1, got exit $status" >&2
+    exit 1
+fi
+echo "window: all is well; pictures are in $out"

@@ -1,0 +1,103 @@
+use super::*;
+use egui::{Event, Key, Modifiers, MouseWheelUnit, Pos2, vec2};
+use glam::DVec3;
+
+const IN_FRAME: Pos2 = Pos2::new(450.0, 300.0);
+
+#[test]
+fn keys_move_the_eye_and_home_brings_it_back() {
+    let mut window = room();
+    let start = window.state().eye.pose;
+    window.key_down(Key::W);
+    window.run_steps(15);
+    window.key_up(Key::W);
+    settle(&mut window);
+    let moved = window.state().eye.pose;
+    let way = moved.eye - start.eye;
+    assert!(way.normalize().distance(start.forward()) < 1e-6, "W follows the view: {way}");
+    assert!(way.length() > 0.05, "{way}");
+    press(&mut window, Key::Home);
+    assert_eq!(window.state().eye.pose, start);
+}
+
+#[test]
+fn the_edge_of_the_headbox_holds_the_eye() {
+    let mut window = room();
+    window.key_down(Key::D);
+    window.event(Event::ModifiersChanged(Modifiers::SHIFT));
+    window.run_steps(300);
+    let eye = window.state().eye.pose.eye;
+    let bounds = window.state().info.as_ref().unwrap().bounds.unwrap();
+    assert!(bounds.contains(eye) && bounds.edge_share(eye) > 0.99, "{eye}");
+}
+
+#[test]
+fn dragging_looks_around_and_the_wheel_changes_the_field_of_view() {
+    let mut window = room();
+    let start = window.state().eye.pose;
+    window.drag_at(IN_FRAME);
+    window.step();
+    window.hover_at(IN_FRAME + vec2(100.0, 0.0));
+    window.step();
+    window.drop_at(IN_FRAME + vec2(100.0, 0.0));
+    window.step();
+    let turned = window.state().eye.pose;
+    assert!(turned.yaw_rad < start.yaw_rad, "the head follows the pointer to the right");
+    assert_eq!((turned.eye, turned.pitch_rad), (start.eye, start.pitch_rad));
+    window.hover_at(IN_FRAME);
+    window.step();
+    let (unit, delta, phase) = (MouseWheelUnit::Line, vec2(0.0, 3.0), egui::TouchPhase::Move);
+    window.event(Event::MouseWheel {
+        unit,
+        delta,
+        phase,
+        modifiers: Modifiers::NONE,
+        source: egui::MouseWheelSource::Wheel,
+    });
+    window.run_steps(30);
+    assert!(window.state().eye.pose.fov_y_deg < start.fov_y_deg);
+}
+
+#[test]
+fn an_orbiting_eye_keeps_looking_at_its_pivot() {
+    let mut window = room_with(Kind::Orbit, ViewerOptions::default());
+    let crate::Navigation::Orbit { pivot, .. } = window.state().info.as_ref().unwrap().navigation else {
+        unreachable!()
+    };
+    let distance = window.state().eye.pose.eye.distance(pivot);
+    window.drag_at(IN_FRAME);
+    window.step();
+    window.hover_at(IN_FRAME + vec2(60.0, 30.0));
+    window.step();
+    let pose = window.state().eye.pose;
+    assert!(pose.eye != DVec3::ZERO && (pose.eye.distance(pivot) - distance).abs() < 1e-9);
+    assert!(pose.forward().distance((pivot - pose.eye).normalize()) < 1e-9);
+}
+
+#[test]
+fn typing_does_not_walk() {
+    let mut window = room();
+    click(&mut window, "Record");
+    let start = window.state().eye.pose;
+    window.get_by(|node| node.role() == egui::accesskit::Role::TextInput).focus();
+    window.run_steps(2);
+    assert!(window.ctx.text_edit_focused());
+    window.key_down(Key::W);
+    press(&mut window, Key::X);
+    window.run_steps(10);
+    assert_eq!(window.state().eye.pose, start);
+    assert_eq!(window.state().display.stereo, crate::Stereo::Off);
+}
+
+#[test]
+fn standing_still_asks_for_no_frames() {
+    let mut window = room();
+    settle(&mut window);
+    let jobs = window.state().jobs_issued;
+    window.run_steps(50);
+    assert_eq!(window.state().jobs_issued, jobs);
+    assert!(
+        window.output().viewport_output.values().all(|v| v.repaint_delay > Duration::from_secs(1)),
+        "nor for passes"
+    );
+}

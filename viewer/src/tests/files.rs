@@ -1,0 +1,131 @@
+use super::*;
+use crate::{CameraRecord, Exit, PathRecord, ReplayMode};
+use egui::Key;
+use headbox_capture::scene::FileFrame;
+use std::path::{Path, PathBuf};
+
+/// Poses that went through JSON and degrees, metres.
+const FILE_TOLERANCE_M: f64 = 1e-9;
+
+fn saving_to(dir: &Path) -> Window {
+    room_with(Kind::Headbox, ViewerOptions { output_dir: dir.into(), ..ViewerOptions::default() })
+}
+
+/// A path of 5 poses to the right, as a file.
+fn path_file(dir: &Path) -> PathBuf {
+    let view = |i: u32| {
+        let x = 0.05 * f64::from(i);
+        format!(r#"{{"time_s":{},"eye":[{x},0,0],"look_at":[{x},0,-1],"up":[0,1,0],"fov":60}}"#, 0.1 * f64::from(i))
+    };
+    let views: Vec<_> = (0..5).map(view).collect();
+    let file = dir.join("path.json");
+    std::fs::write(&file, format!(r#"{{"size":[320,180],"poses":[{}]}}"#, views.join(","))).unwrap();
+    file
+}
+
+#[test]
+fn the_frame_is_saved_as_it_is_shown() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut window = saving_to(dir.path());
+    settle(&mut window);
+    press(&mut window, Key::P);
+    wait(&mut window, "the file", |viewer| viewer.messages.iter().len() == 1);
+    let saved = image::open(dir.path().join("frame-0001.png")).unwrap().into_rgba8();
+    let shown = &window.state().shown.as_ref().unwrap().pictures[0].image;
+    assert_eq!([saved.width() as usize, saved.height() as usize], shown.size);
+    assert_eq!(saved.into_raw(), bytemuck::cast_slice::<_, u8>(&shown.pixels));
+}
+
+#[test]
+fn the_camera_is_saved_in_the_words_of_the_command_line() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut window = saving_to(dir.path());
+    settle(&mut window);
+    press(&mut window, Key::K);
+    wait(&mut window, "the file", |viewer| viewer.messages.iter().len() == 1);
+    let text = std::fs::read_to_string(dir.path().join("camera-0001.json")).unwrap();
+    let record: CameraRecord = serde_json::from_str(&text).unwrap();
+    assert_eq!(record.size, window.state().wish.as_ref().unwrap().size_px);
+    let pose = record.view.pose(&FileFrame::default()).unwrap();
+    assert!(pose.forward().distance(window.state().eye.pose.forward()) < FILE_TOLERANCE_M);
+}
+
+#[test]
+fn a_file_that_cannot_be_written_is_a_message() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("file");
+    std::fs::write(&file, "").unwrap();
+    let mut window = saving_to(&file);
+    press(&mut window, Key::P);
+    wait(&mut window, "the message", |viewer| viewer.messages.iter().len() == 1);
+    assert!(texts(&window)[0].starts_with("Cannot write"), "{:?}", texts(&window));
+}
+
+#[test]
+fn what_was_recorded_is_replayed_and_saved() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut window = saving_to(dir.path());
+    press(&mut window, Key::R);
+    window.key_down(Key::W);
+    window.run_steps(30);
+    window.key_up(Key::W);
+    settle(&mut window);
+    let end = window.state().eye.pose;
+    press(&mut window, Key::R);
+    assert!(window.state().tape.path.is_some());
+    press(&mut window, Key::Home);
+    press(&mut window, Key::Space);
+    window.run_steps(2);
+    assert!(window.state().tape.is_playing());
+    wait(&mut window, "the end of the replay", |viewer| viewer.path_ended);
+    assert_eq!(window.state().eye.pose, end);
+    click(&mut window, "Record");
+    click(&mut window, "Save path");
+    wait(&mut window, "the file", |viewer| viewer.messages.iter().any(|m| m.text.contains("path-0001.json")));
+    let (path, _) = PathRecord::read(&dir.path().join("path-0001.json"), &FileFrame::default()).unwrap();
+    assert_eq!(path.poses().len(), window.state().tape.path.as_ref().unwrap().poses().len());
+}
+
+#[test]
+fn a_scripted_path_shows_every_pose_and_ends_the_run() {
+    let dir = tempfile::tempdir().unwrap();
+    let (path, replay) = (Some(path_file(dir.path())), ReplayMode::EveryPose);
+    let options = ViewerOptions { path, replay, exit: Exit::AfterPath, ..ViewerOptions::default() };
+    let mut window = room_with(Kind::Headbox, options);
+    let mut seen = Vec::new();
+    while !window.state().automation.is_closing() {
+        window.step();
+        let x = window.state().shown.as_ref().unwrap().job.cameras[0].eye().x;
+        if seen.last() != Some(&x) {
+            seen.push(x);
+        }
+    }
+    // The start pose may be seen before the path begins.
+    let path: Vec<_> = seen.into_iter().skip_while(|x| *x == 0.0).collect();
+    assert_eq!(path, [0.05, 0.1, 0.05 * 3.0, 0.2]);
+}
+
+#[test]
+fn a_path_is_rendered_to_frames() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = Some(path_file(dir.path()));
+    let options = ViewerOptions { path, output_dir: dir.path().into(), ..ViewerOptions::default() };
+    let mut window = room_with(Kind::Headbox, options);
+    wait(&mut window, "the end of the replay", |viewer| viewer.path_ended);
+    click(&mut window, "Record");
+    click(&mut window, "Render path");
+    wait(&mut window, "the frames", |viewer| viewer.exporting.is_none());
+    let frames = dir.path().join("path-0001.frames");
+    assert_eq!(std::fs::read_dir(&frames).unwrap().count(), 5);
+    let last = image::open(frames.join("frame-00004.png")).unwrap();
+    assert_eq!([last.width(), last.height()], window.state().wish.as_ref().unwrap().size_px);
+}
+
+#[test]
+fn a_damaged_path_is_a_message() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("bad.json");
+    std::fs::write(&file, "[]").unwrap();
+    let window = room_with(Kind::Headbox, ViewerOptions { path: Some(file), ..ViewerOptions::default() });
+    assert!(texts(&window)[0].contains("bad.json"), "{:?}", texts(&window));
+}

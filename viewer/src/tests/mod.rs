@@ -1,0 +1,105 @@
+//! The whole window without a display: events in, state out. Nothing is drawn, so no graphics driver is needed; the frames
+//! are real ones, from the render thread.
+
+mod eye;
+mod files;
+mod frames;
+mod panels;
+mod script;
+
+#[path = "../../examples/checker_room/room.rs"]
+mod room;
+
+use crate::{
+    app::Viewer,
+    automation::Outcome,
+    options::ViewerOptions,
+    session::Session,
+    source::{FrameSource, Library},
+};
+use egui_kittest::{
+    Harness,
+    kittest::{NodeT, Queryable},
+};
+use room::{CheckerRoom, Kind, Rooms};
+use std::{
+    sync::{Arc, Mutex},
+    time::{Duration, Instant},
+};
+
+/// A window under test.
+type Window = Harness<'static, Viewer>;
+
+/// Simulated time of one pass, seconds.
+const PASS_S: f32 = 1.0 / 60.0;
+/// Patience with the render thread on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+fn open(source: Option<Box<dyn FrameSource>>, mut options: ViewerOptions) -> Window {
+    let (library, can_open) = (options.library.take(), source.is_none());
+    let session = Session::start(source, library, Arc::new(|| ())).unwrap();
+    let viewer = Viewer::new(session, options, can_open, Arc::new(Mutex::new(Outcome::default())));
+    // Few pixels, so that the tests are quick also without optimisation; all of the side panel is in view.
+    let harness = Harness::builder().with_size([600.0, 1400.0]).with_step_dt(PASS_S);
+    let harness = harness.with_context_setup(crate::panels::theme::install);
+    harness.build_ui_state(|ui, viewer: &mut Viewer| viewer.pass(ui, None), viewer)
+}
+
+/// A window on the room with its headbox, the first frame shown. One ray serves 8 x 8 pixels.
+fn room_with(kind: Kind, mut options: ViewerOptions) -> Window {
+    options.settings.insert(0, ("block".into(), "8".into()));
+    let mut window = open(Some(Box::new(CheckerRoom::new(kind))), options);
+    wait(&mut window, "the first frame", |viewer| viewer.shown.is_some());
+    window
+}
+
+fn room() -> Window {
+    room_with(Kind::Headbox, ViewerOptions::default())
+}
+
+/// A window on the start page.
+fn start_page() -> Window {
+    let library: Box<dyn Library> = Box::new(Rooms);
+    let mut window = open(None, ViewerOptions { library: Some(library), ..ViewerOptions::default() });
+    step_until(&mut window, "the entries", |window| window.query_by_label("Checker hall").is_some());
+    window
+}
+
+/// Runs passes until `done`.
+fn wait(window: &mut Window, what: &str, done: impl Fn(&Viewer) -> bool) {
+    step_until(window, what, |window| done(window.state()));
+}
+
+fn step_until(window: &mut Window, what: &str, done: impl Fn(&Window) -> bool) {
+    let started = Instant::now();
+    while !done(window) {
+        assert!(started.elapsed() < PATIENCE, "waited in vain for {what}");
+        window.step();
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+/// Waits until the newest view is on the screen and the eye rests.
+fn settle(window: &mut Window) {
+    window.run_steps(2);
+    wait(window, "the newest frame at rest", |viewer| {
+        let shown = viewer.shown.as_ref();
+        shown.is_some_and(|s| s.job.number == viewer.jobs_issued && !s.job.moving) && !viewer.eye.motion.is_moving()
+    });
+}
+
+/// Presses and releases a key.
+fn press(window: &mut Window, key: egui::Key) {
+    window.key_press(key);
+    window.step();
+}
+
+/// Clicks what carries this label.
+fn click(window: &mut Window, label: &str) {
+    window.get_by_label(label).click();
+    window.run_steps(2);
+}
+
+fn texts(window: &Window) -> Vec<String> {
+    window.state().messages.iter().map(|message| message.text.clone()).collect()
+}

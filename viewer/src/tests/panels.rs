@@ -1,0 +1,121 @@
+use super::*;
+use egui::{Key, accesskit::Role};
+
+/// Roles of things that can be operated.
+const CONTROLS: [Role; 7] =
+    [Role::Button, Role::CheckBox, Role::ComboBox, Role::RadioButton, Role::Slider, Role::SpinButton, Role::TextInput];
+
+/// Controls of egui's own windows, whose names say all there is to say.
+const OWN_NAMES: [&str; 1] = ["Close window"];
+
+/// Labels of controls without a tooltip.
+fn without_tooltip(window: &Window) -> Vec<String> {
+    let nodes = window.root().children_recursive();
+    let controls: Vec<_> =
+        nodes.map(|node| node.accesskit_node()).filter(|node| CONTROLS.contains(&node.role())).collect();
+    // The number beside a slider shares the slider's tooltip.
+    let in_slider = |label: &Option<String>| controls.iter().any(|c| c.role() == Role::Slider && c.label() == *label);
+    let bare = controls.iter().filter(|node| {
+        let label = node.label();
+        let own = label.as_deref().is_some_and(|label| OWN_NAMES.contains(&label));
+        let part = node.role() == Role::SpinButton && in_slider(&label);
+        node.description().is_none_or(|tip| tip.is_empty()) && !own && !part
+    });
+    bare.map(|node| format!("{:?} {:?}", node.role(), node.label())).collect()
+}
+
+#[test]
+fn every_control_has_a_tooltip() {
+    let mut window = room_with(Kind::Walk, ViewerOptions { compare: Some(Vec::new()), ..ViewerOptions::default() });
+    click(&mut window, "Record");
+    window.run_steps(20);
+    // Section headers fold and unfold; their names say all there is to say.
+    let headers = ["View", "Tests", "Statistics", "Camera", "Display", "Record"];
+    let bare: Vec<_> = without_tooltip(&window);
+    let bare: Vec<_> = bare.into_iter().filter(|b| !headers.iter().any(|h| b.contains(&format!("{h:?}")))).collect();
+    assert!(bare.is_empty(), "{bare:#?}");
+    let controls = window.root().children_recursive().filter(|n| CONTROLS.contains(&n.accesskit_node().role())).count();
+    assert!(controls > 30, "the panel is there: {controls} controls");
+}
+
+#[test]
+fn f1_lists_the_keys_and_escape_closes_the_list() {
+    let mut window = room();
+    press(&mut window, Key::F1);
+    window.run_steps(2);
+    assert!(window.query_by_label("Look down").is_some());
+    press(&mut window, Key::Escape);
+    window.run_steps(20);
+    assert!(window.query_by_label("Look down").is_none());
+}
+
+#[test]
+fn panels_can_be_hidden_and_the_frame_takes_their_place() {
+    let mut window = room();
+    settle(&mut window);
+    let narrow = window.state().wish.as_ref().unwrap().size_px;
+    press(&mut window, Key::H);
+    settle(&mut window);
+    assert!(window.query_by_label("Lamp").is_none());
+    assert!(window.state().wish.as_ref().unwrap().size_px[0] > narrow[0] + 200);
+    press(&mut window, Key::H);
+    settle(&mut window);
+    assert_eq!(window.state().wish.as_ref().unwrap().size_px, narrow);
+}
+
+#[test]
+fn the_start_page_opens_scenes() {
+    let mut window = start_page();
+    window.run_steps(3);
+    assert!(without_tooltip(&window).is_empty(), "{:?}", without_tooltip(&window));
+    click(&mut window, "Checker hall");
+    wait(&mut window, "the hall", |viewer| viewer.shown.is_some());
+    assert_eq!(window.state().info.as_ref().unwrap().title, "Checker hall");
+    assert!(window.state().info.as_ref().unwrap().plan.is_some());
+}
+
+/// A file as the desktop drops it.
+#[derive(Debug)]
+struct Dropped(std::path::PathBuf);
+
+impl egui::DroppedFile for Dropped {
+    fn path(&self) -> &std::path::Path {
+        &self.0
+    }
+
+    fn bytes(&self) -> Result<Vec<u8>, String> {
+        std::fs::read(&self.0).map_err(|e| e.to_string())
+    }
+}
+
+#[test]
+fn files_can_be_dropped_and_bad_ones_leave_the_view() {
+    let dir = tempfile::tempdir().unwrap();
+    let [good, bad] = ["ball", "nonsense"].map(|name| {
+        let path = dir.path().join(format!("{name}.room"));
+        std::fs::write(&path, name).unwrap();
+        path
+    });
+    let mut window = start_page();
+    window.input_mut().dropped_files.push(Arc::new(Dropped(good)));
+    window.step();
+    wait(&mut window, "the ball", |viewer| viewer.shown.is_some());
+    assert_eq!(window.state().info.as_ref().unwrap().title, "Checker ball");
+    window.input_mut().dropped_files.push(Arc::new(Dropped(bad)));
+    window.step();
+    wait(&mut window, "the message", |viewer| viewer.messages.iter().len() == 1);
+    assert_eq!(texts(&window), ["There is no room named \"nonsense\"."]);
+    assert_eq!(window.state().info.as_ref().unwrap().title, "Checker ball");
+}
+
+#[test]
+fn the_file_list_opens_on_o() {
+    let mut window = start_page();
+    press(&mut window, Key::O);
+    window.run_steps(3);
+    assert!(window.query_by_label("Up").is_some());
+    assert!(without_tooltip(&window).is_empty(), "{:?}", without_tooltip(&window));
+    press(&mut window, Key::Escape);
+    window.run_steps(20);
+    assert!(window.query_by_label("Up").is_none());
+}

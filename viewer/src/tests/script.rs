@@ -1,0 +1,38 @@
+use super::*;
+use crate::Exit;
+use egui::ViewportCommand;
+
+fn asks_to_close(window: &Window) -> bool {
+    window.output().viewport_output.values().any(|v| v.commands.contains(&ViewportCommand::Close))
+}
+
+#[test]
+fn the_window_closes_after_the_frames_asked_for() {
+    let mut window = room_with(Kind::Headbox, ViewerOptions { exit: Exit::AfterFrames(5), ..ViewerOptions::default() });
+    step_until(&mut window, "the end", asks_to_close);
+    let outcome = window.state().outcome.lock().unwrap().clone();
+    assert!(outcome.error.is_none());
+    assert!(outcome.summary.frames_shown >= 5 && outcome.summary.first_image_s.is_some(), "{:?}", outcome.summary);
+}
+
+#[test]
+fn any_error_ends_a_scripted_run() {
+    let settings = vec![("fail".into(), "on".into())];
+    let options = ViewerOptions { exit: Exit::AfterFrames(5), settings, ..ViewerOptions::default() };
+    let mut window = open(Some(Box::new(CheckerRoom::new(Kind::Headbox))), options);
+    step_until(&mut window, "the end", asks_to_close);
+    assert_eq!(window.state().outcome.lock().unwrap().error.as_deref(), Some("The room was asked to fail."));
+}
+
+#[test]
+fn unknown_settings_are_told() {
+    let settings = vec![("lmap".into(), "on".into()), ("lamp".into(), "off".into())];
+    let window = room_with(Kind::Headbox, ViewerOptions { settings, ..ViewerOptions::default() });
+    assert!(texts(&window)[0].contains("\"lmap\""), "{:?}", texts(&window));
+    assert_eq!(window.state().sets.a.toggle("lamp"), Ok(false), "the others hold");
+}
+
+#[test]
+fn nothing_to_show_is_an_error() {
+    assert!(matches!(crate::run(None, ViewerOptions::default()), Err(crate::ViewerError::NothingToShow)));
+}
