@@ -97,6 +97,11 @@ pub struct LightSample {
     pub count: u32,
 }
 
+/// What one bounce of one sample may add, in exposed units (1 is white). Where a path ends close to a small lamp, the
+/// inverse square makes rare samples thousands of times too bright, which no affordable number of samples averages out.
+/// Capture and truth are cut alike.
+const BRIGHTEST_BOUNCE: f32 = 4.0;
+
 /// Decisions at each point of a path: sun, emitter, direction, survival.
 const DECISIONS: u32 = 4;
 
@@ -159,9 +164,7 @@ impl Lighting {
             lighting.fill = FillLight { radiance: if bright > 0.0 { bright * 0.1 } else { 1.0 }, reach_m };
             seen = [lighting.pilot_luminance(tracer, &pilot.surfaces), sky].concat();
         }
-        let bright = percentile(&mut seen.clone(), 0.9);
-        let logarithm = |level: &f32| f64::from(level.max(bright * 1e-3)).ln();
-        let mean = (seen.iter().map(logarithm).sum::<f64>() / seen.len().max(1) as f64).exp() as f32;
+        let mean = pilot.logarithmic_mean(&seen);
         lighting.exposure = if mean > 0.0 && mean.is_finite() { MIDDLE_GREY / mean } else { 1.0 };
         lighting
     }
@@ -204,14 +207,17 @@ impl Lighting {
         let mut point = *point;
         for bounce in 0..=self.bounces {
             let dimension = bounce * DECISIONS;
+            let mut direct = Vec3::ZERO;
             if bounce > 0
                 && let Some(sun) = &self.sun
             {
-                sum += throughput * sun_light(sun, tracer, &point, sample.pair(dimension));
+                direct += sun_light(sun, tracer, &point, sample.pair(dimension));
             }
             if !self.emitters.is_empty() {
-                sum += throughput * self.emitter_light(tracer, &point, sample, dimension);
+                direct += self.emitter_light(tracer, &point, sample, dimension);
             }
+            let brightest = if bounce > 0 { BRIGHTEST_BOUNCE / self.exposure } else { f32::INFINITY };
+            sum += (throughput * direct).min(Vec3::splat(brightest));
             let [u, v] = sample.pair(dimension + 2);
             let local = Vec3::from_array(cosine_direction(u, v));
             let direction = Quat::from_rotation_arc(Vec3::Z, point.shading_normal) * local;
@@ -341,36 +347,62 @@ struct PilotPoint {
     distance_m: f32,
 }
 
-/// What is seen from seeded points in the suggested headbox, in seeded directions.
+/// What is seen from seeded points in the suggested headbox, in directions spread evenly over the sphere.
 struct Pilot {
     surfaces: Vec<PilotPoint>,
     misses: Vec<Vec3>,
+    /// Window of the view (see [`Self::WINDOWS`]) of each surface, then of each miss.
+    windows: Vec<usize>,
 }
 
 impl Pilot {
+    /// Windows a side into which all directions are cut, by height and by azimuth; all of equal solid angle.
+    const WINDOWS: usize = 8;
+
     fn new(tracer: &Tracer) -> Self {
-        const RAYS: u32 = 4096;
+        const RAYS: usize = 4096;
         let headbox = tracer.scene().headbox.unwrap_or_else(|| viewpoint::suggest_headbox(tracer));
         let half = headbox.half_size_m as f32;
         let low = (headbox.centre - tracer.origin()).as_vec3() - half;
-        let mut pilot = Self { surfaces: Vec::new(), misses: Vec::new() };
+        let (mut surfaces, mut misses) = (Vec::new(), Vec::new());
+        let [mut surface_windows, mut miss_windows] = [const { Vec::new() }; 2];
         for i in 0..RAYS {
-            let place = random4([i, 1, 2, 3]).map(unit_float);
-            let aim = random4([i, 4, 5, 6]).map(unit_float);
+            let window = i % (Self::WINDOWS * Self::WINDOWS);
+            let place = random4([i as u32, 1, 2, 3]).map(unit_float);
+            let aim = random4([i as u32, 4, 5, 6]).map(unit_float);
             let origin = low + Vec3::new(place[0], place[1], place[2]) * (2.0 * half);
-            let y = 2.0 * aim[0] - 1.0;
-            let [x, z] = disk_from_square(aim[1], aim[2]);
-            let direction = Vec3::new(x, 0.0, z).normalize_or(Vec3::X) * (1.0 - y * y).sqrt() + Vec3::Y * y;
+            let in_window = |cell: usize, jitter: f32| (cell as f32 + jitter) / Self::WINDOWS as f32;
+            let y = 2.0 * in_window(window / Self::WINDOWS, aim[0]) - 1.0;
+            let (sin, cos) = (in_window(window % Self::WINDOWS, aim[1]) * std::f32::consts::TAU).sin_cos();
+            let rim = (1.0 - y * y).max(0.0).sqrt();
+            let direction = Vec3::new(rim * cos, y, rim * sin);
             let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
             let Some(hit) = tracer.closest(&ray) else {
-                pilot.misses.push(direction);
+                misses.push(direction);
+                miss_windows.push(window);
                 continue;
             };
             let (point, surface) = LitPoint::from_hit(tracer, &ray, &hit);
             let (albedo, emission) = (surface.albedo, surface.emission);
-            pilot.surfaces.push(PilotPoint { point, albedo, emission, distance_m: hit.t });
+            surfaces.push(PilotPoint { point, albedo, emission, distance_m: hit.t });
+            surface_windows.push(window);
         }
-        pilot
+        surface_windows.append(&mut miss_windows);
+        Self { surfaces, misses, windows: surface_windows }
+    }
+
+    /// Geometric mean over the windows of the mean luminance in each; `seen` is in the order of `windows`. The mean
+    /// inside a window tames the noise of single samples, which a logarithm would take for darkness.
+    fn logarithmic_mean(&self, seen: &[f32]) -> f32 {
+        let mut sums = [(0.0f64, 0u32); Self::WINDOWS * Self::WINDOWS];
+        for (&window, &level) in self.windows.iter().zip(seen) {
+            sums[window].0 += f64::from(level);
+            sums[window].1 += 1;
+        }
+        let means: Vec<f64> = sums.iter().filter(|s| s.1 > 0).map(|&(sum, count)| sum / f64::from(count)).collect();
+        let floor = 1e-3 * means.iter().copied().fold(0.0, f64::max);
+        let logarithms = means.iter().map(|mean| mean.max(floor).ln());
+        (logarithms.sum::<f64>() / means.len().max(1) as f64).exp() as f32
     }
 }
 

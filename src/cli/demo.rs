@@ -52,7 +52,7 @@ struct Sizes {
 }
 
 const FULL: Sizes =
-    Sizes { face_size_px: 1024, strata: 32, rays: 16, light_samples: 16, frame: (800, 600), truth_samples: 128 };
+    Sizes { face_size_px: 1024, strata: 32, rays: 16, light_samples: 8, frame: (640, 480), truth_samples: 64 };
 const QUICK: Sizes =
     Sizes { face_size_px: 384, strata: 16, rays: 16, light_samples: 8, frame: (320, 240), truth_samples: 36 };
 
