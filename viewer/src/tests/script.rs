@@ -20,7 +20,7 @@ fn any_error_ends_a_scripted_run() {
     let settings = vec![("fail".into(), "on".into())];
     let options = ViewerOptions { exit: Exit::AfterFrames(5), settings, ..ViewerOptions::default() };
     let mut window = open(Some(Box::new(CheckerRoom::new(Kind::Headbox))), options);
-    step_until(&mut window, "the end", asks_to_close);
+    wait(&mut window, "the end", |viewer| viewer.automation.is_closing());
     assert_eq!(window.state().outcome.lock().unwrap().error.as_deref(), Some("The room was asked to fail."));
 }
 
