@@ -33,6 +33,9 @@ fn unknown_settings_are_told() {
 }
 
 #[test]
-fn nothing_to_show_is_an_error() {
+fn windows_without_purpose_or_end_are_refused() {
     assert!(matches!(crate::run(None, ViewerOptions::default()), Err(crate::ViewerError::NothingToShow)));
+    let options = ViewerOptions { exit: Exit::AfterPath, ..ViewerOptions::default() };
+    let source: Box<dyn FrameSource> = Box::new(CheckerRoom::new(Kind::Headbox));
+    assert!(matches!(crate::run(Some(source), options), Err(crate::ViewerError::NoPath)));
 }
