@@ -247,6 +247,9 @@ impl Viewer {
             }
         }
         (self.opening, self.wish, self.exporting) = (None, None, None);
+        if let Some(old) = self.shown.take() {
+            self.session.recycle(old.pictures);
+        }
         self.policy.reset();
         self.history.clear();
         self.open_list.close();

@@ -24,7 +24,7 @@ pub(crate) struct History {
 
 impl History {
     /// Frames kept.
-    pub(crate) const CAPACITY: usize = 160;
+    pub(crate) const CAPACITY: usize = 120;
     /// The frame rate is an average over the frames of this many last seconds.
     const RATE_WINDOW_S: f64 = 1.0;
 

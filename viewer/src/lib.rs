@@ -15,6 +15,42 @@
 //! | `automation`, `options`, `window` | a run from start to end, by hand or by script |
 //!
 //! Everything but `window` runs without a display, and is tested so.
+//!
+//! ```no_run
+//! use headbox_viewer::{FrameReport, FrameRequest, FrameSource, Pose, Setting, ViewerOptions, run};
+//! use glam::DVec3;
+//!
+//! /// Shows the viewing direction as a colour.
+//! struct Directions;
+//!
+//! impl FrameSource for Directions {
+//!     fn title(&self) -> String {
+//!         "Directions".into()
+//!     }
+//!
+//!     fn start_pose(&self) -> Pose {
+//!         Pose::looking_at(DVec3::ZERO, DVec3::NEG_Z, 60.0)
+//!     }
+//!
+//!     fn settings(&self) -> Vec<Setting> {
+//!         vec![Setting::number("gain", "Gain", "Factor on the colours (no unit).", 1.0, 0.0..=4.0, "")]
+//!     }
+//!
+//!     fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
+//!         let gain = request.settings.number("gain")?;
+//!         for (i, pixel) in pixels.iter_mut().enumerate() {
+//!             let (x, y) = (i as u32 % request.camera.width(), i as u32 / request.camera.width());
+//!             let ray = request.camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5).normalize();
+//!             let [r, g, b] = ((ray * 0.5 + 0.5) * 255.0 * gain).to_array().map(|c| c as u8);
+//!             *pixel = [r, g, b, 255];
+//!         }
+//!         Ok(FrameReport::default())
+//!     }
+//! }
+//!
+//! run(Some(Box::new(Directions)), ViewerOptions::default())?;
+//! # Ok::<(), headbox_viewer::ViewerError>(())
+//! ```
 
 // The tests use the example's frame source, which knows this crate by its name.
 #[cfg(test)]

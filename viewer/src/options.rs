@@ -99,6 +99,9 @@ pub enum ViewerError {
     /// Neither a source nor a library was given.
     #[error("there is nothing to show: neither a view nor anything to open")]
     NothingToShow,
+    /// [`Exit::AfterPath`] without [`ViewerOptions::path`].
+    #[error("the window is to close after its path, but there is no path")]
+    NoPath,
     /// The render thread could not be started.
     #[error("cannot start the render thread: {0}")]
     Thread(std::io::Error),

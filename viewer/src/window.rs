@@ -3,7 +3,7 @@
 use crate::{
     app::Viewer,
     automation::Outcome,
-    options::{Summary, ViewerError, ViewerOptions},
+    options::{Exit, Summary, ViewerError, ViewerOptions},
     panels::theme,
     session::Session,
     source::FrameSource,
@@ -20,10 +20,13 @@ use std::{
 ///
 /// # Errors
 /// [`ViewerError::NoDisplay`] without a display; [`ViewerError::Scripted`] if anything goes wrong in a run that ends by itself
-/// ([`Exit`](crate::Exit)); see there for the others.
+/// ([`Exit`]); see there for the others.
 pub fn run(source: Option<Box<dyn FrameSource>>, options: ViewerOptions) -> Result<Summary, ViewerError> {
     if source.is_none() && options.library.is_none() {
         return Err(ViewerError::NothingToShow);
+    }
+    if options.exit == Exit::AfterPath && options.path.is_none() {
+        return Err(ViewerError::NoPath);
     }
     let outcome = Arc::new(Mutex::new(Outcome::default()));
     let shared = Arc::clone(&outcome);

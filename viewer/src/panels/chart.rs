@@ -6,6 +6,9 @@ use egui::{Align2, Color32, FontId, Mesh, Painter, Rect, Sense, Shape, Stroke, U
 
 const HEIGHT_POINTS: f32 = 96.0;
 
+/// Thinner bars cannot be seen, but cost a software driver two triangles each.
+const THINNEST_POINTS: f32 = 0.2;
+
 /// The chart with its legend.
 pub(crate) fn show(ui: &mut Ui, history: &History) {
     let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), HEIGHT_POINTS), Sense::hover());
@@ -73,6 +76,9 @@ impl Axis {
             let right = self.rect.right() - age as f32 * width;
             let mut column = |from_ms: f64, to_ms: f64, color| {
                 let (top, bottom) = (self.y(to_ms), self.y(from_ms));
+                if bottom - top < THINNEST_POINTS {
+                    return;
+                }
                 mesh.add_colored_rect(Rect::from_min_max(pos2(right - width, top), pos2(right, bottom)), color);
             };
             let mut stacked_ms = 0.0;

@@ -20,7 +20,7 @@ fn any_error_ends_a_scripted_run() {
     let settings = vec![("fail".into(), "on".into())];
     let options = ViewerOptions { exit: Exit::AfterFrames(5), settings, ..ViewerOptions::default() };
     let mut window = open(Some(Box::new(CheckerRoom::new(Kind::Headbox))), options);
-    step_until(&mut window, "the end", asks_to_close);
+    wait(&mut window, "the end", |viewer| viewer.automation.is_closing());
     assert_eq!(window.state().outcome.lock().unwrap().error.as_deref(), Some("The room was asked to fail."));
 }
 
@@ -33,6 +33,9 @@ fn unknown_settings_are_told() {
 }
 
 #[test]
-fn nothing_to_show_is_an_error() {
+fn windows_without_purpose_or_end_are_refused() {
     assert!(matches!(crate::run(None, ViewerOptions::default()), Err(crate::ViewerError::NothingToShow)));
+    let options = ViewerOptions { exit: Exit::AfterPath, ..ViewerOptions::default() };
+    let source: Box<dyn FrameSource> = Box::new(CheckerRoom::new(Kind::Headbox));
+    assert!(matches!(crate::run(Some(source), options), Err(crate::ViewerError::NoPath)));
 }
