@@ -275,7 +275,8 @@ impl Lighting {
         let distance2 = offset.length_squared();
         let direction = offset / distance2.sqrt();
         let cos_here = direction.dot(point.shading_normal);
-        if !(cos_here > 0.0) || direction.dot(point.normal) <= 0.0 {
+        // `is_nan`: the sample fell on the very point that it lights.
+        if cos_here <= 0.0 || cos_here.is_nan() || direction.dot(point.normal) <= 0.0 {
             return Vec3::ZERO;
         }
         let surface = tracer.scene().surface(emitter.primitive, u, v);

@@ -33,7 +33,7 @@ impl Compare {
             save_png(path, &map.to_magma())?;
         }
         if self.json {
-            print_json(&serde_json::to_value(&comparison)?);
+            print_json(&serde_json::to_value(comparison)?);
         } else {
             println!(
                 "FLIP {:.4}  PSNR {:.2} dB  SSIM {:.4}  differing pixels {:.2} %",

@@ -62,7 +62,8 @@ impl FaceParts {
 
 /// Radius in pixels at which a part with `samples` light samples pools about [`POOLED_SAMPLES`].
 pub fn radius_for(samples: u32) -> u32 {
-    if samples == 0 { 0 } else { ((POOLED_SAMPLES / samples).isqrt().saturating_sub(1) / 2).min(MAX_RADIUS_PX) }
+    let pixels = POOLED_SAMPLES.checked_div(samples).unwrap_or(0);
+    (pixels.isqrt().saturating_sub(1) / 2).min(MAX_RADIUS_PX)
 }
 
 /// Soft light of one depth pixel rests on about so many samples.

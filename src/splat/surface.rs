@@ -83,7 +83,7 @@ impl Cell {
             return self.behind;
         }
         let reciprocal = RECIPROCALS[(weight as usize).min(RECIPROCALS.len() - 1)];
-        let mean = |lane: u32| (((self.sum >> (16 * lane) & 0xffff) + weight / 2) * reciprocal >> 32) as u8;
+        let mean = |lane: u32| ((((self.sum >> (16 * lane) & 0xffff) + weight / 2) * reciprocal) >> 32) as u8;
         let share = (weight.saturating_sub(TRANSPARENT) * 255 / (OPAQUE - TRANSPARENT)).clamp(MIN_SHARE, 255) as u8;
         let front = [mean(0), mean(1), mean(2), share];
         if share == 255 { front } else { over(front, self.behind) }
