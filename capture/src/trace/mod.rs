@@ -33,7 +33,6 @@ use crate::Scene;
 use cutout::Cutouts;
 use fearless_simd::{Level, dispatch};
 use glam::{DVec3, Vec3};
-use prepared::Prepared;
 use std::sync::Arc;
 use tree::Tree;
 
@@ -118,25 +117,22 @@ impl Tracer {
 
     /// The closest hit of a ray, the least (t, primitive) of all its hits.
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
-        let prepared = Prepared::new(ray)?;
         let mut found = single::Closest::new(ray.t_max);
-        dispatch!(self.level, simd => single::traverse_from_root(simd, self, &prepared, &mut found));
+        dispatch!(self.level, simd => single::search(simd, self, ray, &mut found));
         found.hit()
     }
 
     /// Whether anything lies on the ray between `t_min` and `t_max`.
     pub fn occluded(&self, ray: &Ray) -> bool {
-        let Some(prepared) = Prepared::new(ray) else { return false };
         let mut found = single::Occluded::new(ray.t_max);
-        dispatch!(self.level, simd => single::traverse_from_root(simd, self, &prepared, &mut found));
+        dispatch!(self.level, simd => single::search(simd, self, ray, &mut found));
         found.blocked()
     }
 
     /// Calls `visit` with every hit on the ray exactly once, in the order of (t, primitive).
     pub fn all_hits(&self, ray: &Ray, visit: &mut dyn FnMut(Hit)) {
-        let Some(prepared) = Prepared::new(ray) else { return };
         let mut found = single::All::new(ray.t_max);
-        dispatch!(self.level, simd => single::traverse_from_root(simd, self, &prepared, &mut found));
+        dispatch!(self.level, simd => single::search(simd, self, ray, &mut found));
         found.into_sorted().into_iter().for_each(visit);
     }
 

@@ -36,15 +36,9 @@ pub(super) struct Slab {
 impl Slab {
     #[inline(always)]
     pub(super) fn new(origin: f32, direction: f32, largest_origin: f32, largest_direction: f32) -> Self {
-        let growth = largest_origin * GROWTH;
+        let growth = (largest_origin * GROWTH).copysign(direction);
         let inverse = 1.0 / larger(direction.abs(), largest_direction * SMALLEST_SHARE);
-        let (below, above) = (origin + growth, origin - growth);
-        let negative = direction < 0.0;
-        Self {
-            near_origin: if negative { above } else { below },
-            far_origin: if negative { below } else { above },
-            inverse: if negative { -inverse } else { inverse },
-        }
+        Self { near_origin: origin + growth, far_origin: origin - growth, inverse: inverse.copysign(direction) }
     }
 }
 

@@ -1,9 +1,9 @@
 //! Traversal by one ray, eight boxes or four triangles at a time.
 
 use super::prepared::{Prepared, each_axis};
-use super::tree::{Block, Entry, Node, SMALL_STACK, WIDTH, opposite, push_sorted};
+use super::tree::{Block, Entry, Node, SMALL_STACK, WIDTH, opposite, push_all_but_nearest};
 use super::triangle::{Candidate, edges, exact};
-use super::{Hit, Tracer};
+use super::{Hit, Ray, Tracer};
 use fearless_simd::{Simd, f32x4, f32x8, prelude::*};
 
 /// What a traversal looks for.
@@ -133,12 +133,13 @@ impl Found for All {
     }
 }
 
-/// Traverses the whole tree.
+/// Searches the whole tree by one ray.
 #[inline(always)]
-pub(super) fn traverse_from_root<S: Simd, F: Found>(simd: S, tracer: &Tracer, ray: &Prepared, found: &mut F) {
+pub(super) fn search<S: Simd, F: Found>(simd: S, tracer: &Tracer, ray: &Ray, found: &mut F) {
+    let Some(ray) = Prepared::new(ray) else { return };
     if !tracer.tree.nodes.is_empty() {
         let (mut small, mut large) = ([Entry::EMPTY; SMALL_STACK], Vec::new());
-        traverse(simd, tracer, ray, found, 0, tracer.tree.stack(&mut small, &mut large));
+        traverse(simd, tracer, &ray, found, 0, tracer.tree.stack(&mut small, &mut large));
     }
 }
 
@@ -157,17 +158,8 @@ pub(super) fn traverse<S: Simd, F: Found>(
     let (mut node, mut len) = (root, 0);
     loop {
         let (enter, entered) = boxes.enter(simd, &nodes[node as usize], found.limit());
-        let mut next = if entered.is_power_of_two() {
-            // The only child needs no stack.
-            let slot = entered.trailing_zeros();
-            Entry::new(enter[slot as usize], node, slot)
-        } else {
-            len = push_sorted(stack, len, node, entered, &enter);
-            match pop(stack, &mut len, found.limit()) {
-                Some(entry) => entry,
-                None => return,
-            }
-        };
+        let next = push_all_but_nearest(stack, &mut len, node, entered, &enter);
+        let Some(mut next) = next.or_else(|| pop(stack, &mut len, found.limit())) else { return };
         loop {
             let (parent, slot) = next.node_and_slot();
             let child = nodes[parent].child[slot];

@@ -218,6 +218,35 @@ pub(super) fn push_sorted(
     len
 }
 
+/// As [`push_sorted`], but returns the nearest entry instead of pushing it; `None` if no slot is set. Few slots, the
+/// usual case, are handled without branches that depend on their order.
+#[inline(always)]
+pub(super) fn push_all_but_nearest(
+    stack: &mut [Entry],
+    len: &mut usize,
+    node: u32,
+    entered: u32,
+    enter: &[f32; WIDTH],
+) -> Option<Entry> {
+    if entered == 0 {
+        return None;
+    }
+    let entry = |slot: u32| Entry::new(enter[slot as usize & 7], node, slot);
+    let first = entry(entered.trailing_zeros());
+    let rest = entered & (entered - 1);
+    if rest == 0 {
+        return Some(first);
+    }
+    let second = entry(rest.trailing_zeros());
+    if rest & (rest - 1) == 0 {
+        stack[*len] = first.max(second);
+        *len += 1;
+        return Some(first.min(second));
+    }
+    *len = push_sorted(stack, *len, node, entered, enter) - 1;
+    Some(stack[*len])
+}
+
 /// Entries that a traversal keeps without allocating; enough for a tree 13 levels deep (8^13 leaves if balanced).
 pub(super) const SMALL_STACK: usize = 96;
 
