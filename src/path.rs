@@ -4,7 +4,8 @@
 //! [{"eye": [0, 1.6, 0], "look_at": [0, 1.5, -4], "up": [0, 1, 0], "fov": 60, "size": [1024, 768]}]
 //! ```
 //!
-//! `up`, `fov` and `size` may be left out.
+//! `up`, `fov` and `size` may be left out. A path that the window has recorded, `{"size": ..., "poses": [...]}` with
+//! times, is read too; its poses are rendered one after the other.
 
 use crate::capture::scene::{FileFrame, UpAxis};
 use crate::capture::{Camera, CameraError};
@@ -26,17 +27,25 @@ pub struct Pose {
     /// Vertical field of view, degrees.
     #[serde(default = "default_fov")]
     pub fov: f64,
-    /// Width and height, pixels.
-    #[serde(default = "default_size")]
-    pub size: [u32; 2],
+    /// Width and height, pixels; those of the path if absent, else 1024x768.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub size: Option<[u32; 2]>,
+    /// When the pose was recorded, seconds from the start; of no account here.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub time_s: Option<f64>,
 }
+
+/// A path as the window records it.
+#[derive(Deserialize)]
+struct RecordedPath {
+    size: Option<[u32; 2]>,
+    poses: Vec<Pose>,
+}
+
+const DEFAULT_SIZE: [u32; 2] = [1024, 768];
 
 fn default_fov() -> f64 {
     60.0
-}
-
-fn default_size() -> [u32; 2] {
-    [1024, 768]
 }
 
 /// Why a path could not be read.
@@ -85,7 +94,8 @@ impl Pose {
         let file_up = if frame.up == UpAxis::Z { [0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0] };
         let [eye, look_at] = [self.eye, self.look_at].map(|p| frame.world_from_file(DVec3::from(p)));
         let up = frame.world_direction_from_file(DVec3::from(self.up.unwrap_or(file_up)));
-        Camera::look_at(eye, look_at, up, self.fov, self.size[0], self.size[1])
+        let [width, height] = self.size.unwrap_or(DEFAULT_SIZE);
+        Camera::look_at(eye, look_at, up, self.fov, width, height)
     }
 }
 
@@ -95,8 +105,16 @@ impl Pose {
 /// See [`PathError`].
 pub fn read(path: &Path, frame: &FileFrame) -> Result<Vec<Camera>, PathError> {
     let text = std::fs::read_to_string(path).map_err(|source| PathError::Io { path: path.into(), source })?;
-    let poses: Vec<Pose> =
-        serde_json::from_str(&text).map_err(|source| PathError::Json { path: path.into(), source })?;
+    let json = |source| PathError::Json { path: path.into(), source };
+    // An untagged enum would swallow the parser's words: look which form it is first.
+    let value: serde_json::Value = serde_json::from_str(&text).map_err(json)?;
+    let poses = if value.is_array() {
+        serde_json::from_str(&text).map_err(json)?
+    } else {
+        let recorded: RecordedPath = serde_json::from_str(&text).map_err(json)?;
+        let sized = |pose: Pose| Pose { size: pose.size.or(recorded.size), ..pose };
+        recorded.poses.into_iter().map(sized).collect::<Vec<Pose>>()
+    };
     if poses.is_empty() {
         return Err(PathError::Empty { path: path.into() });
     }
@@ -123,6 +141,13 @@ mod tests {
         assert!((cameras[0].eye() - DVec3::new(1.0, 2.0, 0.0)).length() < 1e-12);
         assert!((cameras[0].forward() - DVec3::NEG_Z).length() < 1e-12, "+Y of a file with Z up is -Z of the world");
         assert!((cameras[0].world_from_eye().y_axis - DVec3::Y).length() < 1e-12);
+    }
+
+    #[test]
+    fn a_recorded_path_is_read_too() {
+        let text = r#"{"size": [8, 4], "poses": [{"time_s": 0.5, "eye": [0, 0, 0], "look_at": [0, 1, 0]}]}"#;
+        let cameras = read_text(text).unwrap();
+        assert_eq!((cameras[0].width(), cameras[0].height()), (8, 4));
     }
 
     #[test]

@@ -1,6 +1,8 @@
 //! Promises of a capture: the same bytes however it is run, bounded memory, light that obeys known answers, and an
 //! honest estimate of what is still missing.
 
+#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+
 use glam::{DVec3, Vec3, dvec3};
 use headbox::capture::light::{LightSample, Lighting, LitPoint};
 use headbox::capture::rig::Face;

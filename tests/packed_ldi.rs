@@ -150,8 +150,8 @@ fn every_broken_promise_of_the_ldi_is_named() {
         ("half_size_m", |l| l.info.half_size_m = f64::INFINITY),
         ("unit_m", |l| l.info.unit_m = -1.0),
         ("exposure", |l| l.info.exposure = 0.0),
-        ("missing_estimate", |l| l.info.missing_estimate[3] = 1.5),
-        ("missing_estimate", |l| l.info.missing_estimate[0] = f64::NAN),
+        ("missing_estimate", |l| l.info.missing_estimate[3] = Some(1.5)),
+        ("missing_estimate", |l| l.info.missing_estimate[0] = Some(f64::NAN)),
     ];
     for (name, damage) in info {
         broken(name, &damage, &|e| matches!(e, LdiError::Info { field, .. } if *field == name));

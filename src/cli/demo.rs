@@ -94,7 +94,25 @@ impl Demo {
         print_table(&rows);
         print_cube_map_row(&tracer, &lighting, &cube, &sizes, &rows)?;
         self.say_what_next();
+        self.open_window();
         Ok(())
+    }
+
+    /// Opens the window on the capture; a machine without a display has had all the rest.
+    #[cfg(feature = "viewer")]
+    fn open_window(&self) {
+        if !self.no_window
+            && let Err(error) = super::view::show(&self.out.join("demo.ldi"), None)
+        {
+            eprintln!("no window: {error:#}");
+        }
+    }
+
+    #[cfg(not(feature = "viewer"))]
+    fn open_window(&self) {
+        if !self.no_window {
+            eprintln!("no window: this program was built without the viewer feature");
+        }
     }
 
     fn capture(&self, job: &CaptureJob, tracer: &Tracer, lighting: &Lighting) -> anyhow::Result<PackedCube> {

@@ -11,6 +11,8 @@ mod progress;
 mod render;
 mod scenes;
 mod truth;
+#[cfg(feature = "viewer")]
+mod view;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -44,6 +46,9 @@ enum Command {
     Truth(truth::Truth),
     /// Compare two images: FLIP, PSNR, SSIM
     Compare(compare::Compare),
+    /// Look around in a cube LDI, in a window
+    #[cfg(feature = "viewer")]
+    View(view::View),
 }
 
 /// A mistake in what the user asked for, as opposed to a failure in doing it: exit code 2.
@@ -76,5 +81,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Render(command) => command.run(),
         Command::Truth(command) => command.run(),
         Command::Compare(command) => command.run(),
+        #[cfg(feature = "viewer")]
+        Command::View(command) => command.run(),
     }
 }
