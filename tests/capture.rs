@@ -202,7 +202,7 @@ fn unknown_rays(fresh: &TileStore, known: &TileStore) -> u64 {
 
 /// Mean of many light samples at a point.
 fn light_at(lighting: &Lighting, tracer: &Tracer, position: Vec3, normal: Vec3) -> [f32; 3] {
-    const SAMPLES: u32 = 4096;
+    const SAMPLES: u32 = 65_536;
     let point = LitPoint { position, normal, shading_normal: normal, extent: 100.0 };
     let mut sum = Vec3::ZERO;
     for index in 0..SAMPLES {
@@ -240,10 +240,11 @@ fn a_closed_furnace_is_everywhere_equally_bright() {
     let scene = Arc::new(boxes.add(DVec3::ZERO, DVec3::splat(2.0), glowing).0);
     let tracer = Tracer::new(scene, DVec3::ZERO);
     for (bounces, expected) in [(0, 1.0), (1, 1.5), (2, 1.75), (12, 2.0)] {
-        let lighting = Lighting::of_scene(&tracer, bounces);
+        let mut lighting = Lighting::of_scene(&tracer, bounces);
+        lighting.exposure = 1e-6; // so dark that no bounce is cut as too bright
         let [light, ..] = light_at(&lighting, &tracer, Vec3::new(0.3, -2.0, 0.1), Vec3::Y);
-        // 4,096 samples of a variable with a standard deviation below 1: four standard errors.
-        assert!((light - expected).abs() < 4.0 / 64.0, "{bounces} bounces: {light} for {expected}");
+        // 65,536 samples; paths that end near a corner are rare and bright, with a standard deviation of about 3.
+        assert!((light - expected).abs() < 4.0 * 3.0 / 256.0, "{bounces} bounces: {light} for {expected}");
     }
 }
 
