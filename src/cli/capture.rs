@@ -75,7 +75,7 @@ pub(super) struct QualityArgs {
     #[arg(long, value_name = "K", default_value_t = 0)]
     pub(super) seed: u64,
     /// Trace fewer rays where the next one is new with a probability below X; 0 traces all
-    #[arg(long, value_name = "X", default_value_t = CaptureJob::DEFAULT_NOVELTY, value_parser = parse_share)]
+    #[arg(long, value_name = "X", default_value_t = CaptureJob::DEFAULT_NOVELTY, value_parser = parse_share, allow_hyphen_values = true)]
     pub(super) novelty: f64,
     /// Which rays
     #[arg(long, default_value = "stratified")]
@@ -92,7 +92,7 @@ pub(super) struct PackingArgs {
     #[arg(long, default_value = "normal")]
     layout: LayoutArg,
     /// Near/far split of each face: auto, none, or an eye depth
-    #[arg(long, default_value = "auto", value_parser = parse_split)]
+    #[arg(long, default_value = "auto", value_parser = parse_split, allow_hyphen_values = true)]
     split: SplitArg,
 }
 

@@ -1,0 +1,187 @@
+//! Promises of the command line: exit codes, one clear sentence for each mistake, JSON keys, whole files or none.
+
+#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn headbox(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_headbox")).args(arguments).current_dir(folder).output().unwrap()
+}
+
+/// Runs a command that must fail with `code`, and returns what it says.
+fn fails(folder: &Path, code: i32, arguments: &[&str]) -> String {
+    let output = headbox(folder, arguments);
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
+    assert!(output.stdout.is_empty(), "{arguments:?} wrote to standard output");
+    assert!(!message.contains("panicked"), "{message}");
+    message
+}
+
+/// Runs a command that must succeed, and returns its standard output.
+fn succeeds(folder: &Path, arguments: &[&str]) -> String {
+    let output = headbox(folder, arguments);
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn json(folder: &Path, arguments: &[&str]) -> serde_json::Value {
+    serde_json::from_str(&succeeds(folder, arguments)).unwrap()
+}
+
+/// A small capture of the bump scene.
+const CAPTURE: [&str; 10] =
+    ["capture", "builtin:bump", "--face-size", "48", "--strata", "6", "--rays", "4", "--light-samples", "1"];
+
+fn capture(folder: &Path, more: &[&str]) -> String {
+    succeeds(folder, &[CAPTURE.as_slice(), more].concat())
+}
+
+#[test]
+fn wrong_usage_is_exit_2_and_says_what_is_allowed() {
+    let dir = tempfile::tempdir().unwrap();
+    let usage = |more: &[&str], expected: &str| {
+        let message = fails(dir.path(), 2, &[CAPTURE.as_slice(), &["-o", "x.ldi"], more].concat());
+        assert!(message.contains(expected), "{more:?}: {message}");
+    };
+    usage(&["--center", "nan,0,0"], "three finite numbers");
+    usage(&["--center", "1,2"], "three finite numbers");
+    usage(&["--half-size", "0"], "greater than 0");
+    usage(&["--half-size", "-1"], "greater than 0");
+    usage(&["--novelty", "2"], "from 0 to 1");
+    usage(&["--shard", "5/4"], "I/N");
+    usage(&["--split", "-3"], "auto, none");
+    let range = |name: &str, value: &str, expected: &str| {
+        let message = fails(dir.path(), 2, &["capture", "builtin:bump", "-o", "x.ldi", name, value]);
+        assert!(message.contains(expected), "{name} {value}: {message}");
+    };
+    range("--face-size", "0", "1..=8192");
+    range("--face-size", "100000", "1..=8192");
+    range("--strata", "0", "1..=128");
+    range("--rays", "0", "1..=1048576");
+    range("--memory", "1", "64..=");
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "nothing was written");
+    let message = fails(dir.path(), 2, &["truth", "builtin:bump", "-o", "t.png", "--fov", "180"]);
+    assert!(message.contains("between 0.1 and 179"), "{message}");
+    fails(dir.path(), 2, &["no-such-command"]);
+}
+
+#[test]
+fn missing_and_wrong_files_are_exit_1_and_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(dir.path().join(name), bytes).unwrap();
+    let message = fails(dir.path(), 1, &["capture", "nowhere.obj", "-o", "x.ldi"]);
+    assert!(message.contains("nowhere.obj"), "{message}");
+    let message = fails(dir.path(), 1, &["capture", "builtin:nothing", "-o", "x.ldi"]);
+    assert!(message.contains("nothing") && message.contains("tree"), "{message}");
+    write("empty.obj", b"# no faces\n");
+    let message = fails(dir.path(), 1, &["capture", "empty.obj", "-o", "x.ldi"]);
+    assert!(message.contains("empty.obj"), "{message}");
+    write("text.ldi", b"this is not an LDI");
+    for command in [["info", "text.ldi"].as_slice(), &["render", "text.ldi", "-o", "x.png"]] {
+        let message = fails(dir.path(), 1, command);
+        assert!(message.contains("text.ldi") && message.contains("not a headbox file"), "{message}");
+    }
+    let message = fails(dir.path(), 1, &["compare", "a.png", "b.png"]);
+    assert!(message.contains("a.png"), "{message}");
+    let message = fails(dir.path(), 1, &["merge", "text.ldi", "-o", "x.ldi"]);
+    assert!(message.contains("text.ldi"), "{message}");
+    assert!(!dir.path().join("x.ldi").exists());
+}
+
+#[test]
+fn a_damaged_capture_is_refused_and_named() {
+    let dir = tempfile::tempdir().unwrap();
+    capture(dir.path(), &["-o", "a.ldi"]);
+    let good = std::fs::read(dir.path().join("a.ldi")).unwrap();
+    let refused = |bytes: &[u8], expected: &str| {
+        std::fs::write(dir.path().join("b.ldi"), bytes).unwrap();
+        let message = fails(dir.path(), 1, &["info", "b.ldi", "--check"]);
+        assert!(message.contains("b.ldi") && message.contains(expected), "{message}");
+    };
+    refused(&good[..good.len() / 2], "truncated");
+    refused(&good[..20], "header");
+    let flipped = |at: usize| {
+        let mut bytes = good.clone();
+        bytes[at] ^= 0x10;
+        bytes
+    };
+    refused(&flipped(13), "version");
+    refused(&flipped(good.len() - 40), "checksum");
+    refused(&flipped(16), "sections");
+    assert!(succeeds(dir.path(), &["info", "a.ldi", "--check"]).contains("ok"));
+}
+
+#[test]
+fn the_whole_chain_speaks_json() {
+    let dir = tempfile::tempdir().unwrap();
+    let captured: serde_json::Value = serde_json::from_str(&capture(dir.path(), &["-o", "a.ldi", "--json"])).unwrap();
+    for key in ["rays", "rays_per_s", "trace_s", "total_s", "peak_rss_mb", "depth_pixels", "missing_estimate"] {
+        assert!(captured[key].is_number(), "capture: {key}");
+    }
+    let info = json(dir.path(), &["info", "a.ldi", "--json"]);
+    assert_eq!(info["ok"], true);
+    assert_eq!(info["depth_pixels"], captured["depth_pixels"]);
+    assert_eq!(info["bytes"], std::fs::metadata(dir.path().join("a.ldi")).unwrap().len());
+    assert!(info["faces"].is_array() && info["kind"] == "cube LDI");
+    let size = ["--size", "64x48"];
+    let rendered =
+        json(dir.path(), &[["render", "a.ldi", "-o", "r.png", "--repeat", "3", "--json"].as_slice(), &size].concat());
+    for key in ["ms_median", "depth_pixels_in", "splatted", "hole_fraction", "threads"] {
+        assert!(rendered[key].is_number(), "render: {key}");
+    }
+    assert!(rendered["ms"].as_array().unwrap().len() == 3 && rendered["stages"].is_object());
+    json(
+        dir.path(),
+        &[["truth", "builtin:bump", "-o", "t.png", "--samples", "8", "--json"].as_slice(), &size].concat(),
+    );
+    let compared = json(dir.path(), &["compare", "t.png", "r.png", "--map", "m.png", "--json"]);
+    for key in ["flip", "psnr_db", "ssim", "differing_fraction"] {
+        assert!(compared[key].is_number(), "compare: {key}");
+    }
+    assert!(compared["psnr_db"].as_f64().unwrap() > 18.0, "a coarse capture still looks like its scene: {compared}");
+    let same = json(dir.path(), &["compare", "t.png", "t.png", "--json"]);
+    assert!(same["psnr_db"].is_null() && same["flip"] == 0.0 && same["differing_fraction"] == 0.0);
+}
+
+#[test]
+fn a_path_gives_a_frame_per_pose_and_their_times() {
+    let dir = tempfile::tempdir().unwrap();
+    capture(dir.path(), &["-o", "a.ldi"]);
+    let poses = r#"[{"eye": [0, 0, 0], "look_at": [0, 0, -1], "size": [20, 10]},
+                    {"eye": [0.01, 0, 0], "look_at": [0, 0, -1], "size": [20, 10]}]"#;
+    std::fs::write(dir.path().join("path.json"), poses).unwrap();
+    succeeds(dir.path(), &["render", "a.ldi", "--path", "path.json", "-o", "frames"]);
+    for name in ["frame_0000.png", "frame_0001.png"] {
+        assert_eq!(image::image_dimensions(dir.path().join("frames").join(name)).unwrap(), (20, 10));
+    }
+    let csv = std::fs::read_to_string(dir.path().join("frames/times.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 3);
+}
+
+#[test]
+fn shards_merge_to_the_same_file() {
+    let dir = tempfile::tempdir().unwrap();
+    capture(dir.path(), &["-o", "whole.ldi"]);
+    for part in ["1/3", "2/3", "3/3"] {
+        capture(dir.path(), &["--shard", part, "-o", &format!("{}.shard", &part[..1])]);
+    }
+    let message = fails(dir.path(), 1, &["merge", "1.shard", "3.shard", "-o", "merged.ldi"]);
+    assert!(message.contains("missing: 2/3"), "{message}");
+    succeeds(dir.path(), &["merge", "3.shard", "1.shard", "2.shard", "-o", "merged.ldi"]);
+    let read = |name| std::fs::read(dir.path().join(name)).unwrap();
+    assert!(read("whole.ldi") == read("merged.ldi"));
+    assert_eq!(json(dir.path(), &["info", "1.shard", "--check", "--json"])["ok"], true);
+}
+
+#[test]
+fn a_headbox_full_of_geometry_is_captured_with_a_warning() {
+    let dir = tempfile::tempdir().unwrap();
+    let size = ["--face-size", "32", "--strata", "4", "--rays", "4", "--light-samples", "1"];
+    let arguments = [["capture", "builtin:interior", "--half-size", "2.5", "-o", "a.ldi"].as_slice(), &size].concat();
+    let output = headbox(dir.path(), &arguments);
+    assert!(output.status.success());
+    let warning = String::from_utf8(output.stderr).unwrap();
+    assert!(warning.contains("% of the headbox is hidden"), "{warning}");
+}
