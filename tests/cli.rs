@@ -109,7 +109,7 @@ fn a_damaged_capture_is_refused_and_named() {
     };
     refused(&flipped(13), "version");
     refused(&flipped(good.len() - 40), "checksum");
-    refused(&flipped(16), "sections");
+    refused(&flipped(16), "section table");
     assert!(succeeds(dir.path(), &["info", "a.ldi", "--check"]).contains("ok"));
 }
 
