@@ -100,8 +100,6 @@ fn the_originals_are_clean() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
-
     #[test]
     fn mutated_obj_files_never_panic(changes in proptest::collection::vec(change(), 1..6)) {
         let folder = folder();
