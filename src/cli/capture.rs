@@ -220,8 +220,8 @@ pub(super) fn place_headbox(
 
 /// Memory for accumulators within a limit for the whole process, and the folder to spill to.
 pub(super) fn budget(memory_mb: Option<u64>, output: &Path) -> Option<(u64, PathBuf)> {
-    /// Room for thread buffers and for what a tile needs while it is sorted.
-    const RESERVE: u64 = 48 << 20;
+    /// Room for thread buffers, the heads of tiles, and what a tile needs while it is sorted.
+    const RESERVE: u64 = 96 << 20;
     let limit = memory_mb? << 20;
     let used = memory_bytes().map_or(0, |(_, now)| now) + RESERVE;
     if used >= limit {

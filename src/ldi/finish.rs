@@ -11,6 +11,7 @@ use crate::capture::light::Lighting;
 use crate::capture::rig::Face;
 use crate::capture::trace::Tracer;
 use rayon::prelude::*;
+use std::collections::VecDeque;
 use std::io;
 
 /// Lights and merges what was traced into a cube LDI. `info` is completed with the rays and the missing estimate.
@@ -49,64 +50,64 @@ pub fn finish(
 #[derive(Default)]
 struct LitTile {
     /// Column, row and number of parts of each occupied pixel.
-    pixels: Vec<(u32, u32, u32)>,
-    parts: Vec<Part>,
+    pixels: VecDeque<(u32, u32, u32)>,
+    parts: VecDeque<Part>,
 }
 
-/// Lights all accumulators of a face, and forgets them.
+/// Lights all accumulators of a face, and forgets them: a row of tiles at a time, so that the parts of a face are in
+/// memory only once.
 fn lit_face(run: &Tracing, face: Face, shader: &Shader, progress: &dyn Progress) -> io::Result<FaceParts> {
-    let tiles_per_face = run.store.tile_count() / 6;
-    let first = face.index() * tiles_per_face;
-    let light_tile = |tile: usize| {
-        let (face, x0, y0) = run.store.tile_place(tile);
-        let accumulators = run.store.tile_run(tile)?;
-        run.store.clear_tile(tile);
-        let mut lit = LitTile::default();
-        for pixel in accumulators.chunk_by(|a, b| a.link == b.link) {
-            let (x, y) = (x0 + pixel[0].link % TILE_PX, y0 + pixel[0].link / TILE_PX);
-            lit.pixels.push((x, y, pixel.len() as u32));
-            for bin in pixel.chunk_by(|a, b| a.bin == b.bin) {
-                lit.parts
-                    .extend(bin.iter().map(|acc| shader.shade(acc, face, x, y, share_of_samples(acc, bin, shader))));
-            }
+    let size_px = shader.face_size_px;
+    let per_row = run.store.tiles_per_side() as usize;
+    let first = face.index() * per_row * per_row;
+    let mut lit = FaceParts { size_px, offsets: vec![0], parts: Vec::new() };
+    for tile_row in 0..per_row {
+        let tiles = first + tile_row * per_row..first + (tile_row + 1) * per_row;
+        let tiles: io::Result<Vec<LitTile>> = tiles.into_par_iter().map(|tile| lit_tile(run, tile, shader)).collect();
+        let mut tiles = tiles?;
+        let y0 = tile_row as u32 * TILE_PX;
+        for y in y0..(y0 + TILE_PX).min(size_px) {
+            append_row(&mut lit, &mut tiles, y);
         }
-        progress.advance(1);
-        Ok(lit)
-    };
-    let tiles: io::Result<Vec<LitTile>> = (first..first + tiles_per_face).into_par_iter().map(light_tile).collect();
-    Ok(in_row_order(shader.face_size_px, &tiles?))
+        progress.advance(per_row as u64);
+    }
+    Ok(lit)
+}
+
+fn lit_tile(run: &Tracing, tile: usize, shader: &Shader) -> io::Result<LitTile> {
+    let (face, x0, y0) = run.store.tile_place(tile);
+    let accumulators = run.store.tile_run(tile)?;
+    run.store.clear_tile(tile);
+    let mut lit = LitTile::default();
+    for pixel in accumulators.chunk_by(|a, b| a.link == b.link) {
+        let (x, y) = (x0 + pixel[0].link % TILE_PX, y0 + pixel[0].link / TILE_PX);
+        lit.pixels.push_back((x, y, pixel.len() as u32));
+        for bin in pixel.chunk_by(|a, b| a.bin == b.bin) {
+            lit.parts.extend(bin.iter().map(|acc| shader.shade(acc, face, x, y, share_of_samples(acc, bin, shader))));
+        }
+    }
+    Ok(lit)
+}
+
+/// Moves row `y` of a row of tiles, from left to right, to the end of the face.
+fn append_row(face: &mut FaceParts, tiles: &mut [LitTile], y: u32) {
+    let start = face.offsets.len();
+    face.offsets.resize(start + face.size_px as usize, 0);
+    for tile in tiles {
+        while let Some((x, _, count)) = tile.pixels.pop_front_if(|pixel| pixel.1 == y) {
+            face.offsets[start + x as usize] = count;
+            face.parts.extend(tile.parts.drain(..count as usize));
+        }
+    }
+    for p in start..face.offsets.len() {
+        face.offsets[p] += face.offsets[p - 1];
+    }
 }
 
 /// A depth pixel's light samples, shared out over its parts by the rays that saw them, at least one each.
 fn share_of_samples(acc: &Accumulator, bin: &[Accumulator], shader: &Shader) -> u32 {
     let rays: u64 = bin.iter().map(|other| u64::from(other.count)).sum();
     (u64::from(shader.samples) * u64::from(acc.count)).div_ceil(rays.max(1)) as u32
-}
-
-/// Puts the tiles of a face together into row-major order.
-fn in_row_order(size_px: u32, tiles: &[LitTile]) -> FaceParts {
-    let at = |x: u32, y: u32| y as usize * size_px as usize + x as usize;
-    let mut offsets = vec![0u32; (size_px as usize).pow(2) + 1];
-    for &(x, y, count) in tiles.iter().flat_map(|tile| &tile.pixels) {
-        offsets[at(x, y) + 1] = count;
-    }
-    for p in 1..offsets.len() {
-        offsets[p] += offsets[p - 1];
-    }
-    let Some(blank) = tiles.iter().find_map(|tile| tile.parts.first()) else {
-        return FaceParts { size_px, offsets, parts: Vec::new() };
-    };
-    let mut parts = vec![*blank; offsets[offsets.len() - 1] as usize];
-    for tile in tiles {
-        let mut rest = tile.parts.as_slice();
-        for &(x, y, count) in &tile.pixels {
-            let (here, after) = rest.split_at(count as usize);
-            let start = offsets[at(x, y)] as usize;
-            parts[start..start + here.len()].copy_from_slice(here);
-            rest = after;
-        }
-    }
-    FaceParts { size_px, offsets, parts }
 }
 
 /// Merges the parts of every pixel into depth pixels.
