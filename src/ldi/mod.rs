@@ -8,6 +8,7 @@
 //! samples  [ far  mid  near | only ]        offsets  [ 0, 3, 4 ]
 //! ```
 
+mod tangent;
 mod validate;
 
 pub use validate::{LdiError, MAX_FACE_SIZE_PX};
