@@ -20,6 +20,9 @@ pub mod pool;
 pub mod shade;
 pub mod shard;
 pub mod store;
+pub(crate) mod tangent;
+mod validate;
+
 mod validate;
 
 use crate::capture::rig::Face;

@@ -2,6 +2,7 @@
 
 use super::decode::INVERSE_DEPTH_CODE_MAX;
 use super::layout::{PackedCube, PackedDepthPixel, PackedSegment, SegmentSide, SplatIndexLayout};
+use super::silhouette::filled_share;
 use super::splat_index::DepthCodeRange;
 use crate::ldi::{CubeLdi, DepthPixel, LayeredDepthImage, LdiError};
 
@@ -37,7 +38,8 @@ pub enum PackError {
 }
 
 impl PackedCube {
-    /// Packs a cube LDI: cuts each face at its split plane, quantises, and lays each segment out as S17 says.
+    /// Packs a cube LDI: cuts each face at its split plane, quantises, and lays each segment out as S17 says. The alpha
+    /// of samples at the rim of their surface is multiplied by the share of their pixel that they fill on average.
     ///
     /// # Errors
     /// [`PackError`] if the LDI is invalid or the split depth is not positive and finite.
@@ -129,13 +131,15 @@ fn pack_segment(
         false => 0.0,
     };
     let face_from_world = face.face.world_from_eye().transpose();
-    let encode = |sample: &DepthPixel| {
+    let encode = |x: u32, y: u32, sample: &DepthPixel| {
         let inverse_depth = f64::from(sample.inverse_depth);
         let code = ((inverse_depth - f64::from(min)) * codes_per_inverse_depth).round() as u32;
         let normal = face_from_world * sample.normal.decode().as_dvec3();
         let index = layout.encode(normal, 1.0 / inverse_depth, range);
         let geometry = index << 20 | code.min(INVERSE_DEPTH_CODE_MAX);
-        PackedDepthPixel { geometry, color_srgb: sample.color_srgb }
+        let [r, g, b, alpha] = sample.color_srgb;
+        let alpha = (f64::from(alpha) * filled_share(face, x, y, sample)).round() as u8;
+        PackedDepthPixel { geometry, color_srgb: [r, g, b, alpha] }
     };
 
     let (width, height) = (x1 - x0 + 1, y1 - y0 + 1);
@@ -148,7 +152,7 @@ fn pack_segment(
         row_offsets.push(row_start as u32);
         row_counts.push(0);
         for x in x0..=x1 {
-            depth_pixels.extend(face.pixel(x, y).iter().filter(|s| belongs(s)).map(encode));
+            depth_pixels.extend(face.pixel(x, y).iter().filter(|s| belongs(s)).map(|s| encode(x, y, s)));
             row_counts.push((depth_pixels.len() - row_start) as u32);
         }
     }

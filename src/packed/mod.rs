@@ -3,6 +3,7 @@
 pub mod decode;
 pub mod encode;
 pub mod layout;
+mod silhouette;
 pub mod splat_index;
 pub mod validate;
 

@@ -109,6 +109,15 @@ pub(crate) trait Canvas {
     fn pixel(&self, index: usize) -> ([u8; 3], u8);
 }
 
+/// A straight colour over another, each with the share of 255 that it covers.
+fn over(front: [u8; 4], behind: [u8; 4]) -> [u8; 4] {
+    let share = u32::from(front[3]);
+    let rest = ((255 - share) * u32::from(behind[3]) + 127) / 255;
+    let total = (share + rest).max(1);
+    let mix = |c: usize| ((u32::from(front[c]) * share + u32::from(behind[c]) * rest + total / 2) / total) as u8;
+    [mix(0), mix(1), mix(2), (share + rest) as u8]
+}
+
 /// The pixels from `position - radius` to `position + radius` whose centres lie inside, clipped to `0..size`.
 #[inline(always)]
 fn covered(position: f32, radius: f32, size: u32) -> std::ops::Range<u32> {

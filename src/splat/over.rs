@@ -1,11 +1,11 @@
 //! Each splat over what is there, in 8-bit integers (inventory S21, C12).
 
-use super::{Canvas, Splats, covered};
+use super::{Canvas, Splats, covered, over};
 
 /// An image in which every splat is blended over the ones before it.
 ///
-/// Colours are premultiplied and start as transparent black, so that the environment can be put *under* the finished
-/// image, where it shows, instead of being drawn first, everywhere.
+/// A pixel keeps its straight colour and the share of it that is covered, so that the environment can be put *under* the
+/// finished image, where it shows, instead of being drawn first, everywhere.
 #[derive(Default)]
 pub(crate) struct OverCanvas {
     width: u32,
@@ -33,12 +33,6 @@ fn blend_by_shift(d: u8, s: u8, shift: u8) -> u8 {
     if s >= d { d + step } else { d - step }
 }
 
-/// `d + (s - d) * alpha / 255`, rounded to the nearest.
-#[inline(always)]
-fn blend(d: u8, s: u8, alpha: u32) -> u8 {
-    ((u32::from(d) * (255 - alpha) + u32::from(s) * alpha + 127) / 255) as u8
-}
-
 impl Canvas for OverCanvas {
     fn clear(&mut self, width: u32, height: u32) {
         (self.width, self.height) = (width, height);
@@ -49,8 +43,7 @@ impl Canvas for OverCanvas {
     fn draw(&mut self, splats: &Splats) {
         for i in 0..splats.len {
             let footprint = splats.footprint[i];
-            let alpha = u32::from(splats.color[i][3]);
-            let [r, g, b, _] = splats.color[i];
+            let [r, g, b, alpha] = splats.color[i];
             let source = [r, g, b, 255];
             // The paper's squares are centred on the pixel that holds the sample.
             let (x, y) = match self.soft {
@@ -65,20 +58,19 @@ impl Canvas for OverCanvas {
                 let row = &mut self.color[start + columns.start as usize..start + columns.end as usize];
                 for (px, pixel) in columns.clone().zip(row) {
                     let shift = row_shifts[((px as f32 + 0.5 - x).abs() as usize).min(3)];
-                    *pixel = std::array::from_fn(|c| match alpha {
-                        255 => blend_by_shift(pixel[c], source[c], shift),
-                        _ => blend(pixel[c], source[c], alpha >> shift),
-                    });
+                    *pixel = match (alpha, pixel[3]) {
+                        (255, _) if shift == 0 => source,
+                        (255, 255) => std::array::from_fn(|c| blend_by_shift(pixel[c], source[c], shift)),
+                        _ => over([r, g, b, alpha >> shift], *pixel),
+                    };
                 }
             }
         }
     }
 
     fn pixel(&self, index: usize) -> ([u8; 3], u8) {
-        let [r, g, b, alpha] = self.color[index];
-        let share = u32::from(alpha);
-        let straight = |c: u8| (u32::from(c) * 255 + share / 2).checked_div(share).map_or(0, |c| c.min(255) as u8);
-        ([r, g, b].map(straight), alpha)
+        let [r, g, b, share] = self.color[index];
+        ([r, g, b], share)
     }
 }
 
@@ -115,8 +107,8 @@ mod tests {
                 assert_eq!(blend_by_shift(c, c, shift), c);
             }
             assert_eq!(blend_by_shift(255 - c, c, 0), c);
-            for alpha in [0, 1, 77, 254, 255] {
-                assert_eq!(blend(c, c, alpha), c);
+            for (front, behind) in [(0, 1), (1, 0), (77, 13), (254, 255), (3, 200)] {
+                assert_eq!(over([c, c, c, front], [c, c, c, behind])[..3], [c; 3]);
             }
         }
     }

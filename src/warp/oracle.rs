@@ -4,7 +4,7 @@
 use super::transfer::Transfer;
 use crate::capture::Camera;
 use crate::frame::{Coverage, Frame};
-use crate::ldi::{CubeLdi, DepthPixel};
+use crate::ldi::{CubeLdi, DepthPixel, LayeredDepthImage};
 use glam::{DMat3, DVec3, dvec3};
 
 /// A frame and how far its pixels are.
@@ -32,14 +32,10 @@ struct Patch {
 }
 
 impl Patch {
-    fn new(transfer: &Transfer, x: f64, y: f64, sample: &DepthPixel, normal_in_face: DVec3, face_px: f64) -> Self {
+    fn new(transfer: &Transfer, face: &LayeredDepthImage, x: f64, y: f64, sample: &DepthPixel) -> Self {
         let q = f64::from(sample.inverse_depth);
-        let n = normal_in_face;
-        let (nx, ny) = (n.x * 2.0 / face_px, -n.y * 2.0 / face_px);
-        let along_ray = nx * x + ny * y - n.x + n.y - n.z;
-        let steepest = MAX_SLOPE * 2.0 / face_px;
-        let slope = |s: f64| (s / along_ray).min(steepest).max(-steepest);
-        let inverse_depth = dvec3(q, q * slope(nx), q * slope(ny));
+        let slope = face.inverse_depth_slope(x, y, sample, MAX_SLOPE);
+        let inverse_depth = dvec3(q, q * slope.x, q * slope.y);
         let column = |v: DVec3, q: f64| v + transfer.inverse_depth * q;
         let of_face = DMat3::from_cols(
             column(transfer.at(x, y), inverse_depth.x),
@@ -82,12 +78,9 @@ pub fn render_oracle(ldi: &CubeLdi, camera: &Camera) -> OracleFrame {
     let size = [f64::from(camera.width()), f64::from(camera.height())];
     for face in &ldi.faces {
         let transfer = Transfer::new(camera, camera.eye() - ldi.info.centre, face.face, face.size_px);
-        let face_from_world = face.face.world_from_eye().transpose();
         for (y, x) in (0..face.size_px).flat_map(|y| (0..face.size_px).map(move |x| (y, x))) {
             for sample in face.pixel(x, y) {
-                let normal = face_from_world * sample.normal.decode().as_dvec3();
-                let (x, y) = (f64::from(x) + 0.5, f64::from(y) + 0.5);
-                let patch = Patch::new(&transfer, x, y, sample, normal, f64::from(face.size_px));
+                let patch = Patch::new(&transfer, face, f64::from(x) + 0.5, f64::from(y) + 0.5, sample);
                 let of_frame = patch.of_face.inverse();
                 let Some([low, high]) = patch.bounds().filter(|_| of_frame.is_finite()) else { continue };
                 let pixels = |i: usize| {
