@@ -23,6 +23,8 @@ impl Cutouts {
     }
 
     /// Whether the triangle is there at the point with barycentric weights `u` and `v` of its second and third vertex.
+    #[cold]
+    #[inline(never)]
     pub(super) fn is_opaque(&self, scene: &Scene, primitive: u32, [u, v]: [f32; 2]) -> bool {
         let sample = || {
             let triangle = scene.triangles.get(primitive as usize)?;

@@ -345,7 +345,7 @@ impl<S: Simd> Walk<'_, S> {
             if entry.enter() > limit {
                 continue;
             }
-            let (parent, slot) = entry.node_and_slot();
+            let (parent, slot) = (entry.name() as usize / WIDTH, entry.name() as usize % WIDTH);
             let (enter, entered) = self.enter(&nodes[parent], slot, found);
             let entered = entered & active;
             if entered == 0 {
@@ -619,6 +619,7 @@ impl<S: Simd> Beam<S> {
     #[inline(always)]
     fn push_children(&self, index: u32, node: &Node, limit: f32, stack: &mut [Entry], base: usize) -> usize {
         let (enter, entered) = self.enter(node, limit);
-        push_sorted(stack, base, index, entered, &enter)
+        // The child's box is tested later, so its entry is named by where it hangs.
+        push_sorted(stack, base, entered, |slot| Entry::new(enter[slot % WIDTH], index * WIDTH as u32 + slot as u32))
     }
 }

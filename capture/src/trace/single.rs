@@ -1,7 +1,7 @@
 //! Traversal by one ray, eight boxes or four triangles at a time.
 
 use super::prepared::{Prepared, each_axis};
-use super::tree::{Block, Entry, Node, SMALL_STACK, WIDTH, opposite, push_all_but_nearest};
+use super::tree::{Block, Child, Entry, Node, SMALL_STACK, WIDTH, opposite, push_sorted};
 use super::triangle::{Candidate, edges, exact};
 use super::{Hit, Ray, Tracer};
 use fearless_simd::{Simd, f32x4, f32x8, prelude::*};
@@ -155,16 +155,15 @@ pub(super) fn traverse<S: Simd, F: Found>(
 ) {
     let nodes = &tracer.tree.nodes;
     let boxes = BoxTest::new(simd, ray);
-    let (mut node, mut len) = (root, 0);
+    let (mut node, mut len) = (&nodes[root as usize], 0);
     loop {
-        let (enter, entered) = boxes.enter(simd, &nodes[node as usize], found.limit());
+        let (enter, entered) = boxes.enter(simd, node, found.limit());
         let next = push_all_but_nearest(stack, &mut len, node, entered, &enter);
         let Some(mut next) = next.or_else(|| pop(stack, &mut len, found.limit())) else { return };
         loop {
-            let (parent, slot) = next.node_and_slot();
-            let child = nodes[parent].child[slot];
+            let child = Child::from_name(next.name());
             let Some(block) = child.first_block() else {
-                node = child.index();
+                node = &nodes[child.index() as usize];
                 break;
             };
             intersect_leaf(simd, tracer, ray, found, block, next.enter());
@@ -177,6 +176,35 @@ pub(super) fn traverse<S: Simd, F: Found>(
             }
         }
     }
+}
+
+/// Pushes the children whose bits are set in `entered`, except the nearest, which it returns. One or two children, the
+/// usual case, need no branch that depends on their order.
+#[inline(always)]
+fn push_all_but_nearest(
+    stack: &mut [Entry],
+    len: &mut usize,
+    node: &Node,
+    entered: u32,
+    enter: &[f32; WIDTH],
+) -> Option<Entry> {
+    if entered == 0 {
+        return None;
+    }
+    let entry = |slot: usize| Entry::new(enter[slot % WIDTH], node.child[slot % WIDTH].name());
+    let first = entry(entered.trailing_zeros() as usize);
+    let rest = entered & (entered - 1);
+    if rest == 0 {
+        return Some(first);
+    }
+    let second = entry(rest.trailing_zeros() as usize);
+    if rest & (rest - 1) == 0 {
+        stack[*len] = first.max(second);
+        *len += 1;
+        return Some(first.min(second));
+    }
+    *len = push_sorted(stack, *len, entered, entry) - 1;
+    Some(stack[*len])
 }
 
 /// The nearest entry that is not beyond `limit`.

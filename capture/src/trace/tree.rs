@@ -162,21 +162,32 @@ impl Child {
     pub(super) fn index(self) -> u32 {
         self.0
     }
+
+    #[inline(always)]
+    pub(super) fn from_name(name: u32) -> Self {
+        Self(name)
+    }
+
+    /// Its name in an [`Entry`].
+    #[inline(always)]
+    pub(super) fn name(self) -> u32 {
+        self.0
+    }
 }
 
-/// An entry of a traversal's stack: a child of a node, and where the ray (or the first ray of a packet) enters it.
-/// In one word, so that entries sort by distance: the bits of a non-negative `f32`, read as an integer, keep its
-/// order.
+/// An entry of a traversal's stack: a box, named by 32 bits, and where the ray (or the first ray of a packet) enters
+/// it. In one word, so that entries sort by distance: the bits of a non-negative `f32`, read as an integer, keep its
+/// order. (With the parts in a struct, moving an entry stalled on loads wider than the stores before them.)
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Entry(u64);
 
 impl Entry {
     pub(super) const EMPTY: Self = Self(0);
 
-    /// `enter` is not negative; `node` is less than 2^29 (its nodes would fill 128 GiB).
+    /// `enter` is not negative.
     #[inline(always)]
-    pub(super) fn new(enter: f32, node: u32, slot: u32) -> Self {
-        Self(u64::from(enter.to_bits()) << 32 | u64::from(node << 3 | slot))
+    pub(super) fn new(enter: f32, name: u32) -> Self {
+        Self(u64::from(enter.to_bits()) << 32 | u64::from(name))
     }
 
     /// Where the box is entered.
@@ -185,66 +196,28 @@ impl Entry {
         f32::from_bits((self.0 >> 32) as u32)
     }
 
-    /// Node and slot.
     #[inline(always)]
-    pub(super) fn node_and_slot(self) -> (usize, usize) {
-        let low = self.0 as u32;
-        ((low >> 3) as usize, (low & 7) as usize)
+    pub(super) fn name(self) -> u32 {
+        self.0 as u32
     }
 }
 
-/// Pushes the slots of a node that are set in `entered`, from far to near, and returns the stack's new length.
+/// Pushes an entry for each bit of `slots`, from far to near, and returns the stack's new length.
 #[inline(always)]
-pub(super) fn push_sorted(
-    stack: &mut [Entry],
-    base: usize,
-    node: u32,
-    mut entered: u32,
-    enter: &[f32; WIDTH],
-) -> usize {
+pub(super) fn push_sorted(stack: &mut [Entry], base: usize, mut slots: u32, entry: impl Fn(usize) -> Entry) -> usize {
     let mut len = base;
-    while entered != 0 {
-        let slot = entered.trailing_zeros();
-        entered &= entered - 1;
-        let entry = Entry::new(enter[slot as usize], node, slot);
+    while slots != 0 {
+        let new = entry(slots.trailing_zeros() as usize);
+        slots &= slots - 1;
         let mut at = len;
-        while at > base && stack[at - 1] < entry {
+        while at > base && stack[at - 1] < new {
             stack[at] = stack[at - 1];
             at -= 1;
         }
-        stack[at] = entry;
+        stack[at] = new;
         len += 1;
     }
     len
-}
-
-/// As [`push_sorted`], but returns the nearest entry instead of pushing it; `None` if no slot is set. Few slots, the
-/// usual case, are handled without branches that depend on their order.
-#[inline(always)]
-pub(super) fn push_all_but_nearest(
-    stack: &mut [Entry],
-    len: &mut usize,
-    node: u32,
-    entered: u32,
-    enter: &[f32; WIDTH],
-) -> Option<Entry> {
-    if entered == 0 {
-        return None;
-    }
-    let entry = |slot: u32| Entry::new(enter[slot as usize & 7], node, slot);
-    let first = entry(entered.trailing_zeros());
-    let rest = entered & (entered - 1);
-    if rest == 0 {
-        return Some(first);
-    }
-    let second = entry(rest.trailing_zeros());
-    if rest & (rest - 1) == 0 {
-        stack[*len] = first.max(second);
-        *len += 1;
-        return Some(first.min(second));
-    }
-    *len = push_sorted(stack, *len, node, entered, enter) - 1;
-    Some(stack[*len])
 }
 
 /// Entries that a traversal keeps without allocating; enough for a tree 13 levels deep (8^13 leaves if balanced).

@@ -85,6 +85,8 @@ impl Candidate {
 
 /// The same test with exact edge functions, for a triangle whose three rounded ones are all zero: products of `f32`
 /// are exact in `f64`, and so is the sign of their difference. `None` if the triangle is seen exactly edge-on.
+#[cold]
+#[inline(never)]
 pub(super) fn exact(vertices: [[f32; 3]; 3], shear: [f32; 2], inverse_main: f32) -> Option<Candidate> {
     let sheared = vertices.map(|[x, y, z]| [x - shear[0] * z, y - shear[1] * z].map(f64::from));
     let edge = |p: [f64; 2], q: [f64; 2]| p[0] * q[1] - p[1] * q[0];
