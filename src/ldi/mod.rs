@@ -23,12 +23,10 @@ pub mod store;
 pub(crate) mod tangent;
 mod validate;
 
-mod validate;
+pub use validate::{LdiError, MAX_FACE_SIZE_PX};
 
 use crate::capture::rig::Face;
 use build::Sampler;
-pub use validate::{LdiError, MAX_FACE_SIZE_PX};
-
 use glam::{DVec3, Vec3};
 use merge::MergeRule;
 use serde::{Deserialize, Serialize};
