@@ -4,6 +4,7 @@ use super::decode::INVERSE_DEPTH_CODE_MAX;
 use super::layout::{PackedCube, PackedDepthPixel, PackedSegment, SegmentSide, SplatIndexLayout};
 use super::silhouette::filled_share;
 use super::splat_index::DepthCodeRange;
+use crate::ldi::accumulate::DepthBins;
 use crate::ldi::{CubeLdi, DepthPixel, LayeredDepthImage, LdiError};
 
 /// Where each face is cut into a near and a far segment (S23).
@@ -52,14 +53,15 @@ impl PackedCube {
         ldi.validate()?;
         let mut segments = Vec::new();
         for face in &ldi.faces {
+            let bin = DepthBins::new(ldi.info.half_size_m, face.size_px).inverse_depth(1.0);
             // Near samples have an inverse depth of at least this.
             let cut = match split {
                 Split::None => 0.0,
                 Split::AtDepth(depth) => (1.0 / depth) as f32,
                 Split::Auto => automatic_cut(face, ldi.info.half_size_m),
             };
-            segments.extend(pack_segment(face, layout, SegmentSide::Far, |s| s.inverse_depth < cut));
-            segments.extend(pack_segment(face, layout, SegmentSide::Near, |s| s.inverse_depth >= cut));
+            segments.extend(pack_segment(face, layout, bin, SegmentSide::Far, |s| s.inverse_depth < cut));
+            segments.extend(pack_segment(face, layout, bin, SegmentSide::Near, |s| s.inverse_depth >= cut));
         }
         Ok(Self {
             info: ldi.info.clone(),
@@ -110,10 +112,12 @@ fn automatic_cut(face: &LayeredDepthImage, half_size_m: f64) -> f32 {
     best.1 as f32
 }
 
-/// The segment of a face that holds the samples for which `belongs` says so, or `None` if there are none.
+/// The segment of a face that holds the samples for which `belongs` says so, or `None` if there are none. `bin`: width of
+/// the capture's depth bins, 1/m.
 fn pack_segment(
     face: &LayeredDepthImage,
     layout: SplatIndexLayout,
+    bin: f64,
     side: SegmentSide,
     belongs: impl Fn(&DepthPixel) -> bool,
 ) -> Option<PackedSegment> {
@@ -138,7 +142,7 @@ fn pack_segment(
         let index = layout.encode(normal, 1.0 / inverse_depth, range);
         let geometry = index << 20 | code.min(INVERSE_DEPTH_CODE_MAX);
         let [r, g, b, alpha] = sample.color_srgb;
-        let alpha = (f64::from(alpha) * filled_share(face, x, y, sample)).round() as u8;
+        let alpha = (f64::from(alpha) * filled_share(face, x, y, sample, bin)).round() as u8;
         PackedDepthPixel { geometry, color_srgb: [r, g, b, alpha] }
     };
 
