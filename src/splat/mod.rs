@@ -12,13 +12,6 @@ pub(crate) mod surface;
 use serde::{Deserialize, Serialize};
 
 /// Which footprints are drawn.
-///
-/// PSNR in dB against truth on the test bed (`tests/splat_quality.rs`; faces of 160 px, six eyes each), off the centre
-/// at f2/f1 = 0.5, 1.3, 2 and 3 (frame pixels for one face pixel, on the axis):
-///
-/// | kernel | room: 0.5, 1.3, 2, 3 | leaves: 0.5, 1.3, 2, 3 | holes |
-/// |---|---|---|---|
-/// | `Paper`  | TABLE |
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SplatKernel {

@@ -113,6 +113,11 @@ pub(crate) struct SurfaceCanvas {
     cells: Vec<Cell>,
     /// Relative difference of inverse depth up to which two splats of one pixel are of one surface.
     pub(crate) tolerance: f32,
+    /// What is added to it: the width of a depth bin of the capture, 1/m. A grazing, far surface puts several samples
+    /// into one LDI pixel, each in a bin of its own; taken for surfaces behind one another, they let the background
+    /// through. On `builtin:tree` one bin gained 0.3 dB at the centre and 0.1 dB in a corner of the headbox over none; two
+    /// and three gained less than 0.1 dB more and lost in FLIP.
+    pub(crate) bin: f32,
 }
 
 impl SurfaceCanvas {
@@ -136,8 +141,8 @@ impl Canvas for SurfaceCanvas {
             let (x, y, footprint) = (splats.x[i], splats.y[i], splats.footprint[i]);
             let (color, alpha) = (lanes(splats.color[i]), splats.color[i][3]);
             let inverse_depth = splats.inverse_depth[i];
-            let nearest_behind = inverse_depth * (1.0 - self.tolerance);
-            let farthest_in_front = inverse_depth * (1.0 + self.tolerance);
+            let apart = inverse_depth * self.tolerance + self.bin;
+            let (nearest_behind, farthest_in_front) = (inverse_depth - apart, inverse_depth + apart);
             let peak = footprint.weight.max(MIN_PEAK) * f32::from(alpha) * (ONE as f32 / 255.0);
             let (slope_x, slope_y) = (1.0 / footprint.radius_x, 1.0 / footprint.radius_y);
             let columns = covered(x, footprint.radius_x, self.width);

@@ -15,6 +15,7 @@ pub(crate) use traverse::BATCH_CAPACITY;
 use crate::capture::Camera;
 use crate::frame::{Coverage, Frame};
 use crate::ldi::MAX_FACE_SIZE_PX;
+use crate::ldi::accumulate::DepthBins;
 use crate::packed::{PackedCube, PackedSegment};
 use crate::splat::over::OverCanvas;
 use crate::splat::size::{PaperSize, Size, TangentSize};
@@ -125,6 +126,7 @@ impl Renderer {
         match kernel {
             SplatKernel::Tent => {
                 self.surfaces.tolerance = SurfaceCanvas::tolerance(face_px);
+                self.surfaces.bin = DepthBins::new(cube.info.half_size_m, face_px).inverse_depth(1.0) as f32;
                 self.tangent_size.refill(cube.layout, face_px, 1.0, TENT_MIN_RADIUS_PX);
             }
             // A rectangle is as wide as the spacing; 15 % more closes the cracks that quantised normals open.
