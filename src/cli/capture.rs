@@ -69,7 +69,7 @@ pub(super) struct QualityArgs {
     #[arg(long, value_name = "B", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64))]
     pub(super) bounces: u32,
     /// Light samples per depth pixel; 0 shows albedo and emission without light
-    #[arg(long, value_name = "K", default_value_t = 8, value_parser = clap::value_parser!(u32).range(0..=65_535))]
+    #[arg(long, value_name = "K", default_value_t = 4, value_parser = clap::value_parser!(u32).range(0..=65_535))]
     pub(super) light_samples: u32,
     /// Random seed
     #[arg(long, value_name = "K", default_value_t = 0)]

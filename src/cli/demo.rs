@@ -30,7 +30,7 @@ pub(super) struct Demo {
     /// Folder for the capture, the frames and the contact sheet
     #[arg(long, default_value = "headbox-demo")]
     out: PathBuf,
-    /// Small sizes: done in well under a minute
+    /// Small sizes: done in under a minute
     #[arg(long)]
     quick: bool,
     /// Do not open a window at the end
@@ -52,9 +52,9 @@ struct Sizes {
 }
 
 const FULL: Sizes =
-    Sizes { face_size_px: 1024, strata: 32, rays: 16, light_samples: 8, frame: (640, 480), truth_samples: 64 };
+    Sizes { face_size_px: 1024, strata: 32, rays: 16, light_samples: 4, frame: (640, 480), truth_samples: 64 };
 const QUICK: Sizes =
-    Sizes { face_size_px: 384, strata: 16, rays: 16, light_samples: 8, frame: (320, 240), truth_samples: 36 };
+    Sizes { face_size_px: 384, strata: 16, rays: 16, light_samples: 4, frame: (320, 240), truth_samples: 36 };
 
 /// Where the eye stands in the headbox, in half-sizes: the centre, and five places off it.
 const EYES: [(&str, [f64; 3]); 6] = [
