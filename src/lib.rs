@@ -16,4 +16,5 @@ pub mod packed;
 pub mod path;
 pub mod report;
 pub mod scene_source;
+pub mod sprite;
 pub mod truth;
