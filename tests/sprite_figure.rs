@@ -12,7 +12,7 @@ use headbox::metrics::compare;
 use headbox::report::sheet::{Sheet, SheetCell, SheetRow};
 use headbox::sprite::{
     DisplacementFormat, PreparedSprite, RenderOptions, Sampling, SlabCapture, Sprite, SpriteFrame, SpriteRenderer,
-    SpriteWithDepth, Transfer, Variant, capture_slabs,
+    SpriteSet, SpriteWithDepth, Transfer, Variant, capture_slabs, slabs_at_gaps,
 };
 use headbox::truth;
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
@@ -182,4 +182,37 @@ fn flip_over_eye_displacement() {
     }
     println!("{csv}");
     std::fs::write(Path::new(env!("CARGO_TARGET_TMPDIR")).join("sprite_flip.csv"), csv).expect("written");
+}
+
+#[test]
+fn four_layers_stand_in_for_a_scene() {
+    let scene = headbox::scenes::build("sprites", 0).expect("built in");
+    let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
+    let mut lighting = Lighting::of_scene(&tracer, 0);
+    lighting.sky = None; // black, as a frame of sprites is where there is none
+    let reference = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, SIZE, SIZE).expect("valid");
+    let slabs = slabs_at_gaps(&tracer, &reference, 4);
+    let capture =
+        SlabCapture { tracer: &tracer, lighting: &lighting, lit: false, samples: 16, format: DisplacementFormat::I8 };
+    let set = SpriteSet::new(capture_slabs(&capture, &reference, &slabs, &Silent).expect("captured"));
+    assert_eq!(set.sprites().len(), 4);
+    assert_eq!(set.back_to_front(DVec3::ZERO), [0, 1, 2, 3], "slabs come from far to near");
+    let target = reference.with_eye(dvec3(0.25, 0.1, -0.2));
+    let truth = truth::render(&tracer, &lighting, false, &target, 16, &Silent).color;
+    let mut cells = vec![SheetCell { image: truth.clone(), caption: "truth".into() }];
+    let mut frame = SpriteFrame::default();
+    let mut flip = |variant: Variant| {
+        let options = RenderOptions { variant, ..RenderOptions::default() };
+        set.render(&mut SpriteRenderer::new(), &target, &options, &mut frame);
+        let image = frame.to_rgb([0; 3]);
+        let flip = compare(&truth, &image).expect("sizes agree").flip;
+        cells.push(SheetCell { image, caption: format!("{}; FLIP {flip:.3}", variant.name()) });
+        flip
+    };
+    let [homography, two_pass] = [Variant::Homography, Variant::TwoPass].map(&mut flip);
+    let rows = vec![SheetRow { label: String::new(), cells }];
+    let sheet = Sheet { title: "four sprites with depth".into(), columns: vec![], rows };
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("sprite_layers.png");
+    sheet.compose().expect("small").save(path).expect("written");
+    assert!(two_pass < 0.7 * homography, "{two_pass} {homography}");
 }

@@ -10,6 +10,7 @@
 
 mod mesh;
 mod rng;
+mod sprites;
 mod texture;
 mod tree;
 
@@ -34,11 +35,18 @@ impl BuiltinScene {
 
 /// All built-in scenes.
 pub fn all() -> &'static [BuiltinScene] {
-    &[BuiltinScene {
-        name: "tree",
-        description: "broad-leaved tree with 440,000 leaf triangles on a meadow",
-        generator: tree::build,
-    }]
+    &[
+        BuiltinScene {
+            name: "tree",
+            description: "broad-leaved tree with 440,000 leaf triangles on a meadow",
+            generator: tree::build,
+        },
+        BuiltinScene {
+            name: "sprites",
+            description: "mountains, hills, balloons and boulders: four layers for sprites with depth",
+            generator: sprites::build,
+        },
+    ]
 }
 
 /// Makes the scene called `name`, or `None` if there is none of that name.

@@ -1,8 +1,8 @@
 //! Second pass: one walk over the output (Eq. 7, 8; corrected by C5), for every variant that samples backwards.
 
 use super::field::{Coding, Field};
-use super::forward::NEAREST_DEPTH_SHARE;
-use super::sampling::{BLOCK, Footprints, LANES, TexelMap, address, sample};
+use super::sampling::{BLOCK, Footprints, LANE_NUMBERS, LANES, TexelMap, address, sample};
+use super::shift::ShiftField;
 use super::texture::Texture;
 use super::transfer::Transfer;
 use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, mask32x16, prelude::*, u32x16};
@@ -22,45 +22,6 @@ pub(super) enum Parallax<'a> {
     Affine(&'a Field),
     /// By a stored shift (S7, Eq. 9).
     Shift(&'a ShiftField),
-}
-
-/// Shifts u3 = x1 - x3, v3 = y1 - y3 per cell (S7).
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct ShiftField {
-    x0: i32,
-    y0: i32,
-    width: u32,
-    height: u32,
-    /// Two signed 16-bit numbers, u3 low; [`Self::EMPTY`] where nothing is.
-    cells: Vec<u32>,
-    /// Pixels per unit.
-    scale: f32,
-}
-
-impl ShiftField {
-    const EMPTY: u32 = 0x8000_8000;
-
-    /// The shifts of displacements after the first pass, at the centres of their cells.
-    pub(super) fn new(field: &Field, transfer: &Transfer, cell_px: [f64; 2]) -> Self {
-        let e = -transfer.epipole_in_sprite;
-        let shift = |index: usize, cell: u32| {
-            let x = (f64::from(field.x0) + (index % field.width as usize) as f64 + 0.5) * cell_px[0];
-            let y = (f64::from(field.y0) + (index / field.width as usize) as f64 + 0.5) * cell_px[1];
-            let d = f64::from(field.coding.displacement(cell, 0.0, 0.0));
-            let w = (1.0 + d * e.z).max(f64::from(NEAREST_DEPTH_SHARE));
-            [((x + d * e.x) / w - x) as f32, ((y + d * e.y) / w - y) as f32]
-        };
-        let shifts: Vec<[f32; 2]> = field.cells.par_iter().enumerate().map(|(i, &cell)| shift(i, cell)).collect();
-        let reached = shifts.iter().zip(&field.cells).filter(|(_, cell)| **cell != 0);
-        let largest = reached.flat_map(|(s, _)| s).fold(0.0f32, |max, s| max.max(s.abs()));
-        let scale = if (largest / 32767.0).is_normal() { largest / 32767.0 } else { 1.0 };
-        let pack = |(shift, &cell): (&[f32; 2], &u32)| {
-            let [u, v] = shift.map(|s| u32::from((s / scale).round().clamp(-32767.0, 32767.0) as i16 as u16));
-            if cell == 0 { Self::EMPTY } else { u | (v << 16) }
-        };
-        let cells = shifts.par_iter().zip(&field.cells).map(pack).collect();
-        Self { x0: field.x0, y0: field.y0, width: field.width, height: field.height, cells, scale }
-    }
 }
 
 /// Everything that stays the same over a frame.
@@ -119,6 +80,7 @@ pub(super) fn backward(level: Level, view: &View, nearest: bool, width: u32, pix
 fn rows<S: Simd, const NEAREST: bool>(simd: S, view: &View, width: usize, first: usize, pixels: &mut [u32]) {
     let cells = Cells::of(view.parallax);
     let mut footprints = Footprints::new();
+    let mut found = Found::new();
     let mut drawn = [0; BLOCK];
     for (y, row) in pixels.chunks_mut(width).enumerate() {
         for (block, out) in row.chunks_mut(BLOCK).enumerate() {
@@ -129,7 +91,7 @@ fn rows<S: Simd, const NEAREST: bool>(simd: S, view: &View, width: usize, first:
             };
             match view.parallax {
                 Parallax::None => straight::<S, NEAREST>(simd, &place, &mut footprints),
-                _ => displaced::<S, NEAREST>(simd, view.parallax, &place, &mut footprints),
+                _ => displaced::<S, NEAREST>(simd, view.parallax, &place, &mut found, &mut footprints),
             }
             sample::<S, NEAREST>(simd, view.texture, &place.texels, &mut footprints, &mut drawn);
             out.copy_from_slice(&drawn[..out.len()]);
@@ -188,19 +150,25 @@ impl<'a> Block<'a> {
         if first.z > 0.0 && last.z > 0.0 && outside([first, last], low, high) {
             return None;
         }
-        let anchor =
-            center.map(|c| if c.is_finite() { c.floor().clamp(-FARTHEST_ANCHOR, FARTHEST_ANCHOR) } else { 0.0 });
+        let anchor = [whole(center[0]), whole(center[1])];
         let normalizer = if middle.z > 0.0 { middle.z } else { first.z.max(last.z) };
-        let relative = |p: DVec3| dvec3(p.x - anchor[0] * p.z, p.y - anchor[1] * p.z, p.z) / normalizer;
-        let to_f32 = |p: DVec3| p.to_array().map(|v| v as f32);
+        let to_anchor = dvec3(anchor[0], anchor[1], 0.0);
+        let start = (first - to_anchor * first.z) / normalizer;
+        let step = (h.x_axis - to_anchor * h.x_axis.z) / normalizer;
         Some(Self {
-            start: to_f32(relative(first)),
-            step: to_f32(relative(h.x_axis)),
+            start: start.as_vec3().to_array(),
+            step: step.as_vec3().to_array(),
             normalizer: normalizer as f32,
             texels: TexelMap::new(view.texture, level, anchor),
             lookup: cells.map(|cells| Lookup::new(view, cells, anchor, low, high)),
         })
     }
+}
+
+/// The whole pixel before a position; none at all counts as 0.
+#[inline(always)]
+fn whole(position: f64) -> f64 {
+    if position.is_finite() { position.floor().clamp(-FARTHEST_ANCHOR, FARTHEST_ANCHOR) } else { 0.0 }
 }
 
 /// The level at which the picture's pixels are about as large as the frame's: both are compared along the frame's rows
@@ -226,10 +194,11 @@ fn bounds(view: &View, cells: Option<Cells>, rim: f64) -> ([f64; 2], [f64; 2]) {
             let level = &view.texture.levels[0];
             ([-rim; 2], [f64::from(level.width) + rim, f64::from(level.height) + rim])
         }
-        Some(c) => {
-            let low = [0, 1].map(|i| f64::from(c.origin[i]) * view.cell_px[i] - rim);
-            let high = [0, 1].map(|i| (f64::from(c.origin[i]) + f64::from(c.size[i])) * view.cell_px[i] + rim);
-            (low, high)
+        Some(Cells { origin, size, .. }) => {
+            let [px, py] = view.cell_px;
+            let (x, y) = (f64::from(origin[0]), f64::from(origin[1]));
+            let high = [(x + f64::from(size[0])) * px + rim, (y + f64::from(size[1])) * py + rim];
+            ([x * px - rim, y * py - rim], high)
         }
     }
 }
@@ -246,23 +215,25 @@ fn outside(ends: [DVec3; 2], low: [f64; 2], high: [f64; 2]) -> bool {
 impl<'a> Lookup<'a> {
     #[inline(always)]
     fn new(view: &View, cells: Cells<'a>, anchor: [f64; 2], low: [f64; 2], high: [f64; 2]) -> Self {
-        let position = [0, 1].map(|i| anchor[i] / view.cell_px[i] - f64::from(cells.origin[i]));
-        let base = position.map(f64::floor);
+        let [px, py] = view.cell_px;
+        let x = anchor[0] / px - f64::from(cells.origin[0]);
+        let y = anchor[1] / py - f64::from(cells.origin[1]);
+        let (column, row) = (x.floor(), y.floor());
         let e = -view.transfer.epipole_in_sprite;
-        let epipole = match view.parallax {
-            Parallax::Affine(_) => [e.x, e.y, 0.0],
-            _ => [e.x - anchor[0] * e.z, e.y - anchor[1] * e.z, e.z],
+        let e = match view.parallax {
+            Parallax::Affine(_) => dvec3(e.x, e.y, 0.0),
+            _ => e - dvec3(anchor[0], anchor[1], 0.0) * e.z,
         };
         Self {
             cells: cells.cells,
             stride: cells.size[0] as i32,
-            cells_per_px: view.cell_px.map(|px| (1.0 / px) as f32),
-            rest: [0, 1].map(|i| (position[i] - base[i]) as f32),
-            base: base.map(|b| b as i32),
-            size: cells.size.map(|s| s as i32),
-            low: [0, 1].map(|i| (low[i] - anchor[i]) as f32),
-            high: [0, 1].map(|i| (high[i] - anchor[i]) as f32),
-            epipole: epipole.map(|e| e as f32),
+            cells_per_px: [(1.0 / px) as f32, (1.0 / py) as f32],
+            rest: [(x - column) as f32, (y - row) as f32],
+            base: [column as i32, row as i32],
+            size: [cells.size[0] as i32, cells.size[1] as i32],
+            low: [(low[0] - anchor[0]) as f32, (low[1] - anchor[1]) as f32],
+            high: [(high[0] - anchor[0]) as f32, (high[1] - anchor[1]) as f32],
+            epipole: e.as_vec3().to_array(),
         }
     }
 }
@@ -270,10 +241,12 @@ impl<'a> Lookup<'a> {
 /// Position on the plane of sixteen pixels relative to the anchor, whether it is in front, and 1 / w.
 #[inline(always)]
 fn on_plane<S: Simd>(simd: S, place: &Block, first: usize) -> ([f32x16<S>; 2], mask32x16<S>, f32x16<S>) {
-    let lanes = f32x16::from_fn(simd, |i| i as f32) + f32x16::splat(simd, first as f32);
-    let [x, y, w] = [0, 1, 2].map(|k| lanes * f32x16::splat(simd, place.step[k]) + f32x16::splat(simd, place.start[k]));
+    let lanes = f32x16::load_array_ref(simd, &LANE_NUMBERS) + first as f32;
+    let x = lanes * place.step[0] + place.start[0];
+    let y = lanes * place.step[1] + place.start[1];
+    let w = lanes * place.step[2] + place.start[2];
     let share = f32x16::splat(simd, 1.0) / w;
-    ([x * share, y * share], w.simd_gt(f32x16::splat(simd, 0.0)), share)
+    ([x * share, y * share], w.simd_gt(0.0), share)
 }
 
 /// Footprints of a block without parallax.
@@ -297,115 +270,110 @@ struct Found {
     cell: [u32; BLOCK],
 }
 
+impl Found {
+    fn new() -> Self {
+        let zero = [0.0; BLOCK];
+        Self { x: zero, y: zero, share: zero, dx: zero, dy: zero, index: [0; BLOCK], cell: [0; BLOCK] }
+    }
+}
+
 /// Footprints of a block with parallax.
 #[inline(always)]
-fn displaced<S: Simd, const NEAREST: bool>(simd: S, parallax: Parallax, place: &Block, footprints: &mut Footprints) {
+fn displaced<S: Simd, const NEAREST: bool>(
+    simd: S,
+    parallax: Parallax,
+    place: &Block,
+    found: &mut Found,
+    footprints: &mut Footprints,
+) {
     let Some(lookup) = &place.lookup else { return };
-    let mut found = Found {
-        x: [0.0; BLOCK],
-        y: [0.0; BLOCK],
-        share: [0.0; BLOCK],
-        dx: [0.0; BLOCK],
-        dy: [0.0; BLOCK],
-        index: [0; BLOCK],
-        cell: [0; BLOCK],
-    };
     let empty = if matches!(parallax, Parallax::Shift(_)) { ShiftField::EMPTY } else { 0 };
     for first in (0..BLOCK).step_by(LANES) {
-        find_cells(simd, place, lookup, first, &mut found);
+        find_cells(simd, place, lookup, first, found);
     }
     for (cell, &index) in found.cell.iter_mut().zip(&found.index) {
         *cell = lookup.cells.get(index as usize).copied().unwrap_or(empty);
     }
     for first in (0..BLOCK).step_by(LANES) {
-        let range = first..first + LANES;
-        let load = |values: &[f32; BLOCK]| f32x16::from_slice(simd, &values[range.clone()]);
-        let cells = u32x16::from_slice(simd, &found.cell[range.clone()]);
-        let plane = [load(&found.x), load(&found.y)];
-        let offset = [load(&found.dx), load(&found.dy)];
-        let known = cells.simd_ne(u32x16::splat(simd, empty));
+        let cells = u32x16::from_slice(simd, &found.cell[first..first + LANES]);
+        let plane = [load(simd, &found.x, first), load(simd, &found.y, first)];
+        let offset = [load(simd, &found.dx, first), load(simd, &found.dy, first)];
+        let known = cells.simd_ne(empty);
         let (position, in_front) = match parallax {
             Parallax::None => (plane, known),
-            Parallax::Shift(field) => (shifted(simd, field.scale, cells, plane), known),
+            Parallax::Shift(field) => (shifted(field.scale, cells, plane), known),
             Parallax::Affine(field) => {
-                let d = displacement(simd, &field.coding, cells, offset);
-                let moved = [0, 1].map(|i| plane[i] + d * f32x16::splat(simd, lookup.epipole[i]));
-                (moved, known)
+                let d = displacement(&field.coding, cells, offset);
+                ([plane[0] + d * lookup.epipole[0], plane[1] + d * lookup.epipole[1]], known)
             }
-            Parallax::Displacement(field) => {
-                along_epipole(simd, lookup, plane, displacement(simd, &field.coding, cells, offset))
-            }
+            Parallax::Displacement(field) => along_epipole(lookup, plane, displacement(&field.coding, cells, offset)),
             Parallax::AsPrinted(field) => {
-                let d = displacement(simd, &field.coding, cells, offset);
-                let share = load(&found.share) * f32x16::splat(simd, 1.0 / place.normalizer);
-                along_epipole(simd, lookup, plane, d * share)
+                let share = load(simd, &found.share, first) * (1.0 / place.normalizer);
+                along_epipole(lookup, plane, displacement(&field.coding, cells, offset) * share)
             }
         };
         address::<S, NEAREST>(simd, &place.texels, position, known & in_front, first, footprints);
     }
 }
 
+#[inline(always)]
+fn load<S: Simd>(simd: S, values: &[f32; BLOCK], first: usize) -> f32x16<S> {
+    f32x16::from_slice(simd, &values[first..first + LANES])
+}
+
 /// Eq. 8: `(x3, y3, 1) + d e21`, and whether it is in front.
 #[inline(always)]
-fn along_epipole<S: Simd>(
-    simd: S,
-    lookup: &Lookup,
-    plane: [f32x16<S>; 2],
-    d: f32x16<S>,
-) -> ([f32x16<S>; 2], mask32x16<S>) {
-    let w = d * f32x16::splat(simd, lookup.epipole[2]) + f32x16::splat(simd, 1.0);
-    let moved = [0, 1].map(|i| (plane[i] + d * f32x16::splat(simd, lookup.epipole[i])) / w);
-    (moved, w.simd_gt(f32x16::splat(simd, 0.0)))
+fn along_epipole<S: Simd>(lookup: &Lookup, plane: [f32x16<S>; 2], d: f32x16<S>) -> ([f32x16<S>; 2], mask32x16<S>) {
+    let w = d * lookup.epipole[2] + 1.0;
+    let share = f32x16::splat(d.simd, 1.0) / w;
+    let x = (plane[0] + d * lookup.epipole[0]) * share;
+    let y = (plane[1] + d * lookup.epipole[1]) * share;
+    ([x, y], w.simd_gt(0.0))
 }
 
 /// Eq. 9.
 #[inline(always)]
-fn shifted<S: Simd>(simd: S, scale: f32, cells: u32x16<S>, plane: [f32x16<S>; 2]) -> [f32x16<S>; 2] {
+fn shifted<S: Simd>(scale: f32, cells: u32x16<S>, plane: [f32x16<S>; 2]) -> [f32x16<S>; 2] {
     let cells = cells.bitcast::<i32x16<S>>();
-    let shifts = [(cells << 16) >> 16, cells >> 16];
-    [0, 1].map(|i| plane[i] + shifts[i].to_float::<f32x16<S>>() * f32x16::splat(simd, scale))
+    let x = ((cells << 16) >> 16).to_float::<f32x16<S>>() * scale;
+    let y = (cells >> 16).to_float::<f32x16<S>>() * scale;
+    [plane[0] + x, plane[1] + y]
 }
 
 /// [`Coding::displacement`].
 #[inline(always)]
-fn displacement<S: Simd>(simd: S, coding: &Coding, cells: u32x16<S>, offset: [f32x16<S>; 2]) -> f32x16<S> {
-    let splat = |x: f32| f32x16::splat(simd, x);
-    let value = ((cells >> 16) & u32x16::splat(simd, 0x7fff)).to_float::<f32x16<S>>();
+fn displacement<S: Simd>(coding: &Coding, cells: u32x16<S>, offset: [f32x16<S>; 2]) -> f32x16<S> {
+    let value = ((cells >> 16) & 0x7fff).to_float::<f32x16<S>>();
     let cells = cells.bitcast::<i32x16<S>>();
-    let slope = [(cells << 16) >> 24, (cells << 24) >> 24].map(|s| s.to_float::<f32x16<S>>());
-    (value - splat(coding.zero)) * splat(coding.scale)
-        + (slope[0] * splat(coding.slope_scale) * offset[0] + slope[1] * splat(coding.slope_scale) * offset[1])
+    let slope_x = ((cells << 16) >> 24).to_float::<f32x16<S>>();
+    let slope_y = ((cells << 24) >> 24).to_float::<f32x16<S>>();
+    let along = slope_x * coding.slope_scale * offset[0] + slope_y * coding.slope_scale * offset[1];
+    (value - coding.zero) * coding.scale + along
 }
 
 /// Positions on the plane and the indices of their cells; beyond the field the border's cells go on, beyond the rim
 /// there is no cell.
 #[inline(always)]
 fn find_cells<S: Simd>(simd: S, place: &Block, lookup: &Lookup, first: usize, found: &mut Found) {
-    let splat = |x: f32| f32x16::splat(simd, x);
     let (position, in_front, share) = on_plane(simd, place, first);
     let mut inside = in_front;
     let mut cell = [i32x16::splat(simd, 0); 2];
     let mut offset = position;
     for axis in 0..2 {
-        inside =
-            inside & position[axis].simd_ge(splat(lookup.low[axis])) & position[axis].simd_le(splat(lookup.high[axis]));
-        let (low, high) = (-lookup.base[axis], lookup.size[axis] - 1 - lookup.base[axis]);
-        let at = position[axis] * splat(lookup.cells_per_px[axis]) + splat(lookup.rest[axis]);
-        let column = inside.select(at, splat(low as f32)).floor().max(splat(low as f32)).min(splat(high as f32));
-        offset[axis] = at - column - splat(0.5);
-        cell[axis] = column.to_int::<i32x16<S>>() + i32x16::splat(simd, lookup.base[axis]);
+        inside = inside & position[axis].simd_ge(lookup.low[axis]) & position[axis].simd_le(lookup.high[axis]);
+        let low = f32x16::splat(simd, -lookup.base[axis] as f32);
+        let high = (lookup.size[axis] - 1 - lookup.base[axis]) as f32;
+        let at = position[axis] * lookup.cells_per_px[axis] + lookup.rest[axis];
+        let column = inside.select(at, low).floor().max(low).min(high);
+        offset[axis] = at - column - 0.5;
+        cell[axis] = column.to_int::<i32x16<S>>() + lookup.base[axis];
     }
-    let index = cell[1] * i32x16::splat(simd, lookup.stride) + cell[0];
+    let index = cell[1] * lookup.stride + cell[0];
     let index = inside.select(index, i32x16::splat(simd, -1)).bitcast::<u32x16<S>>();
-    let range = first..first + LANES;
-    index.store_slice(&mut found.index[range.clone()]);
-    for (value, out) in [
-        (position[0], &mut found.x),
-        (position[1], &mut found.y),
-        (share, &mut found.share),
-        (offset[0], &mut found.dx),
-        (offset[1], &mut found.dy),
-    ] {
-        value.store_slice(&mut out[range.clone()]);
-    }
+    index.store_slice(&mut found.index[first..first + LANES]);
+    position[0].store_slice(&mut found.x[first..first + LANES]);
+    position[1].store_slice(&mut found.y[first..first + LANES]);
+    share.store_slice(&mut found.share[first..first + LANES]);
+    offset[0].store_slice(&mut found.dx[first..first + LANES]);
+    offset[1].store_slice(&mut found.dy[first..first + LANES]);
 }

@@ -14,8 +14,9 @@
 //! The slope is why one cell per lookup suffices: a cell is read as a small tilted plane about its centre, which is
 //! as accurate as interpolating between four cells where the surface is smooth, and keeps edges sharp.
 
-use super::{Displacement, Sprite};
+use super::{Displacement, DisplacementFormat, Sprite};
 use image::RgbaImage;
+use rayon::prelude::*;
 
 /// Largest value of a cell.
 const MAX_VALUE: f32 = 32767.0;
@@ -84,18 +85,21 @@ pub(super) struct Field {
     /// Row-major.
     pub cells: Vec<u32>,
     pub coding: Coding,
+    /// Smallest and largest displacement in the cells, 0 included; of a sprite's own field only.
+    pub range: [f32; 2],
 }
 
 impl Field {
     /// No cells at all.
     pub(super) fn empty() -> Self {
-        Self { x0: 0, y0: 0, width: 0, height: 0, cells: Vec::new(), coding: Coding::new(0.0, 0.0, 0.0, 1.0) }
+        let coding = Coding::new(0.0, 0.0, 0.0, 1.0);
+        Self { x0: 0, y0: 0, width: 0, height: 0, cells: Vec::new(), coding, range: [0.0; 2] }
     }
 
     /// The sprite's own displacements (d1), with slopes that do not reach across edges.
     pub(super) fn of_sprite(sprite: &Sprite, displacement: &Displacement) -> Self {
         let (width, height) = displacement.size();
-        let values = displacement.to_f32();
+        let values = smoothed(displacement);
         let (low, high) = values.iter().fold((f32::MAX, f32::MIN), |(low, high), &v| (low.min(v), high.max(v)));
         let at = |x: u32, y: u32| values[y as usize * width as usize + x as usize];
         let slope = |x: u32, y: u32| {
@@ -111,15 +115,48 @@ impl Field {
         let visible = visible_cells(sprite.color(), width, height);
         let cells =
             pixels().zip(visible).map(|((x, y), visible)| coding.pack(visible, at(x, y), slope(x, y))).collect();
-        Self { x0: 0, y0: 0, width, height, cells, coding }
+        Self { x0: 0, y0: 0, width, height, cells, coding, range: [low.min(0.0), high.max(0.0)] }
     }
+}
 
-    /// Smallest and largest displacement that a cell can hold.
-    pub(super) fn range(&self) -> [f32; 2] {
-        let of = |value: f32| (value - self.coding.zero) * self.coding.scale;
-        let values = self.cells.iter().map(|&cell| (cell >> 16 & 0x7fff) as f32);
-        values.fold([0.0f32; 2], |[low, high], value| [low.min(of(value)), high.max(of(value))])
+/// Rounds of smoothing: stairs of up to about twice as many cells a step become ramps.
+const SMOOTHING_ROUNDS: usize = 8;
+
+/// Displacements without the stairs of 8 bits: each value moves to the mean of its neighbours, but no further than half
+/// a step from what is stored, which rounding would have taken to the same number. Neighbours more than a step away are
+/// across an edge and do not count. Other formats are fine enough as they are.
+fn smoothed(displacement: &Displacement) -> Vec<f32> {
+    let stored = displacement.to_f32();
+    if displacement.format() != DisplacementFormat::I8 {
+        return stored;
     }
+    let (width, height) = (displacement.size().0 as usize, displacement.size().1 as usize);
+    let step = displacement.scale();
+    let mut values = stored.clone();
+    for _ in 0..SMOOTHING_ROUNDS {
+        let row = |y: usize| {
+            let values = &values;
+            let stored = &stored;
+            (0..width).map(move |x| {
+                let index = y * width + x;
+                let (mut sum, mut count) = (0.0, 0.0);
+                let mut add = |inside: bool, neighbor: usize| {
+                    if inside && (stored[neighbor] - stored[index]).abs() < 1.5 * step {
+                        sum += values[neighbor];
+                        count += 1.0;
+                    }
+                };
+                add(x > 0, index.wrapping_sub(1));
+                add(x + 1 < width, index + 1);
+                add(y > 0, index.wrapping_sub(width));
+                add(y + 1 < height, index + width);
+                let mean = if count > 0.0 { sum / count } else { stored[index] };
+                mean.clamp(stored[index] - 0.5 * step, stored[index] + 0.5 * step)
+            })
+        };
+        values = (0..height).into_par_iter().flat_map_iter(row).collect();
+    }
+    values
 }
 
 /// Slope at the middle of three neighbours: their central difference where both sides agree, none at an extremum, at

@@ -121,7 +121,7 @@ mod tests {
 
     fn field(width: u32, cells: Vec<u32>, coding: Coding) -> Field {
         let height = cells.len() as u32 / width;
-        Field { x0: 0, y0: 0, width, height, cells, coding }
+        Field { x0: 0, y0: 0, width, height, cells, coding, range: [0.0, 1.0] }
     }
 
     #[test]

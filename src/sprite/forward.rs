@@ -1,6 +1,7 @@
 //! First pass: moving displacements by pure parallax (Eq. 6), d1(x1, y1) to d3(x3, y3) with d3 = d1 / w3 (C5).
 
 use super::field::{Coding, Field};
+use super::sampling::LANE_NUMBERS;
 use super::transfer::Transfer;
 use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, prelude::*, u32x16};
 use rayon::prelude::*;
@@ -66,7 +67,7 @@ pub(super) fn forward(
 ) {
     let e = transfer.epipole_in_sprite;
     let epipole = [(e.x / cell_px[0]) as f32, (e.y / cell_px[1]) as f32, e.z as f32];
-    let range = in_front(source.range(), epipole[2]);
+    let range = in_front(source.range, epipole[2]);
     let [x0, x1] = reach(source.width, range, epipole[0], epipole[2]);
     let [y0, y1] = reach(source.height, range, epipole[1], epipole[2]);
     (out.x0, out.y0) = (x0, y0);
@@ -154,68 +155,68 @@ fn move_cells<S: Simd>(
     position: [f32; 2],
     target_rows: [f32; 2],
 ) -> Moved {
-    let splat = |x: f32| f32x16::splat(simd, x);
-    let lanes = f32x16::from_fn(simd, |i| i as f32);
-    let Decoded { d, slope } = decode(simd, cells, &parallax.source_coding);
+    let (d, slope_x, slope_y) = decode(cells, &parallax.source_coding);
     let [ex, ey, ez] = parallax.epipole;
-    let w3 = d * splat(ez) + splat(1.0);
-    let share = splat(1.0) / w3;
-    let x3 = (lanes + splat(position[0]) + d * splat(ex)) * share;
-    let y3 = (d * splat(ey) + splat(position[1])) * share;
+    let w3 = d * ez + 1.0;
+    let share = f32x16::splat(simd, 1.0) / w3;
+    let x3 = (f32x16::load_array_ref(simd, &LANE_NUMBERS) + position[0] + d * ex) * share;
+    let y3 = (d * ey + position[1]) * share;
     let (column, row) = (x3.floor(), y3.floor());
     // Slopes seen from the new place: grad3 d3 = grad1 d1 / (w3 (1 + (e - x3 e_z) . grad1 d1)).
-    let stretch = splat(1.0) + (splat(ex) - x3 * splat(ez)) * slope[0] + (splat(ey) - y3 * splat(ez)) * slope[1];
-    let stretch = stretch.max(splat(0.25));
+    let toward_x = f32x16::splat(simd, ex) - x3 * ez;
+    let toward_y = f32x16::splat(simd, ey) - y3 * ez;
+    let stretch = (toward_x * slope_x + toward_y * slope_y + 1.0).max(0.25);
     let (value, factor) = match parallax.stored {
         Stored::Corrected => (d * share, share / stretch),
         Stored::AsPrinted => (d, w3 / stretch),
     };
-    let slope = slope.map(|s| s * factor);
-    let (to_center_x, to_center_y) = (column + splat(0.5) - x3, row + splat(0.5) - y3);
-    let value = value + slope[0] * to_center_x + slope[1] * to_center_y;
+    let (slope_x, slope_y) = (slope_x * factor, slope_y * factor);
+    let value = value + slope_x * (column + 0.5 - x3) + slope_y * (row + 0.5 - y3);
 
-    let (column, row) = (column + splat(parallax.origin[0]), row + splat(parallax.origin[1]));
-    let inside = column.simd_ge(splat(0.0))
-        & column.simd_lt(splat(parallax.width))
-        & row.simd_ge(splat(target_rows[0]))
-        & row.simd_lt(splat(target_rows[1]))
-        & w3.simd_ge(splat(NEAREST_DEPTH_SHARE))
-        & cells.simd_ne(u32x16::splat(simd, 0));
-    let row = inside.select(row - splat(target_rows[0]), splat(0.0));
-    let column = inside.select(column, splat(0.0));
-    let index: i32x16<S> =
-        row.to_int::<i32x16<S>>() * i32x16::splat(simd, parallax.width as i32) + column.to_int::<i32x16<S>>();
-    let index = inside.select(index, i32x16::splat(simd, -1));
-    let packed = encode(simd, &parallax.coding, cells, inside.select(value, splat(0.0)), slope);
+    let (column, row) = (column + parallax.origin[0], row + parallax.origin[1]);
+    let inside = column.simd_ge(0.0)
+        & column.simd_lt(parallax.width)
+        & row.simd_ge(target_rows[0])
+        & row.simd_lt(target_rows[1])
+        & w3.simd_ge(NEAREST_DEPTH_SHARE)
+        & cells.simd_ne(0);
+    let zero = f32x16::splat(simd, 0.0);
+    let row = inside.select(row - target_rows[0], zero).to_int::<i32x16<S>>();
+    let column = inside.select(column, zero).to_int::<i32x16<S>>();
+    let index = inside.select(row * parallax.width as i32 + column, i32x16::splat(simd, -1));
+    let packed = encode(&parallax.coding, cells, inside.select(value, zero), slope_x, slope_y);
     (index.bitcast::<u32x16<S>>().to_array(), packed.to_array())
-}
-
-struct Decoded<S: Simd> {
-    d: f32x16<S>,
-    slope: [f32x16<S>; 2],
 }
 
 /// [`Coding::displacement`] at the centre, and the slopes.
 #[inline(always)]
-fn decode<S: Simd>(simd: S, cells: u32x16<S>, coding: &Coding) -> Decoded<S> {
-    let value = ((cells >> 16) & u32x16::splat(simd, 0x7fff)).to_float::<f32x16<S>>();
-    let d = (value - f32x16::splat(simd, coding.zero)) * f32x16::splat(simd, coding.scale);
+fn decode<S: Simd>(cells: u32x16<S>, coding: &Coding) -> (f32x16<S>, f32x16<S>, f32x16<S>) {
+    let value = ((cells >> 16) & 0x7fff).to_float::<f32x16<S>>();
     let signed = cells.bitcast::<i32x16<S>>();
-    let scale = f32x16::splat(simd, coding.slope_scale);
-    let slope = [(signed << 16) >> 24, (signed << 24) >> 24].map(|s| s.to_float::<f32x16<S>>() * scale);
-    Decoded { d, slope }
+    let slope_x = ((signed << 16) >> 24).to_float::<f32x16<S>>() * coding.slope_scale;
+    let slope_y = ((signed << 24) >> 24).to_float::<f32x16<S>>() * coding.slope_scale;
+    ((value - coding.zero) * coding.scale, slope_x, slope_y)
 }
 
 /// [`Coding::pack`] with the visibility of `source`.
 #[inline(always)]
-fn encode<S: Simd>(simd: S, coding: &Coding, source: u32x16<S>, d: f32x16<S>, slope: [f32x16<S>; 2]) -> u32x16<S> {
-    let splat = |x: f32| f32x16::splat(simd, x);
-    let value = d * splat(1.0 / coding.scale) + splat(coding.zero + 0.5);
-    let value = value.max(splat(1.0)).min(splat(32767.0)).to_int::<i32x16<S>>().bitcast::<u32x16<S>>();
-    let [x, y] = slope.map(|s| {
-        // Shifted to be positive, so that truncation rounds to nearest.
-        let units = (s * splat(1.0 / coding.slope_scale)).max(splat(-127.0)).min(splat(127.0)) + splat(128.5);
-        (units.to_int::<i32x16<S>>() - i32x16::splat(simd, 128)).bitcast::<u32x16<S>>() & u32x16::splat(simd, 0xff)
-    });
-    (source & u32x16::splat(simd, super::field::VISIBLE)) | (value << 16) | (x << 8) | y
+fn encode<S: Simd>(
+    coding: &Coding,
+    source: u32x16<S>,
+    d: f32x16<S>,
+    slope_x: f32x16<S>,
+    slope_y: f32x16<S>,
+) -> u32x16<S> {
+    let value = d * (1.0 / coding.scale) + (coding.zero + 0.5);
+    let value = value.max(1.0).min(32767.0).to_int::<i32x16<S>>().bitcast::<u32x16<S>>();
+    let x = slope_units(slope_x, coding);
+    let y = slope_units(slope_y, coding);
+    (source & super::field::VISIBLE) | (value << 16) | (x << 8) | y
+}
+
+/// A slope as 8 bits, rounded to nearest: shifted to be positive, so that truncation rounds.
+#[inline(always)]
+fn slope_units<S: Simd>(slope: f32x16<S>, coding: &Coding) -> u32x16<S> {
+    let units = (slope * (1.0 / coding.slope_scale)).max(-127.0).min(127.0) + 128.5;
+    (units.to_int::<i32x16<S>>() - 128).bitcast::<u32x16<S>>() & 0xff
 }

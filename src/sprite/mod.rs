@@ -2,16 +2,16 @@
 //!
 //! A [`Sprite`] is an alpha-matted picture taken by a camera, and a plane through what it shows. A [`SpriteWithDepth`]
 //! adds a *displacement* per pixel: how far the surface lies off the plane, towards the camera positive, divided by
-//! the eye depth (`d1` in the paper; dimensionless). A new view is drawn in two passes: [`forward`] moves the
-//! displacements by pure parallax, then [`backward`] walks over the output once, takes each pixel through the plane's
+//! the eye depth (`d1` in the paper; dimensionless). A new view is drawn in two passes: `forward` moves the
+//! displacements by pure parallax, then `backward` walks over the output once, takes each pixel through the plane's
 //! homography into the moved displacements, from there to its place in the picture, and samples it.
 //!
 //! | paper | here |
 //! |---|---|
-//! | camera with the plane as third row, homography, epipole (Eq. 1 to 6; C4, C6) | [`transfer`] |
-//! | first pass: d1 to d3 (Eq. 6; C5, C7), gap filling (S9) | [`forward`], [`fill`] |
-//! | second pass (Eq. 7, 8; C5), crude one-pass, displacement field, affine parallax | [`backward`] |
-//! | forward mapping of colours (Eq. 4), what the paper argues against | [`splat`] |
+//! | camera with the plane as third row, homography, epipole (Eq. 1 to 6; C4, C6) | `transfer` |
+//! | first pass: d1 to d3 (Eq. 6; C5, C7), gap filling (S9) | `forward`, `fill` |
+//! | second pass (Eq. 7, 8; C5), crude one-pass, displacement field, affine parallax | `backward` |
+//! | forward mapping of colours (Eq. 4), what the paper argues against | `splat` |
 //!
 //! Distances across the picture are in pixels, centres at half-integers; output frames are 8-bit sRGB, premultiplied.
 
@@ -30,6 +30,7 @@ mod plane;
 mod render;
 mod sampling;
 mod set;
+mod shift;
 mod splat;
 mod texture;
 mod transfer;

@@ -1,10 +1,11 @@
 //! Drawing a sprite for a camera, by any of the paper's variants.
 
-use super::backward::{Parallax, ShiftField, View, backward};
+use super::backward::{Parallax, View, backward};
 use super::field::Field;
 use super::fill::fill;
 use super::forward::{Stored, forward};
 use super::sampling::Sampling;
+use super::shift::ShiftField;
 use super::splat::splat;
 use super::texture::Texture;
 use super::transfer::{Outcome, Transfer};

@@ -1,5 +1,8 @@
 //! Sampling the picture: sixteen pixels' worth of arithmetic at a time, their texels fetched one by one in between.
 //!
+//! The arithmetic is written without closures: a closure that is not inlined would be compiled without the SIMD level's
+//! instructions and cost more than all the rest.
+//!
 //! Bilinear weights are 14-bit integers that sum to 2^14, so that a weighted sum of 8-bit texels is exact in 32 bits and
 //! rounds once. The weights' own rounding is at most one and a half units, which changes a result by at most
 //! 255 * 1.5 / 2^14 = 0.023 levels beyond the half level of the final rounding.
@@ -21,6 +24,10 @@ pub enum Sampling {
 pub(super) const BLOCK: usize = 64;
 /// Pixels that one vector holds.
 pub(super) const LANES: usize = 16;
+
+/// Numbers of the pixels in a vector.
+pub(super) const LANE_NUMBERS: [f32; LANES] =
+    [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
 
 /// Addresses and texels of a block on their way.
 pub(super) struct Footprints {
@@ -57,13 +64,13 @@ impl TexelMap {
     pub(super) fn new(texture: &Texture, level: usize, anchor: [f64; 2]) -> Self {
         let level = level.min(texture.levels.len() - 1);
         let scale = 1.0 / f64::from(1u32 << level);
-        let position = anchor.map(|a| a * scale - 0.5);
-        let base = position.map(f64::floor);
+        let (x, y) = (anchor[0] * scale - 0.5, anchor[1] * scale - 0.5);
+        let (column, row) = (x.floor(), y.floor());
         Self {
             level: texture.levels[level],
             scale: scale as f32,
-            rest: [0, 1].map(|i| (position[i] - base[i]) as f32),
-            base: base.map(|b| b as i32),
+            rest: [(x - column) as f32, (y - row) as f32],
+            base: [column as i32, row as i32],
         }
     }
 }
@@ -78,38 +85,69 @@ pub(super) fn address<S: Simd, const NEAREST: bool>(
     first: usize,
     out: &mut Footprints,
 ) {
-    let splat = |x: f32| f32x16::splat(simd, x);
     let sides = [map.level.width as i32, map.level.height as i32];
     let mut cell = [i32x16::splat(simd, 0); 2];
-    let mut fraction = [splat(0.0); 2];
+    let mut fraction = [f32x16::splat(simd, 0.0); 2];
     for axis in 0..2 {
         // Positions on the border's outermost texels and beyond are equally transparent.
-        let low = splat((-1 - map.base[axis]) as f32);
-        let high = splat((sides[axis] - map.base[axis]) as f32);
+        let low = f32x16::splat(simd, (-1 - map.base[axis]) as f32);
+        let high = (sides[axis] - map.base[axis]) as f32;
         let half = if NEAREST { 0.5 } else { 0.0 };
-        let texel = position[axis] * splat(map.scale) + splat(map.rest[axis] + half);
+        let texel = position[axis] * map.scale + (map.rest[axis] + half);
         let texel = valid.select(texel, low).max(low).min(high);
         let floor = texel.floor();
         fraction[axis] = texel - floor;
         cell[axis] = floor.to_int::<i32x16<S>>();
     }
-    let origin = map.level.origin as i32 + map.base[1] * map.level.stride as i32 + map.base[0];
-    let offset = cell[1] * i32x16::splat(simd, map.level.stride as i32) + cell[0] + i32x16::splat(simd, origin);
+    // Far from the picture the parts may overflow; the sum of all, modulo 2^32, does not.
+    let row = map.base[1].wrapping_mul(map.level.stride as i32);
+    let origin = (map.level.origin as i32).wrapping_add(row).wrapping_add(map.base[0]);
+    let offset = cell[1] * (map.level.stride as i32) + cell[0] + origin;
     offset.bitcast::<u32x16<S>>().store_slice(&mut out.offsets[first..first + LANES]);
     if NEAREST {
         return;
     }
-    let one = splat(16384.0);
-    let rounded = |x: f32x16<S>| (x * one + splat(0.5)).to_int::<i32x16<S>>();
-    let [x, y] = fraction.map(rounded);
-    let both = rounded(fraction[0] * fraction[1]);
-    let upper_left = i32x16::splat(simd, 16384) - x - y + both;
-    let low_half = i32x16::splat(simd, 0xffff);
-    let upper = (upper_left & low_half) | ((x - both) << 16);
-    let lower = ((y - both) & low_half) | (both << 16);
+    let x = weight(fraction[0]);
+    let y = weight(fraction[1]);
+    let both = weight(fraction[0] * fraction[1]);
+    let upper_left = i32x16::splat(simd, ONE) - x - y + both;
+    let upper = (upper_left & 0xffff) | ((x - both) << 16);
+    let lower = ((y - both) & 0xffff) | (both << 16);
     upper.bitcast::<u32x16<S>>().store_slice(&mut out.upper[first..first + LANES]);
     lower.bitcast::<u32x16<S>>().store_slice(&mut out.lower[first..first + LANES]);
 }
+
+/// The weight 1.
+const ONE: i32 = 1 << 14;
+
+/// A weight in units of 1 / [`ONE`], rounded.
+#[inline(always)]
+fn weight<S: Simd>(weight: f32x16<S>) -> i32x16<S> {
+    (weight * ONE as f32 + 0.5).to_int()
+}
+
+/// Byte indices that are the same in each 128-bit block of a vector.
+const fn in_each_block(indices: [u8; 16]) -> [u8; 64] {
+    let mut all = [0; 64];
+    let mut i = 0;
+    while i < 64 {
+        all[i] = indices[i % 16];
+        i += 1;
+    }
+    all
+}
+
+/// Left and right of each channel, the upper texel in the low byte, the lower one in the high byte.
+const BY_CHANNEL: [u8; 64] = in_each_block([0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 11, 7, 15]);
+/// Rows become columns.
+const TRANSPOSED: [u8; 64] = in_each_block([0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15]);
+/// The k-th of four 32-bit numbers, four times.
+const COPIES: [[u8; 64]; 4] = [
+    in_each_block([0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3]),
+    in_each_block([4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7]),
+    in_each_block([8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11]),
+    in_each_block([12, 13, 14, 15, 12, 13, 14, 15, 12, 13, 14, 15, 12, 13, 14, 15]),
+];
 
 /// Fetches and mixes the first `count` pixels of a block (rounded up to whole vectors) into `out`.
 #[inline(always)]
@@ -150,25 +188,23 @@ pub(super) fn sample<S: Simd, const NEAREST: bool>(
 /// block b, one byte each.
 #[inline(always)]
 fn mix<S: Simd>(simd: S, footprints: &Footprints, first: usize, out: &mut [u32]) {
-    let within_blocks = |indices: [u8; 16]| u8x64::from_fn(simd, |i| indices[i % 16]);
-    // Left, right of each channel, the upper texel in the low byte, the lower one in the high byte.
-    let by_channel = within_blocks([0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 11, 7, 15]);
+    let by_channel = u8x64::load_array_ref(simd, &BY_CHANNEL);
     let upper_weights = u32x16::from_slice(simd, &footprints.upper[first..first + LANES]);
     let lower_weights = u32x16::from_slice(simd, &footprints.lower[first..first + LANES]);
     let bytes: &[u8] = bytemuck::cast_slice(&footprints.texels[first..first + LANES]);
     let mut word = u32x16::splat(simd, 0);
-    for k in 0..4u8 {
-        let texels = u8x64::from_slice(simd, &bytes[usize::from(k) * 64..usize::from(k) * 64 + 64]);
+    for k in 0..4 {
+        let texels = u8x64::from_slice(simd, &bytes[k * 64..k * 64 + 64]);
         let pairs = texels.swizzle_dyn_within_blocks(by_channel).bitcast::<u16x32<S>>();
-        let upper = (pairs & u16x32::splat(simd, 0xff)).bitcast::<i16x32<S>>();
+        let upper = (pairs & 0xff).bitcast::<i16x32<S>>();
         let lower = (pairs >> 8).bitcast::<i16x32<S>>();
-        let lane = u8x64::from_fn(simd, |i| 4 * k + (i % 4) as u8);
+        let lane = u8x64::load_array_ref(simd, &COPIES[k]);
         let upper_weights = upper_weights.swizzle_dyn_within_blocks(lane).bitcast::<i16x32<S>>();
         let lower_weights = lower_weights.swizzle_dyn_within_blocks(lane).bitcast::<i16x32<S>>();
         let sum = upper.pairwise_dot_product(upper_weights) + lower.pairwise_dot_product(lower_weights);
-        let level = (sum + i32x16::splat(simd, 8192)) >> 14;
-        word = word | (level.bitcast::<u32x16<S>>() << (8 * u32::from(k)));
+        let level = (sum + ONE / 2) >> 14;
+        word = word | (level.bitcast::<u32x16<S>>() << (8 * k as u32));
     }
-    let transposed = within_blocks([0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15]);
+    let transposed = u8x64::load_array_ref(simd, &TRANSPOSED);
     word.bitcast::<u8x64<S>>().swizzle_dyn_within_blocks(transposed).bitcast::<u32x16<S>>().store_slice(out);
 }

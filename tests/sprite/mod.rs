@@ -7,16 +7,16 @@ use headbox::sprite::{Displacement, DisplacementFormat, Plane, Sprite, SpriteWit
 use image::{Rgba, RgbaImage};
 
 /// A camera two metres before the origin, off axis a little, `size` pixels a side.
-pub fn camera(size: u32) -> Camera {
+pub(crate) fn camera(size: u32) -> Camera {
     look(dvec3(0.05, -0.03, 2.0), DVec3::ZERO, size)
 }
 
-pub fn look(eye: DVec3, at: DVec3, size: u32) -> Camera {
+pub(crate) fn look(eye: DVec3, at: DVec3, size: u32) -> Camera {
     Camera::look_at(eye, at, DVec3::Y, 50.0, size, size).expect("valid camera")
 }
 
 /// A picture in which every distortion shows.
-pub fn picture(size: u32) -> RgbaImage {
+pub(crate) fn picture(size: u32) -> RgbaImage {
     RgbaImage::from_fn(size, size, |x, y| {
         let check = if (x / 8 + y / 8) % 2 == 0 { 220 } else { 40 };
         Rgba([check, (x * 255 / size) as u8, (y * 255 / size) as u8, 255])
@@ -26,18 +26,18 @@ pub fn picture(size: u32) -> RgbaImage {
 /// A smooth wavy displacement: amplitude `amplitude`, `waves` waves across; analytic, so that an oracle can evaluate it
 /// anywhere. x and y in 0..1.
 #[derive(Clone, Copy)]
-pub struct Waves {
-    pub amplitude: f64,
-    pub waves: f64,
+pub(crate) struct Waves {
+    pub(crate) amplitude: f64,
+    pub(crate) waves: f64,
 }
 
 impl Waves {
-    pub fn at(&self, x: f64, y: f64) -> f64 {
+    pub(crate) fn at(&self, x: f64, y: f64) -> f64 {
         let phase = std::f64::consts::TAU * self.waves;
         self.amplitude * (phase * x + 0.3).sin() * (phase * y - 0.5).cos()
     }
 
-    pub fn displacement(&self, size: u32, format: DisplacementFormat) -> Displacement {
+    pub(crate) fn displacement(&self, size: u32, format: DisplacementFormat) -> Displacement {
         let at = |i: u32| (f64::from(i) + 0.5) / f64::from(size);
         let values: Vec<f32> = (0..size * size).map(|i| self.at(at(i % size), at(i / size)) as f32).collect();
         Displacement::new(size, size, &values, format).expect("finite")
@@ -45,7 +45,7 @@ impl Waves {
 }
 
 /// A sprite of `size` pixels a side on a plane that leans a little.
-pub fn sprite(size: u32, picture: RgbaImage, displacement: Displacement) -> SpriteWithDepth {
+pub(crate) fn sprite(size: u32, picture: RgbaImage, displacement: Displacement) -> SpriteWithDepth {
     let plane = Plane::through(DVec3::ZERO, dvec3(0.15, -0.1, 1.0));
     let sprite = Sprite::new(picture, camera(size), plane).expect("valid sprite");
     SpriteWithDepth::new(sprite, displacement).expect("sizes agree")
@@ -54,7 +54,7 @@ pub fn sprite(size: u32, picture: RgbaImage, displacement: Displacement) -> Spri
 /// The exact inverse of Eq. 4: the source position of the nearest surface that is seen at (x2, y2), by search along the
 /// line of candidates `(x3, y3, 1) - d e*` for `surface(x1, y1) = d w1`. Displacements between `low` and `high` of the
 /// moved field are tried in steps, each change of sign is refined by bisection; the largest times `side` wins.
-pub fn exact_source(
+pub(crate) fn exact_source(
     transfer: &Transfer,
     surface: &dyn Fn(f64, f64) -> f64,
     [low, high]: [f64; 2],
@@ -90,7 +90,7 @@ pub fn exact_source(
 }
 
 /// Premultiplied bilinear lookup in f64, transparent outside.
-pub fn bilinear(picture: &RgbaImage, x: f64, y: f64) -> [f64; 4] {
+pub(crate) fn bilinear(picture: &RgbaImage, x: f64, y: f64) -> [f64; 4] {
     let (x, y) = (x - 0.5, y - 0.5);
     let (fx, fy) = (x - x.floor(), y - y.floor());
     let at = |dx: i64, dy: i64| {
@@ -107,16 +107,4 @@ pub fn bilinear(picture: &RgbaImage, x: f64, y: f64) -> [f64; 4] {
         let row = |dy| at(0, dy)[c] * (1.0 - fx) + at(1, dy)[c] * fx;
         row(0) * (1.0 - fy) + row(1) * fy
     })
-}
-
-/// Source coordinates as colours, 16 bits each way: what a nearest lookup returns tells where it looked. Pixels are at
-/// (r + 256 g, b + 256 * 0) and so on; `size` up to 256 gives x in red and y in green.
-pub fn address_picture(size: u32) -> RgbaImage {
-    assert!(size <= 256);
-    RgbaImage::from_fn(size, size, |x, y| Rgba([x as u8, y as u8, 0, 255]))
-}
-
-/// Where a bilinear rendering of [`address_picture`] looked, to 1/2 of a level: pixels.
-pub fn looked_at(pixel: [u8; 4]) -> Option<[f64; 2]> {
-    (pixel[3] == 255).then(|| [f64::from(pixel[0]) + 0.5, f64::from(pixel[1]) + 0.5])
 }
