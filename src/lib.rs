@@ -20,5 +20,6 @@ pub mod path;
 pub mod report;
 pub mod scene_source;
 pub mod splat;
+pub mod sprite;
 pub mod truth;
 pub mod warp;

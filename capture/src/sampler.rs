@@ -242,7 +242,7 @@ mod tests {
     fn disk_map_agrees_with_the_trigonometric_one_and_keeps_areas() {
         /// Truncated series at pi/4 (2.5e-7) plus a few roundings.
         const POLYNOMIAL_ERROR: f32 = 1e-6;
-        let mut inside_half_radius = 0;
+        let mut inside_half_radius = 0i32;
         let n = 200;
         for i in 0..n {
             for j in 0..n {
@@ -253,10 +253,10 @@ mod tests {
                 let (r, phi) =
                     if a.abs() > b.abs() { (a, quarter * b / a) } else { (b, 2.0 * quarter - quarter * a / b) };
                 assert!((x - r * phi.cos()).abs() < POLYNOMIAL_ERROR && (y - r * phi.sin()).abs() < POLYNOMIAL_ERROR);
-                inside_half_radius += usize::from(x * x + y * y < 0.25);
+                inside_half_radius += i32::from(x * x + y * y < 0.25);
             }
         }
-        let share = inside_half_radius as f64 / (n * n) as f64;
+        let share = f64::from(inside_half_radius) / f64::from(n * n);
         assert!((share - 0.25).abs() < 0.01, "a disk of half the radius holds a quarter of the area: {share}");
         assert_eq!(disk_from_square(0.5, 0.5), [0.0, 0.0]);
     }

@@ -13,6 +13,7 @@ mod hard;
 mod interior;
 mod mesh;
 mod rng;
+mod sprites;
 mod texture;
 mod tree;
 
@@ -44,6 +45,7 @@ pub fn all() -> &'static [BuiltinScene] {
         scene("tree", tree::build, "broad-leaved tree with 440,000 leaf triangles on a meadow"),
         scene("interior", interior::build, "furnished room with textures, lamps, and sun through its windows"),
         scene("bump", bump::build, "textured plane with a hemisphere and a pyramid, for sprites"),
+        scene("sprites", sprites::build, "mountains, hills, balloons and boulders: four layers for sprites with depth"),
         scene("poles", hard::poles, "hard case: 240 poles, 1 mm to 4 cm thick, at 2 to 90 m"),
         scene("edge-on", hard::edge_on, "hard case: planes seen edge-on from the centre of the headbox"),
         scene("contact", hard::contact, "hard case: panels 1 mm away from every face of the headbox"),

@@ -1,0 +1,66 @@
+//! What can be wrong with the parts of a sprite.
+
+/// Why a sprite could not be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SpriteError {
+    /// Two pictures that belong together differ in size (width and height in pixels).
+    #[error("the {a} has {}x{} pixels, the {b} {}x{}; they must be equal", a_size.0, a_size.1, b_size.0, b_size.1)]
+    SizeMismatch {
+        /// One picture.
+        a: &'static str,
+        /// Its size.
+        a_size: (u32, u32),
+        /// The other.
+        b: &'static str,
+        /// Its size.
+        b_size: (u32, u32),
+    },
+    /// The displacement is finer than the picture.
+    #[error("a displacement of {}x{} for a picture of {}x{} pixels; it may be coarser, not finer",
+        displacement.0, displacement.1, color.0, color.1)]
+    DisplacementSize {
+        /// Columns and rows.
+        displacement: (u32, u32),
+        /// Columns and rows.
+        color: (u32, u32),
+    },
+    /// As many values as pixels were expected.
+    #[error("{found} values for {expected} pixels")]
+    Count {
+        /// Pixels.
+        expected: usize,
+        /// Values.
+        found: usize,
+    },
+    /// A displacement or its scale is NaN or infinite.
+    #[error("a displacement is not a finite number")]
+    NotFinite,
+    /// No pixel that is not transparent has a depth.
+    #[error("no visible pixel has a valid depth (a finite number above 0)")]
+    NoValidDepth,
+    /// Depth-buffer values need the planes that they were made with.
+    #[error(
+        "window depth needs a near and a far plane with 0 < near < far (far may be infinite); got {near} and {far}"
+    )]
+    DepthRange {
+        /// Near plane, metres.
+        near: f64,
+        /// Far plane, metres.
+        far: f64,
+    },
+    /// The plane passes through the eye of the sprite's camera.
+    #[error("the sprite's plane passes through its camera's eye, or is not finite")]
+    PlaneThroughEye,
+}
+
+impl SpriteError {
+    /// Checks that two pictures have one size.
+    pub(super) fn check_sizes(
+        a: &'static str,
+        a_size: (u32, u32),
+        b: &'static str,
+        b_size: (u32, u32),
+    ) -> Result<(), Self> {
+        if a_size == b_size { Ok(()) } else { Err(Self::SizeMismatch { a, a_size, b, b_size }) }
+    }
+}

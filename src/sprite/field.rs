@@ -1,0 +1,231 @@
+//! Displacements as the two passes exchange them: 4 bytes per cell, value and slope.
+//!
+//! | bits | what |
+//! |---|---|
+//! | 31 | 1 if the sprite has something to show there, 0 if it is transparent |
+//! | 16..31 | value, 1..=32767: displacement = (value - zero) * scale |
+//! | 8..16 | change of the displacement from column to column, signed, in units of `slope_scale` |
+//! | 0..8 | the same from row to row |
+//!
+//! A cell that nothing reached is 0, which no other cell is. When two samples reach one cell, the larger number wins:
+//! the visible one, and of those the nearer one (values grow towards the target eye, [`super::Transfer::side`]).
+//! That makes the first pass independent of order, so no occlusion-compatible traversal is needed (C7).
+//!
+//! The slope is why one cell per lookup suffices: a cell is read as a small tilted plane about its centre, which is
+//! as accurate as interpolating between four cells where the surface is smooth, and keeps edges sharp.
+
+use super::{Displacement, DisplacementFormat, Sprite};
+use image::RgbaImage;
+use rayon::prelude::*;
+
+/// Largest value of a cell.
+const MAX_VALUE: f32 = 32767.0;
+/// Bit that says that a cell shows something.
+pub(super) const VISIBLE: u32 = 1 << 31;
+/// Slopes reach as far as this share of the whole range per cell: any steeper is an edge. Half a unit of slope is then
+/// 1/4064 of the range, at most 1/80 px for +-25 px of parallax half a cell away.
+const STEEPEST: f32 = 1.0 / 16.0;
+
+/// How cells encode displacements.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Coding {
+    /// Displacement per step; negative if the target eye is behind the plane.
+    pub scale: f32,
+    /// Value of displacement 0, exactly; may lie outside 1..=32767.
+    pub zero: f32,
+    /// Displacement per cell and unit of slope.
+    pub slope_scale: f32,
+}
+
+impl Coding {
+    /// For displacements from `low` to `high` and slopes up to `steepest` per cell; nearer is `side` times larger.
+    pub(super) fn new(low: f32, high: f32, steepest: f32, side: f32) -> Self {
+        let steepest = steepest.min((high - low) * STEEPEST);
+        // Extrapolating half a cell (or a whole one, when filling) may leave the range.
+        let (low, high) = (low - steepest, high + steepest);
+        let step = (high - low) / (MAX_VALUE - 1.0);
+        if !step.is_normal() {
+            return Self { scale: side, zero: 16384.0, slope_scale: 1.0 };
+        }
+        let nearest_zero = if side > 0.0 { -low / step } else { high / step };
+        let slope_scale = steepest / 127.0;
+        let slope_scale = if slope_scale.is_normal() { slope_scale } else { 1.0 };
+        Self { scale: step * side, zero: (nearest_zero + 1.0).round(), slope_scale }
+    }
+
+    /// Packs one cell.
+    pub(super) fn pack(&self, visible: bool, d: f32, slope: [f32; 2]) -> u32 {
+        let value = (d / self.scale + self.zero + 0.5).clamp(1.0, MAX_VALUE) as u32;
+        let [x, y] = slope.map(|s| ((s / self.slope_scale).round().clamp(-127.0, 127.0) as i8) as u8);
+        (u32::from(visible) << 31) | (value << 16) | (u32::from(x) << 8) | u32::from(y)
+    }
+
+    /// Displacement at (dx, dy) cells from the centre of a cell.
+    pub(super) fn displacement(&self, cell: u32, dx: f32, dy: f32) -> f32 {
+        let [x, y] = slopes(cell);
+        let value = (cell >> 16 & 0x7fff) as f32;
+        (value - self.zero) * self.scale + (x * self.slope_scale * dx + y * self.slope_scale * dy)
+    }
+}
+
+/// The two slopes of a cell in units.
+pub(super) fn slopes(cell: u32) -> [f32; 2] {
+    [f32::from((cell >> 8) as u8 as i8), f32::from(cell as u8 as i8)]
+}
+
+/// A grid of cells.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Field {
+    /// Column of the sprite's displacement grid that column 0 stands for; not positive.
+    pub x0: i32,
+    /// The same of rows.
+    pub y0: i32,
+    pub width: u32,
+    pub height: u32,
+    /// Row-major.
+    pub cells: Vec<u32>,
+    pub coding: Coding,
+    /// Smallest and largest displacement in the cells, 0 included; of a sprite's own field only.
+    pub range: [f32; 2],
+}
+
+impl Field {
+    /// No cells at all.
+    pub(super) fn empty() -> Self {
+        let coding = Coding::new(0.0, 0.0, 0.0, 1.0);
+        Self { x0: 0, y0: 0, width: 0, height: 0, cells: Vec::new(), coding, range: [0.0; 2] }
+    }
+
+    /// The sprite's own displacements (d1), with slopes that do not reach across edges.
+    pub(super) fn of_sprite(sprite: &Sprite, displacement: &Displacement) -> Self {
+        let (width, height) = displacement.size();
+        let values = smoothed(displacement);
+        let (low, high) = values.iter().fold((f32::MAX, f32::MIN), |(low, high), &v| (low.min(v), high.max(v)));
+        let at = |x: u32, y: u32| values[y as usize * width as usize + x as usize];
+        let slope = |x: u32, y: u32| {
+            let neighbor = |inside: bool, x: u32, y: u32| inside.then(|| at(x, y));
+            let here = at(x, y);
+            let before = [neighbor(x > 0, x.wrapping_sub(1), y), neighbor(y > 0, x, y.wrapping_sub(1))];
+            let after = [neighbor(x + 1 < width, x + 1, y), neighbor(y + 1 < height, x, y + 1)];
+            [0, 1].map(|axis| limited(before[axis], here, after[axis]))
+        };
+        let pixels = || (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let steepest = pixels().flat_map(|(x, y)| slope(x, y)).fold(0.0f32, |max, s| max.max(s.abs()));
+        let coding = Coding::new(low, high, steepest, 1.0);
+        let visible = visible_cells(sprite.color(), width, height);
+        let cells =
+            pixels().zip(visible).map(|((x, y), visible)| coding.pack(visible, at(x, y), slope(x, y))).collect();
+        Self { x0: 0, y0: 0, width, height, cells, coding, range: [low.min(0.0), high.max(0.0)] }
+    }
+}
+
+/// Rounds of smoothing: stairs of up to about twice as many cells a step become ramps.
+const SMOOTHING_ROUNDS: usize = 8;
+
+/// Displacements without the stairs of 8 bits: each value moves to the mean of its neighbours, but no further than half
+/// a step from what is stored, which rounding would have taken to the same number. Neighbours more than a step away are
+/// across an edge and do not count. Other formats are fine enough as they are.
+fn smoothed(displacement: &Displacement) -> Vec<f32> {
+    let stored = displacement.to_f32();
+    if displacement.format() != DisplacementFormat::I8 {
+        return stored;
+    }
+    let (width, height) = (displacement.size().0 as usize, displacement.size().1 as usize);
+    let step = displacement.scale();
+    let mut values = stored.clone();
+    for _ in 0..SMOOTHING_ROUNDS {
+        let row = |y: usize| {
+            let values = &values;
+            let stored = &stored;
+            (0..width).map(move |x| {
+                let index = y * width + x;
+                let (mut sum, mut count) = (0.0, 0.0);
+                let mut add = |inside: bool, neighbor: usize| {
+                    if inside && (stored[neighbor] - stored[index]).abs() < 1.5 * step {
+                        sum += values[neighbor];
+                        count += 1.0;
+                    }
+                };
+                add(x > 0, index.wrapping_sub(1));
+                add(x + 1 < width, index + 1);
+                add(y > 0, index.wrapping_sub(width));
+                add(y + 1 < height, index + width);
+                let mean = if count > 0.0 { sum / count } else { stored[index] };
+                mean.clamp(stored[index] - 0.5 * step, stored[index] + 0.5 * step)
+            })
+        };
+        values = (0..height).into_par_iter().flat_map_iter(row).collect();
+    }
+    values
+}
+
+/// Slope at the middle of three neighbours: their central difference where both sides agree, none at an extremum, at
+/// most twice the gentler side beside an edge (the monotonised central limiter). One-sided at the border.
+fn limited(before: Option<f32>, here: f32, after: Option<f32>) -> f32 {
+    let (left, right) = match (before, after) {
+        (Some(before), Some(after)) => (here - before, after - here),
+        (Some(before), None) => return here - before,
+        (None, Some(after)) => return after - here,
+        (None, None) => return 0.0,
+    };
+    let central = 0.5 * (left + right);
+    let limit = 2.0 * left.abs().min(right.abs());
+    if left * right > 0.0 { central.clamp(-limit, limit) } else { 0.0 }
+}
+
+/// Whether any pixel under a cell, or next to those, is not fully transparent.
+fn visible_cells(color: &RgbaImage, width: u32, height: u32) -> impl Iterator<Item = bool> {
+    let range = |i: u32, all: u32, count: u32| {
+        let edge = |i: u64| i * u64::from(all) / u64::from(count);
+        let last = edge(u64::from(i) + 1) + 1;
+        (edge(u64::from(i)).saturating_sub(1) as u32, (last as u32).min(all))
+    };
+    (0..height).flat_map(move |y| {
+        let (y0, y1) = range(y, color.height(), height);
+        (0..width).map(move |x| {
+            let (x0, x1) = range(x, color.width(), width);
+            (y0..y1).any(|y| (x0..x1).any(|x| color.get_pixel(x, y).0[3] > 0))
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn zero_is_exact_and_order_follows_nearness() {
+        for side in [1.0, -1.0] {
+            let coding = Coding::new(-0.013, 0.041, 0.002, side);
+            let zero = coding.pack(true, 0.0, [0.0; 2]);
+            assert_eq!(coding.displacement(zero, 0.3, -0.2), 0.0);
+            let (near, far) = (coding.pack(true, 0.02 * side, [0.0; 2]), coding.pack(true, -0.01 * side, [0.0; 2]));
+            assert!(near > zero && zero > far && far > coding.pack(false, 0.04, [0.0; 2]));
+            assert!(coding.pack(false, -1.0, [0.0; 2]) > 0, "an empty cell is unlike any other");
+        }
+        let flat = Coding::new(0.0, 0.0, 0.0, 1.0);
+        assert_eq!(flat.displacement(flat.pack(true, 0.0, [0.0; 2]), 0.5, 0.5), 0.0);
+    }
+
+    #[test]
+    fn values_and_slopes_come_back_to_half_a_unit() {
+        let coding = Coding::new(-0.02, 0.03, 0.001, 1.0);
+        for i in 0..50 {
+            let (d, slope) = (-0.02 + 0.001 * i as f32, [0.0009 * (i as f32).sin(), -0.0005]);
+            let cell = coding.pack(true, d, slope);
+            let want = d + slope[0] * 0.5 + slope[1] * -0.5;
+            let tolerance = 0.51 * coding.scale + 0.51 * coding.slope_scale;
+            assert!((coding.displacement(cell, 0.5, -0.5) - want).abs() < tolerance);
+        }
+    }
+
+    #[test]
+    fn slopes_do_not_cross_edges() {
+        let limited = |before, here, after| limited(Some(before), here, Some(after));
+        assert_eq!(limited(0.0, 1.0, 2.0), 1.0);
+        assert_eq!(limited(0.0, 0.0, 5.0), 0.0);
+        assert_eq!(limited(0.0, 0.1, 5.0), 0.2);
+        assert_eq!(limited(1.0, 0.0, 1.0), 0.0);
+        assert_eq!(super::limited(None, 1.0, Some(3.0)), 2.0);
+    }
+}

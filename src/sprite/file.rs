@@ -1,0 +1,131 @@
+//! The `.sprite` file: one or many sprites with depth.
+//!
+//! Sections: `sprites` (JSON: a header per sprite), `geometry` (18 `f64` per sprite: eye, rotation by columns, focal
+//! length, plane, displacement scale), `color` (RGBA8, straight alpha) and `depth` (stored
+//! displacements), both sprite after sprite, row-major.
+
+use super::displacement::Values;
+use super::{Displacement, DisplacementFormat, Plane, Sprite, SpriteError, SpriteSet, SpriteWithDepth};
+use crate::capture::{Camera, CameraError};
+use crate::container::{Container, ContainerWriter, FileError, Kind, Section};
+use glam::{DMat3, DVec3};
+use image::RgbaImage;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// A file of sprites.
+pub const SPRITE_FILE: Kind = Kind { tag: *b"sprt", name: "sprite", version: 1 };
+
+#[derive(Serialize, Deserialize)]
+struct Header {
+    width: u32,
+    height: u32,
+    displacement_width: u32,
+    displacement_height: u32,
+    format: DisplacementFormat,
+}
+
+/// Numbers of a sprite in section `geometry`.
+const GEOMETRY: usize = 18;
+
+impl SpriteSet {
+    /// Writes a `.sprite` file, whole or not at all.
+    ///
+    /// # Errors
+    /// [`FileError::Io`].
+    pub fn write(&self, path: &Path) -> Result<(), FileError> {
+        let sprites = || self.sprites().iter().map(|prepared| prepared.sprite());
+        let headers: Vec<Header> = sprites().map(header).collect();
+        let mut writer = ContainerWriter::new(SPRITE_FILE);
+        writer.section("sprites", move || Ok(serde_json::to_vec(&headers)?));
+        writer.section("geometry", move || {
+            Ok(bytemuck::cast_slice(&sprites().flat_map(geometry).collect::<Vec<f64>>()).to_vec())
+        });
+        writer.section("color", move || {
+            Ok(sprites().map(|s| s.sprite().color().as_raw().as_slice()).collect::<Vec<_>>().concat())
+        });
+        writer.section("depth", move || {
+            Ok(sprites().map(|s| s.displacement().stored_bytes()).collect::<Vec<_>>().concat())
+        });
+        writer.write(path)
+    }
+
+    /// Reads a `.sprite` file.
+    ///
+    /// # Errors
+    /// See [`FileError`].
+    pub fn read(path: &Path) -> Result<Self, FileError> {
+        let file = Container::open(path, SPRITE_FILE)?;
+        let headers: Vec<Header> = file.section("sprites")?.json()?;
+        let [mut geometry, mut color, mut depth] =
+            [file.section("geometry")?, file.section("color")?, file.section("depth")?];
+        let mut sprites = Vec::new();
+        for header in &headers {
+            let numbers: [f64; GEOMETRY] = geometry.values()?;
+            let camera = camera(&numbers, header).map_err(|e| geometry.damaged("a camera", e.to_string()))?;
+            let pixels = color.array(header.width as usize * header.height as usize * 4)?;
+            let color = RgbaImage::from_raw(header.width, header.height, pixels);
+            let color = color.ok_or_else(|| geometry.damaged("a picture of its size", "another"))?;
+            let plane = Plane { normal: DVec3::new(numbers[13], numbers[14], numbers[15]), offset: numbers[16] };
+            let displacement = displacement(&mut depth, header, numbers[17] as f32)?;
+            let sprite = unit(plane)
+                .and_then(|plane| Sprite::new(color, camera, plane))
+                .and_then(|sprite| SpriteWithDepth::new(sprite, displacement));
+            sprites.push(sprite.map_err(|e| geometry.damaged("a consistent sprite", e.to_string()))?);
+        }
+        [geometry, color, depth].iter().try_for_each(Section::end)?;
+        Ok(Self::new(sprites))
+    }
+}
+
+fn header(sprite: &SpriteWithDepth) -> Header {
+    let (width, height) = sprite.sprite().color().dimensions();
+    let (displacement_width, displacement_height) = sprite.displacement().size();
+    Header { width, height, displacement_width, displacement_height, format: sprite.displacement().format() }
+}
+
+fn geometry(sprite: &SpriteWithDepth) -> [f64; GEOMETRY] {
+    let (camera, plane) = (sprite.sprite().camera(), sprite.sprite().plane());
+    let mut numbers = [0.0; GEOMETRY];
+    numbers[..3].copy_from_slice(&camera.eye().to_array());
+    numbers[3..12].copy_from_slice(&camera.world_from_eye().to_cols_array());
+    numbers[12] = camera.focal_px();
+    numbers[13..16].copy_from_slice(&plane.normal.to_array());
+    numbers[16] = plane.offset;
+    numbers[17] = f64::from(sprite.displacement().scale());
+    numbers
+}
+
+/// How far a stored rotation's products of columns may be from those of a rotation, and a normal's length from 1: what
+/// rounding leaves, and nothing that a renderer would notice.
+const ORTHONORMAL: f64 = 1e-6;
+
+fn camera(numbers: &[f64; GEOMETRY], header: &Header) -> Result<Camera, CameraError> {
+    let vector = |i: usize| DVec3::new(numbers[i], numbers[i + 1], numbers[i + 2]);
+    let rotation = DMat3::from_cols(vector(3), vector(6), vector(9));
+    let off = (rotation.transpose() * rotation - DMat3::IDENTITY).to_cols_array();
+    if !vector(0).is_finite() {
+        return Err(CameraError::NotFinite("eye"));
+    }
+    if !off.iter().all(|v| v.abs() < ORTHONORMAL) || !(1e-6..1e12).contains(&numbers[12]) {
+        return Err(CameraError::NotFinite("rotation or focal length"));
+    }
+    Camera::from_parts(vector(0), rotation, numbers[12], header.width, header.height)
+}
+
+fn unit(plane: Plane) -> Result<Plane, SpriteError> {
+    let is_unit = (plane.normal.length() - 1.0).abs() < ORTHONORMAL;
+    if is_unit { Ok(plane) } else { Err(SpriteError::NotFinite) }
+}
+
+fn displacement(section: &mut Section, header: &Header, scale: f32) -> Result<Displacement, FileError> {
+    let (width, height) = (header.displacement_width, header.displacement_height);
+    let count = (width as usize).saturating_mul(height as usize);
+    let values = match header.format {
+        DisplacementFormat::I8 => Values::I8(section.array(count)?),
+        DisplacementFormat::I16 => Values::I16(section.array(count)?),
+        DisplacementFormat::F32 => Values::F32(section.array(count)?),
+    };
+    let checked = Displacement::from_stored(width, height, scale, values);
+    checked.map_err(|error| section.damaged("a finite displacement per pixel", error.to_string()))
+}
