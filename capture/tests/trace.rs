@@ -173,6 +173,37 @@ fn a_closed_sphere_does_not_leak() {
 }
 
 #[test]
+fn thin_and_edge_on_triangles_agree_everywhere() {
+    // Slivers along a common direction, seen along it: their distances are uncertain, but not different by route.
+    let mut random = Random::new(9);
+    for scale in [1.0, 1e4] {
+        let along = dvec3(0.6, 0.3, -0.74);
+        let triangles: Vec<_> = (0..400)
+            .map(|_| {
+                let (at, across) = (random.in_cube() * scale, random.in_cube() * scale * 1e-6);
+                [at, at + along * scale * 0.5 + across, at + along * scale]
+            })
+            .collect();
+        let rays: Vec<Ray> = (0..800)
+            .map(|i| {
+                let target = triangles[i / 2][i % 3];
+                let origin = (target - along * scale + random.in_cube() * scale * 1e-7).as_vec3();
+                Ray { origin, direction: target.as_vec3() - origin, t_min: 0.0, t_max: f32::INFINITY }
+            })
+            .collect();
+        let scene = Arc::new(scene_of(&triangles));
+        let tracers: Vec<Tracer> =
+            levels().into_iter().map(|level| Tracer::with_level(scene.clone(), DVec3::ZERO, level)).collect();
+        assert_packets_agree(&tracers, &rays);
+        for ray in &rays {
+            let mut first = None;
+            tracers[0].all_hits(ray, &mut |hit| first = first.or(Some(hit)));
+            assert!(tracers.iter().all(|tracer| bits(tracer.closest(ray)) == bits(first)));
+        }
+    }
+}
+
+#[test]
 fn of_equal_hits_the_lowest_index_wins() {
     let mut random = Random::new(7);
     let mut triangles = soup(&mut random, 40, 0.5, 1.0);

@@ -125,3 +125,18 @@ fn nothing_to_hit_is_a_miss() {
     let tracer = Tracer::new(Arc::new(scene_of(&[GOOD])), DVec3::ZERO);
     assert_eq!(tracer.closest_packet(&RayPacket::EMPTY), HitPacket::MISS);
 }
+
+#[test]
+fn a_triangle_too_small_for_its_edge_functions_is_still_hit() {
+    // Products of its coordinates are below the least f32: every rounded edge function is zero.
+    let s = 1e-25;
+    let tiny = [dvec3(-s, -s, -1.0), dvec3(s, -s, -1.0), dvec3(0.0, s, -1.0)];
+    let tracer = Tracer::new(Arc::new(scene_of(&[GOOD, tiny])), DVec3::ZERO);
+    let packet = RayPacket::from_rays(&[AHEAD; PACKET]);
+    assert_eq!(tracer.closest(&AHEAD).map(|h| (h.primitive, h.t)), Some((1, 1.0)));
+    assert_eq!(bits(tracer.closest_packet(&packet).hit(3)), bits(tracer.closest(&AHEAD)));
+    let short = Ray { t_max: 1.5, ..AHEAD };
+    assert!(tracer.occluded(&short));
+    assert_eq!(tracer.occluded_packet(&RayPacket::from_rays(&[short; PACKET])), u16::MAX);
+    assert!(!tracer.occluded(&Ray { t_max: 0.5, ..AHEAD }));
+}

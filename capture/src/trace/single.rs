@@ -1,10 +1,10 @@
-//! Traversal by one ray, eight boxes or four triangles at a time.
+//! Traversal by one ray, eight boxes or eight triangles at a time.
 
 use super::prepared::{Prepared, each_axis};
 use super::tree::{Block, Child, Entry, Node, SMALL_STACK, WIDTH, opposite, push_sorted};
 use super::triangle::{Candidate, edges, exact};
 use super::{Hit, Ray, Tracer};
-use fearless_simd::{Simd, f32x4, f32x8, prelude::*};
+use fearless_simd::{Simd, f32x8, prelude::*};
 
 /// What a traversal looks for.
 pub(super) trait Found {
@@ -272,17 +272,17 @@ fn intersect_leaf<S: Simd, F: Found>(
 /// Tests the triangles of a block. `enter` is where the ray enters the leaf's box.
 #[inline(always)]
 fn intersect<S: Simd, F: Found>(simd: S, tracer: &Tracer, ray: &Prepared, found: &mut F, block: &Block, enter: f32) {
-    let origin = each_axis!(i => f32x4::splat(simd, ray.origin[i]));
+    let origin = each_axis!(i => f32x8::splat(simd, ray.origin[i]));
     let vertices = each_axis!(vertex => each_axis!(i => {
-        f32x4::load_array_ref(simd, &block.vertices[vertex][ray.axes[i]]) - origin[i]
+        f32x8::load_array_ref(simd, &block.vertices[vertex][ray.axes[i]]) - origin[i]
     }));
-    let edges = edges(vertices, [f32x4::splat(simd, ray.shear[0]), f32x4::splat(simd, ray.shear[1])]);
+    let edges = edges(vertices, [f32x8::splat(simd, ray.shear[0]), f32x8::splat(simd, ray.shear[1])]);
     let mut inside = edges.inside().to_bitmask() as u32;
     if inside == 0 {
         return;
     }
     let inverse_main = ray.inverse_main();
-    let (determinant, t) = edges.determinant_and_t(f32x4::splat(simd, inverse_main));
+    let (determinant, t) = edges.determinant_and_t(f32x8::splat(simd, inverse_main));
     let [_, v, w] = edges.weights;
     let (determinant, t, v, w) = (determinant.to_array(), t.to_array(), v.to_array(), w.to_array());
     while inside != 0 {

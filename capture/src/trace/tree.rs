@@ -1,4 +1,4 @@
-//! Nodes of eight children and blocks of four triangles, in the order of traversal.
+//! Nodes of eight children and blocks of eight triangles, in the order of traversal.
 
 use super::prepared::GROWTH;
 use fearless_simd::{Simd, f32x8, prelude::*};
@@ -8,7 +8,7 @@ use glam::Vec3;
 pub(super) const WIDTH: usize = 8;
 
 /// Triangles of a block.
-pub(super) const BLOCK: usize = 4;
+pub(super) const BLOCK: usize = 8;
 
 /// Eight boxes and what is in them. Unused slots are inside out, so that no ray enters them.
 #[repr(C, align(64))]
@@ -85,7 +85,7 @@ impl Bounds {
     }
 }
 
-/// Up to four triangles. Unused slots are NaN, which no ray hits.
+/// Up to eight triangles. Unused slots are NaN, which no ray hits.
 #[repr(C, align(64))]
 #[derive(Clone, Debug)]
 pub(super) struct Block {
@@ -101,7 +101,7 @@ pub(super) struct Block {
     pub(super) more: bool,
 }
 
-const _: () = assert!(size_of::<Block>() == 192, "three cache lines");
+const _: () = assert!(size_of::<Block>() == 384, "six cache lines");
 
 impl Block {
     /// A block without triangles.

@@ -11,16 +11,16 @@
 //! them into packets, tracing, and storing t and the triangle's number is. Rates are Mrays/s as median (least to
 //! most), for one and two threads.
 
-use glam::{DVec3, Vec3};
+mod cube;
+
+use cube::{Rays, cube_rays, load_packet, load_ray};
+use glam::DVec3;
 use headbox_capture::Material;
 use headbox_capture::scene::{Scene, Triangle};
-use headbox_capture::trace::{HitPacket, PACKET, Ray, RayPacket, Tracer};
+use headbox_capture::trace::{HitPacket, PACKET, RayPacket, Tracer};
 use std::io::Write;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
-
-/// Rays of one file, `[component][ray]`: origin x, y, z, direction x, y, z.
-type Rays = [Vec<f32>; 6];
 
 /// Rays that a thread takes at a time.
 const CHUNK: usize = 16_384;
@@ -79,46 +79,6 @@ fn read_obj(path: &str) -> Result<Scene, Box<dyn std::error::Error>> {
     Ok(scene)
 }
 
-/// Unit square to unit disk, keeping areas (Shirley and Chiu 1997).
-fn disk(u: f64, v: f64) -> (f64, f64) {
-    let (a, b) = (2.0 * u - 1.0, 2.0 * v - 1.0);
-    let quarter = std::f64::consts::FRAC_PI_4;
-    let (r, phi) = if a.abs() > b.abs() { (a, quarter * (b / a)) } else { (b, quarter * (2.0 - a / b)) };
-    if r == 0.0 { (0.0, 0.0) } else { (r * phi.cos(), r * phi.sin()) }
-}
-
-/// `m` rays in each of the `n`^4 strata of each face.
-fn cube_rays(centre: DVec3, half: f64, n: u32, m: u32, faces: &str) -> Rays {
-    let mut rays: Rays = Default::default();
-    let mut state = 1_u64;
-    let mut unit = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 40) as f64 / f64::from(1 << 24)
-    };
-    for face in faces.bytes().map(|b| usize::from(b.wrapping_sub(b'0')) % 6) {
-        let (axis, sign) = (face / 2, if face % 2 == 0 { 1.0 } else { -1.0 });
-        let (right, up) = ((axis + 1) % 3, (axis + 2) % 3);
-        for stratum in 0..n.pow(4) {
-            let cell = [stratum / n.pow(3), stratum / n.pow(2) % n, stratum / n % n, stratum % n];
-            for _ in 0..m {
-                let q = cell.map(|c| (f64::from(c) + unit()) / f64::from(n));
-                let (x, y) = disk(q[2], q[3]);
-                let (mut origin, mut direction) = (centre, DVec3::ZERO);
-                origin[axis] += sign * half;
-                origin[right] += half * (2.0 * q[0] - 1.0);
-                origin[up] += half * (2.0 * q[1] - 1.0);
-                direction[axis] = sign * (1.0 - x * x - y * y).max(1e-6).sqrt();
-                (direction[right], direction[up]) = (x, y);
-                for i in 0..3 {
-                    rays[i].push(origin[i] as f32);
-                    rays[i + 3].push(direction[i] as f32);
-                }
-            }
-        }
-    }
-    rays
-}
-
 fn write_rays(path: &str, rays: &Rays) -> std::io::Result<()> {
     let mut file = std::io::BufWriter::new(std::fs::File::create(path)?);
     file.write_all(&(rays[0].len() as u64).to_le_bytes())?;
@@ -171,17 +131,6 @@ fn timed_pass(
     seconds
 }
 
-fn load_packet(rays: &Rays, start: usize) -> RayPacket {
-    let mut packet = RayPacket::EMPTY;
-    let len = PACKET.min(rays[0].len() - start);
-    for i in 0..3 {
-        packet.origin[i][..len].copy_from_slice(&rays[i][start..start + len]);
-        packet.direction[i][..len].copy_from_slice(&rays[i + 3][start..start + len]);
-    }
-    packet.active = (u32::from(u16::MAX) >> (PACKET - len)) as u16;
-    packet
-}
-
 fn trace_packets(tracer: &Tracer, rays: &Rays, start: usize, t: &mut [f32], primitive: &mut [u32]) {
     let mut packets = [const { RayPacket::EMPTY }; BATCH];
     let mut hits = [const { HitPacket::MISS }; BATCH];
@@ -213,13 +162,7 @@ fn trace_occlusion(tracer: &Tracer, rays: &Rays, start: usize, _: &mut [f32], bl
 
 fn trace_single(tracer: &Tracer, rays: &Rays, start: usize, t: &mut [f32], primitive: &mut [u32]) {
     for (i, (t, primitive)) in t.iter_mut().zip(primitive).enumerate() {
-        let at = |component: usize| rays[component][start + i];
-        let ray = Ray {
-            origin: Vec3::new(at(0), at(1), at(2)),
-            direction: Vec3::new(at(3), at(4), at(5)),
-            t_min: 0.0,
-            t_max: f32::INFINITY,
-        };
+        let ray = load_ray(rays, start + i);
         (*t, *primitive) = tracer.closest(&ray).map_or((f32::INFINITY, u32::MAX), |hit| (hit.t, hit.primitive));
     }
 }
