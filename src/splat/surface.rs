@@ -16,9 +16,9 @@ const MAX_WEIGHT: u64 = 257;
 
 /// Weights at which a surface begins to hide what is behind it, and at which it hides it wholly. A sample that a ray
 /// found at a silhouette stands for a whole LDI pixel of which the surface fills half, on average; cutting the outer
-/// part of its tent gives that half back.
+/// part of its tent gives some of that back. Inside a surface, rounded weights add up to [`ONE`] less a few.
 const TRANSPARENT: u64 = 26;
-const OPAQUE: u64 = 128;
+const OPAQUE: u64 = 120;
 
 /// The least share of 255 of a pixel that a surface has where it has any.
 const MIN_SHARE: u64 = 13;
@@ -73,11 +73,31 @@ impl Cell {
         if weight == 0 {
             return self.behind;
         }
-        let reciprocal = RECIPROCALS[(weight as usize).min(RECIPROCALS.len() - 1)];
-        let mean = |lane: u32| ((((self.sum >> (16 * lane) & 0xffff) + weight / 2) * reciprocal) >> 32) as u8;
+        let [r, g, b] = self.mean();
         let share = (weight.saturating_sub(TRANSPARENT) * 255 / (OPAQUE - TRANSPARENT)).clamp(MIN_SHARE, 255) as u8;
-        let front = [mean(0), mean(1), mean(2), share];
-        if share == 255 { front } else { over(front, self.behind) }
+        if share == 255 { [r, g, b, share] } else { over([r, g, b, share], self.behind) }
+    }
+
+    /// Mean colour of the front surface, if there is one.
+    #[inline(always)]
+    fn mean(&self) -> [u8; 3] {
+        let weight = self.weight();
+        let reciprocal = RECIPROCALS[(weight as usize).min(RECIPROCALS.len() - 1)];
+        [0, 1, 2].map(|lane| {
+            let sum = (self.sum >> (16 * lane)) & 0xffff;
+            (((sum + weight / 2) * reciprocal) >> 32) as u8
+        })
+    }
+
+    /// Halves the sums, so that more splats have room. An odd weight first loses one mean colour: rounding it down alone
+    /// would brighten.
+    #[cold]
+    fn halve(&mut self) {
+        if self.weight() % 2 == 1 {
+            let [r, g, b] = self.mean();
+            self.sum -= lanes([r, g, b, 0]);
+        }
+        self.sum = self.sum >> 1 & 0x7fff_7fff_7fff_7fff;
     }
 
     /// Adds a splat of `lanes(color)`. `nearest_behind` and `farthest_in_front` are the inverse depths below and above
@@ -92,7 +112,7 @@ impl Cell {
             self.inverse_depth = inverse_depth;
         } else if self.inverse_depth <= farthest_in_front {
             if self.weight() + weight > MAX_WEIGHT {
-                self.sum = self.sum >> 1 & 0x7fff_7fff_7fff_7fff;
+                self.halve();
             }
             self.sum += color * weight;
             self.inverse_depth = self.inverse_depth.max(inverse_depth);
@@ -165,5 +185,55 @@ impl Canvas for SurfaceCanvas {
     fn pixel(&self, index: usize) -> ([u8; 3], u8) {
         let [r, g, b, share] = self.cells[index].flattened();
         ([r, g, b], share)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn means_are_exact_divisions() {
+        for weight in 1..=MAX_WEIGHT {
+            for sum in (0..=255 * weight).step_by(7).chain([255 * weight]) {
+                let cell = Cell { sum: sum | weight << 48, ..Cell::default() };
+                assert_eq!(u64::from(cell.mean()[0]), (sum + weight / 2) / weight, "{sum} / {weight}");
+            }
+        }
+    }
+
+    #[test]
+    fn one_colour_stays_one_colour_however_many_splats() {
+        let color = [201, 0, 255, 255];
+        for weights in [[1, 3, 5, 7], [127, 128, 1, 2], [0, 0, 64, 91], [37, 99, 128, 128]] {
+            let mut cell = Cell::default();
+            for i in 0..10_000 {
+                let weight = weights[i % 4];
+                if weight > 0 {
+                    cell.add(lanes(color), weight, 1.0, 0.99, 1.01);
+                    assert_eq!(cell.flattened()[..3], color[..3]);
+                    assert!(cell.weight() <= MAX_WEIGHT);
+                }
+            }
+            assert_eq!(cell.flattened(), color);
+        }
+    }
+
+    #[test]
+    fn surfaces_are_blended_in_depth_order() {
+        let (red, blue, green) = ([250, 0, 0, 255], [0, 0, 250, 255], [0, 250, 0, 255]);
+        let add = |cell: &mut Cell, color, weight, q: f32| cell.add(lanes(color), weight, q, q * 0.95, q * 1.05);
+        let mut cell = Cell::default();
+        add(&mut cell, blue, ONE, 1.0);
+        add(&mut cell, red, (TRANSPARENT + OPAQUE) / 2, 2.0);
+        let [r, g, b, share] = cell.flattened();
+        assert!(r.abs_diff(125) <= 2 && g == 0 && b.abs_diff(125) <= 2 && share == 255, "half red over blue");
+        add(&mut cell, green, ONE, 1.5);
+        let [r, g, b, _] = cell.flattened();
+        assert!(r.abs_diff(125) <= 2 && g.abs_diff(125) <= 2 && b == 0, "green comes between");
+        add(&mut cell, red, ONE, 2.02);
+        assert_eq!(cell.flattened(), red);
+        add(&mut cell, green, ONE, 1.5);
+        assert_eq!(cell.flattened(), red, "hidden");
     }
 }

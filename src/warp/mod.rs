@@ -1,7 +1,7 @@
 //! From a packed cube LDI to a frame: six faces and two segments in occlusion-compatible order, the incremental warp,
 //! splats, and the environment under what they leave open (inventory S17 to S23, C3, C3b, C8 to C10, C12).
 //!
-//! One traversal ([`traverse`]) yields depth pixels in drawing order, in batches of one row; a warp kernel ([`scalar`])
+//! One traversal (`traverse`) yields depth pixels in drawing order, in batches of one row; a warp kernel (`scalar`)
 //! makes splats of a batch; a canvas ([`crate::splat`]) draws them. Each can be exchanged without the others.
 
 pub mod oracle;
