@@ -16,12 +16,19 @@ viewer=target/release/examples/checker_room
 not_blank=target/release/examples/not_blank
 
 # Xvfb chooses a free display number and writes it to descriptor 3.
+: >"$out/display"
 Xvfb -displayfd 3 -screen 0 1600x1000x24 3>"$out/display" 2>"$out/xvfb.log" &
 xvfb=$!
-trap 'kill $xvfb' EXIT
-for _ in 1 2 3 4 5 6 7 8 9 10; do
-    [ -s "$out/display" ] && break
-    sleep 0.5
+trap 'kill $xvfb 2>/dev/null || true' EXIT
+waited=0
+until [ -s "$out/display" ]; do
+    if [ "$waited" -ge 60 ] || ! kill -0 $xvfb 2>/dev/null; then
+        cat "$out/xvfb.log" >&2
+        echo "Xvfb did not start" >&2
+        exit 1
+    fi
+    sleep 1
+    waited=$((waited + 1))
 done
 DISPLAY=:$(cat "$out/display")
 export DISPLAY

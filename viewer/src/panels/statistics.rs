@@ -12,7 +12,7 @@ use egui::{Grid, Ui};
 pub(crate) fn show(ui: &mut Ui, shown: Option<&Finished>, history: &History) {
     let median = |value: fn(&crate::history::FrameTimes) -> f64| history.median(value).unwrap_or(0.0);
     ui.label(format!(
-        "{:.1} ms a frame, {:.0} frames/s, {:.0} ms to the image",
+        "{:.1} ms, {:.0} frames/s, latency {:.0} ms",
         median(|f| f.render_ms),
         history.shown_per_s(),
         median(|f| f.latency_ms),
