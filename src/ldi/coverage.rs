@@ -37,6 +37,8 @@ pub(crate) struct Coverage<'a> {
 /// Fewer rays than this that reach a sample say too little of it.
 const ENOUGH_RAYS: u32 = 4;
 
+const DEPTH_RUN_GAP: u16 = 2;
+
 /// A surface that the centre sees edge-on leaves its bins before it crosses the pixel: its share is of that part, but at
 /// least of this.
 const LEAST_REACHABLE: f64 = 0.05;
@@ -66,7 +68,9 @@ impl Coverage<'_> {
                     true => (f64::from(ends[i]) + 0.5) / f64::from(reaching),
                     false => self.filled_share(x, y, spans[i]),
                 };
-                let share = (share / self.reachable(x, y, &samples[i], spans[i])).min(1.0);
+                let edge_on = self.is_in_depth_run(spans, i);
+                let share = share / if edge_on { self.reachable(x, y, &samples[i], spans[i]) } else { 1.0 };
+                let share = share.min(1.0);
                 alphas[i] = (share * 255.0).round() as u8;
             }
             reaching -= ends[i];
@@ -114,6 +118,14 @@ impl Coverage<'_> {
     /// Least and largest inverse depth of a span.
     fn ends(&self, [first, last]: BinSpan) -> [f64; 2] {
         [f64::from(first), f64::from(last) + 1.0].map(|position| self.bins.inverse_depth(position))
+    }
+
+    /// True if sample `i` is one of three or more that follow each other in depth without a gap.
+    fn is_in_depth_run(&self, spans: &[BinSpan], i: usize) -> bool {
+        let follows = |far: &BinSpan, near: &BinSpan| near[0].saturating_sub(far[1]) <= DEPTH_RUN_GAP;
+        let before = spans[..=i].windows(2).rev().take_while(|pair| follows(&pair[0], &pair[1])).count();
+        let after = spans[i..].windows(2).take_while(|pair| follows(&pair[0], &pair[1])).count();
+        before + after >= 2
     }
 
     /// Share of the pixel over which the tangent plane of a sample stays within the span.
