@@ -118,7 +118,10 @@ fn a_closed_room_has_no_holes() {
             let (_, stats) = renderer.render(&cube, &camera, &RenderSettings::default());
             let share = stats.hole_pixels as f64 / (96.0 * 96.0);
             assert!(if i == 0 { share == 0.0 } else { share <= HOLE_SHARE }, "{magnification}, {eye}: {share}");
-            assert_eq!(stats.depth_pixels_in, cube.depth_pixel_count() as u64);
+            assert!(
+                stats.depth_pixels_in <= cube.depth_pixel_count() as u64 * 2,
+                "each in at most two bands of 48 rows"
+            );
             assert_eq!(stats.depth_pixels_in, stats.splatted + stats.behind_or_outside);
             assert_eq!(stats.splatted, stats.by_footprint.iter().sum::<u64>());
         }

@@ -7,7 +7,7 @@
 use super::{CaptureInfo, Environment};
 use crate::capture::rig::Face;
 use crate::container::{Container, ContainerWriter, FileError, Kind, Section};
-use crate::packed::{PackedCube, PackedSegment, SegmentSide, SplatIndexLayout};
+use crate::packed::{BlockIndex, PackedCube, PackedSegment, SegmentSide, SplatIndexLayout};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -93,8 +93,9 @@ impl PackedCube {
             segments.push(read_segment(file.section(segment_name(face, segment.near))?, face, segment)?);
         }
         let Header { info, face_size_px, layout, .. } = header;
-        let cube = Self { info, face_size_px, layout, segments, environment };
+        let mut cube = Self { info, face_size_px, layout, segments, environment };
         cube.validate().map_err(|error| info_section.damaged("a consistent cube LDI", error.to_string()))?;
+        cube.segments.iter_mut().for_each(|segment| segment.blocks = BlockIndex::of(segment));
         Ok(cube)
     }
 }
@@ -137,5 +138,6 @@ fn read_segment(mut section: Section, face: Face, header: &SegmentHeader) -> Res
         row_offsets,
         row_counts,
         depth_pixels,
+        blocks: BlockIndex::default(),
     })
 }

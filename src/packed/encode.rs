@@ -1,5 +1,6 @@
 //! From the build-time LDI to the 8-byte render-time one (inventory S17, S22, S23).
 
+use super::blocks::BlockIndex;
 use super::decode::INVERSE_DEPTH_CODE_MAX;
 use super::layout::{PackedCube, PackedDepthPixel, PackedSegment, SegmentSide, SplatIndexLayout};
 use super::splat_index::DepthCodeRange;
@@ -154,7 +155,7 @@ fn pack_segment(
     }
     row_offsets.push(depth_pixels.len() as u32);
     depth_pixels.shrink_to_fit();
-    Some(PackedSegment {
+    let mut segment = PackedSegment {
         face: face.face,
         side,
         x0,
@@ -166,5 +167,8 @@ fn pack_segment(
         row_offsets,
         row_counts,
         depth_pixels,
-    })
+        blocks: BlockIndex::default(),
+    };
+    segment.blocks = BlockIndex::of(&segment);
+    Some(segment)
 }

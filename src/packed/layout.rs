@@ -7,6 +7,7 @@
 //!      0    splat index (11)      inverse depth over the range (20)
 //! ```
 
+use super::blocks::BlockIndex;
 use crate::capture::rig::Face;
 use crate::ldi::{CaptureInfo, Environment};
 
@@ -74,6 +75,8 @@ pub struct PackedSegment {
     pub row_counts: Vec<u32>,
     /// Rows from top to bottom, pixels from left to right, farthest first inside a pixel.
     pub depth_pixels: Vec<PackedDepthPixel>,
+    /// Made from the rest, for clipping.
+    pub blocks: BlockIndex,
 }
 
 /// A packed cube LDI: what a `.ldi` file holds and what the renderer draws.

@@ -15,6 +15,17 @@ pub(crate) struct LinearLight {
 
 const LINEAR_MAX: u16 = 4095;
 
+/// 2^32 / total, rounded up.
+static RECIPROCALS: [u64; 256] = {
+    let mut reciprocals = [0; 256];
+    let mut total = 1;
+    while total < reciprocals.len() {
+        reciprocals[total] = (1u64 << 32).div_ceil(total as u64);
+        total += 1;
+    }
+    reciprocals
+};
+
 static TABLES: LazyLock<LinearLight> = LazyLock::new(|| LinearLight {
     linear: std::array::from_fn(|c| (linear_from_srgb8(c as u8) * f32::from(LINEAR_MAX) + 0.5) as u16),
     srgb: Box::new(std::array::from_fn(|v| srgb8_from_linear(v as f32 / f32::from(LINEAR_MAX)))),
@@ -26,18 +37,22 @@ impl LinearLight {
         &TABLES
     }
 
-    /// The mean of two colours with integer weights, whose sum is positive.
+    /// The mean of two colours with integer weights, whose sum is 1 to 255.
     #[inline(always)]
     pub(crate) fn mix(&self, [a, b]: [[u8; 3]; 2], [of_a, of_b]: [u32; 2]) -> [u8; 3] {
         let total = (of_a + of_b).max(1);
+        let reciprocal = RECIPROCALS[(total as usize).min(RECIPROCALS.len() - 1)];
         let linear = |c: u8| u32::from(self.linear[usize::from(c)]);
-        [0, 1, 2].map(|i| {
-            let mean = (linear(a[i]) * of_a + linear(b[i]) * of_b + total / 2) / total;
-            self.srgb[mean as usize & usize::from(LINEAR_MAX)]
-        })
+        let mean = |a: u8, b: u8| {
+            let sum = u64::from(linear(a) * of_a + linear(b) * of_b + total / 2);
+            // sum / total: exact, as sum is below 2^21, the reciprocal too large by less than 1, and total at most 256.
+            self.srgb[((sum * reciprocal) >> 32) as usize & usize::from(LINEAR_MAX)]
+        };
+        [mean(a[0], b[0]), mean(a[1], b[1]), mean(a[2], b[2])]
     }
 
     /// A straight colour over another, each with the share of 255 that it covers.
+    #[inline(always)]
     pub(crate) fn over(&self, front: [u8; 4], behind: [u8; 4]) -> [u8; 4] {
         let share = u32::from(front[3]);
         let rest = ((255 - share) * u32::from(behind[3]) + 127) / 255;

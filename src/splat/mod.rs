@@ -11,7 +11,9 @@ pub(crate) mod over;
 pub(crate) mod size;
 pub(crate) mod surface;
 
+use fearless_simd::Level;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Which footprints are drawn.
 ///
@@ -119,13 +121,13 @@ impl Footprint {
 
 /// What splats are drawn on.
 pub(crate) trait Canvas {
-    /// Makes it empty and `width` by `height` pixels, keeping the memory it has.
-    fn clear(&mut self, width: u32, height: u32);
+    /// Makes it empty, for these rows of a frame that is `width` pixels wide, keeping the memory it has.
+    fn clear(&mut self, width: u32, rows: Range<u32>);
 
-    /// Draws splats, in their order.
-    fn draw(&mut self, splats: &Splats);
+    /// Draws splats, in their order, with the instructions of a SIMD level.
+    fn draw(&mut self, splats: &Splats, level: Level);
 
-    /// Colour of a pixel and the share of it, of 255, that splats cover; 0 if none touched it.
+    /// Colour of a pixel, counted from its first row on, and the share of it, of 255, that splats cover; 0 if none touched it.
     fn pixel(&self, index: usize) -> ([u8; 3], u8);
 }
 
@@ -138,12 +140,12 @@ fn over(front: [u8; 4], behind: [u8; 4]) -> [u8; 4] {
     [mix(0), mix(1), mix(2), (share + rest) as u8]
 }
 
-/// The pixels from `position - radius` to `position + radius` whose centres lie inside, clipped to `0..size`.
+/// The pixels from `position - radius` to `position + radius` whose centres lie inside, clipped to `bounds`.
 #[inline(always)]
-fn covered(position: f32, radius: f32, size: u32) -> std::ops::Range<u32> {
+fn covered(position: f32, radius: f32, bounds: &Range<u32>) -> Range<u32> {
     let start = ceil_to_u32(position - radius - 0.5);
     let end = ceil_to_u32(position + radius - 0.5);
-    start.min(size)..end.min(size)
+    start.clamp(bounds.start, bounds.end)..end.clamp(bounds.start, bounds.end)
 }
 
 /// `v.ceil() as u32` (negative and NaN: 0) without the call into libm that `ceil` is on processors before SSE4.1.

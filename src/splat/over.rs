@@ -1,6 +1,8 @@
 //! Each splat over what is there, in 8-bit integers (inventory S21, C12).
 
 use super::{Canvas, Splats, covered, over};
+use fearless_simd::{Level, dispatch};
+use std::ops::Range;
 
 /// An image in which every splat is blended over the ones before it.
 ///
@@ -9,7 +11,8 @@ use super::{Canvas, Splats, covered, over};
 #[derive(Default)]
 pub(crate) struct OverCanvas {
     width: u32,
-    height: u32,
+    /// Rows of the frame that it holds.
+    rows: Range<u32>,
     color: Vec<[u8; 4]>,
     /// False for rectangles of alpha 1, true for the paper's kernels.
     pub(crate) soft: bool,
@@ -33,14 +36,9 @@ fn blend_by_shift(d: u8, s: u8, shift: u8) -> u8 {
     if s >= d { d + step } else { d - step }
 }
 
-impl Canvas for OverCanvas {
-    fn clear(&mut self, width: u32, height: u32) {
-        (self.width, self.height) = (width, height);
-        self.color.clear();
-        self.color.resize(width as usize * height as usize, [0; 4]);
-    }
-
-    fn draw(&mut self, splats: &Splats) {
+impl OverCanvas {
+    #[inline(always)]
+    fn draw_all(&mut self, splats: &Splats) {
         for i in 0..splats.len {
             let footprint = splats.footprint[i];
             let [r, g, b, alpha] = splats.color[i];
@@ -51,10 +49,10 @@ impl Canvas for OverCanvas {
                 false => (splats.x[i], splats.y[i]),
             };
             let shifts = &SHIFTS[if self.soft { footprint.class() } else { 0 }];
-            let columns = covered(x, footprint.radius_x, self.width);
-            for py in covered(y, footprint.radius_y, self.height) {
+            let columns = covered(x, footprint.radius_x, &(0..self.width));
+            for py in covered(y, footprint.radius_y, &self.rows) {
                 let row_shifts = &shifts[((py as f32 + 0.5 - y).abs() as usize).min(3)];
-                let start = py as usize * self.width as usize;
+                let start = (py - self.rows.start) as usize * self.width as usize;
                 let row = &mut self.color[start + columns.start as usize..start + columns.end as usize];
                 for (px, pixel) in columns.clone().zip(row) {
                     let shift = row_shifts[((px as f32 + 0.5 - x).abs() as usize).min(3)];
@@ -66,6 +64,22 @@ impl Canvas for OverCanvas {
                 }
             }
         }
+    }
+}
+
+impl Canvas for OverCanvas {
+    fn clear(&mut self, width: u32, rows: Range<u32>) {
+        self.width = width;
+        self.rows = rows;
+        self.color.clear();
+        self.color.resize(width as usize * self.rows.len(), [0; 4]);
+    }
+
+    fn draw(&mut self, splats: &Splats, level: Level) {
+        dispatch!(level, simd => {
+            let _ = simd; // the code is plain; the level decides what it is compiled to
+            self.draw_all(splats);
+        });
     }
 
     fn pixel(&self, index: usize) -> ([u8; 3], u8) {

@@ -1,26 +1,36 @@
 //! How large the footprint of a sample is in the frame.
 
-use super::Footprint;
 use crate::capture::Camera;
 use crate::packed::splat_index::{DEPTH_CODE_COUNT, SPLAT_INDEX_COUNT};
 use crate::packed::{PackedSegment, SplatIndexLayout};
 use crate::warp::transfer::Transfer;
-use glam::Vec3;
+use fearless_simd::{Simd, f32x16, prelude::*, u32x16};
+use glam::{DVec3, Vec3};
 
-/// A sample in the frame, as far as its size depends on it.
-pub(crate) struct Sample {
+/// Samples that are warped at a time.
+pub(crate) const LANES: usize = 16;
+
+/// Samples in the frame, as far as their sizes depend on it.
+pub(crate) struct Lanes<S: Simd> {
     /// (X w, Y w, w) from the principal point; see [`Transfer`].
-    pub(crate) homogeneous: Vec3,
+    pub(crate) homogeneous: [f32x16<S>; 3],
     /// 1 / w.
-    pub(crate) reciprocal_w: f32,
+    pub(crate) reciprocal_w: f32x16<S>,
     /// Inverse depth in the LDI, 1/m.
-    pub(crate) inverse_depth: f32,
-    /// Position on the face, px.
-    pub(crate) x: f32,
-    /// Position on the face, px.
+    pub(crate) inverse_depth: f32x16<S>,
+    /// Column on the face, px.
+    pub(crate) x: f32x16<S>,
+    /// Row on the face, px, the same for all.
     pub(crate) y: f32,
     /// The 11 bits.
-    pub(crate) splat_index: u32,
+    pub(crate) splat_index: u32x16<S>,
+}
+
+/// The footprints of lanes, as [`super::Footprint`].
+pub(crate) struct FootprintLanes<S: Simd> {
+    pub(crate) radius_x: f32x16<S>,
+    pub(crate) radius_y: f32x16<S>,
+    pub(crate) weight: f32x16<S>,
 }
 
 /// A way to know sizes.
@@ -28,8 +38,12 @@ pub(crate) trait Size {
     /// No footprint is larger, px.
     const MAX_RADIUS_PX: f32;
 
-    /// The footprint of a sample.
-    fn footprint(&self, sample: &Sample) -> Footprint;
+    /// A radius, px, that no footprint exceeds whose sample has at most the inverse depth `q` and at least the ratio of
+    /// depths `w`, in a frame of the given size.
+    fn largest_radius_px(&self, transfer: &Transfer, q: f64, w: f64, frame_px: [u32; 2]) -> f64;
+
+    /// The footprints of samples. Those of samples behind the eye may be anything.
+    fn footprints<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> FootprintLanes<S>;
 }
 
 /// The paper's table of 2,048 widths, refilled for every segment of every frame (S20, corrected: C10).
@@ -81,16 +95,23 @@ impl PaperSize {
 impl Size for PaperSize {
     const MAX_RADIUS_PX: f32 = 3.5;
 
+    fn largest_radius_px(&self, _: &Transfer, _: f64, _: f64, _: [u32; 2]) -> f64 {
+        f64::from(Self::MAX_RADIUS_PX)
+    }
+
     /// Squares of 1, 3, 5 or 7 pixels: the smallest that is at least as wide as the sample. (With the thresholds 2, 4, 6
     /// of C10, rounding to the nearest, 20 % of the pixels of the test bed's room stay empty.)
     #[inline(always)]
-    fn footprint(&self, sample: &Sample) -> Footprint {
-        let mut width = self.widths[sample.splat_index as usize % SPLAT_INDEX_COUNT] * sample.reciprocal_w;
+    fn footprints<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> FootprintLanes<S> {
+        let index = lanes.splat_index.to_array();
+        let width: [f32; LANES] = std::array::from_fn(|i| self.widths[index[i] as usize % SPLAT_INDEX_COUNT]);
+        let mut width = f32x16::load_array(simd, width) * lanes.reciprocal_w;
         if self.layout == SplatIndexLayout::Paper {
-            width *= sample.inverse_depth;
+            width *= lanes.inverse_depth;
         }
-        let radius = ((width - 1.0) * 0.5).ceil().clamp(0.0, 3.0) + 0.5;
-        Footprint { radius_x: radius, radius_y: radius, weight: 1.0 }
+        let splat = |v: f32| f32x16::splat(simd, v);
+        let radius = ((width - 1.0) * 0.5).ceil().max_precise(splat(0.0)).min_precise(splat(3.0)) + 0.5;
+        FootprintLanes { radius_x: radius, radius_y: radius, weight: splat(1.0) }
     }
 }
 
@@ -103,38 +124,36 @@ impl Size for PaperSize {
 ///
 /// On the test bed this gained up to 1.5 dB over `w^-3/2 f2/f1` (no normals), and 8 dB over the angles of
 /// [`PaperSize`], which say nothing of a floor seen through a side face (both cosines are 0).
-pub(crate) struct TangentSize {
-    /// n . ray(x, y) = plane.x * x + plane.y * y + plane.z
-    planes: Box<[Vec3; SPLAT_INDEX_COUNT]>,
+pub(crate) struct TangentSize<'a> {
+    table: &'a TangentTable,
     x_step: Vec3,
     y_step: Vec3,
     per_inverse_depth: Vec3,
+}
+
+/// What [`TangentSize`] knows before it knows the view.
+pub(crate) struct TangentTable {
+    /// n . ray(x, y) = plane.x * x + plane.y * y + plane.z
+    planes: Box<[Vec3; SPLAT_INDEX_COUNT]>,
     max_slope: f32,
     scale: f32,
     min_radius_px: f32,
 }
 
-impl TangentSize {
+impl Default for TangentTable {
+    fn default() -> Self {
+        Self { planes: Box::new([Vec3::ZERO; SPLAT_INDEX_COUNT]), max_slope: 0.0, scale: 1.0, min_radius_px: 0.0 }
+    }
+}
+
+impl TangentTable {
     /// Relative change of inverse depth over one face pixel, times half of the face's size, at most. It is the tangent
     /// of the angle to the surface's normal; beyond it (76 degrees) the quantised normal says little, and a capture
     /// resolves the slope into several samples a pixel. 1 to 16 were tried: 4 is best in the room, 1 to 2 by 0.2 dB
     /// among leaves.
     const MAX_SLOPE: f32 = 4.0;
 
-    pub(crate) fn new() -> Self {
-        Self {
-            planes: Box::new([Vec3::ZERO; SPLAT_INDEX_COUNT]),
-            x_step: Vec3::ZERO,
-            y_step: Vec3::ZERO,
-            per_inverse_depth: Vec3::ZERO,
-            max_slope: 0.0,
-            scale: 1.0,
-            min_radius_px: 0.0,
-        }
-    }
-
-    /// Fills the table of planes: once for each LDI. Radii are the spacing of the samples times `scale`, at least
-    /// `min_radius_px`.
+    /// Fills the table of planes. Radii are the spacing of the samples times `scale`, at least `min_radius_px`.
     pub(crate) fn refill(&mut self, layout: SplatIndexLayout, face_px: u32, scale: f32, min_radius_px: f32) {
         let step = 2.0 / face_px as f32;
         for (i, plane) in self.planes.iter_mut().enumerate() {
@@ -144,34 +163,70 @@ impl TangentSize {
         self.max_slope = Self::MAX_SLOPE * step;
         (self.scale, self.min_radius_px) = (scale, min_radius_px);
     }
+}
 
-    /// Prepares for the samples of one segment.
-    pub(crate) fn set_transfer(&mut self, transfer: &Transfer) {
-        self.x_step = transfer.x_step.as_vec3();
-        self.y_step = transfer.y_step.as_vec3();
-        self.per_inverse_depth = transfer.inverse_depth.as_vec3();
+impl<'a> TangentSize<'a> {
+    /// For the samples of one segment.
+    pub(crate) fn new(table: &'a TangentTable, transfer: &Transfer) -> Self {
+        Self {
+            table,
+            x_step: transfer.x_step.as_vec3(),
+            y_step: transfer.y_step.as_vec3(),
+            per_inverse_depth: transfer.inverse_depth.as_vec3(),
+        }
     }
 }
 
-impl Size for TangentSize {
+impl Size for TangentSize<'_> {
     const MAX_RADIUS_PX: f32 = 32.0;
 
+    /// From the largest of each term of [`Self::footprints`]; the slopes are clamped, and positions lie in the frame or at
+    /// most a radius outside.
+    fn largest_radius_px(&self, transfer: &Transfer, q: f64, w: f64, frame_px: [u32; 2]) -> f64 {
+        let most = f64::from(Self::MAX_RADIUS_PX);
+        if w <= 0.0 {
+            return most;
+        }
+        let slope = transfer.inverse_depth.abs() * (q * f64::from(self.table.max_slope));
+        let [along_x, along_y] = [transfer.x_step, transfer.y_step].map(|step| step.abs() + slope);
+        let radius = |axis: usize| {
+            let reach = f64::from(frame_px[axis]) / 2.0 + most;
+            let along = |step: DVec3| (step[axis] + reach * step.z) / w;
+            along(along_x).hypot(along(along_y)) * f64::from(self.table.scale)
+        };
+        // A hair more than f32 can round up to.
+        (radius(0).max(radius(1)) * (1.0 + 1e-5)).max(f64::from(self.table.min_radius_px)).min(most)
+    }
+
     #[inline(always)]
-    fn footprint(&self, sample: &Sample) -> Footprint {
-        let plane = self.planes[sample.splat_index as usize % SPLAT_INDEX_COUNT];
-        let reciprocal = 1.0 / (plane.x * sample.x + plane.y * sample.y + plane.z);
-        // `min` and `max` also turn the NaN of 0 / 0 into a number.
-        let slope = |s: f32| (s * reciprocal).min(self.max_slope).max(-self.max_slope);
-        let along_x = self.x_step + self.per_inverse_depth * (sample.inverse_depth * slope(plane.x));
-        let along_y = self.y_step + self.per_inverse_depth * (sample.inverse_depth * slope(plane.y));
-        let w = sample.reciprocal_w;
-        let (x, y) = (sample.homogeneous.x * w, sample.homogeneous.y * w);
-        let (xx, xy) = ((along_x.x - x * along_x.z) * w, (along_y.x - x * along_y.z) * w);
-        let (yx, yy) = ((along_x.y - y * along_x.z) * w, (along_y.y - y * along_y.z) * w);
-        let radius =
-            |a: f32, b: f32| ((a * a + b * b).sqrt() * self.scale).max(self.min_radius_px).min(Self::MAX_RADIUS_PX);
+    fn footprints<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> FootprintLanes<S> {
+        let splat = |v: f32| f32x16::splat(simd, v);
+        let index = lanes.splat_index.to_array();
+        let (mut xs, mut ys, mut zs) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        for i in 0..LANES {
+            let plane = self.table.planes[index[i] as usize % SPLAT_INDEX_COUNT];
+            (xs[i], ys[i], zs[i]) = (plane.x, plane.y, plane.z);
+        }
+        let (plane_x, plane_y) = (f32x16::load_array(simd, xs), f32x16::load_array(simd, ys));
+        let plane_z = f32x16::load_array(simd, zs);
+        let reciprocal = splat(1.0) / (plane_x * lanes.x + plane_y * lanes.y + plane_z);
+        let (least, most) = (splat(-self.table.max_slope), splat(self.table.max_slope));
+        // The precise forms also turn the NaN of 0 / 0 into a number.
+        let slope = |s: f32x16<S>| (s * reciprocal).min_precise(most).max_precise(least) * lanes.inverse_depth;
+        let (slope_x, slope_y) = (slope(plane_x), slope(plane_y));
+        let p = self.per_inverse_depth;
+        let (dx, dy) = (self.x_step, self.y_step);
+        let along_x = [slope_x * p.x + dx.x, slope_x * p.y + dx.y, slope_x * p.z + dx.z];
+        let along_y = [slope_y * p.x + dy.x, slope_y * p.y + dy.y, slope_y * p.z + dy.z];
+        let w = lanes.reciprocal_w;
+        let (x, y) = (lanes.homogeneous[0] * w, lanes.homogeneous[1] * w);
+        let (xx, xy) = ((along_x[0] - x * along_x[2]) * w, (along_y[0] - x * along_y[2]) * w);
+        let (yx, yy) = ((along_x[1] - y * along_x[2]) * w, (along_y[1] - y * along_y[2]) * w);
+        let (scale, least, most) = (self.table.scale, splat(self.table.min_radius_px), splat(Self::MAX_RADIUS_PX));
+        let radius = |a: f32x16<S>, b: f32x16<S>| ((a * a + b * b).sqrt() * scale).max_precise(least).min_precise(most);
         let (radius_x, radius_y) = (radius(xx, xy), radius(yx, yy));
         let area = (xx * yy - xy * yx).abs();
-        Footprint { radius_x, radius_y, weight: (area / (radius_x * radius_y)).min(1.0) }
+        let weight = (area / (radius_x * radius_y)).min_precise(splat(1.0));
+        FootprintLanes { radius_x, radius_y, weight }
     }
 }

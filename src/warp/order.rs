@@ -142,8 +142,8 @@ pub(crate) fn segment_order(segments: &[PackedSegment], eye_from_centre: DVec3, 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::packed::PackedDepthPixel;
-    use crate::warp::traverse::{Batch, traverse};
+    use crate::packed::{BlockIndex, PackedDepthPixel};
+    use crate::warp::traverse::{Batch, Part, traverse};
     use glam::dvec3;
 
     const SIZE: u32 = 12;
@@ -176,6 +176,7 @@ mod tests {
             row_offsets: (0..=SIZE).map(|y| y * SIZE).collect(),
             row_counts: (0..SIZE).flat_map(|_| 0..=SIZE).collect(),
             depth_pixels: vec![PackedDepthPixel { geometry: 0, color_srgb: [0; 4] }; (SIZE * SIZE) as usize],
+            blocks: BlockIndex::default(),
         }
     }
 
@@ -186,7 +187,9 @@ mod tests {
         segment_order(segments, eye, &mut order);
         for i in order {
             let eye = EyeInFace::new(eye, segments[i].face, SIZE);
-            traverse(&segments[i], SIZE, &eye, &mut Batch::new(), &mut |batch| {
+            let (visible, [columns, rows]) = ([true; 4], Part::whole(&segments[i], SIZE));
+            let part = Part { segment: &segments[i], columns, rows, visible: &visible };
+            traverse(&part, &eye, eye.layer_order(&segments[i]), &mut Batch::new(), &mut |batch| {
                 for k in 0..batch.len {
                     let x = batch.anchor_column + u32::from(batch.columns[k]);
                     let rank = &mut ranks[i][(batch.row * SIZE + x) as usize];
@@ -287,7 +290,9 @@ mod tests {
                 let in_face = EyeInFace::new(eye, Face::NegZ, SIZE);
                 seen.push(in_face.layer_order(&segment));
                 let mut before: Option<(u32, u8, f64)> = None;
-                traverse(&segment, SIZE, &in_face, &mut Batch::new(), &mut |batch| {
+                let (visible, [columns, rows]) = ([true; 4], Part::whole(&segment, SIZE));
+                let part = Part { segment: &segment, columns, rows, visible: &visible };
+                traverse(&part, &in_face, in_face.layer_order(&segment), &mut Batch::new(), &mut |batch| {
                     for k in 0..batch.len {
                         let x = f64::from(batch.anchor_column) + f64::from(batch.columns[k]) + 0.5;
                         let depth = 1.0 / segment.inverse_depth(batch.depth_pixels[k].inverse_depth_code());

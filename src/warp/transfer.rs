@@ -59,8 +59,7 @@ impl Transfer {
     }
 }
 
-/// The incremental warp near one anchor. Every level of SIMD evaluates [`RowTransfer::apply`] in this order of
-/// operations, without fused multiply-adds, so that all give the same bits.
+/// The incremental warp near one anchor. It is evaluated as `(anchor + k * step) + code * per_code`, without fused multiply-adds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct RowTransfer {
     /// Homogeneous position of the anchor's pixel centre at the segment's smallest inverse depth.
@@ -71,9 +70,9 @@ pub(crate) struct RowTransfer {
     pub(crate) per_code: Vec3,
 }
 
+#[cfg(test)]
 impl RowTransfer {
-    /// Homogeneous position of the depth pixel `k` columns from the anchor.
-    #[inline(always)]
+    /// Homogeneous position of the depth pixel `k` columns from the anchor: what [`super::kernel`] computes.
     pub(crate) fn apply(&self, k: f32, code: f32) -> Vec3 {
         (self.anchor + self.step * k) + self.per_code * code
     }
@@ -82,8 +81,8 @@ impl RowTransfer {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::packed::blocks::BLOCK_COLUMNS;
     use crate::packed::decode::INVERSE_DEPTH_CODE_MAX;
-    use crate::warp::traverse::BLOCK_COLUMNS;
 
     /// f32 keeps 24 bits. The three sums of [`RowTransfer::apply`] act on homogeneous coordinates of at most about
     /// twice the frame's half width (4096 px here) at w near 1, so each rounds by 2^-24 * 4096 = 2.4e-4 px; the stored

@@ -3,11 +3,9 @@
 //! Kernels (scalar, SIMD, any splat) take the batches; none of them needs to know of order, offsets or layers.
 
 use super::order::{EyeInFace, LayerOrder, Run};
+use crate::packed::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
 use crate::packed::{PackedDepthPixel, PackedSegment};
 use std::ops::Range;
-
-/// Columns between two anchors of the incremental warp; blocks start at multiples of it.
-pub(crate) const BLOCK_COLUMNS: u32 = 64;
 
 /// Depth pixels of a full batch.
 pub(crate) const BATCH_CAPACITY: usize = 256;
@@ -32,6 +30,17 @@ impl Batch {
         Self { row: 0, anchor_column: 0, len: 0, columns: [0; BATCH_CAPACITY], depth_pixels: [nothing; BATCH_CAPACITY] }
     }
 
+    /// Fills the empty batch with the samples of neighbouring pixels, in their order in memory. `counts`: running counts of
+    /// the pixels from `column` on.
+    fn extend(&mut self, column: u8, counts: &[u32], samples: &[PackedDepthPixel]) {
+        self.depth_pixels[..samples.len()].copy_from_slice(samples);
+        for (column, ends) in (column..).zip(counts.windows(2)) {
+            let [start, end] = [ends[0], ends[1]].map(|end| (end - counts[0]) as usize);
+            self.columns.get_mut(start..end).into_iter().flatten().for_each(|c| *c = column);
+        }
+        self.len = samples.len();
+    }
+
     /// Appends a depth pixel; a full batch is drawn first.
     #[inline(always)]
     fn push(&mut self, column: u8, depth_pixel: PackedDepthPixel, draw: &mut impl FnMut(&Self)) {
@@ -45,47 +54,68 @@ impl Batch {
     }
 }
 
-/// Passes all depth pixels of a segment to `draw`, in drawing order. Parts of the rectangle outside the face, and rows
-/// whose tables point nowhere, are left out.
+/// The part of a segment that is traversed: a rectangle of the face, without the blocks that clipping found hidden.
+pub(crate) struct Part<'a> {
+    pub(crate) segment: &'a PackedSegment,
+    pub(crate) columns: Range<u32>,
+    pub(crate) rows: Range<u32>,
+    /// Of each block that the rectangle touches, row-major.
+    pub(crate) visible: &'a [bool],
+}
+
+impl<'a> Part<'a> {
+    /// Columns and rows of a whole segment, as far as they lie on the face.
+    pub(crate) fn whole(segment: &PackedSegment, size_px: u32) -> [Range<u32>; 2] {
+        let clip = |start: u32, length: u32| start.min(size_px)..start.saturating_add(length).min(size_px);
+        [clip(segment.x0, segment.width), clip(segment.y0, segment.height)]
+    }
+
+    /// Number of blocks that a rectangle touches.
+    pub(crate) fn block_count([columns, rows]: &[Range<u32>; 2]) -> usize {
+        let blocks = |range: &Range<u32>, length: u32| (range.end.div_ceil(length) - range.start / length) as usize;
+        blocks(columns, BLOCK_COLUMNS) * blocks(rows, BLOCK_ROWS)
+    }
+
+    /// Of a row of blocks, those from the rectangle's first on.
+    fn visible_in(&self, row: u32) -> &'a [bool] {
+        let first = |range: &Range<u32>, length: u32| range.start / length;
+        let blocks = self.columns.end.div_ceil(BLOCK_COLUMNS) - first(&self.columns, BLOCK_COLUMNS);
+        let start = (row / BLOCK_ROWS - first(&self.rows, BLOCK_ROWS)) * blocks;
+        self.visible.get(start as usize..(start + blocks) as usize).unwrap_or(&[])
+    }
+}
+
+/// Passes the depth pixels of a part to `draw`, in drawing order. Rows whose tables point nowhere are left out.
 pub(crate) fn traverse(
-    segment: &PackedSegment,
-    size_px: u32,
+    part: &Part,
     eye: &EyeInFace,
+    layers: LayerOrder,
     batch: &mut Batch,
     draw: &mut impl FnMut(&Batch),
 ) {
-    let clip = |start: u32, length: u32| start.min(size_px)..start.saturating_add(length).min(size_px);
-    let layers = eye.layer_order(segment);
-    let columns = eye.column_runs(clip(segment.x0, segment.width));
-    for row_run in eye.row_runs(clip(segment.y0, segment.height)) {
+    let segment = part.segment;
+    let columns = eye.column_runs(part.columns.clone());
+    let first_block = part.columns.start / BLOCK_COLUMNS;
+    for row_run in eye.row_runs(part.rows.clone()) {
         for_each(&row_run, |row| {
+            let visible = part.visible_in(row);
             let (samples, counts) = segment.row(row - segment.y0);
-            if samples.is_empty() {
+            if samples.is_empty() || !visible.contains(&true) {
                 return;
             }
             for run in &columns {
                 for_each_block(run, |run| {
-                    batch.row = row;
-                    batch.anchor_column = run.range.start - run.range.start % BLOCK_COLUMNS;
-                    batch.len = 0;
+                    let block = run.range.start / BLOCK_COLUMNS;
                     let first = (run.range.start - segment.x0) as usize;
                     let counts = &counts[first..=first + run.range.len()];
-                    if counts[0] == counts[run.range.len()] {
+                    let hidden = !visible.get((block - first_block) as usize).is_some_and(|visible| *visible);
+                    if hidden || counts[0] == counts[run.range.len()] {
                         return;
                     }
-                    for_each(&run, |x| {
-                        let i = (x - run.range.start) as usize;
-                        let Some(pixel) = samples.get(counts[i] as usize..counts[i + 1] as usize) else { return };
-                        let column = (x - batch.anchor_column) as u8;
-                        match layers {
-                            LayerOrder::FarthestFirst => pixel.iter().for_each(|p| batch.push(column, *p, draw)),
-                            LayerOrder::NearestFirst => pixel.iter().rev().for_each(|p| batch.push(column, *p, draw)),
-                            LayerOrder::PerPixel => {
-                                let foot = eye.foot_on_ray(f64::from(x) + 0.5, f64::from(row) + 0.5);
-                                from_both_ends(segment, pixel, foot, |p| batch.push(column, *p, draw));
-                            }
-                        }
-                    });
+                    batch.row = row;
+                    batch.anchor_column = block * BLOCK_COLUMNS;
+                    batch.len = 0;
+                    gather(segment, eye, layers, samples, counts, &run, batch, draw);
                     if batch.len > 0 {
                         draw(batch);
                     }
@@ -93,6 +123,39 @@ pub(crate) fn traverse(
             }
         });
     }
+}
+
+/// Fills a batch with the samples of a run of pixels in one block, in drawing order.
+#[expect(clippy::too_many_arguments, reason = "the inner loop of the traversal, apart only to be read")]
+#[inline(always)]
+fn gather(
+    segment: &PackedSegment,
+    eye: &EyeInFace,
+    layers: LayerOrder,
+    samples: &[PackedDepthPixel],
+    counts: &[u32],
+    run: &Run,
+    batch: &mut Batch,
+    draw: &mut impl FnMut(&Batch),
+) {
+    let all = samples.get(counts[0] as usize..counts[run.range.len()] as usize).unwrap_or(&[]);
+    if layers == LayerOrder::FarthestFirst && !run.descending && all.len() <= BATCH_CAPACITY {
+        batch.extend((run.range.start - batch.anchor_column) as u8, counts, all);
+        return;
+    }
+    for_each(run, |x| {
+        let i = (x - run.range.start) as usize;
+        let Some(pixel) = samples.get(counts[i] as usize..counts[i + 1] as usize) else { return };
+        let column = (x - batch.anchor_column) as u8;
+        match layers {
+            LayerOrder::FarthestFirst => pixel.iter().for_each(|p| batch.push(column, *p, draw)),
+            LayerOrder::NearestFirst => pixel.iter().rev().for_each(|p| batch.push(column, *p, draw)),
+            LayerOrder::PerPixel => {
+                let foot = eye.foot_on_ray(f64::from(x) + 0.5, f64::from(batch.row) + 0.5);
+                from_both_ends(segment, pixel, foot, |p| batch.push(column, *p, draw));
+            }
+        }
+    });
 }
 
 /// The samples of one pixel by descending distance from the foot of the eye on the pixel's ray (C9). Both ends of the

@@ -1,0 +1,174 @@
+//! One band of a frame, drawn by one thread from its first splat to its last pixel.
+
+use super::clip::{self, Band, BlockClip};
+use super::kernel::SegmentWarp;
+use super::traverse::{self, Batch, Part};
+use super::{FramePlan, FrameStats, SegmentPlan};
+use crate::capture::Camera;
+use crate::frame::Coverage;
+use crate::ldi::Environment;
+use crate::packed::{PackedCube, PackedSegment};
+use crate::splat::linear::LinearLight;
+use crate::splat::over::OverCanvas;
+use crate::splat::size::{Size, TangentSize};
+use crate::splat::surface::SurfaceCanvas;
+use crate::splat::{Canvas, SplatKernel, Splats};
+use std::time::Instant;
+
+/// The buffers of a thread.
+pub(super) struct Worker {
+    pub(super) stats: FrameStats,
+    strokes: Strokes,
+    over: OverCanvas,
+    surfaces: SurfaceCanvas,
+}
+
+/// What lies between the LDI and a canvas.
+struct Strokes {
+    batch: Box<Batch>,
+    splats: Box<Splats>,
+    visible: Vec<bool>,
+}
+
+impl Default for Worker {
+    fn default() -> Self {
+        let strokes = Strokes { batch: Box::new(Batch::new()), splats: Box::new(Splats::new()), visible: Vec::new() };
+        Self { stats: FrameStats::default(), strokes, over: OverCanvas::default(), surfaces: SurfaceCanvas::default() }
+    }
+}
+
+impl Worker {
+    /// Draws a band on its pixels, which hold the hole colour.
+    pub(super) fn draw(
+        &mut self,
+        plan: &FramePlan,
+        cube: &PackedCube,
+        camera: &Camera,
+        band: &Band,
+        pixels: (&mut [[u8; 4]], &mut [Coverage]),
+    ) {
+        let Self { stats, strokes, over, surfaces } = self;
+        let mut pass = Pass { plan, cube, camera, band, stats, strokes };
+        match plan.kernel {
+            SplatKernel::Tent => {
+                (surfaces.tolerance, surfaces.bin) = (plan.tolerance, plan.bin);
+                pass.draw(surfaces, pixels);
+            }
+            SplatKernel::Opaque | SplatKernel::Paper => {
+                over.soft = plan.kernel == SplatKernel::Paper;
+                pass.draw(over, pixels);
+            }
+        }
+    }
+}
+
+/// One band on its way to a canvas.
+struct Pass<'a> {
+    plan: &'a FramePlan,
+    cube: &'a PackedCube,
+    camera: &'a Camera,
+    band: &'a Band,
+    stats: &'a mut FrameStats,
+    strokes: &'a mut Strokes,
+}
+
+impl Pass<'_> {
+    fn draw(&mut self, canvas: &mut impl Canvas, pixels: (&mut [[u8; 4]], &mut [Coverage])) {
+        let started = Instant::now();
+        canvas.clear(self.band.width, self.band.rows.clone());
+        let cleared = Instant::now();
+        for (i, of_frame) in self.plan.segments.iter().enumerate() {
+            let segment = &self.cube.segments[of_frame.index];
+            match self.plan.paper_sizes.get(i).filter(|_| self.plan.kernel == SplatKernel::Paper) {
+                Some(size) => self.draw_segment(of_frame, segment, size, canvas),
+                None => {
+                    let size = TangentSize::new(&self.plan.tangent_table, &of_frame.transfer);
+                    self.draw_segment(of_frame, segment, &size, canvas);
+                }
+            }
+        }
+        let drawn = Instant::now();
+        self.stats.hole_pixels += finish(canvas, &self.cube.environment, self.camera, self.band, pixels);
+        self.stats.clear_ms += (cleared - started).as_secs_f64() * 1e3;
+        self.stats.warp_ms += (drawn - cleared).as_secs_f64() * 1e3;
+        self.stats.finish_ms += drawn.elapsed().as_secs_f64() * 1e3;
+    }
+
+    fn draw_segment<S: Size>(
+        &mut self,
+        of_frame: &SegmentPlan,
+        segment: &PackedSegment,
+        size: &S,
+        canvas: &mut impl Canvas,
+    ) {
+        let (band, face_px, transfer) = (self.band, self.plan.face_px, &of_frame.transfer);
+        let Strokes { batch, splats, visible } = &mut *self.strokes;
+        let whole = Part::whole(segment, face_px);
+        let rectangle = match self.plan.unclipped {
+            true => Some(whole),
+            false => clip::rectangle(transfer, segment, band, f64::from(S::MAX_RADIUS_PX))
+                .map(|found| [0, 1].map(|i| found[i].start.min(whole[i].end)..found[i].end.min(whole[i].end))),
+        };
+        let Some(rectangle) = rectangle else { return };
+        if self.plan.unclipped {
+            visible.clear();
+            visible.resize(Part::block_count(&rectangle), true);
+        } else {
+            BlockClip { transfer, segment, band, face_px }.blocks(&rectangle, size, visible);
+        }
+        let [columns, rows] = rectangle;
+        let part = Part { segment, columns, rows, visible };
+        let warp = SegmentWarp::new(transfer, segment, band, self.plan.level);
+        let (stats, level) = (&mut *self.stats, self.plan.level);
+        traverse::traverse(&part, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
+            warp.warp(batch, size, splats);
+            canvas.draw(splats, level);
+            stats.depth_pixels_in += batch.len as u64;
+            stats.splatted += splats.len as u64;
+            stats.behind_or_outside += (batch.len - splats.len) as u64;
+            for footprint in &splats.footprint[..splats.len] {
+                stats.by_footprint[footprint.class()] += 1;
+            }
+        });
+    }
+}
+
+/// Writes a canvas to the band's pixels, over the environment where it shows, and returns how many are holes.
+fn finish(
+    canvas: &impl Canvas,
+    environment: &Environment,
+    camera: &Camera,
+    band: &Band,
+    (colors, coverages): (&mut [[u8; 4]], &mut [Coverage]),
+) -> u64 {
+    let light = LinearLight::tables();
+    let rows = colors.chunks_mut(band.width as usize).zip(coverages.chunks_mut(band.width as usize));
+    let mut holes = 0;
+    for ((y, first), (colors, coverages)) in band.rows.clone().zip((0..).step_by(band.width as usize)).zip(rows) {
+        let start = camera.direction(0.5, f64::from(y) + 0.5);
+        let step = camera.direction(1.5, f64::from(y) + 0.5) - start;
+        for (x, (color, coverage)) in colors.iter_mut().zip(coverages).enumerate() {
+            let ([r, g, b], share) = canvas.pixel(first + x);
+            if share == 255 {
+                (*color, *coverage) = ([r, g, b, 255], Coverage::FULL);
+                continue;
+            }
+            let seen = environment.sample((start + step * x as f64).as_vec3());
+            let (rgb, found) = match (seen, share) {
+                (None, 0) => {
+                    holes += 1;
+                    continue;
+                }
+                (None, _) => ([r, g, b], Coverage::of_splats(share)),
+                (Some(seen), 0) => (seen, Coverage::ENVIRONMENT),
+                (Some(seen), _) => {
+                    let shares = [u32::from(share), u32::from(255 - share)];
+                    (light.mix([[r, g, b], seen], shares), Coverage::of_splats(share))
+                }
+            };
+            let [r, g, b] = rgb;
+            (*color, *coverage) = ([r, g, b, 255], found);
+        }
+    }
+    holes
+}

@@ -1,0 +1,113 @@
+//! The warp of a batch, sixteen depth pixels at a time: unpack, transfer, cull, size (inventory S18, S20, C8).
+//!
+//! One code for every SIMD level, down to plain scalars: IEEE operations in a fixed order, without fused multiply-adds and
+//! approximate reciprocals, so that all levels give the same bits.
+
+use super::clip::{Band, W_NEAR};
+use super::transfer::{RowTransfer, Transfer};
+use super::traverse::{BATCH_CAPACITY, Batch};
+use crate::packed::{INVERSE_DEPTH_CODE_MAX, PackedSegment};
+use crate::splat::Splats;
+use crate::splat::size::{LANES, Lanes, Size};
+use fearless_simd::{Level, Simd, SimdCvtFloat, dispatch, f32x16, prelude::*, u32x16};
+
+/// What the warp of one segment needs.
+pub(crate) struct SegmentWarp<'a> {
+    transfer: &'a Transfer,
+    inverse_depth_min: f64,
+    inverse_depth_step: f64,
+    /// Frame size in px.
+    frame: [f32; 2],
+    /// First row of the band, and the row after its last.
+    rows: [f32; 2],
+    level: Level,
+}
+
+impl<'a> SegmentWarp<'a> {
+    pub(crate) fn new(transfer: &'a Transfer, segment: &PackedSegment, band: &Band, level: Level) -> Self {
+        Self {
+            transfer,
+            inverse_depth_min: f64::from(segment.inverse_depth_min),
+            inverse_depth_step: segment.inverse_depth_step(),
+            frame: [band.width as f32, band.height as f32],
+            rows: [band.rows.start as f32, band.rows.end as f32],
+            level,
+        }
+    }
+
+    /// Warps a batch; depth pixels behind the eye or whose footprint misses the band are left out of `splats`.
+    pub(crate) fn warp(&self, batch: &Batch, size: &impl Size, splats: &mut Splats) {
+        dispatch!(self.level, simd => self.warp_at(simd, batch, size, splats));
+    }
+
+    #[inline(always)]
+    fn warp_at<S: Simd>(&self, simd: S, batch: &Batch, size: &impl Size, splats: &mut Splats) {
+        let row =
+            self.transfer.anchored(batch.anchor_column, batch.row, self.inverse_depth_min, self.inverse_depth_step);
+        splats.len = 0;
+        for start in (0..batch.len.min(BATCH_CAPACITY)).step_by(LANES) {
+            self.warp_lanes(simd, &row, batch, start, size, splats);
+        }
+    }
+
+    /// Warps the depth pixels from `start` on, as many as there are lanes (a batch has room for whole lanes).
+    #[inline(always)]
+    fn warp_lanes<S: Simd>(
+        &self,
+        simd: S,
+        row: &RowTransfer,
+        batch: &Batch,
+        start: usize,
+        size: &impl Size,
+        splats: &mut Splats,
+    ) {
+        let splat = |v: f32| f32x16::splat(simd, v);
+        let geometry: [u32; LANES] = std::array::from_fn(|i| batch.depth_pixels[start + i].geometry);
+        let columns: [f32; LANES] = std::array::from_fn(|i| f32::from(batch.columns[start + i]));
+        let geometry = u32x16::load_array(simd, geometry);
+        let code = f32x16::float_from(geometry & INVERSE_DEPTH_CODE_MAX);
+        let k = f32x16::load_array(simd, columns);
+
+        // As `RowTransfer::apply`.
+        let hx = (k * row.step.x + row.anchor.x) + code * row.per_code.x;
+        let hy = (k * row.step.y + row.anchor.y) + code * row.per_code.y;
+        let hz = (k * row.step.z + row.anchor.z) + code * row.per_code.z;
+        // All comparisons are false for NaN, which is outside.
+        let in_front = hz.simd_ge(splat(W_NEAR));
+        let reciprocal_w = splat(1.0) / hz;
+        let inverse_depth = code * self.inverse_depth_step as f32 + self.inverse_depth_min as f32;
+        let lanes = Lanes {
+            homogeneous: [hx, hy, hz],
+            reciprocal_w,
+            inverse_depth,
+            x: k + (batch.anchor_column as f32 + 0.5),
+            y: batch.row as f32 + 0.5,
+            splat_index: geometry >> 20,
+        };
+        let [width, height] = self.frame;
+        let px = hx * reciprocal_w + width * 0.5;
+        let py = hy * reciprocal_w + height * 0.5;
+        let footprints = size.footprints(simd, &lanes);
+        let (rx, ry) = (footprints.radius_x, footprints.radius_y);
+        let touches = (px + rx).simd_gt(splat(0.0))
+            & (px - rx).simd_lt(splat(width))
+            & (py + ry).simd_gt(splat(self.rows[0]))
+            & (py - ry).simd_lt(splat(self.rows[1]));
+        let there = (1u64 << (batch.len - start).min(LANES)) - 1;
+        let mut shown = (in_front & touches).to_bitmask() & there;
+        // Not `[...].map(to_array)`, which the compiler does not inline.
+        let (px, py, q) = (px.to_array(), py.to_array(), (inverse_depth * reciprocal_w).to_array());
+        let (rx, ry, weight) = (rx.to_array(), ry.to_array(), footprints.weight.to_array());
+        while shown != 0 {
+            let i = shown.trailing_zeros() as usize % LANES;
+            shown &= shown - 1;
+            let n = splats.len;
+            splats.x[n] = px[i];
+            splats.y[n] = py[i];
+            splats.inverse_depth[n] = q[i];
+            splats.footprint[n] = crate::splat::Footprint { radius_x: rx[i], radius_y: ry[i], weight: weight[i] };
+            splats.color[n] = batch.depth_pixels[start + i].color_srgb;
+            splats.len += 1;
+        }
+    }
+}

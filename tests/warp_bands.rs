@@ -1,0 +1,108 @@
+//! Bands, threads and clipping change no bit of a frame: every setting against one band with nothing clipped.
+
+mod common;
+
+use common::bed::{Random, leaves, room};
+use common::capture::quick;
+use fearless_simd::Level;
+use glam::{DVec3, dvec3};
+use headbox::capture::Camera;
+use headbox::frame::Frame;
+use headbox::packed::{PackedCube, SplatIndexLayout, Split};
+use headbox::splat::SplatKernel;
+use headbox::warp::{RenderSettings, Renderer};
+
+/// Eyes at the centre, on lines that put an epipole into a pixel, on a corner, far away and at infinity (inventory part
+/// 8, items 1 and 3), on a face and a corner of the headbox, and anywhere inside and around it.
+fn eyes() -> Vec<DVec3> {
+    let mut random = Random(11);
+    let cell = 2.0 / 48.0;
+    let mut eyes = vec![
+        DVec3::ZERO,
+        dvec3(0.4, 0.0, 0.0),
+        dvec3(0.3, 0.3, 0.0),
+        dvec3(0.3, -0.2, 1e-18),
+        dvec3(2.3 * cell, -1.7 * cell, 1.0) * 0.4,
+        dvec3(cell, cell, -1.0) * 0.4,
+        dvec3(0.5, 0.1, -0.2),
+        DVec3::splat(-0.5),
+    ];
+    eyes.extend((0..8).map(|_| random.in_cube(0.5)));
+    eyes.extend((0..8).map(|_| random.in_cube(3.0)));
+    eyes
+}
+
+fn draw(cube: &PackedCube, camera: &Camera, settings: RenderSettings, threads: usize) -> (Frame, u64) {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+    let mut renderer = Renderer::new();
+    let (frame, stats) = pool.install(|| renderer.render(cube, camera, &settings));
+    (frame.clone(), stats.depth_pixels_in)
+}
+
+#[test]
+fn no_setting_changes_a_bit() {
+    let (mut all, mut clipped) = (0, 0);
+    for scene in [room(6.0), leaves(6.0)] {
+        let ldi = quick(&scene, 80);
+        let mut random = Random(5);
+        for (i, eye) in eyes().into_iter().enumerate() {
+            let layout = [SplatIndexLayout::Normal, SplatIndexLayout::Paper][i % 2];
+            let cube = PackedCube::pack(&ldi, layout, [Split::Auto, Split::None][i / 2 % 2]).expect("packs");
+            let fov = [1.0, 40.0, 90.0, 170.0][i % 4];
+            let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, fov, 97, 61).expect("valid");
+            for kernel in [SplatKernel::Tent, SplatKernel::Opaque, SplatKernel::Paper] {
+                let settings =
+                    |unclipped, band_rows| RenderSettings { kernel, unclipped, band_rows, ..Default::default() };
+                let (expected, warped) = draw(&cube, &camera, settings(true, 61), 1);
+                all += warped;
+                for (unclipped, band_rows, threads) in [(false, 61, 1), (true, 7, 3), (false, 1, 2), (false, 20, 2)] {
+                    let (found, warped) = draw(&cube, &camera, settings(unclipped, band_rows), threads);
+                    assert!(
+                        found == expected,
+                        "eye {eye}, {kernel:?}, {unclipped}, {band_rows} rows, {threads} threads"
+                    );
+                    if band_rows == 61 {
+                        clipped += warped;
+                    }
+                }
+            }
+        }
+    }
+    assert!(clipped * 2 < all, "clipping left {clipped} of {all}");
+}
+
+#[test]
+fn no_simd_level_changes_a_bit() {
+    let best = Level::new();
+    let mut levels = vec![best];
+    #[cfg(target_arch = "x86_64")]
+    {
+        levels.extend(best.as_sse4_2().map(Level::Sse4_2));
+        levels.extend(best.as_avx2().map(Level::Avx2));
+    }
+    let cube = PackedCube::pack(&quick(&leaves(6.0), 80), SplatIndexLayout::Normal, Split::Auto).expect("packs");
+    let mut random = Random(6);
+    for eye in eyes() {
+        let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, 75.0, 97, 61).expect("valid");
+        for kernel in [SplatKernel::Tent, SplatKernel::Opaque, SplatKernel::Paper] {
+            let settings = RenderSettings { kernel, ..RenderSettings::default() };
+            let expected = Renderer::with_level(Level::baseline()).render(&cube, &camera, &settings).0.clone();
+            for level in &levels {
+                let found = Renderer::with_level(*level).render(&cube, &camera, &settings).0.clone();
+                assert!(found == expected, "eye {eye}, {kernel:?}, {level:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn frames_of_every_size_are_drawn() {
+    let cube = PackedCube::pack(&quick(&room(6.0), 32), SplatIndexLayout::Normal, Split::Auto).expect("packs");
+    let mut renderer = Renderer::new();
+    for [width, height] in [[1, 1], [1, 97], [97, 1], [8192, 3], [3, 8192], [47, 49], [640, 48]] {
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, width, height).expect("valid");
+        let (frame, stats) = renderer.render(&cube, &camera, &RenderSettings::default());
+        assert_eq!((frame.width, frame.height, frame.color.len()), (width, height, (width * height) as usize));
+        assert_eq!(stats.hole_pixels, frame.hole_count());
+    }
+}
