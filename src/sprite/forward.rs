@@ -1,9 +1,9 @@
 //! First pass: moving displacements by pure parallax (Eq. 6), d1(x1, y1) to d3(x3, y3) with d3 = d1 / w3 (C5).
 
 use super::field::{Coding, Field};
-use super::sampling::LANE_NUMBERS;
+use super::sampling::{COPIES, LANE_NUMBERS};
 use super::transfer::Transfer;
-use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, prelude::*, u32x16};
+use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, prelude::*, u8x64, u32x4, u32x16};
 use rayon::prelude::*;
 
 /// A surface point whose depth from the target eye is less than this share of its plane's is not drawn: it would be
@@ -139,7 +139,7 @@ fn forward_band<S: Simd>(
         let mut x = 0.5;
         for chunk in &mut chunks {
             let source_cells = u32x16::from_slice(simd, chunk);
-            scatter(move_cells(simd, parallax, source_cells, [x, y as f32 + 0.5], target_rows), cells);
+            scatter(simd, move_cells(simd, parallax, source_cells, [x, y as f32 + 0.5], target_rows), cells);
             x += 16.0;
         }
         let rest = chunks.remainder();
@@ -147,20 +147,37 @@ fn forward_band<S: Simd>(
             let mut padded = [0; 16];
             padded[..rest.len()].copy_from_slice(rest);
             let source_cells = u32x16::load_array(simd, padded);
-            scatter(move_cells(simd, parallax, source_cells, [x, y as f32 + 0.5], target_rows), cells);
+            scatter(simd, move_cells(simd, parallax, source_cells, [x, y as f32 + 0.5], target_rows), cells);
         }
     }
 }
 
 /// Sixteen indices into a band and the cells to put there; an index beyond every band where there is nothing to put.
-type Moved = ([u32; 16], [u32; 16]);
+type Moved<S> = (u32x16<S>, u32x16<S>);
 
-/// The nearer of what is there and what comes.
+/// Places in groups of four neighbours.
+const IN_STEP: [u32; 16] = [0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3];
+
+/// The nearer of what is there and what comes. Where a surface is smooth most groups of four stay neighbours, and go
+/// to memory together.
 #[inline(always)]
-fn scatter((indices, values): Moved, cells: &mut [u32]) {
-    for (&index, &value) in indices.iter().zip(&values) {
-        if let Some(cell) = cells.get_mut(index as usize) {
-            *cell = value.max(*cell);
+fn scatter<S: Simd>(simd: S, (indices, values): Moved<S>, cells: &mut [u32]) {
+    let firsts = indices.swizzle_dyn_within_blocks(u8x64::load_array_ref(simd, &COPIES[0]));
+    let in_step = (indices - firsts).simd_eq(u32x16::load_array_ref(simd, &IN_STEP)).to_bitmask();
+    let (indices, values) = (indices.to_array(), values.to_array());
+    for group in 0..4 {
+        let (indices, values) = (&indices[4 * group..4 * group + 4], &values[4 * group..4 * group + 4]);
+        let first = indices[0] as usize;
+        if in_step >> (4 * group) & 15 == 15
+            && let Some(target) = cells.get_mut(first..first + 4)
+        {
+            u32x4::from_slice(simd, target).max(u32x4::from_slice(simd, values)).store_slice(target);
+            continue;
+        }
+        for (&index, &value) in indices.iter().zip(values) {
+            if let Some(cell) = cells.get_mut(index as usize) {
+                *cell = value.max(*cell);
+            }
         }
     }
 }
@@ -173,7 +190,7 @@ fn move_cells<S: Simd>(
     cells: u32x16<S>,
     position: [f32; 2],
     target_rows: [f32; 2],
-) -> Moved {
+) -> Moved<S> {
     let (d, slope_x, slope_y) = decode(cells, &parallax.source_coding);
     let [ex, ey, ez] = parallax.epipole;
     let x = f32x16::load_array_ref(simd, &LANE_NUMBERS) + position[0];
@@ -208,7 +225,7 @@ fn move_cells<S: Simd>(
     let column = inside.select(column, zero).to_int::<i32x16<S>>();
     let index = inside.select(row * parallax.width as i32 + column, i32x16::splat(simd, -1));
     let packed = encode(&parallax.encoding, cells, inside.select(value, zero), slope_x, slope_y);
-    (index.bitcast::<u32x16<S>>().to_array(), packed.to_array())
+    (index.bitcast::<u32x16<S>>(), packed)
 }
 
 /// [`Coding::displacement`] at the centre, and the slopes.
