@@ -2,7 +2,8 @@
 //! two; full-resolution 8-bit displacement with about 10 px of parallax.
 //!
 //! `cargo bench --bench sprite`. The homography is the one of the comparison with OpenCV's `warpPerspective` (turn by 12
-//! degrees, scale 0.8, some perspective). Compare figures of one run only.
+//! degrees, scale 0.8, some perspective). Compare figures of one run only. At the end the ratios of the paper's comparison
+//! are printed beside the paper's own.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DMat3, DVec3, dvec3};
@@ -12,6 +13,7 @@ use headbox::sprite::{
     SpriteRenderer, SpriteWithDepth, Transfer, Variant,
 };
 use image::{Rgba, RgbaImage};
+use std::time::Instant;
 
 /// Smooth colours, and a hemisphere in the middle that rises from the plane by 1.
 fn sprite(n: u32) -> PreparedSprite {
@@ -66,5 +68,44 @@ fn variants(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, variants);
+/// Median time of a frame by each option, ms: frames in turns, so that what slows the machine slows all.
+fn medians<const N: usize>(n: u32, options: [RenderOptions; N]) -> [f64; N] {
+    const ROUNDS: usize = 101;
+    let (sprite, transfer) = (sprite(n), transfer(f64::from(n)));
+    let (mut renderer, mut frame) = (SpriteRenderer::new(), SpriteFrame::new(n, n));
+    let mut times = [const { Vec::new() }; N];
+    for _ in 0..ROUNDS {
+        for (options, times) in options.iter().zip(&mut times) {
+            let start = Instant::now();
+            renderer.render_transfer(&sprite, &transfer, options, &mut frame);
+            times.push(start.elapsed().as_secs_f64() * 1e3);
+        }
+    }
+    times.map(|mut times: Vec<f64>| {
+        times.sort_by(f64::total_cmp);
+        times[ROUNDS / 2]
+    })
+}
+
+/// Time over the homography's beside that of the paper (frames a second on 256x256: bilinear 30, 21, 16; nearest 47, 24,
+/// 20 for none, crude and two-pass), on one thread.
+fn ratios(_: &mut Criterion) {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("threads");
+    let paper = [(Sampling::Bilinear, [30.0, 21.0, 16.0]), (Sampling::Nearest, [47.0, 24.0, 20.0])];
+    for (n, (sampling, hz)) in [256, 1024].into_iter().flat_map(|n| paper.map(|paper| (n, paper))) {
+        let variants = [Variant::Homography, Variant::OnePass, Variant::TwoPass];
+        let options = variants.map(|variant| RenderOptions { variant, sampling, ..RenderOptions::default() });
+        let ms = pool.install(|| medians(n, options));
+        for (i, variant) in variants.iter().enumerate() {
+            let mpx_per_s = f64::from(n * n) / ms[i] / 1e3;
+            let (own, theirs) = (ms[i] / ms[0], hz[0] / hz[i]);
+            println!(
+                "{n}x{n} {sampling:?} {:<11} {mpx_per_s:>7.0} Mpx/s, {own:.2} times the homography's time (paper: {theirs:.2})",
+                variant.name()
+            );
+        }
+    }
+}
+
+criterion_group!(benches, variants, ratios);
 criterion_main!(benches);

@@ -1,6 +1,6 @@
 //! Figure 3 of Shade et al. rebuilt as a contact sheet, and how far each variant carries: FLIP against truth over the
-//! displacement of the eye. Both are written to the test folder of the target directory (`sprite_figure3.png`,
-//! `sprite_flip.csv`); the order of the variants is asserted.
+//! displacement of the eye, on `builtin:bump` and on a real house. They are written to the test folder of the target
+//! directory (`sprite_figure3.png`, `sprite_range_*.csv` and `.png`); the order of the variants is asserted.
 
 use glam::{DMat3, DVec3, dvec3};
 use headbox::capture::light::Lighting;
@@ -22,14 +22,17 @@ use std::sync::Arc;
 
 const SIZE: u32 = 256;
 
-/// A square of four metres in the plane z = 0 with something on it, checked; what rises is warm, the plane cold.
+/// Half of the plane's edge, metres: all of it is in the picture.
+const HALF: f64 = 1.65;
+
+/// A square in the plane z = 0 with something on it, checked; what rises is warm, the plane cold.
 fn on_plane(height: impl Fn(f64, f64) -> f64) -> Tracer {
     const CELLS: u32 = 256;
     let mut scene = Scene::default();
     for albedo in [[0.80, 0.82, 0.85], [0.20, 0.30, 0.50], [0.95, 0.80, 0.45], [0.75, 0.25, 0.10]] {
         scene.materials.push(Material { albedo, ..Material::default() });
     }
-    let at = |i: u32| f64::from(i) / f64::from(CELLS) * 4.0 - 2.0;
+    let at = |i: u32| (f64::from(i) / f64::from(CELLS) * 2.0 - 1.0) * HALF;
     for j in 0..=CELLS {
         scene.positions.extend((0..=CELLS).map(|i| dvec3(at(i), at(j), height(at(i), at(j)))));
     }
@@ -65,7 +68,13 @@ fn capture(tracer: &Tracer) -> SpriteWithDepth {
 }
 
 fn truth_at(tracer: &Tracer, target: &Camera) -> RgbImage {
-    truth::render(tracer, &Lighting::of_scene(tracer, 0), false, target, 16, &Silent).color
+    let frame = truth::render(tracer, &Lighting::of_scene(tracer, 0), false, target, 16, &Silent);
+    // Before white, as the sprites are drawn.
+    RgbImage::from_fn(target.width(), target.height(), |x, y| {
+        let share = frame.surface_share[(y * target.width() + x) as usize];
+        let mixed = |c: u8| (f32::from(c) * share + 255.0 * (1.0 - share)) as u8;
+        Rgb(frame.color.get_pixel(x, y).0.map(mixed))
+    })
 }
 
 fn draw(sprite: &PreparedSprite, target: &Camera, variant: Variant, fill_steps: u32) -> RgbImage {
@@ -100,8 +109,9 @@ fn pure_parallax(depth: &PreparedSprite, target: &Camera) -> RgbImage {
 
 fn opaque(picture: &RgbaImage) -> RgbImage {
     RgbImage::from_fn(picture.width(), picture.height(), |x, y| {
-        let [r, g, b, _] = picture.get_pixel(x, y).0;
-        Rgb([r, g, b])
+        let [r, g, b, a] = picture.get_pixel(x, y).0;
+        // Before white, as everything here.
+        Rgb([r, g, b].map(|c| ((u32::from(c) * u32::from(a) + 255 * (255 - u32::from(a))) / 255) as u8))
     })
 }
 
@@ -122,8 +132,8 @@ fn figure_3() {
     };
     let (b, flip_b) = rendered(Variant::Homography, 0, "(b) homography only");
     let (c, flip_c) = rendered(Variant::OnePass, 0, "(c) crude parallax, d1");
-    let (d, flip_d) = rendered(Variant::TwoPass, 1, "(d) true parallax, gap filling 1");
-    let (e, flip_e) = rendered(Variant::TwoPass, 3, "(e) gap filling 3");
+    let (d, flip_d) = rendered(Variant::TwoPass, 1, "(d) two passes, filling 1");
+    let (e, flip_e) = rendered(Variant::TwoPass, 3, "(e) two passes, filling 3");
     let (baseline, flip_forward) = rendered(Variant::ForwardColor, 0, "colours mapped forward");
     let (printed, _) = rendered(Variant::AsPrinted, 3, "equations 7, 8 as printed");
     let (shift, _) = rendered(Variant::ShiftField, 3, "2-D displacement field");
@@ -157,31 +167,141 @@ fn figure_3() {
     assert!(flip_e < flip_forward, "{flip_e} {flip_forward}");
 }
 
-#[test]
-fn flip_over_eye_displacement() {
-    let tracer = on_plane(hemisphere);
-    let sprite = PreparedSprite::new(capture(&tracer));
-    let mut csv = String::from("displacement_m");
+/// A mean FLIP that a viewer notices at a glance: what a blurred edge here and there comes to.
+const VISIBLE: f32 = 0.1;
+
+/// Eye displacements of a range chart, in shares of the distance to what is looked at.
+const SHARES: [f64; 8] = [0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5];
+
+/// Captures one sprite as `reference` sees the scene and judges every variant as the eye moves to the right and a little
+/// up, looking at the same point. Writes a table and a chart; returns FLIP by displacement and variant.
+fn range_chart(name: &str, tracer: &Tracer, reference: &Camera, look_at: DVec3) -> Vec<[f32; Variant::ALL.len()]> {
+    let mut lighting = Lighting::of_scene(tracer, 0);
+    lighting.sky = None;
+    let capture = SlabCapture { tracer, lighting: &lighting, lit: false, samples: 16, format: DisplacementFormat::I8 };
+    let sprites = capture_slabs(&capture, reference, &[[0.01, 1e6]], &Silent).expect("captured");
+    let sprite = PreparedSprite::new(sprites.into_iter().next().expect("something is seen"));
+    let distance = (look_at - reference.eye()).length();
+    let [right, up, _] = [0, 1, 2].map(|axis| reference.world_from_eye().col(axis));
+    let mut csv = String::from("displacement_m,parallax_px");
     for variant in Variant::ALL {
         let _ = write!(csv, ",{}", variant.name());
     }
-    csv.push('\n');
-    for step in 0..=6 {
-        let displacement = 0.2 * f64::from(step);
-        let target = camera(dvec3(displacement, 0.3 * displacement, 3.0));
-        let truth = truth_at(&tracer, &target);
-        let flip = |variant| compare(&truth, &draw(&sprite, &target, variant, 3)).expect("sizes agree").flip;
-        let flips = Variant::ALL.map(flip);
-        let _ = write!(csv, "{displacement:.1}");
-        flips.iter().for_each(|flip| {
-            let _ = write!(csv, ",{flip:.4}");
+    let mut rows = Vec::new();
+    for share in SHARES {
+        let moved = share * distance;
+        let eye = reference.eye() + (right + up * 0.3) * moved;
+        let target = Camera::look_at(eye, look_at, DVec3::Y, 60.0, SIZE, SIZE).expect("valid");
+        let truth = truth::render(tracer, &lighting, false, &target, 16, &Silent).color;
+        let mut frame = SpriteFrame::default();
+        let flips = Variant::ALL.map(|variant| {
+            let options = RenderOptions { variant, ..RenderOptions::default() };
+            SpriteRenderer::new().render(&sprite, &target, &options, &mut frame);
+            compare(&truth, &frame.to_rgb([0; 3])).expect("sizes agree").flip as f32
         });
-        csv.push('\n');
-        let [homography, _, two_pass, ..] = flips;
-        assert!(two_pass <= homography + 1e-9, "at {displacement} m: {two_pass} {homography}");
+        let _ = write!(csv, "\n{moved:.3},{:.1}", parallax_px(&sprite, &target));
+        for flip in flips {
+            let _ = write!(csv, ",{flip:.4}");
+        }
+        rows.push(flips);
     }
-    println!("{csv}");
-    std::fs::write(Path::new(env!("CARGO_TARGET_TMPDIR")).join("sprite_flip.csv"), csv).expect("written");
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    std::fs::write(folder.join(format!("sprite_range_{name}.csv")), &csv).expect("written");
+    chart(&rows).save(folder.join(format!("sprite_range_{name}.png"))).expect("written");
+    println!("{name}\n{csv}");
+    for (variant, name) in Variant::ALL.iter().map(|variant| variant.name()).enumerate() {
+        // Beyond what the sprite costs from where it was taken.
+        let hidden = rows.iter().take_while(|flips| flips[variant] < rows[0][variant] + VISIBLE).count();
+        println!("{name}: below {VISIBLE} more than at the start up to {:.2} of the distance", SHARES[hidden - 1]);
+    }
+    rows
+}
+
+/// Largest way that a visible surface point moves against its plane, pixels of the sprite.
+fn parallax_px(sprite: &PreparedSprite, target: &Camera) -> f64 {
+    let sprite = sprite.sprite();
+    let Ok(transfer) = Transfer::new(sprite.sprite(), target) else { return 0.0 };
+    let largest = sprite.displacement().to_f32().iter().fold(0.0f32, |max, d| max.max(d.abs()));
+    transfer.epipole_in_sprite.truncate().length() * f64::from(largest)
+}
+
+/// FLIP from 0 (below) to 0.5 over the displacement: a line per variant, the visible threshold above the start dashed.
+fn chart(rows: &[[f32; Variant::ALL.len()]]) -> RgbImage {
+    const COLORS: [[u8; 3]; Variant::ALL.len()] =
+        [[90; 3], [230, 160, 0], [0, 110, 200], [0, 160, 120], [200, 80, 160], [210, 60, 40], [150, 110, 60]];
+    const SIDES: [u32; 2] = [640, 400];
+    let mut image = RgbImage::from_pixel(SIDES[0], SIDES[1], Rgb([250; 3]));
+    let at = |share: f64, flip: f32| {
+        let x = share / SHARES[SHARES.len() - 1] * f64::from(SIDES[0] - 1);
+        let y = f64::from(SIDES[1] - 1) * (1.0 - f64::from(flip.min(0.5)) / 0.5);
+        [x as i64, y as i64]
+    };
+    let mut dot = |[x, y]: [i64; 2], color: [u8; 3]| {
+        for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+            let (x, y) = ((x + dx) as u32, (y + dy) as u32);
+            if x < SIDES[0] && y < SIDES[1] {
+                image.put_pixel(x, y, Rgb(color));
+            }
+        }
+    };
+    for step in (0..SIDES[0]).filter(|x| x / 8 % 2 == 0) {
+        let [_, y] = at(0.0, rows[0][2] + VISIBLE);
+        dot([i64::from(step), y], [180; 3]);
+    }
+    for (pair, shares) in rows.windows(2).zip(SHARES.windows(2)) {
+        for (variant, color) in COLORS.into_iter().enumerate() {
+            for step in 0..400 {
+                let t = f64::from(step) / 400.0;
+                let flip = pair[0][variant] + (pair[1][variant] - pair[0][variant]) * t as f32;
+                dot(at(shares[0] + (shares[1] - shares[0]) * t, flip), color);
+            }
+        }
+    }
+    image
+}
+
+#[test]
+fn flip_over_eye_displacement_on_bump() {
+    let scene = Arc::new(headbox::scenes::build("bump", 0).expect("built in"));
+    let reference = camera(dvec3(0.0, 0.0, 3.0));
+    let tracer = Tracer::new(scene, reference.eye());
+    let rows = range_chart("bump", &tracer, &reference, DVec3::ZERO);
+    // Beyond, most of what is seen is not in the sprite, and nothing helps.
+    for [homography, one_pass, two_pass, ..] in &rows[1..6] {
+        assert!(two_pass < one_pass && one_pass < homography, "{two_pass} {one_pass} {homography}");
+    }
+}
+
+#[test]
+fn flip_over_eye_displacement_in_a_real_house() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/small_house/small_house.obj");
+    if !path.exists() {
+        println!("skipped: {} is absent", path.display());
+        return;
+    }
+    let scene = Arc::new(headbox::scene_source::SceneSource::new(path.to_string_lossy()).open().expect("loads"));
+    let [low, high] = scene.bounds();
+    let headbox = headbox::capture::viewpoint::suggest_headbox(&Tracer::new(Arc::clone(&scene), (low + high) / 2.0));
+    let tracer = Tracer::new(scene, headbox.centre);
+    // Toward the side with the most room.
+    let sides = [DVec3::X, DVec3::NEG_X, DVec3::Z, DVec3::NEG_Z];
+    let room = |side: DVec3| {
+        let camera = Camera::look_at(headbox.centre, headbox.centre + side, DVec3::Y, 60.0, 1, 1).expect("valid");
+        let ray = headbox::capture::trace::Ray {
+            origin: (camera.eye() - tracer.origin()).as_vec3(),
+            direction: camera.forward().as_vec3(),
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        };
+        tracer.closest(&ray).map_or(0.0, |hit| f64::from(hit.t))
+    };
+    let ahead = sides.into_iter().max_by(|&a, &b| room(a).total_cmp(&room(b))).expect("four sides");
+    let look_at = headbox.centre + ahead * room(ahead);
+    let reference = Camera::look_at(headbox.centre, look_at, DVec3::Y, 60.0, SIZE, SIZE).expect("valid");
+    let rows = range_chart("house", &tracer, &reference, look_at);
+    for [homography, _, two_pass, ..] in &rows[1..4] {
+        assert!(two_pass < homography, "{two_pass} {homography}");
+    }
 }
 
 #[test]

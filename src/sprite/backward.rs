@@ -89,11 +89,12 @@ fn rows<S: Simd, const NEAREST: bool>(simd: S, view: &View, width: usize, first:
                 out.fill(0);
                 continue;
             };
+            let count = out.len().next_multiple_of(LANES);
             match view.parallax {
-                Parallax::None => straight::<S, NEAREST>(simd, &place, &mut footprints),
-                _ => displaced::<S, NEAREST>(simd, view.parallax, &place, &mut found, &mut footprints),
+                Parallax::None => straight::<S, NEAREST>(simd, &place, count, &mut footprints),
+                _ => displaced::<S, NEAREST>(simd, view.parallax, &place, count, &mut found, &mut footprints),
             }
-            sample::<S, NEAREST>(simd, view.texture, &place.texels, &mut footprints, &mut drawn);
+            sample::<S, NEAREST>(simd, view.texture, &place.texels, &mut footprints, count, &mut drawn);
             out.copy_from_slice(&drawn[..out.len()]);
         }
     }
@@ -138,12 +139,14 @@ impl<'a> Block<'a> {
         let y = y as f64 + 0.5;
         let at = |x: f64| h.x_axis * x + (h.y_axis * y + h.z_axis);
         let x = x as f64;
-        let (first, middle, last) = (at(x + 0.5), at(x + 32.0), at(x + 63.5));
+        let length = BLOCK as f64;
+        let (first, middle, last) = (at(x + 0.5), at(x + 0.5 * length), at(x + length - 0.5));
         if first.z <= 0.0 && last.z <= 0.0 {
             return None; // the plane is behind the target eye all along
         }
-        let center = [middle.x / middle.z, middle.y / middle.z];
-        let level = mip_level(view.transfer, middle, center, view.texture.levels.len());
+        let share = 1.0 / middle.z;
+        let center = [middle.x * share, middle.y * share];
+        let level = mip_level(view.transfer, share, center, view.texture.levels.len());
         // Pixels this far outside the picture can still touch its border's texels.
         let rim = f64::from(1u32 << level) + 1.0;
         let (low, high) = bounds(view, cells, rim);
@@ -153,8 +156,9 @@ impl<'a> Block<'a> {
         let anchor = [whole(center[0]), whole(center[1])];
         let normalizer = if middle.z > 0.0 { middle.z } else { first.z.max(last.z) };
         let to_anchor = dvec3(anchor[0], anchor[1], 0.0);
-        let start = (first - to_anchor * first.z) / normalizer;
-        let step = (h.x_axis - to_anchor * h.x_axis.z) / normalizer;
+        let share = if middle.z > 0.0 { share } else { 1.0 / normalizer };
+        let start = (first - to_anchor * first.z) * share;
+        let step = (h.x_axis - to_anchor * h.x_axis.z) * share;
         Some(Self {
             start: start.as_vec3().to_array(),
             step: step.as_vec3().to_array(),
@@ -172,13 +176,13 @@ fn whole(position: f64) -> f64 {
 }
 
 /// The level at which the picture's pixels are about as large as the frame's: both are compared along the frame's rows
-/// and columns at the block's middle, by the homography.
+/// and columns at the block's middle, by the homography; `share` is 1 / w there.
 #[inline(always)]
-fn mip_level(transfer: &Transfer, middle: DVec3, center: [f64; 2], levels: usize) -> usize {
+fn mip_level(transfer: &Transfer, share: f64, center: [f64; 2], levels: usize) -> usize {
     let h = &transfer.sprite_from_target;
     let squared = |column: DVec3| {
         let (x, y) = (column.x - center[0] * column.z, column.y - center[1] * column.z);
-        (x * x + y * y) / (middle.z * middle.z)
+        (x * x + y * y) * (share * share)
     };
     let stretch = squared(h.x_axis).max(squared(h.y_axis));
     // floor(log2(stretch^1/2) + 1/2) = floor(log2(2 stretch) / 2), read off the exponent.
@@ -251,8 +255,8 @@ fn on_plane<S: Simd>(simd: S, place: &Block, first: usize) -> ([f32x16<S>; 2], m
 
 /// Footprints of a block without parallax.
 #[inline(always)]
-fn straight<S: Simd, const NEAREST: bool>(simd: S, place: &Block, footprints: &mut Footprints) {
-    for first in (0..BLOCK).step_by(LANES) {
+fn straight<S: Simd, const NEAREST: bool>(simd: S, place: &Block, count: usize, footprints: &mut Footprints) {
+    for first in (0..count).step_by(LANES) {
         let (position, valid, _) = on_plane(simd, place, first);
         address::<S, NEAREST>(simd, &place.texels, position, valid, first, footprints);
     }
@@ -283,18 +287,19 @@ fn displaced<S: Simd, const NEAREST: bool>(
     simd: S,
     parallax: Parallax,
     place: &Block,
+    count: usize,
     found: &mut Found,
     footprints: &mut Footprints,
 ) {
     let Some(lookup) = &place.lookup else { return };
     let empty = if matches!(parallax, Parallax::Shift(_)) { ShiftField::EMPTY } else { 0 };
-    for first in (0..BLOCK).step_by(LANES) {
+    for first in (0..count).step_by(LANES) {
         find_cells(simd, place, lookup, first, found);
     }
-    for (cell, &index) in found.cell.iter_mut().zip(&found.index) {
+    for (cell, &index) in found.cell[..count].iter_mut().zip(&found.index) {
         *cell = lookup.cells.get(index as usize).copied().unwrap_or(empty);
     }
-    for first in (0..BLOCK).step_by(LANES) {
+    for first in (0..count).step_by(LANES) {
         let cells = u32x16::from_slice(simd, &found.cell[first..first + LANES]);
         let plane = [load(simd, &found.x, first), load(simd, &found.y, first)];
         let offset = [load(simd, &found.dx, first), load(simd, &found.dy, first)];

@@ -34,34 +34,41 @@ pub(super) fn fill(field: &mut Field, steps: u32) {
 
 /// Indices of empty cells in ascending order that have a neighbour to their left, right, above or below which is not.
 fn gaps_next_to_cells(field: &Field) -> Vec<u32> {
-    let (width, height) = (field.width as usize, field.height as usize);
-    let band = |first: usize| {
+    let height = field.height as usize;
+    if rayon::current_num_threads() == 1 {
         let mut gaps = Vec::new();
-        for y in first..(first + BAND_ROWS).min(height) {
-            let row = &field.cells[y * width..(y + 1) * width];
-            let above = if y > 0 { &field.cells[(y - 1) * width..y * width] } else { row };
-            let below = if y + 1 < height { &field.cells[(y + 1) * width..(y + 2) * width] } else { row };
-            for (block, cells) in row.chunks(16).enumerate() {
-                if cells.iter().fold(u32::MAX, |least, &cell| least.min(cell)) != 0 {
-                    continue; // no gap: the usual case, found sixteen cells at a time
-                }
-                let x0 = block * 16;
-                for x in (x0..x0 + cells.len()).filter(|&x| row[x] == 0) {
-                    let beside = row[x.saturating_sub(1)] | row[(x + 1).min(width - 1)];
-                    if above[x] | below[x] | beside != 0 {
-                        gaps.push((y * width + x) as u32);
-                    }
+        gaps_in_rows(field, 0..height, &mut gaps);
+        return gaps;
+    }
+    let bands: Vec<usize> = (0..height).step_by(BAND_ROWS).collect();
+    let gaps_of_band = |first: usize| {
+        let mut gaps = Vec::new();
+        gaps_in_rows(field, first..(first + BAND_ROWS).min(height), &mut gaps);
+        gaps
+    };
+    bands.into_par_iter().map(gaps_of_band).collect::<Vec<_>>().concat()
+}
+
+/// [`gaps_next_to_cells`] in some rows.
+fn gaps_in_rows(field: &Field, rows: std::ops::Range<usize>, gaps: &mut Vec<u32>) {
+    let (width, height) = (field.width as usize, field.height as usize);
+    for y in rows {
+        let row = &field.cells[y * width..(y + 1) * width];
+        let above = if y > 0 { &field.cells[(y - 1) * width..y * width] } else { row };
+        let below = if y + 1 < height { &field.cells[(y + 1) * width..(y + 2) * width] } else { row };
+        for (block, cells) in row.chunks(16).enumerate() {
+            // No gap is the usual case: found sixteen cells at a time, without a branch between them.
+            if !cells.iter().fold(false, |any, &cell| any | (cell == 0)) {
+                continue;
+            }
+            let x0 = block * 16;
+            for x in (x0..x0 + cells.len()).filter(|&x| row[x] == 0) {
+                let beside = row[x.saturating_sub(1)] | row[(x + 1).min(width - 1)];
+                if above[x] | below[x] | beside != 0 {
+                    gaps.push((y * width + x) as u32);
                 }
             }
         }
-        gaps
-    };
-    let bands = (0..height).step_by(BAND_ROWS);
-    if rayon::current_num_threads() == 1 {
-        bands.flat_map(band).collect()
-    } else {
-        let firsts: Vec<usize> = bands.collect();
-        firsts.into_par_iter().map(band).collect::<Vec<_>>().concat()
     }
 }
 

@@ -21,7 +21,7 @@ pub enum Sampling {
 }
 
 /// Pixels that are addressed, fetched and mixed together: enough that fetches are not waited for.
-pub(super) const BLOCK: usize = 64;
+pub(super) const BLOCK: usize = 128;
 /// Pixels that one vector holds.
 pub(super) const LANES: usize = 16;
 
@@ -142,31 +142,33 @@ const BY_CHANNEL: [u8; 64] = in_each_block([0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 
 /// Rows become columns.
 const TRANSPOSED: [u8; 64] = in_each_block([0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15]);
 /// The k-th of four 32-bit numbers, four times.
-const COPIES: [[u8; 64]; 4] = [
+pub(super) const COPIES: [[u8; 64]; 4] = [
     in_each_block([0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3]),
     in_each_block([4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7]),
     in_each_block([8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11]),
     in_each_block([12, 13, 14, 15, 12, 13, 14, 15, 12, 13, 14, 15, 12, 13, 14, 15]),
 ];
 
-/// Fetches and mixes the first `count` pixels of a block (rounded up to whole vectors) into `out`.
+/// Fetches and mixes the first `count` pixels of a block into `out`; `count` is a multiple of [`LANES`].
 #[inline(always)]
 pub(super) fn sample<S: Simd, const NEAREST: bool>(
     simd: S,
     texture: &Texture,
     map: &TexelMap,
     footprints: &mut Footprints,
+    count: usize,
     out: &mut [u32; BLOCK],
 ) {
     let texels = texture.texels.as_slice();
     if NEAREST {
-        for (out, &offset) in out.iter_mut().zip(&footprints.offsets) {
+        for (out, &offset) in out.iter_mut().zip(&footprints.offsets[..count]) {
             *out = texels.get(offset as usize).copied().unwrap_or(0);
         }
         return;
     }
     let stride = map.level.stride as usize;
-    for (offsets, fetched) in footprints.offsets.chunks_exact(LANES).zip(footprints.texels.chunks_exact_mut(LANES)) {
+    let offsets = footprints.offsets[..count].chunks_exact(LANES);
+    for (offsets, fetched) in offsets.zip(footprints.texels.chunks_exact_mut(LANES)) {
         for lane in 0..LANES {
             let offset = offsets[lane] as usize;
             let upper = texels.get(offset..offset + 2);
@@ -176,7 +178,7 @@ pub(super) fn sample<S: Simd, const NEAREST: bool>(
             }
         }
     }
-    for first in (0..BLOCK).step_by(LANES) {
+    for first in (0..count).step_by(LANES) {
         mix(simd, footprints, first, &mut out[first..first + LANES]);
     }
 }
