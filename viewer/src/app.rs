@@ -152,7 +152,10 @@ impl Viewer {
         while let Some(event) = self.session.news() {
             self.learn(&ctx, event, now_s);
         }
-        if let Some(finished) = self.session.latest() {
+        // A pass that is laid out anew is not drawn: a frame taken in each would be lost between them.
+        if ctx.current_pass_index() == 0
+            && let Some(finished) = self.session.latest()
+        {
             self.show_frame(&ctx, finished, now_s);
         }
         self.collect_shots(now_s);
@@ -281,8 +284,8 @@ impl Viewer {
             let render_ms = finished.render_ms;
             self.history.push(FrameTimes { shown_s: now_s, render_ms, latency_ms, stages });
         }
-        if finished.job.number == self.jobs_issued {
-            self.tape.shown();
+        if let Some(index) = finished.job.replayed {
+            self.tape.shown(index);
         }
         self.count_frame(ctx);
         if let Some(old) = self.shown.replace(finished) {
