@@ -2,7 +2,7 @@
 
 use crate::{
     automation::{Automation, Outcome, Progress},
-    camera_file::PathRecord,
+    camera_file,
     history::{FrameTimes, History, add_stages},
     keymap::{self, Command},
     messages::{Kind, Messages},
@@ -241,8 +241,8 @@ impl Viewer {
         self.eye.speed_m_per_s = info.speed_m_per_s;
         self.tape = Tape::new(self.tape.mode);
         if let Some(path) = self.options.path.take() {
-            match PathRecord::read(&path, &info.file_frame) {
-                Ok((path, _)) => {
+            match camera_file::read_path(&path, &info.file_frame) {
+                Ok(path) => {
                     self.tape.path = Some(path);
                     self.commands.push(Command::TogglePlayback);
                 }

@@ -85,7 +85,6 @@ mod worker;
 mod tests;
 
 pub use bounds::EyeBounds;
-pub use camera_file::{CameraFileError, CameraRecord, PathPoseRecord, PathRecord, ViewRecord};
 pub use options::{Exit, Summary, ViewerError, ViewerOptions};
 pub use path::{CameraPath, PathError, TimedPose};
 pub use pose::Pose;

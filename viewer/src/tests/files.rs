@@ -1,7 +1,7 @@
 use super::*;
-use crate::{CameraRecord, Exit, PathRecord, ReplayMode, keymap::Command};
+use crate::{Exit, ReplayMode, camera_file, keymap::Command};
 use egui::Key;
-use headbox_capture::scene::FileFrame;
+use headbox_capture::{path, scene::FileFrame};
 use std::path::{Path, PathBuf};
 
 /// Poses that went through JSON and degrees, metres.
@@ -43,11 +43,9 @@ fn the_camera_is_saved_in_the_words_of_the_command_line() {
     settle(&mut window);
     press(&mut window, Key::K);
     wait(&mut window, "the file", |viewer| viewer.messages.iter().len() == 1);
-    let text = std::fs::read_to_string(dir.path().join("camera-0001.json")).unwrap();
-    let record: CameraRecord = serde_json::from_str(&text).unwrap();
-    assert_eq!(record.size, window.state().wish.as_ref().unwrap().size_px);
-    let pose = record.view.pose(&FileFrame::default()).unwrap();
-    assert!(pose.forward().distance(window.state().eye.pose.forward()) < FILE_TOLERANCE_M);
+    let cameras = path::read(&dir.path().join("camera-0001.json"), &FileFrame::default()).unwrap();
+    assert_eq!([cameras[0].width(), cameras[0].height()], window.state().wish.as_ref().unwrap().size_px);
+    assert!(cameras[0].forward().distance(window.state().eye.pose.forward()) < FILE_TOLERANCE_M);
 }
 
 #[test]
@@ -82,7 +80,7 @@ fn what_was_recorded_is_replayed_and_saved() {
     click(&mut window, "Record");
     click(&mut window, "Save path");
     wait(&mut window, "the file", |viewer| viewer.messages.iter().any(|m| m.text.contains("path-0001.json")));
-    let (path, _) = PathRecord::read(&dir.path().join("path-0001.json"), &FileFrame::default()).unwrap();
+    let path = camera_file::read_path(&dir.path().join("path-0001.json"), &FileFrame::default()).unwrap();
     assert_eq!(path.poses().len(), window.state().tape.path.as_ref().unwrap().poses().len());
 }
 
