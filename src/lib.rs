@@ -22,4 +22,6 @@ pub mod scene_source;
 pub mod splat;
 pub mod sprite;
 pub mod truth;
+#[cfg(feature = "viewer")]
+pub mod view;
 pub mod warp;

@@ -13,6 +13,7 @@ use crate::{
     resolution::ResolutionPolicy,
     session::{Event, Finished, Session, SourceInfo},
     setting::SettingValues,
+    source::Refinement,
     tape::Tape,
     views::Stereo,
 };
@@ -316,7 +317,10 @@ impl Viewer {
         let settled = self.shown.as_ref().is_some_and(|s| s.job.number == self.jobs_issued && !s.job.moving);
         let error = self.messages.iter().find(|m| m.kind == Kind::Error).map(|m| m.text.as_str());
         let path_done = self.path_ended && settled && !self.tape.is_playing();
-        let progress = Progress { frames_shown: self.clock.frames_shown, path_done, error };
+        let done = |shown: &Finished| shown.pictures.iter().all(|p| p.report.refinement == Refinement::Done);
+        let refined = settled && self.shown.as_ref().is_some_and(done);
+        let thumbnails_done = self.start_page.is_pictured();
+        let progress = Progress { frames_shown: self.clock.frames_shown, path_done, refined, thumbnails_done, error };
         if let Some(error) = self.automation.step(ctx, &progress) {
             self.outcome.lock().unwrap_or_else(PoisonError::into_inner).error = Some(error);
         }
