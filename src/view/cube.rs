@@ -1,7 +1,8 @@
 //! A cube LDI in the window, from a file or growing.
 
 use super::growth::{Growth, LitScene};
-use super::overlay::{Judge, Overlay, paint_coverage, paint_holes};
+use super::overlay::{Judge, Overlay, paint_coverage, paint_epipole, paint_holes};
+use super::variation::{FACE_NAMES, Variation, Variations};
 use crate::capture::light::Lighting;
 use crate::capture::rig::Face;
 use crate::capture::scene::{FileFrame, UpAxis};
@@ -24,6 +25,7 @@ use std::time::Duration;
 pub(super) struct CubeSource {
     title: String,
     cube: Arc<PackedCube>,
+    variations: Variations,
     renderer: Renderer,
     judge: Judge,
     growing: Option<Growing>,
@@ -46,7 +48,7 @@ const LOOK_AGAIN: Duration = Duration::from_millis(100);
 impl CubeSource {
     pub(super) fn from_file(cube: PackedCube, file: &Path) -> Self {
         let title = format!("{} (cube LDI)", file.display());
-        Self { title, cube: Arc::new(cube), renderer: Renderer::new(), judge: Judge::default(), growing: None }
+        Self::new(title, Arc::new(cube), None)
     }
 
     /// A scene that is captured while one looks around in it; can be saved in `output_dir`.
@@ -60,7 +62,12 @@ impl CubeSource {
         let title = format!("{} (live capture)", source.name);
         let (growth, scene, cube) = Growth::start(source)?;
         let growing = Some(Growing { growth, scene, file: output_dir.join(stem + ".ldi") });
-        Ok(Self { title, cube, renderer: Renderer::new(), judge: Judge::default(), growing })
+        Ok(Self::new(title, cube, growing))
+    }
+
+    fn new(title: String, cube: Arc<PackedCube>, growing: Option<Growing>) -> Self {
+        let (variations, renderer, judge) = (Variations::default(), Renderer::new(), Judge::default());
+        Self { title, cube, variations, renderer, judge, growing }
     }
 
     /// How to get the scene that the LDI was captured from.
@@ -89,7 +96,7 @@ fn paint(
     match overlay {
         Overlay::Holes => paint_holes(frame, pixels),
         Overlay::Coverage => paint_coverage(frame, pixels),
-        Overlay::None | Overlay::Truth | Overlay::Error => pixels.copy_from_slice(&frame.color),
+        Overlay::None | Overlay::Recolored(_) | Overlay::Truth | Overlay::Error => pixels.copy_from_slice(&frame.color),
     }
     if overlay.needs_truth() && !request.moving {
         return judge.paint(overlay, frame, &request.camera, scene, pixels);
@@ -111,6 +118,14 @@ fn reopen(info: &CaptureInfo) -> Result<LitScene, String> {
 fn render_settings(values: &SettingValues) -> Result<RenderSettings, String> {
     let kernel = SplatKernel::ALL.get(values.choice("kernel")?).map_or(SplatKernel::default(), |&(_, kernel)| kernel);
     Ok(RenderSettings { kernel, ..RenderSettings::default() })
+}
+
+fn variation(values: &SettingValues, overlay: Overlay) -> Result<Variation, String> {
+    let mut faces = [true; 6];
+    for (shown, (id, _)) in faces.iter_mut().zip(FACE_NAMES) {
+        *shown = values.toggle(id)?;
+    }
+    Ok(Variation { faces, near: values.toggle("near")?, far: values.toggle("far")?, meaning: overlay.meaning() })
 }
 
 /// The level direction toward the side of the cube that has the most to show; ahead (-Z) if there is none.
@@ -150,11 +165,24 @@ impl FrameSource for CubeSource {
                 "overlay",
                 "Overlay",
                 "What is painted: the frame; its holes in magenta; the share of each pixel that splats cover (black 0 to \
-                 white 1); the ray-traced truth of this view; the frame's error against it (FLIP, black 0 to yellow 1). \
-                 The last two are refined while the eye rests.",
+                 white 1); the depth pixels coloured by their distance from the centre of the headbox (red near, blue \
+                 far), layer (orange first), face, or near and far segment; the ray-traced truth of this view; the \
+                 frame's error against it (FLIP, black 0 to yellow 1). The last two are refined while the eye rests.",
                 &overlays,
             ),
+            Setting::toggle(
+                "epipole",
+                "Epipole",
+                "Marks where the centre of the headbox projects to: a cross ahead of the eye, a ring behind it.",
+                false,
+            ),
         ];
+        let part = |id, label: &str| {
+            Setting::toggle(id, label, "Draws this part of the LDI; holes show where nothing else is.", true)
+                .folded_under("Parts")
+        };
+        settings.extend(FACE_NAMES.map(|(id, name)| part(id, &format!("Face {name}"))));
+        settings.extend([part("near", "Near segments"), part("far", "Far segments")]);
         if let Some(growing) = &self.growing {
             let tip = format!("Writes the LDI as captured so far to {}.", growing.file.display());
             settings.push(Setting::action(SAVE, "Save as .ldi", &tip).under("Capture"));
@@ -169,6 +197,7 @@ impl FrameSource for CubeSource {
         if let Some(growing) = &self.growing {
             if let Some(newer) = growing.growth.newer_than(&self.cube) {
                 self.cube = newer;
+                self.variations.clear();
             }
             if let Some(failure) = growing.growth.failure() {
                 return Err(failure);
@@ -176,10 +205,14 @@ impl FrameSource for CubeSource {
             growth = Some(growing.growth.stand());
         }
         let scene = self.scene();
-        let (frame, stats) = self.renderer.render(&self.cube, &request.camera, &settings);
-        let (stages, mut figures) = (stages(stats), figures(stats, &self.cube));
+        let cube = self.variations.of(&self.cube, &variation(&request.settings, overlay)?);
+        let (frame, stats) = self.renderer.render(&cube, &request.camera, &settings);
+        let (stages, mut figures) = (stages(stats), figures(stats, &cube));
         let (judged, mut refinement) = paint(&mut self.judge, frame, request, overlay, scene, pixels)?;
         figures.extend(judged);
+        if request.settings.toggle("epipole")? {
+            paint_epipole(&request.camera, cube.info.centre, pixels);
+        }
         if let Some(stand) = growth {
             let [done, all] = stand.rounds;
             figures.push(Figure { name: "rounds captured", value: done as f64, unit: "" });
@@ -215,6 +248,10 @@ fn figures(stats: &FrameStats, cube: &PackedCube) -> Vec<Figure> {
         ("depth pixels", cube.depth_pixel_count() as u64),
         ("of these in the loop", stats.depth_pixels_in),
         ("splatted", stats.splatted),
+        ("of about 1 px", stats.by_footprint[0]),
+        ("of about 3 px", stats.by_footprint[1]),
+        ("of about 5 px", stats.by_footprint[2]),
+        ("of 7 px or more", stats.by_footprint[3]),
         ("hole pixels", stats.hole_pixels),
         ("face size", cube.face_size_px.into()),
     ];

@@ -7,6 +7,7 @@
 //! | `cube` | a cube LDI, from a file or growing; its overlays |
 //! | `growth` | the progressive capture of a scene, in rounds on a thread of low priority |
 //! | `reference` | ray-traced truth of the current view, refined in the background |
+//! | `variation` | the LDI with some of its segments, or recoloured by depth, layer, face, segment |
 //! | `overlay` | what is painted instead of colours |
 //! | `sprite` | a set of sprites with depth |
 //! | `background` | threads that take what others leave of the processor |
@@ -20,5 +21,6 @@ mod reference;
 mod sprite;
 #[cfg(test)]
 mod tests;
+mod variation;
 
 pub use library::{OpenError, SceneLibrary, open};

@@ -2,9 +2,11 @@
 
 use super::growth::LitScene;
 use super::reference::{Reference, Traced};
+use super::variation::Meaning;
 use crate::capture::Camera;
 use crate::frame::{Coverage, Frame};
 use crate::metrics;
+use glam::DVec3;
 use headbox_viewer::{Figure, Refinement};
 use image::RgbImage;
 use std::time::Duration;
@@ -18,6 +20,8 @@ pub(super) enum Overlay {
     Holes,
     /// How much of each pixel splats cover.
     Coverage,
+    /// Colours of another meaning.
+    Recolored(Meaning),
     /// The ray-traced reference.
     Truth,
     /// How far the frame is from it.
@@ -26,13 +30,22 @@ pub(super) enum Overlay {
 
 impl Overlay {
     /// All, with the names under which the panel and scripts know them.
-    pub(super) const ALL: [(&'static str, Self); 5] = [
+    pub(super) const ALL: [(&'static str, Self); 9] = [
         ("none", Self::None),
         ("holes", Self::Holes),
         ("coverage", Self::Coverage),
+        ("depth", Self::Recolored(Meaning::Depth)),
+        ("layer", Self::Recolored(Meaning::Layer)),
+        ("face", Self::Recolored(Meaning::Face)),
+        ("segment", Self::Recolored(Meaning::Segment)),
         ("truth", Self::Truth),
         ("error", Self::Error),
     ];
+
+    /// What the colours of the LDI tell.
+    pub(super) fn meaning(self) -> Meaning {
+        if let Self::Recolored(meaning) = self { meaning } else { Meaning::Captured }
+    }
 
     /// Whether ray-traced truth is needed.
     pub(super) fn needs_truth(self) -> bool {
@@ -60,6 +73,23 @@ pub(super) fn paint_coverage(frame: &Frame, pixels: &mut [[u8; 4]]) {
             Coverage::ENVIRONMENT => [40, 70, 130, OPAQUE],
             _ => [share, share, share, OPAQUE],
         };
+    }
+}
+
+/// Paints the epipole, where the centre of the headbox projects to: a cross if it lies ahead, a ring if behind (then it is
+/// the point seen through the eye from there). Nothing, if the eye is at the centre or moves sideways.
+pub(super) fn paint_epipole(camera: &Camera, centre: DVec3, pixels: &mut [[u8; 4]]) {
+    const RADIUS_PX: i64 = 9;
+    let (ahead, behind) = (camera.project(centre), camera.project(2.0 * camera.eye() - centre));
+    let Some([x, y, _]) = ahead.or(behind) else { return };
+    let (width, height) = (i64::from(camera.width()), i64::from(camera.height()));
+    for (dy, dx) in (-RADIUS_PX..=RADIUS_PX).flat_map(|dy| (-RADIUS_PX..=RADIUS_PX).map(move |dx| (dy, dx))) {
+        let on_ring = (dx * dx + dy * dy - RADIUS_PX * RADIUS_PX).abs() <= RADIUS_PX;
+        let drawn = if ahead.is_some() { dx == 0 || dy == 0 } else { on_ring };
+        let (x, y) = (x as i64 + dx, y as i64 + dy);
+        if drawn && (0..width).contains(&x) && (0..height).contains(&y) {
+            pixels[(y * width + x) as usize] = HOLE_COLOR;
+        }
     }
 }
 
