@@ -77,7 +77,7 @@ show() {
     name=$1
     shift
     echo "window: headbox view $*"
-    timeout 300 "$headbox" view "$@" --window-size 960x600 --out "$out" --screenshot "$out/$name.png" --json >"$out/$name.json"
+    timeout 300 "$headbox" view "$@" --window-size "${size:-960x600}" --out "$out" --screenshot "$out/$name.png" --json >"$out/$name.json"
     tr -d ' \n' <"$out/$name.json"
     echo
     "$not_blank" "$out/$name.png"
@@ -87,7 +87,8 @@ show start_page
 show ldi "$out/interior.ldi" --path "$out/inside.json" --every-pose
 show ldi_stereo "$out/interior.ldi" --path "$out/inside.json" --every-pose --stereo cross --no-panels
 show ldi_compare "$out/interior.ldi" --path "$out/inside.json" --every-pose --compare kernel=paper
-show ldi_error "$out/interior.ldi" --when-refined --set overlay=error
+size=480x300 show ldi_error "$out/interior.ldi" --when-refined --set overlay=error
+show ldi_depth "$out/interior.ldi" --frames 3 --set overlay=depth
 show scene builtin:sprites --frames 3
 if "$headbox" sprite --help >/dev/null 2>&1; then
     "$headbox" sprite builtin:sprites -o "$out/layers.sprite" >"$out/sprite.txt"

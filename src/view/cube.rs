@@ -1,6 +1,7 @@
 //! A cube LDI in the window, from a file or growing.
 
 use super::growth::{Growth, LitScene};
+use super::library::file_name;
 use super::overlay::{Judge, Overlay, paint_coverage, paint_epipole, paint_holes};
 use super::variation::{FACE_NAMES, Variation, Variations};
 use crate::capture::light::Lighting;
@@ -47,7 +48,7 @@ const LOOK_AGAIN: Duration = Duration::from_millis(100);
 
 impl CubeSource {
     pub(super) fn from_file(cube: PackedCube, file: &Path) -> Self {
-        let title = format!("{} (cube LDI)", file.display());
+        let title = format!("{} (cube LDI)", file_name(file));
         Self::new(title, Arc::new(cube), None)
     }
 
@@ -59,7 +60,9 @@ impl CubeSource {
         let stem = source.name.strip_prefix("builtin:").unwrap_or(&source.name);
         let stem =
             Path::new(stem).file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into_owned());
-        let title = format!("{} (live capture)", source.name);
+        let name =
+            if source.name.starts_with("builtin:") { source.name.clone() } else { file_name(Path::new(&source.name)) };
+        let title = format!("{name} (live capture)");
         let (growth, scene, cube) = Growth::start(source)?;
         let growing = Some(Growing { growth, scene, file: output_dir.join(stem + ".ldi") });
         Ok(Self::new(title, cube, growing))

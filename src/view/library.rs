@@ -70,6 +70,11 @@ fn capture(name: &str, output_dir: &Path) -> Result<CubeSource, OpenError> {
     CubeSource::capture(SceneSource::new(name), output_dir).map_err(OpenError::Scene)
 }
 
+/// The name of a file without its folder.
+pub(super) fn file_name(file: &Path) -> String {
+    file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned()
+}
+
 /// The built-in scenes, and every kind of file.
 pub struct SceneLibrary {
     /// Where captures are saved on request.

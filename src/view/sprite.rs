@@ -37,7 +37,7 @@ impl SpriteSource {
         let distance = depths.get(depths.len() / 2).copied().unwrap_or(1.0);
         let pivot = camera.eye() + camera.forward() * distance;
         let start = Pose::looking_at(camera.eye(), pivot, fov_y_deg);
-        let title = format!("{} (sprites)", file.display());
+        let title = format!("{} (sprites)", super::library::file_name(file));
         Some(Self { title, start, pivot, set, renderer: SpriteRenderer::new(), frame: SpriteFrame::default() })
     }
 }
