@@ -77,17 +77,20 @@ show() {
     name=$1
     shift
     echo "window: headbox view $*"
-    timeout 300 "$headbox" view "$@" --window-size "${size:-960x600}" --out "$out" --screenshot "$out/$name.png" --json >"$out/$name.json"
+    timeout 300 "$headbox" view "$@" --window-size "$size" --out "$out" --screenshot "$out/$name.png" --json >"$out/$name.json"
     tr -d ' \n' <"$out/$name.json"
     echo
     "$not_blank" "$out/$name.png"
 }
 
+size=960x600
 show start_page
 show ldi "$out/interior.ldi" --path "$out/inside.json" --every-pose
 show ldi_stereo "$out/interior.ldi" --path "$out/inside.json" --every-pose --stereo cross --no-panels
 show ldi_compare "$out/interior.ldi" --path "$out/inside.json" --every-pose --compare kernel=paper
-size=480x300 show ldi_error "$out/interior.ldi" --when-refined --set overlay=error
+size=480x300 # truth is traced to the end
+show ldi_error "$out/interior.ldi" --when-refined --set overlay=error
+size=960x600
 show ldi_depth "$out/interior.ldi" --frames 3 --set overlay=depth
 show scene builtin:sprites --frames 3
 if "$headbox" sprite --help >/dev/null 2>&1; then

@@ -44,7 +44,7 @@ struct Growing {
 const SAVE: &str = "save";
 
 /// How long a growing capture is left to itself between two looks at it.
-const LOOK_AGAIN: Duration = Duration::from_millis(100);
+const LOOK_AGAIN: Duration = Duration::from_millis(250);
 
 impl CubeSource {
     pub(super) fn from_file(cube: PackedCube, file: &Path) -> Self {
