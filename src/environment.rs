@@ -1,10 +1,26 @@
 //! The surroundings at infinity, looked up by direction.
 
+use crate::capture::light::Lighting;
 use crate::capture::rig::Face;
+use crate::capture::srgb8_from_linear;
 use crate::ldi::Environment;
 use glam::{DVec3, Vec3};
 
 impl Environment {
+    /// The sky's radiance under the exposure of `lighting`, in faces of `size_px` texels; `reached` says by a texel's
+    /// index whether a miss reached it.
+    pub fn of_sky(size_px: u32, lighting: &Lighting, reached: impl Fn(usize) -> bool) -> Self {
+        let per_face = size_px as usize * size_px as usize;
+        let texel = |at: usize| {
+            let (x, y) = ((at % per_face) as u32 % size_px, (at % per_face) as u32 / size_px);
+            let direction = Face::ALL[at / per_face].direction(f64::from(x) + 0.5, f64::from(y) + 0.5, size_px);
+            let radiance = lighting.miss_radiance(direction.normalize().as_vec3());
+            let [r, g, b] = radiance.map(|c| srgb8_from_linear(c * lighting.exposure));
+            [r, g, b, if reached(at) { 255 } else { 0 }]
+        };
+        Self { size_px, texels: (0..6 * per_face).map(texel).collect() }
+    }
+
     /// Bilinear sample of the cube map in a direction (world axes, any length), sRGB. Texels that no miss reached have
     /// no part in it; `None` if that leaves none (or the direction is not finite).
     pub fn sample(&self, direction: Vec3) -> Option<[u8; 3]> {

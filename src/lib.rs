@@ -2,7 +2,8 @@
 //! then shown from anywhere inside a *headbox*, on a CPU, at a frame rate that does not depend on its geometry.
 //!
 //! The stages, in the order in which data flows: [`capture`] (scenes, light, rays) -> [`ldi`] (the build-time cube
-//! LDI) -> [`packed`] (its 8-byte render-time form) -> [`warp`] and [`splat`] (samples to pixels) -> [`metrics`].
+//! LDI) -> [`packed`] (its 8-byte render-time form) -> [`warp`] and [`splat`] (samples to pixels) -> [`metrics`];
+//! beside them [`sprite`], sprites with depth, and [`compose`], both in one frame.
 //! Conventions (axes, pixels, depth, colour) are stated once, in [`capture`].
 
 pub use headbox_capture as capture;
@@ -10,6 +11,7 @@ pub use headbox_capture::path;
 pub use headbox_scenes as scenes;
 
 pub mod cli;
+pub mod compose;
 pub mod container;
 pub mod environment;
 pub mod files;

@@ -193,3 +193,58 @@ fn bad_parts_are_named() {
     );
     assert!(frame.pixels().iter().all(|p| *p == [0; 4]));
 }
+
+#[test]
+fn sprites_and_a_cube_are_composed_back_to_front() {
+    use headbox::compose::{ComposeSettings, Composer, Composition, Layer};
+    use headbox::ldi::build::Sampler;
+    use headbox::ldi::job::{CaptureJob, Resources};
+    use headbox::ldi::merge::MergeRule;
+    use headbox::packed::{PackedCube, SplatIndexLayout, Split};
+    use headbox::scene_source::SceneSource;
+
+    // A captured wall of checks in the plane z = 0, seen from z = 3.
+    let source = SceneSource::new("builtin:bump");
+    let scene = Arc::new(source.open().expect("built in"));
+    let centre = dvec3(0.0, 0.0, 3.0);
+    let tracer = Tracer::new(Arc::clone(&scene), centre);
+    let job = CaptureJob {
+        scene: source,
+        centre,
+        half_size_m: 0.5,
+        face_size_px: 32,
+        sampler: Sampler::Stratified,
+        strata: 6,
+        rays: 4,
+        seed: 0,
+        novelty: CaptureJob::DEFAULT_NOVELTY,
+        merge_rule: MergeRule::Average,
+        bounces: 0,
+        light_samples: 0,
+    };
+    let (ldi, _) = job.run(&tracer, &Lighting::of_scene(&tracer, 0), &Resources::default(), &Silent).expect("captured");
+    let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packed");
+
+    let (before, behind) = (dvec3(1.2, 0.0, 1.8), dvec3(0.0, 0.0, -2.0));
+    let set = SpriteSet::new(vec![
+        card([0, 0, 255, 255], before, DVec3::Z),
+        card([255, 0, 0, 255], behind, DVec3::Z),
+        card([0, 255, 0, 255], dvec3(0.0, 40.0, 0.0), DVec3::Z),
+    ]);
+    let composition = Composition::new(set, vec![cube]);
+    let order = composition.back_to_front(centre);
+    let place = |layer| order.iter().position(|&l| l == layer).expect("every layer is drawn");
+    assert_eq!(order.len(), 4);
+    assert!(place(Layer::Sprite(1)) < place(Layer::Cube(0)), "{order:?}");
+    assert!(place(Layer::Cube(0)) < place(Layer::Sprite(0)), "{order:?}");
+
+    let (mut composer, mut frame) = (Composer::default(), SpriteFrame::default());
+    let mut seen = |eye: DVec3, at: DVec3| {
+        let stats = composition.render(&mut composer, &look(eye, at, 32), &ComposeSettings::default(), &mut frame);
+        assert_eq!(stats.outcomes.len(), 3);
+        frame.pixels()[16 * 32 + 16]
+    };
+    assert_eq!(seen(centre, before), [0, 0, 255, 255], "the blue card hides the wall");
+    let [red, green, blue, alpha] = seen(centre, DVec3::ZERO);
+    assert!(alpha == 255 && red < 255 && green > 0 && blue > 0, "beside it the wall hides the red card");
+}

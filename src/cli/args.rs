@@ -56,6 +56,13 @@ pub(super) enum Unit {
 pub(super) struct SceneArgs {
     /// A scene: an .obj, .gltf or .glb file, or builtin:NAME
     scene: String,
+    #[command(flatten)]
+    frame: FrameArgs,
+}
+
+/// The axes and the unit of a file, where they are not its format's default.
+#[derive(Args)]
+pub(super) struct FrameArgs {
     /// Axis that points up in the file
     #[arg(long)]
     up: Option<Up>,
@@ -66,17 +73,30 @@ pub(super) struct SceneArgs {
 
 impl SceneArgs {
     pub(super) fn source(&self) -> SceneSource {
-        let metres = |unit| match unit {
+        self.frame.source(&self.scene)
+    }
+}
+
+impl FrameArgs {
+    /// The axes and the unit; Y up and metres where nothing is said.
+    pub(super) fn file_frame(&self) -> FileFrame {
+        let up = if matches!(self.up, Some(Up::Z)) { UpAxis::Z } else { UpAxis::Y };
+        FileFrame { up, unit_m: self.unit_m().unwrap_or(1.0) }
+    }
+
+    /// Metres per unit, if said.
+    fn unit_m(&self) -> Option<f64> {
+        self.unit.map(|unit| match unit {
             Unit::M => 1.0,
             Unit::Cm => 0.01,
             Unit::Mm => 0.001,
             Unit::In => 0.0254,
-        };
-        SceneSource {
-            name: self.scene.clone(),
-            z_up: self.up.map(|up| matches!(up, Up::Z)),
-            unit_m: self.unit.map(metres),
-        }
+        })
+    }
+
+    /// A scene in these axes and this unit.
+    pub(super) fn source(&self, scene: &str) -> SceneSource {
+        SceneSource { name: scene.to_owned(), z_up: self.up.map(|up| matches!(up, Up::Z)), unit_m: self.unit_m() }
     }
 }
 
@@ -88,31 +108,63 @@ pub(super) fn frame_of(info: &CaptureInfo) -> FileFrame {
 /// A camera.
 #[derive(Args)]
 pub(super) struct CameraArgs {
-    /// Position of the eye; the centre of the headbox if absent
+    /// Position of the eye; the centre of the headbox, or where sprites were taken from, if absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     eye: Option<DVec3>,
-    /// Point to look at; straight ahead (-Z, or +Y in a file with Z up) if absent
+    /// Point to look at; straight ahead (-Z, or +Y in a file with Z up; for sprites, as they were taken) if absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     look_at: Option<DVec3>,
     /// Direction that points up in the image; the file's up axis if absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     up_vector: Option<DVec3>,
-    /// Vertical field of view, degrees
-    #[arg(long, value_name = "DEG", default_value_t = 60.0)]
-    fov: f64,
-    /// Size of the image, pixels
-    #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = parse_size)]
-    size: (u32, u32),
+    /// Vertical field of view, degrees; 60 if absent
+    #[arg(long, value_name = "DEG")]
+    fov: Option<f64>,
+    /// Size of the image, pixels; 1024x768 if absent
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    pub(super) size: Option<(u32, u32)>,
+}
+
+/// What a camera is where nothing else is said; world metres.
+pub(super) struct DefaultCamera {
+    pub(super) eye: DVec3,
+    /// Viewing direction, any length.
+    pub(super) forward: DVec3,
+    pub(super) fov_y_deg: f64,
+    pub(super) size: (u32, u32),
+}
+
+impl DefaultCamera {
+    /// Straight ahead from an eye.
+    pub(super) fn at(eye: DVec3) -> Self {
+        Self { eye, forward: DVec3::NEG_Z, fov_y_deg: 60.0, size: (1024, 768) }
+    }
+
+    /// Like another camera.
+    pub(super) fn like(camera: &Camera) -> Self {
+        Self {
+            eye: camera.eye(),
+            forward: camera.forward(),
+            fov_y_deg: vertical_fov_deg(camera),
+            size: (camera.width(), camera.height()),
+        }
+    }
+}
+
+/// Vertical field of view, degrees.
+pub(super) fn vertical_fov_deg(camera: &Camera) -> f64 {
+    2.0 * (f64::from(camera.height()) / 2.0 / camera.focal_px()).atan().to_degrees()
 }
 
 impl CameraArgs {
-    /// The camera in the world; `default_eye` is in world metres.
-    pub(super) fn camera(&self, frame: &FileFrame, default_eye: DVec3) -> anyhow::Result<Camera> {
-        let eye = self.eye.map_or(default_eye, |eye| frame.world_from_file(eye));
-        let look_at = self.look_at.map_or(eye - DVec3::Z, |point| frame.world_from_file(point));
+    /// The camera in the world.
+    pub(super) fn camera(&self, frame: &FileFrame, default: &DefaultCamera) -> anyhow::Result<Camera> {
+        let eye = self.eye.map_or(default.eye, |eye| frame.world_from_file(eye));
+        let look_at = self.look_at.map_or(eye + default.forward, |point| frame.world_from_file(point));
         let up = self.up_vector.map_or(DVec3::Y, |up| frame.world_direction_from_file(up));
-        let (width, height) = self.size;
-        let camera = Camera::look_at(eye, look_at, up, self.fov, width, height);
+        let (width, height) = self.size.unwrap_or(default.size);
+        let fov_y_deg = self.fov.unwrap_or(default.fov_y_deg);
+        let camera = Camera::look_at(eye, look_at, up, fov_y_deg, width, height);
         Ok(camera.map_err(|error| UsageError(error.to_string()))?)
     }
 }

@@ -1,6 +1,7 @@
 //! `headbox demo`: the main job, end to end.
 
 use super::capture::place_headbox;
+use super::demo_sprites::print_sprite_rows;
 use super::output::{peak_rss_mb, save_png};
 use super::progress::Bar;
 use super::render::{rgb_image, write_text};
@@ -93,6 +94,10 @@ impl Demo {
         self.save(&rows)?;
         print_table(&rows);
         print_cube_map_row(&tracer, &lighting, &cube, &sizes, &rows)?;
+        let cameras: Vec<Camera> =
+            EYES.iter().map(|(_, offset)| camera(&cube, *offset, &sizes)).collect::<Result<_, _>>()?;
+        let truths: Vec<&RgbImage> = rows.iter().map(|row| &row.truth.color).collect();
+        print_sprite_rows(&self.out, &tracer, &lighting, &cameras, &truths)?;
         self.say_what_next();
         self.open_window();
         Ok(())

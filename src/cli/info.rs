@@ -1,11 +1,13 @@
 //! `headbox info`.
 
+use super::args::vertical_fov_deg;
 use super::output::print_json;
 use crate::capture::scene::{FileFrame, UpAxis};
 use crate::container::Container;
 use crate::ldi::file::CUBE_LDI;
 use crate::ldi::shard::{self, SHARD};
 use crate::packed::{PackedCube, SegmentSide};
+use crate::sprite::{SPRITE_FILE, SpriteSet, SpriteWithDepth};
 use anyhow::{Context, bail};
 use clap::Args;
 use serde_json::json;
@@ -13,7 +15,7 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(super) struct Info {
-    /// A .ldi file or a shard
+    /// A .ldi file, a .sprite file or a shard
     file: PathBuf,
     /// Check every promise of the layout, sample by sample
     #[arg(long)]
@@ -29,6 +31,7 @@ impl Info {
         match kind {
             Some(tag) if tag == CUBE_LDI.tag => self.cube(),
             Some(tag) if tag == SHARD.tag => self.shard(),
+            Some(tag) if tag == SPRITE_FILE.tag => self.sprites(),
             Some(tag) => bail!("{}: unknown kind \"{}\"", self.file.display(), String::from_utf8_lossy(&tag)),
             None => bail!("{}: not a headbox file", self.file.display()),
         }
@@ -82,6 +85,41 @@ impl Info {
         Ok(())
     }
 
+    fn sprites(&self) -> anyhow::Result<()> {
+        // As for cubes: what reading accepts a renderer can rely on.
+        let set = SpriteSet::read(&self.file)?;
+        let bytes = std::fs::metadata(&self.file)?.len();
+        let sprites: Vec<_> = set.sprites().iter().map(|prepared| prepared.sprite()).collect();
+        if self.json {
+            let described: Vec<_> = sprites.iter().map(|sprite| sprite_json(sprite, &set)).collect();
+            print_json(&json!({
+                "kind": SPRITE_FILE.name, "bytes": bytes, "depth_pixels": null, "faces": [], "sprites": described,
+                "environment_size": set.environment.size_px, "capture": set.info, "ok": true,
+            }));
+            return Ok(());
+        }
+        let info = &set.info;
+        println!("{}: {} sprites with depth, {bytes} bytes", self.file.display(), sprites.len());
+        println!("  source      {}", info.source);
+        println!("  world       1 file unit = {} m, {} up in the file", info.unit_m, if info.z_up { "Z" } else { "Y" });
+        for (number, sprite) in sprites.iter().enumerate() {
+            let camera = sprite.sprite().camera();
+            let (columns, rows) = sprite.displacement().size();
+            println!(
+                "  {number}           {}x{} pixels, {columns}x{rows} displacements of format {:?}, plane {:.3} m from the eye, depth {}",
+                camera.width(),
+                camera.height(),
+                sprite.displacement().format(),
+                sprite.sprite().plane().signed_distance(camera.eye()),
+                depth_range(sprite).map_or("unknown".into(), |[near, far]| format!("{near:.3} to {far:.3} m"))
+            );
+        }
+        if self.check {
+            println!("ok: every promise of the layout holds");
+        }
+        Ok(())
+    }
+
     fn shard(&self) -> anyhow::Result<()> {
         let info = shard::read_info(&self.file)?;
         let bytes = std::fs::metadata(&self.file)?.len();
@@ -103,4 +141,37 @@ impl Info {
         }
         Ok(())
     }
+}
+
+/// What there is to know of a sprite; eye, look_at and fov are what an import needs to know of its camera.
+pub(super) fn sprite_json(sprite: &SpriteWithDepth, set: &SpriteSet) -> serde_json::Value {
+    let (camera, plane) = (sprite.sprite().camera(), sprite.sprite().plane());
+    let (columns, rows) = sprite.displacement().size();
+    let in_file = |point: glam::DVec3| set.info.frame().file_from_world(point);
+    json!({
+        "size": [camera.width(), camera.height()], "displacement_size": [columns, rows],
+        "displacement_format": sprite.displacement().format(),
+        "eye": in_file(camera.eye()), "look_at": in_file(camera.eye() + camera.forward()),
+        "up_vector": in_file(camera.world_from_eye().y_axis * set.info.unit_m),
+        "fov": vertical_fov_deg(camera),
+        "plane_normal": plane.normal, "plane_offset_m": plane.offset, "eye_depth_m": depth_range(sprite),
+    })
+}
+
+/// Nearest and farthest eye depth of what can be seen of a sprite, metres.
+fn depth_range(sprite: &SpriteWithDepth) -> Option<[f64; 2]> {
+    let (columns, rows) = sprite.displacement().size();
+    let color = sprite.sprite().color();
+    let visible = |x: u32, y: u32| {
+        let at = |i: u32, count: u32, pixels: u32| {
+            ((2 * u64::from(i) + 1) * u64::from(pixels) / (2 * u64::from(count))) as u32
+        };
+        color.get_pixel(at(x, columns, color.width()), at(y, rows, color.height())).0[3] > 0
+    };
+    let cells = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y)));
+    let depths = cells.filter(|&(x, y)| visible(x, y)).filter_map(|(x, y)| sprite.eye_depth(x, y));
+    depths.fold(None, |range, depth| {
+        let [near, far] = range.unwrap_or([depth, depth]);
+        Some([depth.min(near), depth.max(far)])
+    })
 }

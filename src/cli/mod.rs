@@ -4,12 +4,14 @@ mod args;
 mod capture;
 mod compare;
 mod demo;
+mod demo_sprites;
 mod info;
 mod merge;
 mod output;
 mod progress;
 mod render;
 mod scenes;
+mod sprite;
 mod truth;
 #[cfg(feature = "viewer")]
 mod view;
@@ -38,9 +40,11 @@ enum Command {
     Capture(capture::Capture),
     /// Merge all shards of a capture into a cube LDI
     Merge(merge::Merge),
+    /// Make sprites with depth of a scene, or of a picture and its depth
+    Sprite(Box<sprite::SpriteCommand>),
     /// Show what a file holds; check every promise of its layout
     Info(info::Info),
-    /// Render a frame of a cube LDI, or a frame per pose of a path
+    /// Render a frame of a cube LDI, of sprites or of both, or a frame per pose of a path
     Render(render::Render),
     /// Ray-trace a reference frame of a scene
     Truth(truth::Truth),
@@ -77,6 +81,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Scenes => scenes::run(),
         Command::Capture(command) => command.run(),
         Command::Merge(command) => command.run(),
+        Command::Sprite(command) => command.run(),
         Command::Info(command) => command.run(),
         Command::Render(command) => command.run(),
         Command::Truth(command) => command.run(),

@@ -1,25 +1,30 @@
 //! `headbox render`.
 
 use super::UsageError;
-use super::args::{CameraArgs, frame_of};
+use super::args::{CameraArgs, DefaultCamera, frame_of};
 use super::output::{print_json, save_png};
 use crate::capture::Camera;
+use crate::capture::scene::FileFrame;
+use crate::compose::{ComposeSettings, Composer, Composition};
+use crate::container::Container;
 use crate::frame::Frame;
 use crate::packed::PackedCube;
 use crate::path;
 use crate::splat::SplatKernel;
-use crate::warp::{FrameStats, RenderSettings, Renderer};
-use anyhow::Context;
-use clap::Args;
+use crate::sprite::{RenderOptions, SPRITE_FILE, Sampling, SpriteFrame, SpriteSet, Variant};
+use crate::warp::{RenderSettings, Renderer};
+use anyhow::{Context, bail};
+use clap::{Args, ValueEnum};
 use image::RgbImage;
-use serde_json::json;
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 #[derive(Args)]
 pub(super) struct Render {
-    /// A .ldi file
-    file: PathBuf,
+    /// A .ldi or .sprite file, or several of one world, laid over each other back to front
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
     /// PNG to write, or with --path the folder for frames and times.csv
     #[arg(short, long)]
     output: PathBuf,
@@ -28,9 +33,15 @@ pub(super) struct Render {
     /// Render a frame per pose of this JSON file
     #[arg(long, value_name = "PATH.json")]
     path: Option<PathBuf>,
-    /// How samples become pixels: see the list that a wrong name prints
+    /// How samples become pixels, or how parallax inside sprites is drawn: see the list that a wrong name prints
     #[arg(long, value_name = "NAME")]
     variant: Option<String>,
+    /// How colours of sprites are looked up; bilinear if absent
+    #[arg(long)]
+    sampling: Option<SamplingArg>,
+    /// Pixels by which gaps inside sprites are filled; 3 if absent
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
+    fill_steps: Option<u32>,
     /// Render each frame so many times and report the median
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     repeat: u32,
@@ -39,11 +50,21 @@ pub(super) struct Render {
     json: bool,
 }
 
+#[derive(Clone, Copy, ValueEnum)]
+enum SamplingArg {
+    Nearest,
+    Bilinear,
+}
+
 /// One rendered pose.
 struct Rendered {
-    frame: Frame,
-    stats: FrameStats,
+    image: RgbImage,
     ms: Vec<f64>,
+    stages: Value,
+    statistics: Value,
+    depth_pixels_in: u64,
+    splatted: u64,
+    hole_pixels: u64,
 }
 
 impl Rendered {
@@ -52,63 +73,121 @@ impl Rendered {
         sorted.sort_by(f64::total_cmp);
         sorted[sorted.len() / 2]
     }
+
+    fn hole_fraction(&self) -> f64 {
+        self.hole_pixels as f64 / (f64::from(self.image.width()) * f64::from(self.image.height()))
+    }
+}
+
+/// What the files hold, with all that drawing it needs.
+enum Content {
+    Cube { cube: PackedCube, renderer: Box<Renderer>, settings: RenderSettings },
+    Layers { layers: Composition, composer: Box<Composer>, settings: ComposeSettings, frame: SpriteFrame },
 }
 
 impl Render {
     pub(super) fn run(&self) -> anyhow::Result<()> {
-        let settings = self.settings()?;
-        let cube = PackedCube::read(&self.file)?;
-        let frame = frame_of(&cube.info);
+        let (mut content, frame, default_camera) = self.open()?;
         match &self.path {
-            Some(path) => self.render_path(&cube, &path::read(path, &frame)?, &settings),
-            None => self.render_one(&cube, &self.camera.camera(&frame, cube.info.centre)?, &settings),
+            Some(path) => self.render_path(&mut content, &path::read(path, &frame)?),
+            None => self.render_one(&mut content, &self.camera.camera(&frame, &default_camera)?),
         }
     }
 
-    fn settings(&self) -> anyhow::Result<RenderSettings> {
-        let Some(wanted) = &self.variant else { return Ok(RenderSettings::default()) };
-        let Some(&(_, kernel)) = SplatKernel::ALL.iter().find(|(name, _)| name == wanted) else {
-            let names = SplatKernel::ALL.map(|(name, _)| name).join(", ");
-            return Err(UsageError(format!("there is no variant \"{wanted}\"; there are: {names}")).into());
+    /// Reads the files. Axes, unit and camera are those of the first.
+    fn open(&self) -> anyhow::Result<(Content, FileFrame, DefaultCamera)> {
+        let (mut cubes, mut sprites) = (Vec::new(), None::<SpriteSet>);
+        let mut world = None;
+        for file in &self.files {
+            // What is no file of ours the reader of cubes names best.
+            if Container::peek_kind(file).ok().flatten() == Some(SPRITE_FILE.tag) {
+                let set = SpriteSet::read(file)?;
+                let Some(first) = set.sprites().first() else { bail!("{}: holds no sprites", file.display()) };
+                let camera = DefaultCamera::like(first.sprite().sprite().camera());
+                world.get_or_insert((set.info.frame(), camera));
+                match &mut sprites {
+                    None => sprites = Some(set),
+                    Some(sprites) => sprites.append(set),
+                }
+            } else {
+                let cube = PackedCube::read(file)?;
+                world.get_or_insert((frame_of(&cube.info), DefaultCamera::at(cube.info.centre)));
+                cubes.push(cube);
+            }
+        }
+        let Some((frame, camera)) = world else { bail!("there is no file to render") };
+        let settings = self.settings(!cubes.is_empty(), sprites.is_some())?;
+        let content = match (sprites, cubes.len()) {
+            (None, 1) => {
+                Content::Cube { cube: cubes.remove(0), renderer: Box::new(Renderer::new()), settings: settings.cubes }
+            }
+            (sprites, _) => Content::Layers {
+                layers: Composition::new(sprites.unwrap_or_else(|| SpriteSet::new(Vec::new())), cubes),
+                composer: Box::default(),
+                settings,
+                frame: SpriteFrame::default(),
+            },
         };
-        Ok(RenderSettings { kernel, ..RenderSettings::default() })
+        Ok((content, frame, camera))
     }
 
-    fn render_one(&self, cube: &PackedCube, camera: &Camera, settings: &RenderSettings) -> anyhow::Result<()> {
-        let rendered = self.render(&mut Renderer::new(), cube, camera, settings);
-        save_png(&self.output, &rgb_image(&rendered.frame)?)?;
-        let (stats, ms_median) = (&rendered.stats, rendered.ms_median());
-        let pixels = rendered.frame.color.len() as f64;
+    fn settings(&self, cubes: bool, sprites: bool) -> anyhow::Result<ComposeSettings> {
+        let mut settings = ComposeSettings::default();
+        if !sprites && (self.sampling.is_some() || self.fill_steps.is_some()) {
+            return Err(UsageError("--sampling and --fill-steps are for .sprite files".into()).into());
+        }
+        let RenderOptions { sampling, fill_steps, .. } = settings.sprites;
+        settings.sprites.sampling = match self.sampling {
+            Some(SamplingArg::Nearest) => Sampling::Nearest,
+            Some(SamplingArg::Bilinear) => Sampling::Bilinear,
+            None => sampling,
+        };
+        settings.sprites.fill_steps = self.fill_steps.unwrap_or(fill_steps);
+        let Some(wanted) = &self.variant else { return Ok(settings) };
+        let kernel = SplatKernel::ALL.iter().find(|(name, _)| name == wanted).filter(|_| cubes);
+        match (Variant::from_name(wanted).filter(|_| sprites), kernel) {
+            (Some(variant), _) => settings.sprites.variant = variant,
+            (None, Some(&(_, kernel))) => settings.cubes.kernel = kernel,
+            (None, None) => {
+                let kernels = SplatKernel::ALL.iter().filter(|_| cubes).map(|(name, _)| *name);
+                let variants = Variant::ALL.iter().filter(|_| sprites).map(|variant| variant.name());
+                let names: Vec<&str> = kernels.chain(variants).collect();
+                let message = format!("there is no variant \"{wanted}\"; there are: {}", names.join(", "));
+                return Err(UsageError(message).into());
+            }
+        }
+        Ok(settings)
+    }
+
+    fn render_one(&self, content: &mut Content, camera: &Camera) -> anyhow::Result<()> {
+        let rendered = content.render(camera, self.repeat)?;
+        save_png(&self.output, &rendered.image)?;
+        let ms_median = rendered.ms_median();
         if self.json {
             print_json(&json!({
-                "ms_median": ms_median, "ms": rendered.ms, "stages": {"clear_ms": stats.clear_ms, "warp_ms": stats.warp_ms, "finish_ms": stats.finish_ms},
-                "variant": settings.kernel.name(),
-                "depth_pixels_in": stats.depth_pixels_in, "splatted": stats.splatted, "statistics": stats,
-                "hole_fraction": stats.hole_pixels as f64 / pixels, "threads": rayon::current_num_threads(),
+                "ms_median": ms_median, "ms": rendered.ms, "stages": rendered.stages, "variant": content.variant(),
+                "depth_pixels_in": rendered.depth_pixels_in, "splatted": rendered.splatted,
+                "statistics": rendered.statistics, "hole_fraction": rendered.hole_fraction(),
+                "threads": rayon::current_num_threads(),
             }));
         } else {
-            println!(
-                "{}: {ms_median:.2} ms, {} of {} depth pixels splatted, {:.3} % holes",
-                self.output.display(),
-                stats.splatted,
-                cube.depth_pixel_count(),
-                stats.hole_pixels as f64 / pixels * 100.0
-            );
+            let (file, holes) = (self.output.display(), rendered.hole_fraction() * 100.0);
+            println!("{file}: {ms_median:.2} ms, {}, {holes:.3} % holes", content.summary(&rendered));
         }
         Ok(())
     }
 
-    fn render_path(&self, cube: &PackedCube, cameras: &[Camera], settings: &RenderSettings) -> anyhow::Result<()> {
+    fn render_path(&self, content: &mut Content, cameras: &[Camera]) -> anyhow::Result<()> {
         let folder = &self.output;
         std::fs::create_dir_all(folder).with_context(|| format!("{} could not be made", folder.display()))?;
-        let mut renderer = Renderer::new();
         let mut csv = String::from("pose,ms,depth_pixels_in,splatted,hole_pixels\n");
         let mut times = Vec::with_capacity(cameras.len());
         for (pose, camera) in cameras.iter().enumerate() {
-            let rendered = self.render(&mut renderer, cube, camera, settings);
-            save_png(&folder.join(format!("frame_{pose:04}.png")), &rgb_image(&rendered.frame)?)?;
-            let (ms, stats) = (rendered.ms_median(), &rendered.stats);
-            csv += &format!("{pose},{ms:.4},{},{},{}\n", stats.depth_pixels_in, stats.splatted, stats.hole_pixels);
+            let rendered = content.render(camera, self.repeat)?;
+            save_png(&folder.join(format!("frame_{pose:04}.png")), &rendered.image)?;
+            let ms = rendered.ms_median();
+            let Rendered { depth_pixels_in, splatted, hole_pixels, .. } = rendered;
+            csv += &format!("{pose},{ms:.4},{depth_pixels_in},{splatted},{hole_pixels}\n");
             times.push(ms);
         }
         write_text(&folder.join("times.csv"), &csv)?;
@@ -117,7 +196,7 @@ impl Render {
         let (median, worst) = (sorted[sorted.len() / 2], sorted[sorted.len() - 1]);
         if self.json {
             print_json(&json!({
-                "ms_median": median, "ms": times, "frames": times.len(), "variant": settings.kernel.name(),
+                "ms_median": median, "ms": times, "frames": times.len(), "variant": content.variant(),
                 "threads": rayon::current_num_threads(),
             }));
         } else {
@@ -125,26 +204,97 @@ impl Render {
         }
         Ok(())
     }
+}
 
-    fn render(
-        &self,
-        renderer: &mut Renderer,
-        cube: &PackedCube,
-        camera: &Camera,
-        settings: &RenderSettings,
-    ) -> Rendered {
-        let mut ms = Vec::with_capacity(self.repeat as usize);
-        let mut last = None;
-        for _ in 0..self.repeat {
-            let start = Instant::now();
-            let (frame, stats) = renderer.render(cube, camera, settings);
-            ms.push(start.elapsed().as_secs_f64() * 1e3);
-            if ms.len() == self.repeat as usize {
-                last = Some((frame.clone(), *stats));
+impl Content {
+    /// Renders a pose `repeat` times.
+    fn render(&mut self, camera: &Camera, repeat: u32) -> anyhow::Result<Rendered> {
+        match self {
+            Self::Cube { cube, renderer, settings } => render_cube(renderer, cube, camera, settings, repeat),
+            Self::Layers { layers, composer, settings, frame } => {
+                Ok(render_layers(composer, layers, camera, settings, frame, repeat))
             }
         }
-        let (frame, stats) = last.unwrap_or_default();
-        Rendered { frame, stats, ms }
+    }
+
+    /// What of it is chosen by `--variant`; of sprites and cubes the sprites'.
+    fn variant(&self) -> &'static str {
+        match self {
+            Self::Cube { settings, .. } => settings.kernel.name(),
+            Self::Layers { layers, settings, .. } if layers.sprites().sprites().is_empty() => {
+                settings.cubes.kernel.name()
+            }
+            Self::Layers { settings, .. } => settings.sprites.variant.name(),
+        }
+    }
+
+    fn summary(&self, rendered: &Rendered) -> String {
+        match self {
+            Self::Cube { cube, .. } => {
+                format!("{} of {} depth pixels splatted", rendered.splatted, cube.depth_pixel_count())
+            }
+            Self::Layers { layers, .. } => {
+                let (sprites, cubes) = (layers.sprites().sprites().len(), layers.cubes().len());
+                format!("{sprites} sprites and {cubes} cube LDIs")
+            }
+        }
+    }
+}
+
+fn render_cube(
+    renderer: &mut Renderer,
+    cube: &PackedCube,
+    camera: &Camera,
+    settings: &RenderSettings,
+    repeat: u32,
+) -> anyhow::Result<Rendered> {
+    let mut ms = Vec::with_capacity(repeat as usize);
+    loop {
+        let start = Instant::now();
+        let (frame, stats) = renderer.render(cube, camera, settings);
+        ms.push(start.elapsed().as_secs_f64() * 1e3);
+        if ms.len() >= repeat as usize {
+            return Ok(Rendered {
+                image: rgb_image(frame)?,
+                ms,
+                stages: json!({"clear_ms": stats.clear_ms, "warp_ms": stats.warp_ms, "finish_ms": stats.finish_ms}),
+                statistics: serde_json::to_value(stats)?,
+                depth_pixels_in: stats.depth_pixels_in,
+                splatted: stats.splatted,
+                hole_pixels: stats.hole_pixels,
+            });
+        }
+    }
+}
+
+fn render_layers(
+    composer: &mut Composer,
+    layers: &Composition,
+    camera: &Camera,
+    settings: &ComposeSettings,
+    frame: &mut SpriteFrame,
+    repeat: u32,
+) -> Rendered {
+    let mut ms = Vec::with_capacity(repeat as usize);
+    loop {
+        let start = Instant::now();
+        let stats = layers.render(composer, camera, settings, frame);
+        ms.push(start.elapsed().as_secs_f64() * 1e3);
+        if ms.len() >= repeat as usize {
+            return Rendered {
+                image: frame.to_rgb(settings.cubes.hole_color_srgb),
+                ms,
+                stages: json!({
+                    "sprites_ms": stats.sprites_ms, "cubes_ms": stats.cubes_ms, "compose_ms": stats.compose_ms,
+                }),
+                statistics: json!({
+                    "outcomes": stats.outcomes, "order": stats.order, "sprites": settings.sprites,
+                }),
+                depth_pixels_in: stats.depth_pixels_in,
+                splatted: stats.splatted,
+                hole_pixels: stats.hole_pixels,
+            };
+        }
     }
 }
 

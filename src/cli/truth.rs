@@ -1,6 +1,6 @@
 //! `headbox truth`.
 
-use super::args::{CameraArgs, SceneArgs};
+use super::args::{CameraArgs, DefaultCamera, SceneArgs};
 use super::capture::place_headbox;
 use super::output::{peak_rss_mb, print_json, print_notes, save_png};
 use super::progress::Bar;
@@ -41,7 +41,7 @@ impl Truth {
         let scene = Arc::new(self.scene.source().open()?);
         print_notes(&scene);
         let (centre, _) = place_headbox(&scene, None, None)?;
-        let camera = self.camera.camera(&scene.frame, centre)?;
+        let camera = self.camera.camera(&scene.frame, &DefaultCamera::at(centre))?;
         let tracer = Tracer::new(Arc::clone(&scene), camera.eye());
         let lighting = Lighting::measure(&tracer, self.bounces);
         let bar = Bar::new();

@@ -3,7 +3,6 @@
 use super::Environment;
 use crate::capture::light::Lighting;
 use crate::capture::rig::Face;
-use crate::capture::srgb8_from_linear;
 use glam::Vec3;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -57,15 +56,7 @@ impl MissMap {
         if self.words().iter().all(|&word| word == 0) {
             return Environment { size_px: 0, texels: Vec::new() };
         }
-        let per_face = (self.size_px * self.size_px) as usize;
-        let texel = |at: usize| {
-            let (x, y) = ((at % per_face) as u32 % self.size_px, (at % per_face) as u32 / self.size_px);
-            let direction = Face::ALL[at / per_face].direction(f64::from(x) + 0.5, f64::from(y) + 0.5, self.size_px);
-            let radiance = lighting.miss_radiance(direction.normalize().as_vec3());
-            let [r, g, b] = radiance.map(|c| srgb8_from_linear(c * lighting.exposure));
-            let reached = self.bits[at / 64].load(Ordering::Relaxed) >> (at % 64) & 1 == 1;
-            [r, g, b, if reached { 255 } else { 0 }]
-        };
-        Environment { size_px: self.size_px, texels: (0..6 * per_face).map(texel).collect() }
+        let reached = |at: usize| self.bits[at / 64].load(Ordering::Relaxed) >> (at % 64) & 1 == 1;
+        Environment::of_sky(self.size_px, lighting, reached)
     }
 }

@@ -96,7 +96,7 @@ impl LayeredDepthImage {
 }
 
 /// The far surroundings, which do not move with the eye: radiance by direction, a small cube map.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Environment {
     /// Texels a side of each face; 0 if no ray ever left the scene (then `texels` is empty).
     pub size_px: u32,

@@ -120,11 +120,13 @@ impl Field {
 }
 
 /// Rounds of smoothing: stairs of up to about twice as many cells a step become ramps.
-const SMOOTHING_ROUNDS: usize = 8;
+const SMOOTHING_ROUNDS: usize = 16;
 
-/// Displacements without the stairs of 8 bits: each value moves to the mean of its neighbours, but no further than half
-/// a step from what is stored, which rounding would have taken to the same number. Neighbours more than a step away are
-/// across an edge and do not count. Other formats are fine enough as they are.
+/// Displacements without the stairs of 8 bits: each value moves half-way to the mean of the neighbours on both its
+/// sides, along rows and along columns, but no further than half a step from what is stored, which rounding would have
+/// taken to the same number. Rounding bends a straight ramp, however steep, by less than two steps: where the stored
+/// values bend more there is an edge or a crease, and that direction does not count. Other formats are fine enough as
+/// they are.
 fn smoothed(displacement: &Displacement) -> Vec<f32> {
     let stored = displacement.to_f32();
     if displacement.format() != DisplacementFormat::I8 {
@@ -140,18 +142,19 @@ fn smoothed(displacement: &Displacement) -> Vec<f32> {
             (0..width).map(move |x| {
                 let index = y * width + x;
                 let (mut sum, mut count) = (0.0, 0.0);
-                let mut add = |inside: bool, neighbor: usize| {
-                    if inside && (stored[neighbor] - stored[index]).abs() < 1.5 * step {
-                        sum += values[neighbor];
-                        count += 1.0;
+                for (inside, stride) in [(x > 0 && x + 1 < width, 1), (y > 0 && y + 1 < height, width)] {
+                    if !inside {
+                        continue;
                     }
-                };
-                add(x > 0, index.wrapping_sub(1));
-                add(x + 1 < width, index + 1);
-                add(y > 0, index.wrapping_sub(width));
-                add(y + 1 < height, index + width);
-                let mean = if count > 0.0 { sum / count } else { stored[index] };
-                mean.clamp(stored[index] - 0.5 * step, stored[index] + 0.5 * step)
+                    let (before, after) = (index - stride, index + stride);
+                    if (stored[before] + stored[after] - 2.0 * stored[index]).abs() < 1.5 * step {
+                        sum += values[before] + values[after];
+                        count += 2.0;
+                    }
+                }
+                let mean = if count > 0.0 { sum / count } else { values[index] };
+                let moved = 0.5 * (values[index] + mean);
+                moved.clamp(stored[index] - 0.5 * step, stored[index] + 0.5 * step)
             })
         };
         values = (0..height).into_par_iter().flat_map_iter(row).collect();
@@ -216,6 +219,32 @@ mod tests {
             let want = d + slope[0] * 0.5 + slope[1] * -0.5;
             let tolerance = 0.51 * coding.scale + 0.51 * coding.slope_scale;
             assert!((coding.displacement(cell, 0.5, -0.5) - want).abs() < tolerance);
+        }
+    }
+
+    #[test]
+    fn ramps_lose_their_stairs_whatever_their_slope_and_edges_stay() {
+        // Two ramps, of 0.3 to 3.5 steps a cell, and a cliff of 40 steps between them.
+        const WIDTH: u32 = 60;
+        for slope in [0.3f32, 1.5, 3.5] {
+            let exact = |x: u32| {
+                let cliff = if x < WIDTH / 2 { -20.0 } else { 20.0 };
+                (x as f32 - 29.5) / 30.0 * 0.5 * slope * 29.5 + cliff
+            };
+            let scale = (0..WIDTH).map(|x| exact(x).abs()).fold(0.0, f32::max) / 127.0;
+            let values: Vec<f32> = (0..WIDTH * 5).map(|i| exact(i % WIDTH)).collect();
+            let stored = Displacement::new(WIDTH, 5, &values, DisplacementFormat::I8).expect("finite");
+            let error = |found: &[f32]| {
+                // The ends of a ramp have one side only.
+                let inner = (0..WIDTH as usize).filter(|x| (4..26).contains(x) || (34..56).contains(x));
+                let squares: Vec<f32> =
+                    inner.map(|x| (found[2 * WIDTH as usize + x] - exact(x as u32)).powi(2)).collect();
+                (squares.iter().sum::<f32>() / squares.len() as f32).sqrt()
+            };
+            let (before, after) = (error(&stored.to_f32()), error(&smoothed(&stored)));
+            assert!(after < 0.6 * before, "{slope}: {before} {after}");
+            let jump = smoothed(&stored)[30] - smoothed(&stored)[29];
+            assert!((jump - (exact(30) - exact(29))).abs() < 2.0 * scale, "the cliff stays");
         }
     }
 

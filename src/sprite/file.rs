@@ -1,13 +1,15 @@
 //! The `.sprite` file: one or many sprites with depth.
 //!
-//! Sections: `sprites` (JSON: a header per sprite), `geometry` (18 `f64` per sprite: eye, rotation by columns, focal
+//! Sections: `info` (JSON: the [`SpriteInfo`], the size of the environment and a header per sprite), `environment`
+//! (texels as in `.ldi` files), `geometry` (18 `f64` per sprite: eye, rotation by columns, focal
 //! length, plane, displacement scale), `color` (RGBA8, straight alpha) and `depth` (stored
 //! displacements), both sprite after sprite, row-major.
 
 use super::displacement::Values;
-use super::{Displacement, DisplacementFormat, Plane, Sprite, SpriteError, SpriteSet, SpriteWithDepth};
+use super::{Displacement, DisplacementFormat, Plane, Sprite, SpriteError, SpriteInfo, SpriteSet, SpriteWithDepth};
 use crate::capture::{Camera, CameraError};
 use crate::container::{Container, ContainerWriter, FileError, Kind, Section};
+use crate::ldi::Environment;
 use glam::{DMat3, DVec3};
 use image::RgbaImage;
 use serde::{Deserialize, Serialize};
@@ -15,6 +17,13 @@ use std::path::Path;
 
 /// A file of sprites.
 pub const SPRITE_FILE: Kind = Kind { tag: *b"sprt", name: "sprite", version: 1 };
+
+#[derive(Serialize, Deserialize)]
+struct FileHeader {
+    info: SpriteInfo,
+    environment_size_px: u32,
+    sprites: Vec<Header>,
+}
 
 #[derive(Serialize, Deserialize)]
 struct Header {
@@ -35,9 +44,14 @@ impl SpriteSet {
     /// [`FileError::Io`].
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
         let sprites = || self.sprites().iter().map(|prepared| prepared.sprite());
-        let headers: Vec<Header> = sprites().map(header).collect();
+        let header = FileHeader {
+            info: self.info.clone(),
+            environment_size_px: self.environment.size_px,
+            sprites: sprites().map(header).collect(),
+        };
         let mut writer = ContainerWriter::new(SPRITE_FILE);
-        writer.section("sprites", move || Ok(serde_json::to_vec(&headers)?));
+        writer.section("info", move || Ok(serde_json::to_vec(&header)?));
+        writer.section("environment", || Ok(bytemuck::cast_slice(&self.environment.texels).to_vec()));
         writer.section("geometry", move || {
             Ok(bytemuck::cast_slice(&sprites().flat_map(geometry).collect::<Vec<f64>>()).to_vec())
         });
@@ -56,7 +70,12 @@ impl SpriteSet {
     /// See [`FileError`].
     pub fn read(path: &Path) -> Result<Self, FileError> {
         let file = Container::open(path, SPRITE_FILE)?;
-        let headers: Vec<Header> = file.section("sprites")?.json()?;
+        let info_section = file.section("info")?;
+        let FileHeader { info, environment_size_px, sprites: headers } = info_section.json()?;
+        if !(1e-9..=1e9).contains(&info.unit_m) {
+            return Err(info_section.damaged("a unit between 1e-9 and 1e9 m", info.unit_m.to_string()));
+        }
+        let environment = read_environment(file.section("environment")?, environment_size_px)?;
         let [mut geometry, mut color, mut depth] =
             [file.section("geometry")?, file.section("color")?, file.section("depth")?];
         let mut sprites = Vec::new();
@@ -74,8 +93,18 @@ impl SpriteSet {
             sprites.push(sprite.map_err(|e| geometry.damaged("a consistent sprite", e.to_string()))?);
         }
         [geometry, color, depth].iter().try_for_each(Section::end)?;
-        Ok(Self::new(sprites))
+        let mut set = Self::new(sprites);
+        (set.info, set.environment) = (info, environment);
+        Ok(set)
     }
+}
+
+fn read_environment(mut section: Section, size_px: u32) -> Result<Environment, FileError> {
+    let texels = section.array((size_px as usize).saturating_mul(size_px as usize).saturating_mul(6))?;
+    section.end()?;
+    let environment = Environment { size_px, texels };
+    environment.validate().map_err(|error| section.damaged("an environment", error.to_string()))?;
+    Ok(environment)
 }
 
 fn header(sprite: &SpriteWithDepth) -> Header {

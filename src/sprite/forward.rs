@@ -27,7 +27,25 @@ struct Parallax {
     origin: [f32; 2],
     width: f32,
     source_coding: Coding,
-    coding: Coding,
+    encoding: Encoding,
+}
+
+/// A [`Coding`] as reciprocals, for packing.
+struct Encoding {
+    steps_per_unit: f32,
+    /// Value of zero, and the half that makes truncation round to nearest.
+    rounded_zero: f32,
+    slopes_per_unit: f32,
+}
+
+impl Encoding {
+    fn of(coding: &Coding) -> Self {
+        Self {
+            steps_per_unit: 1.0 / coding.scale,
+            rounded_zero: coding.zero + 0.5,
+            slopes_per_unit: 1.0 / coding.slope_scale,
+        }
+    }
 }
 
 /// Displacements between which w3 = 1 + d * epipole_z stays at least [`NEAREST_DEPTH_SHARE`].
@@ -79,7 +97,8 @@ pub(super) fn forward(
     out.coding = Coding::new(a.min(b), a.max(b), steepest, transfer.side as f32);
     let origin = [-x0 as f32, -y0 as f32];
     let width = out.width as f32;
-    let parallax = Parallax { epipole, stored, origin, width, source_coding: source.coding, coding: out.coding };
+    let encoding = Encoding::of(&out.coding);
+    let parallax = Parallax { epipole, stored, origin, width, source_coding: source.coding, encoding };
 
     let width = out.width as usize;
     out.cells.clear();
@@ -157,18 +176,22 @@ fn move_cells<S: Simd>(
 ) -> Moved {
     let (d, slope_x, slope_y) = decode(cells, &parallax.source_coding);
     let [ex, ey, ez] = parallax.epipole;
+    let x = f32x16::load_array_ref(simd, &LANE_NUMBERS) + position[0];
     let w3 = d * ez + 1.0;
-    let share = f32x16::splat(simd, 1.0) / w3;
-    let x3 = (f32x16::load_array_ref(simd, &LANE_NUMBERS) + position[0] + d * ex) * share;
+    // Slopes seen from the new place: grad3 d3 = grad1 d1 / (w3 + (e - x1 e_z) . grad1 d1). Where that goes to zero or
+    // below, the surface turns away from the target eye.
+    let toward_x = f32x16::splat(simd, ex) - x * ez;
+    let stretch = w3 + toward_x * slope_x + slope_y * (ey - position[1] * ez);
+    let stretch = stretch.max(w3 * 0.25);
+    // One division for 1 / w3 and 1 / stretch.
+    let both = f32x16::splat(simd, 1.0) / (w3 * stretch);
+    let share = both * stretch;
+    let x3 = (x + d * ex) * share;
     let y3 = (d * ey + position[1]) * share;
     let (column, row) = (x3.floor(), y3.floor());
-    // Slopes seen from the new place: grad3 d3 = grad1 d1 / (w3 (1 + (e - x3 e_z) . grad1 d1)).
-    let toward_x = f32x16::splat(simd, ex) - x3 * ez;
-    let toward_y = f32x16::splat(simd, ey) - y3 * ez;
-    let stretch = (toward_x * slope_x + toward_y * slope_y + 1.0).max(0.25);
     let (value, factor) = match parallax.stored {
-        Stored::Corrected => (d * share, share / stretch),
-        Stored::AsPrinted => (d, w3 / stretch),
+        Stored::Corrected => (d * share, both * w3),
+        Stored::AsPrinted => (d, both * w3 * w3 * w3),
     };
     let (slope_x, slope_y) = (slope_x * factor, slope_y * factor);
     let value = value + slope_x * (column + 0.5 - x3) + slope_y * (row + 0.5 - y3);
@@ -184,7 +207,7 @@ fn move_cells<S: Simd>(
     let row = inside.select(row - target_rows[0], zero).to_int::<i32x16<S>>();
     let column = inside.select(column, zero).to_int::<i32x16<S>>();
     let index = inside.select(row * parallax.width as i32 + column, i32x16::splat(simd, -1));
-    let packed = encode(&parallax.coding, cells, inside.select(value, zero), slope_x, slope_y);
+    let packed = encode(&parallax.encoding, cells, inside.select(value, zero), slope_x, slope_y);
     (index.bitcast::<u32x16<S>>().to_array(), packed.to_array())
 }
 
@@ -201,22 +224,22 @@ fn decode<S: Simd>(cells: u32x16<S>, coding: &Coding) -> (f32x16<S>, f32x16<S>, 
 /// [`Coding::pack`] with the visibility of `source`.
 #[inline(always)]
 fn encode<S: Simd>(
-    coding: &Coding,
+    encoding: &Encoding,
     source: u32x16<S>,
     d: f32x16<S>,
     slope_x: f32x16<S>,
     slope_y: f32x16<S>,
 ) -> u32x16<S> {
-    let value = d * (1.0 / coding.scale) + (coding.zero + 0.5);
+    let value = d * encoding.steps_per_unit + encoding.rounded_zero;
     let value = value.max(1.0).min(32767.0).to_int::<i32x16<S>>().bitcast::<u32x16<S>>();
-    let x = slope_units(slope_x, coding);
-    let y = slope_units(slope_y, coding);
+    let x = slope_units(slope_x * encoding.slopes_per_unit);
+    let y = slope_units(slope_y * encoding.slopes_per_unit);
     (source & super::field::VISIBLE) | (value << 16) | (x << 8) | y
 }
 
-/// A slope as 8 bits, rounded to nearest: shifted to be positive, so that truncation rounds.
+/// A slope in units as 8 bits, rounded to nearest: shifted to be positive, so that truncation rounds.
 #[inline(always)]
-fn slope_units<S: Simd>(slope: f32x16<S>, coding: &Coding) -> u32x16<S> {
-    let units = (slope * (1.0 / coding.slope_scale)).max(-127.0).min(127.0) + 128.5;
+fn slope_units<S: Simd>(units: f32x16<S>) -> u32x16<S> {
+    let units = units.max(-127.0).min(127.0) + 128.5;
     (units.to_int::<i32x16<S>>() - 128).bitcast::<u32x16<S>>() & 0xff
 }

@@ -1,6 +1,8 @@
 //! The picture that a renderer draws.
 
+use super::texture::premultiplied;
 use image::{RgbImage, RgbaImage};
+use rayon::prelude::*;
 
 /// A frame of 8-bit sRGB with premultiplied alpha, row-major; transparent pixels are all zero.
 #[derive(Clone, Debug, PartialEq, Eq, Default)]
@@ -48,6 +50,28 @@ impl SpriteFrame {
                 *back = over(front, *back);
             }
         }
+    }
+
+    /// Takes a size and pixels with straight alpha, row-major; what `pixels` leaves out is transparent.
+    pub fn set_straight(&mut self, width: u32, height: u32, pixels: impl Iterator<Item = [u8; 4]>) {
+        let count = width as usize * height as usize;
+        (self.width, self.height) = (width, height);
+        self.pixels.clear();
+        self.pixels.extend(pixels.take(count).map(|pixel| u32::from_le_bytes(premultiplied(pixel))));
+        self.pixels.resize(count, 0);
+    }
+
+    /// Draws an opaque background under this frame: `color` gives it for a column and a row, `None` where there is
+    /// none. It is asked only where the frame is not opaque.
+    pub fn draw_under(&mut self, color: impl Fn(u32, u32) -> Option<[u8; 3]> + Sync) {
+        let width = (self.width as usize).max(1);
+        self.pixels.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+            for (x, pixel) in row.iter_mut().enumerate().filter(|(_, pixel)| **pixel >> 24 < 255) {
+                if let Some([r, g, b]) = color(x as u32, y as u32) {
+                    *pixel = over(*pixel, u32::from_le_bytes([r, g, b, 255]));
+                }
+            }
+        });
     }
 
     /// Over an opaque colour, as an image without alpha.

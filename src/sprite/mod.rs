@@ -45,7 +45,7 @@ pub use import::DepthImport;
 pub use plane::Plane;
 pub use render::{PreparedSprite, RenderOptions, SpriteRenderer, Variant};
 pub use sampling::Sampling;
-pub use set::SpriteSet;
+pub use set::{SpriteInfo, SpriteSet};
 pub use transfer::{Outcome, Transfer};
 
 use crate::capture::Camera;

@@ -58,8 +58,15 @@ impl Variant {
         }
     }
 
-    /// The variant of that name.
+    /// The variant of that name; what issues and papers call them counts too.
     pub fn from_name(name: &str) -> Option<Self> {
+        let name = match name {
+            "crude" => "one-pass",
+            "field" => "shift-field",
+            "affine" => "affine-parallax",
+            "forward" => "forward-color",
+            name => name,
+        };
         Self::ALL.into_iter().find(|variant| variant.name() == name)
     }
 }

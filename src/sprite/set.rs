@@ -2,18 +2,59 @@
 
 use super::{Outcome, PreparedSprite, RenderOptions, SpriteFrame, SpriteRenderer, SpriteWithDepth};
 use crate::capture::Camera;
+use crate::capture::scene::{FileFrame, UpAxis};
+use crate::ldi::Environment;
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// Where sprites come from; travels in the `.sprite` file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SpriteInfo {
+    /// The scene or the pictures, as given on the command line; empty if there is no telling.
+    pub source: String,
+    /// Whether Z points up in the source's own axes.
+    pub z_up: bool,
+    /// Metres per unit of the source.
+    pub unit_m: f64,
+}
+
+impl Default for SpriteInfo {
+    fn default() -> Self {
+        Self { source: String::new(), z_up: false, unit_m: 1.0 }
+    }
+}
+
+impl SpriteInfo {
+    /// The axes and the unit of the source.
+    pub fn frame(&self) -> FileFrame {
+        FileFrame { up: if self.z_up { UpAxis::Z } else { UpAxis::Y }, unit_m: self.unit_m }
+    }
+}
 
 /// Sprites that are drawn together.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct SpriteSet {
+    /// Where they come from.
+    pub info: SpriteInfo,
+    /// What lies behind all of them; of size 0 if that is not known. [`Self::render`] leaves it out, so that sprites
+    /// can be drawn over something else; [`crate::compose`] draws it.
+    pub environment: Environment,
     sprites: Vec<PreparedSprite>,
 }
 
 impl SpriteSet {
     /// Prepares sprites for drawing.
     pub fn new(sprites: Vec<SpriteWithDepth>) -> Self {
-        Self { sprites: sprites.into_iter().map(PreparedSprite::new).collect() }
+        Self {
+            info: SpriteInfo::default(),
+            environment: Environment::default(),
+            sprites: sprites.into_iter().map(PreparedSprite::new).collect(),
+        }
+    }
+
+    /// Adds the sprites of another set; info and environment stay.
+    pub fn append(&mut self, other: Self) {
+        self.sprites.extend(other.sprites);
     }
 
     /// The sprites as given.

@@ -66,7 +66,7 @@ impl Texture {
 }
 
 /// Premultiplied by alpha, rounded to nearest.
-fn premultiplied([r, g, b, a]: [u8; 4]) -> [u8; 4] {
+pub(super) fn premultiplied([r, g, b, a]: [u8; 4]) -> [u8; 4] {
     let scaled = |c: u8| ((u32::from(c) * u32::from(a) * 2 + 255) / 510) as u8;
     [scaled(r), scaled(g), scaled(b), a]
 }

@@ -1,0 +1,287 @@
+//! `headbox sprite`.
+
+use super::UsageError;
+use super::args::{CameraArgs, DefaultCamera, FrameArgs, parse_length};
+use super::capture::place_headbox;
+use super::info::sprite_json;
+use super::output::{peak_rss_mb, print_json, print_notes};
+use super::progress::Bar;
+use super::render::write_text;
+use crate::capture::DepthKind;
+use crate::capture::light::Lighting;
+use crate::capture::trace::Tracer;
+use crate::ldi::Environment;
+use crate::scene_source::SceneSource;
+use crate::sprite::{
+    DepthImport, DepthPicture, DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, SpriteWithDepth, capture_slabs,
+    slabs_at_gaps,
+};
+use anyhow::{Context, bail};
+use clap::{Args, ValueEnum};
+use glam::DVec3;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+#[derive(Args)]
+pub(super) struct SpriteCommand {
+    /// A scene to capture (an .obj, .gltf or .glb file, or builtin:NAME), or a .sprite file to export
+    scene: Option<String>,
+    #[command(flatten)]
+    frame: FrameArgs,
+    /// File to write
+    #[arg(short, long)]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    camera: CameraArgs,
+    #[command(flatten)]
+    quality: SpriteQualityArgs,
+    #[command(flatten)]
+    import: ImportArgs,
+    /// How displacements are stored
+    #[arg(long, default_value = "i8")]
+    displacement: FormatArg,
+    /// Displacements at a resolution lower by this factor than the colours
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
+    displacement_divisor: u32,
+    /// Write colour (PNG), eye depth (EXR, metres) and cameras (sprites.json) of each sprite into this folder
+    #[arg(long, value_name = "DIR")]
+    export: Option<PathBuf>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// What decides the quality of sprites captured from a scene.
+#[derive(Args)]
+struct SpriteQualityArgs {
+    /// Sprites at most: the view is cut at its widest gaps of depth
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..=64))]
+    slabs: u16,
+    /// Rays per pixel
+    #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    samples: u32,
+    /// Diffuse bounces of light beyond direct light
+    #[arg(long, value_name = "B", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64))]
+    bounces: u32,
+    /// Albedo and emission without light
+    #[arg(long)]
+    unlit: bool,
+}
+
+/// A picture and its depth in place of a scene.
+#[derive(Args)]
+struct ImportArgs {
+    /// Colour picture (PNG and others) of a sprite to make; needs --depth and --depth-kind
+    #[arg(long, value_name = "COLOR.png", requires_all = ["depth", "depth_kind"], conflicts_with = "scene")]
+    color: Option<PathBuf>,
+    /// Depth picture: EXR, or grey PNG of 8 or 16 bits where 0 means unknown
+    #[arg(long, value_name = "DEPTH", requires = "color")]
+    depth: Option<PathBuf>,
+    /// What a depth means
+    #[arg(long, requires = "color")]
+    depth_kind: Option<DepthKindArg>,
+    /// Metres per stored depth value; 1 for EXR, 0.001 for PNG if absent. For window depth the value of 1: 1 or 1/65535
+    #[arg(long, value_name = "METRES", requires = "color", value_parser = parse_length)]
+    depth_unit: Option<f64>,
+    /// Near plane of window depth, metres
+    #[arg(long, value_name = "METRES", requires = "color", value_parser = parse_length)]
+    near: Option<f64>,
+    /// Far plane of window depth, metres; infinitely far if absent
+    #[arg(long, value_name = "METRES", requires = "color", value_parser = parse_length)]
+    far: Option<f64>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum FormatArg {
+    I8,
+    I16,
+    F32,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum DepthKindArg {
+    /// Along the viewing axis
+    Eye,
+    /// From the eye
+    Ray,
+    /// A depth buffer's value, 0 at the near plane and 1 at the far plane
+    Window,
+}
+
+impl SpriteCommand {
+    pub(super) fn run(&self) -> anyhow::Result<()> {
+        if self.output.is_none() && self.export.is_none() {
+            return Err(UsageError("nothing to do: give -o FILE.sprite, --export DIR or both".into()).into());
+        }
+        let start = Instant::now();
+        let set = self.sprites()?;
+        let sprites: Vec<&SpriteWithDepth> = set.sprites().iter().map(|prepared| prepared.sprite()).collect();
+        if let Some(output) = &self.output {
+            set.write(output)?;
+        }
+        if let Some(folder) = &self.export {
+            export(folder, &sprites, &set)?;
+        }
+        let seconds = start.elapsed().as_secs_f64();
+        if self.json {
+            let described: Vec<_> = sprites.iter().map(|sprite| sprite_json(sprite, &set)).collect();
+            print_json(&json!({ "sprites": described, "total_s": seconds, "peak_rss_mb": peak_rss_mb() }));
+            return Ok(());
+        }
+        let count = sprites.len();
+        if let Some(folder) = &self.export {
+            println!("{}: colour and depth of {count} sprites", folder.display());
+        }
+        if let Some(output) = &self.output {
+            println!("{}: {count} sprites with depth, {seconds:.2} s", output.display());
+            println!("look at it: headbox render {} -o frame.png", output.display());
+        }
+        Ok(())
+    }
+
+    fn sprites(&self) -> anyhow::Result<SpriteSet> {
+        match (&self.scene, &self.import.color) {
+            (_, Some(color)) => self.import(color),
+            (Some(file), None) if Path::new(file).extension().is_some_and(|e| e.eq_ignore_ascii_case("sprite")) => {
+                Ok(SpriteSet::read(Path::new(file))?)
+            }
+            (Some(scene), None) => self.capture(&self.frame.source(scene)),
+            (None, None) => {
+                let message =
+                    "what shall the sprites show? give a scene (see `headbox scenes`), or --color and --depth";
+                Err(UsageError(message.into()).into())
+            }
+        }
+    }
+
+    fn capture(&self, source: &SceneSource) -> anyhow::Result<SpriteSet> {
+        let scene = Arc::new(source.open()?);
+        print_notes(&scene);
+        let (centre, _) = place_headbox(&scene, None, None)?;
+        let camera = self.camera.camera(&scene.frame, &DefaultCamera::at(centre))?;
+        let tracer = Tracer::new(Arc::clone(&scene), camera.eye());
+        let lighting = Lighting::measure(&tracer, self.quality.bounces);
+        let bar = Bar::new();
+        let capture = SlabCapture {
+            tracer: &tracer,
+            lighting: &lighting,
+            lit: !self.quality.unlit,
+            samples: self.quality.samples,
+            format: self.format(),
+        };
+        let slabs = slabs_at_gaps(&tracer, &camera, usize::from(self.quality.slabs));
+        let sprites = capture_slabs(&capture, &camera, &slabs, &bar)?;
+        bar.finish();
+        if sprites.is_empty() {
+            bail!("nothing of {} is seen from there: move --eye or --look-at", source.name);
+        }
+        let mut set = self.set(sprites)?;
+        let z_up = scene.frame.up == crate::capture::scene::UpAxis::Z;
+        set.info = SpriteInfo { source: source.name.clone(), z_up, unit_m: scene.frame.unit_m };
+        set.environment = sky(&lighting);
+        Ok(set)
+    }
+
+    fn import(&self, color_path: &Path) -> anyhow::Result<SpriteSet> {
+        let (Some(depth_path), Some(kind)) = (&self.import.depth, self.import.depth_kind) else {
+            return Err(UsageError("--color needs --depth and --depth-kind".into()).into());
+        };
+        let color = image::open(color_path);
+        let color =
+            color.with_context(|| format!("{} could not be read as an image", color_path.display()))?.to_rgba8();
+        let depth = DepthPicture::read(depth_path, self.import.unit(depth_path, kind))?;
+        let size = color.dimensions();
+        if (depth.width, depth.height) != size {
+            let (a, b) = (color_path.display(), depth_path.display());
+            let (dw, dh) = (depth.width, depth.height);
+            bail!("{a} has {}x{} pixels, {b} {dw}x{dh}: bring both to one size", size.0, size.1);
+        }
+        if self.camera.size.is_some_and(|wanted| wanted != size) {
+            let message = format!("{} has {}x{} pixels; leave --size out", color_path.display(), size.0, size.1);
+            return Err(UsageError(message).into());
+        }
+        let frame = self.frame.file_frame();
+        let import = DepthImport {
+            camera: self.camera.camera(&frame, &DefaultCamera { size, ..DefaultCamera::at(DVec3::ZERO) })?,
+            color,
+            depth: &depth.values,
+            depth_kind: match kind {
+                DepthKindArg::Eye => DepthKind::EyeDepth,
+                DepthKindArg::Ray => DepthKind::RayDistance,
+                DepthKindArg::Window => DepthKind::WindowDepth,
+            },
+            window_range_m: self.import.window_range(kind)?,
+            plane: None,
+            format: self.format(),
+        };
+        let sprite =
+            import.build().with_context(|| format!("{} and {}", color_path.display(), depth_path.display()))?;
+        let mut set = self.set(vec![sprite])?;
+        let z_up = frame.up == crate::capture::scene::UpAxis::Z;
+        set.info = SpriteInfo { source: color_path.display().to_string(), z_up, unit_m: frame.unit_m };
+        Ok(set)
+    }
+
+    /// Sprites at the wanted resolution of displacement.
+    fn set(&self, sprites: Vec<SpriteWithDepth>) -> anyhow::Result<SpriteSet> {
+        if self.displacement_divisor == 1 {
+            return Ok(SpriteSet::new(sprites));
+        }
+        let reduced = |sprite: SpriteWithDepth| {
+            let displacement = sprite.displacement().reduced(self.displacement_divisor)?;
+            SpriteWithDepth::new(sprite.sprite().clone(), displacement)
+        };
+        Ok(SpriteSet::new(sprites.into_iter().map(reduced).collect::<Result<_, _>>()?))
+    }
+
+    fn format(&self) -> DisplacementFormat {
+        match self.displacement {
+            FormatArg::I8 => DisplacementFormat::I8,
+            FormatArg::I16 => DisplacementFormat::I16,
+            FormatArg::F32 => DisplacementFormat::F32,
+        }
+    }
+}
+
+impl ImportArgs {
+    /// What a stored depth of 1 means.
+    fn unit(&self, path: &Path, kind: DepthKindArg) -> f32 {
+        let is_exr = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
+        let usual = match kind {
+            _ if is_exr => 1.0,
+            DepthKindArg::Window => 1.0 / 65_535.0,
+            DepthKindArg::Eye | DepthKindArg::Ray => 1e-3,
+        };
+        self.depth_unit.unwrap_or(usual) as f32
+    }
+
+    fn window_range(&self, kind: DepthKindArg) -> anyhow::Result<(f64, f64)> {
+        match (kind, self.near) {
+            (DepthKindArg::Window, Some(near)) => Ok((near, self.far.unwrap_or(f64::INFINITY))),
+            (DepthKindArg::Window, None) => {
+                Err(UsageError("window depth needs --near METRES (and --far METRES)".into()).into())
+            }
+            _ => Ok((0.0, 0.0)),
+        }
+    }
+}
+
+/// The sky as a cube map; of size 0 where there is none.
+pub(super) fn sky(lighting: &Lighting) -> Environment {
+    /// Smooth as it is, the sky needs no more.
+    const SIZE_PX: u32 = 128;
+    if lighting.sky.is_none() { Environment::default() } else { Environment::of_sky(SIZE_PX, lighting, |_| true) }
+}
+
+/// Writes `sprite_N.png`, `sprite_N.exr` and `sprites.json`.
+fn export(folder: &Path, sprites: &[&SpriteWithDepth], set: &SpriteSet) -> anyhow::Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| format!("{} could not be made", folder.display()))?;
+    for (number, sprite) in sprites.iter().enumerate() {
+        let file = |extension: &str| folder.join(format!("sprite_{number}.{extension}"));
+        sprite.export(&file("png"), &file("exr"))?;
+    }
+    let described: Vec<_> = sprites.iter().map(|sprite| sprite_json(sprite, set)).collect();
+    write_text(&folder.join("sprites.json"), &format!("{:#}\n", json!(described)))
+}
