@@ -1,10 +1,11 @@
 //! Sprites with depth in the window: tilted by orbiting.
 
-use crate::sprite::{RenderOptions, Sampling, SpriteFrame, SpriteRenderer, SpriteSet, Variant};
+use crate::capture::scene::FileFrame;
+use crate::compose::{ComposeSettings, Composer, Composition};
+use crate::sprite::{RenderOptions, Sampling, SpriteFrame, SpriteSet, Variant};
 use glam::DVec3;
 use headbox_viewer::{Figure, FrameReport, FrameRequest, FrameSource, Navigation, Pose, Setting, SettingValues, Stage};
 use std::path::Path;
-use std::time::Instant;
 
 /// Most steps of gap filling on offer.
 const MAX_FILL_STEPS: u32 = 8;
@@ -15,10 +16,10 @@ const NEAREST_SHARE: f64 = 0.1;
 /// All sprites of a file, drawn over each other.
 pub(super) struct SpriteSource {
     title: String,
-    set: SpriteSet,
+    layers: Composition,
     start: Pose,
     pivot: DVec3,
-    renderer: SpriteRenderer,
+    composer: Composer,
     frame: SpriteFrame,
 }
 
@@ -38,7 +39,8 @@ impl SpriteSource {
         let pivot = camera.eye() + camera.forward() * distance;
         let start = Pose::looking_at(camera.eye(), pivot, fov_y_deg);
         let title = format!("{} (sprites)", super::library::file_name(file));
-        Some(Self { title, start, pivot, set, renderer: SpriteRenderer::new(), frame: SpriteFrame::default() })
+        let layers = Composition::new(set, Vec::new());
+        Some(Self { title, start, pivot, layers, composer: Composer::default(), frame: SpriteFrame::default() })
     }
 }
 
@@ -65,6 +67,10 @@ impl FrameSource for SpriteSource {
         self.pivot.distance(self.start.eye) / 2.0
     }
 
+    fn file_frame(&self) -> FileFrame {
+        self.layers.sprites().info.frame()
+    }
+
     fn settings(&self) -> Vec<Setting> {
         let names = Variant::ALL.map(Variant::name);
         let chosen = Variant::ALL.iter().position(|v| *v == Variant::default()).unwrap_or(0);
@@ -87,17 +93,18 @@ impl FrameSource for SpriteSource {
     }
 
     fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
-        let started = Instant::now();
-        let options = options(&request.settings)?;
-        self.set.render(&mut self.renderer, &request.camera, &options, &mut self.frame);
+        let settings = ComposeSettings { sprites: options(&request.settings)?, ..ComposeSettings::default() };
+        let stats = self.layers.render(&mut self.composer, &request.camera, &settings, &mut self.frame);
         pixels.copy_from_slice(self.frame.pixels());
-        let ms = started.elapsed().as_secs_f64() * 1e3;
         let covered = pixels.iter().filter(|p| p[3] > 0).count();
         let share = covered as f64 / pixels.len().max(1) as f64;
         Ok(FrameReport {
-            stages: vec![Stage { name: "warp", ms }],
+            stages: vec![
+                Stage { name: "sprites", ms: stats.sprites_ms },
+                Stage { name: "compose", ms: stats.compose_ms },
+            ],
             figures: vec![
-                Figure { name: "sprites", value: self.set.sprites().len() as f64, unit: "" },
+                Figure { name: "sprites", value: self.layers.sprites().sprites().len() as f64, unit: "" },
                 Figure { name: "pixels covered", value: share * 100.0, unit: "%" },
             ],
             ..FrameReport::default()
