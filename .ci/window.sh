@@ -94,7 +94,7 @@ size=960x600
 show ldi_depth "$out/interior.ldi" --frames 3 --set overlay=depth
 show scene builtin:sprites --frames 3
 if "$headbox" sprite --help >/dev/null 2>&1; then
-    "$headbox" sprite builtin:sprites -o "$out/layers.sprite" >"$out/sprite.txt"
+    "$headbox" sprite builtin:sprites --size 320x240 -o "$out/layers.sprite" >"$out/sprite.txt"
     show sprite "$out/layers.sprite" --frames 3
 fi
 

@@ -212,7 +212,8 @@ impl FrameSource for CubeSource {
         let (frame, stats) = self.renderer.render(&cube, &request.camera, &settings);
         let (stages, mut figures) = (stages(stats), figures(stats, &cube));
         let (judged, mut refinement) = paint(&mut self.judge, frame, request, overlay, scene, pixels)?;
-        figures.extend(judged);
+        // What was asked for stands on top.
+        figures.splice(0..0, judged);
         if request.settings.toggle("epipole")? {
             paint_epipole(&request.camera, cube.info.centre, pixels);
         }

@@ -104,7 +104,7 @@ impl FrameSource for SpriteSource {
                 Stage { name: "compose", ms: stats.compose_ms },
             ],
             figures: vec![
-                Figure { name: "sprites", value: self.layers.sprites().sprites().len() as f64, unit: "" },
+                Figure { name: "number of sprites", value: self.layers.sprites().sprites().len() as f64, unit: "" },
                 Figure { name: "pixels covered", value: share * 100.0, unit: "%" },
             ],
             ..FrameReport::default()
