@@ -18,7 +18,6 @@ use crate::scene_source::SceneSource;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
 
 /// A scene ready for rays from its headbox.
 #[derive(Clone)]
@@ -77,10 +76,9 @@ impl Round {
     }
 }
 
-/// A capture under way. Dropping it gives the capture up.
+/// A capture under way. Dropping it gives the capture up; nobody waits for the thread, which ends by itself.
 pub(super) struct Growth {
     shared: Arc<Shared>,
-    thread: Option<JoinHandle<()>>,
 }
 
 #[derive(Default)]
@@ -124,7 +122,7 @@ impl Growth {
         let lit = LitScene { tracer, lighting, lit: true };
         let pool = background::pool("capture")?;
         let shared = Arc::new(Shared::default());
-        let thread = std::thread::Builder::new().name("capture".into()).spawn({
+        let spawned = std::thread::Builder::new().name("capture".into()).spawn({
             let (shared, lit) = (Arc::clone(&shared), lit.clone());
             move || {
                 let work =
@@ -133,8 +131,8 @@ impl Growth {
                 shared.end(catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(panicked));
             }
         });
-        let thread = thread.map_err(|error| format!("Cannot start a thread: {error}."))?;
-        let growth = Self { shared, thread: Some(thread) };
+        spawned.map_err(|error| format!("Cannot start a thread: {error}."))?;
+        let growth = Self { shared };
         let first = growth.first()?;
         Ok((growth, lit, first))
     }
@@ -179,10 +177,6 @@ impl Growth {
 impl Drop for Growth {
     fn drop(&mut self) {
         self.shared.cancelled.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            // Panics are caught on the thread itself.
-            let _ = thread.join();
-        }
     }
 }
 
@@ -248,8 +242,11 @@ mod tests {
         assert!(*first == PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).unwrap());
         let shared = Arc::clone(&growth.shared);
         drop(growth);
-        let state = shared.lock();
-        assert!(state.ended && state.failed.is_none(), "given up without an error");
+        let mut state = shared.lock();
+        while !state.ended {
+            state = shared.changed.wait(state).unwrap();
+        }
+        assert!(state.failed.is_none(), "given up without an error");
     }
 
     #[test]

@@ -8,7 +8,6 @@ use crate::truth::{self, TruthFrame};
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::JoinHandle;
 
 /// Rays per pixel of one truth after the other: all together a third more than the last.
 const SAMPLES: [u32; 4] = [2, 8, 32, 128];
@@ -37,10 +36,9 @@ impl Traced {
     }
 }
 
-/// Traces truth for the views asked for. Dropping it ends that.
+/// Traces truth for the views asked for. Dropping it ends that; nobody waits for the thread, which ends by itself.
 pub(super) struct Reference {
     shared: Arc<Shared>,
-    thread: Option<JoinHandle<()>>,
 }
 
 #[derive(Default)]
@@ -66,7 +64,7 @@ impl Reference {
     pub(super) fn start(scene: impl FnOnce() -> Result<LitScene, String> + Send + 'static) -> Result<Self, String> {
         let shared = Arc::new(Shared::default());
         let pool = background::pool("error map")?;
-        let thread = std::thread::Builder::new().name("error map".into()).spawn({
+        let spawned = std::thread::Builder::new().name("error map".into()).spawn({
             let shared = Arc::clone(&shared);
             move || {
                 let work = || pool.install(|| scene().map(|scene| shared.work(&scene)));
@@ -75,8 +73,8 @@ impl Reference {
                 shared.lock().failed = done.err();
             }
         });
-        let thread = thread.map_err(|error| format!("Cannot start a thread: {error}."))?;
-        Ok(Self { shared, thread: Some(thread) })
+        spawned.map_err(|error| format!("Cannot start a thread: {error}."))?;
+        Ok(Self { shared })
     }
 
     /// The best truth of a view so far; it goes on being refined.
@@ -108,10 +106,6 @@ impl Drop for Reference {
     fn drop(&mut self) {
         self.shared.lock().closed = true;
         self.shared.changed.notify_all();
-        if let Some(thread) = self.thread.take() {
-            // Panics are caught on the thread itself.
-            let _ = thread.join();
-        }
     }
 }
 
