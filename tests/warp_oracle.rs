@@ -34,7 +34,9 @@ fn eyes() -> Vec<(&'static str, DVec3)> {
 #[test]
 fn the_ordered_renderer_shows_what_a_depth_buffer_shows() {
     for ((name, scene), share) in [("room", room(6.0)), ("leaves", leaves(6.0))].into_iter().zip(SILHOUETTE_SHARE) {
-        let ldi = quick(&scene, 64);
+        let mut ldi = quick(&scene, 64);
+        // The oracle's depth buffer keeps one surface a pixel: rims that let the background through have no place in it.
+        ldi.faces.iter_mut().flat_map(|face| &mut face.samples).for_each(|sample| sample.color_srgb[3] = 255);
         let mut random = Random(3);
         for (i, (place, eye)) in eyes().into_iter().enumerate() {
             let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, 80.0, 90, 70).expect("valid");

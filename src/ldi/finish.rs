@@ -2,6 +2,7 @@
 
 use super::accumulate::{Accumulator, DepthBins};
 use super::build::{CaptureSettings, Progress, Sampler, Tracing, check_cancelled};
+use super::coverage::{BinSpan, Coverage};
 use super::merge::depth_pixels_of;
 use super::pool::{self, FaceParts};
 use super::shade::{Part, Shader};
@@ -41,7 +42,12 @@ pub fn finish(
     for face in Face::ALL {
         let mut parts = lit_face(run, face, &shader, progress)?;
         parts.pool_soft_light(pool::radius_for(settings.light_samples));
-        faces.push(merge_face(face, &parts, settings, &bins));
+        let (mut merged, spans) = merge_face(face, &parts, settings, &bins);
+        drop(parts);
+        let half_size_m = settings.half_size_m;
+        let alphas = Coverage { tracer, bins: &bins, half_size_m, face: &merged, spans: &spans }.alphas();
+        merged.samples.iter_mut().zip(alphas).for_each(|(sample, alpha)| sample.color_srgb[3] = alpha);
+        faces.push(merged);
     }
     Ok(CubeLdi { info, faces, environment: run.misses.environment(lighting) })
 }
@@ -112,7 +118,12 @@ fn share_of_samples(acc: &Accumulator, bin: &[Accumulator], shader: &Shader) -> 
 }
 
 /// Merges the parts of every pixel into depth pixels.
-fn merge_face(face: Face, parts: &FaceParts, settings: &CaptureSettings, bins: &DepthBins) -> LayeredDepthImage {
+fn merge_face(
+    face: Face,
+    parts: &FaceParts,
+    settings: &CaptureSettings,
+    bins: &DepthBins,
+) -> (LayeredDepthImage, Vec<BinSpan>) {
     let size_px = parts.size_px;
     let merge_row = |y: u32| {
         let (mut samples, mut counts) = (Vec::new(), Vec::with_capacity(size_px as usize));
@@ -130,7 +141,11 @@ fn merge_face(face: Face, parts: &FaceParts, settings: &CaptureSettings, bins: &
         total += count;
         *slot = total;
     }
+    let mut spans = Vec::with_capacity(total as usize);
     ldi.samples.reserve_exact(total as usize);
-    rows.iter().for_each(|(samples, _)| ldi.samples.extend_from_slice(samples));
-    ldi
+    for (sample, span) in rows.into_iter().flat_map(|row| row.0) {
+        ldi.samples.push(sample);
+        spans.push(span);
+    }
+    (ldi, spans)
 }

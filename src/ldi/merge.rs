@@ -4,6 +4,7 @@
 //! depth pixel, a cluster spans at most two bins, and nothing chains.
 
 use super::accumulate::DepthBins;
+use super::coverage::BinSpan;
 use super::shade::Part;
 use super::{DepthPixel, EncodedNormal};
 use crate::capture::srgb8_from_linear;
@@ -27,20 +28,26 @@ pub enum MergeRule {
 /// Colours closer than this in every channel (sRGB levels) count as equal for [`MergeRule::ColorsApart`].
 const SAME_COLOR_LEVELS: u8 = 16;
 
-/// Turns the lit parts of one pixel (sorted by bin and class) into depth pixels, farthest first, appended to `out`.
-pub fn depth_pixels_of(pixel: &[Part], rule: MergeRule, bins: &DepthBins, out: &mut Vec<DepthPixel>) {
+/// Turns the lit parts of one pixel (sorted by bin and class) into depth pixels, farthest first, appended to `out`, each
+/// with the bins of its cluster. Their alpha is still to be measured ([`super::coverage`]).
+pub(crate) fn depth_pixels_of(pixel: &[Part], rule: MergeRule, bins: &DepthBins, out: &mut Vec<(DepthPixel, BinSpan)>) {
     let first = out.len();
     for cluster in (Clusters { rest: pixel }) {
+        let [head, .., tail] = cluster else {
+            out.extend(cluster.first().map(|only| (average(cluster, bins), [only.bin; 2])));
+            continue;
+        };
+        let span = [head.bin, tail.bin];
         match rule {
-            MergeRule::Average => out.push(average(cluster, bins)),
+            MergeRule::Average => out.push((average(cluster, bins), span)),
             MergeRule::SmallerArea => {
                 let best = cluster.iter().min_by(|a, b| a.area.total_cmp(&b.area).then(a.key.cmp(&b.key)));
-                out.extend(best.map(|best| average(std::slice::from_ref(best), bins)));
+                out.extend(best.map(|best| (average(std::slice::from_ref(best), bins), span)));
             }
-            MergeRule::ColorsApart => colors_apart(cluster, bins, out),
+            MergeRule::ColorsApart => out.extend(colors_apart(cluster, bins).into_iter().map(|kept| (kept, span))),
         }
     }
-    out[first..].sort_by(|a, b| a.inverse_depth.total_cmp(&b.inverse_depth));
+    out[first..].sort_by(|(a, _), (b, _)| a.inverse_depth.total_cmp(&b.inverse_depth));
 }
 
 /// Iterates over the clusters of a pixel, farthest first.
@@ -87,8 +94,8 @@ fn average(cluster: &[Part], bins: &DepthBins) -> DepthPixel {
     DepthPixel { inverse_depth: bins.inverse_depth(position) as f32, normal, color_srgb: [r, g, b, 255] }
 }
 
-fn colors_apart(cluster: &[Part], bins: &DepthBins, out: &mut Vec<DepthPixel>) {
-    let first = out.len();
+fn colors_apart(cluster: &[Part], bins: &DepthBins) -> Vec<DepthPixel> {
+    let mut out: Vec<DepthPixel> = Vec::new();
     let mut in_key_order: Vec<&Part> = cluster.iter().collect();
     in_key_order.sort_unstable_by_key(|part| part.key);
     for part in in_key_order {
@@ -96,10 +103,11 @@ fn colors_apart(cluster: &[Part], bins: &DepthBins, out: &mut Vec<DepthPixel>) {
         let same = |kept: &DepthPixel| {
             (0..3).all(|c| kept.color_srgb[c].abs_diff(candidate.color_srgb[c]) < SAME_COLOR_LEVELS)
         };
-        if !out[first..].iter().any(same) {
+        if !out.iter().any(same) {
             out.push(candidate);
         }
     }
+    out
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@
 
 pub mod accumulate;
 pub mod build;
+pub(crate) mod coverage;
 pub mod file;
 pub mod finish;
 pub mod job;
@@ -38,7 +39,7 @@ pub struct DepthPixel {
     pub inverse_depth: f32,
     /// Unit surface normal, world axes, turned toward the rays that found it.
     pub normal: EncodedNormal,
-    /// 8-bit sRGB, straight alpha.
+    /// 8-bit sRGB, straight alpha: the share of its pixel that the surface fills.
     pub color_srgb: [u8; 4],
 }
 

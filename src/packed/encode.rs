@@ -2,9 +2,7 @@
 
 use super::decode::INVERSE_DEPTH_CODE_MAX;
 use super::layout::{PackedCube, PackedDepthPixel, PackedSegment, SegmentSide, SplatIndexLayout};
-use super::silhouette::filled_share;
 use super::splat_index::DepthCodeRange;
-use crate::ldi::accumulate::DepthBins;
 use crate::ldi::{CubeLdi, DepthPixel, LayeredDepthImage, LdiError};
 
 /// Where each face is cut into a near and a far segment (S23).
@@ -39,8 +37,7 @@ pub enum PackError {
 }
 
 impl PackedCube {
-    /// Packs a cube LDI: cuts each face at its split plane, quantises, and lays each segment out as S17 says. The alpha
-    /// of samples at the rim of their surface is multiplied by the share of their pixel that they fill on average.
+    /// Packs a cube LDI: cuts each face at its split plane, quantises, and lays each segment out as S17 says.
     ///
     /// # Errors
     /// [`PackError`] if the LDI is invalid or the split depth is not positive and finite.
@@ -53,15 +50,14 @@ impl PackedCube {
         ldi.validate()?;
         let mut segments = Vec::new();
         for face in &ldi.faces {
-            let bin = DepthBins::new(ldi.info.half_size_m, face.size_px).inverse_depth(1.0);
             // Near samples have an inverse depth of at least this.
             let cut = match split {
                 Split::None => 0.0,
                 Split::AtDepth(depth) => (1.0 / depth) as f32,
                 Split::Auto => automatic_cut(face, ldi.info.half_size_m),
             };
-            segments.extend(pack_segment(face, layout, bin, SegmentSide::Far, |s| s.inverse_depth < cut));
-            segments.extend(pack_segment(face, layout, bin, SegmentSide::Near, |s| s.inverse_depth >= cut));
+            segments.extend(pack_segment(face, layout, SegmentSide::Far, |s| s.inverse_depth < cut));
+            segments.extend(pack_segment(face, layout, SegmentSide::Near, |s| s.inverse_depth >= cut));
         }
         Ok(Self {
             info: ldi.info.clone(),
@@ -112,12 +108,10 @@ fn automatic_cut(face: &LayeredDepthImage, half_size_m: f64) -> f32 {
     best.1 as f32
 }
 
-/// The segment of a face that holds the samples for which `belongs` says so, or `None` if there are none. `bin`: width of
-/// the capture's depth bins, 1/m.
+/// The segment of a face that holds the samples for which `belongs` says so, or `None` if there are none.
 fn pack_segment(
     face: &LayeredDepthImage,
     layout: SplatIndexLayout,
-    bin: f64,
     side: SegmentSide,
     belongs: impl Fn(&DepthPixel) -> bool,
 ) -> Option<PackedSegment> {
@@ -135,15 +129,13 @@ fn pack_segment(
         false => 0.0,
     };
     let face_from_world = face.face.world_from_eye().transpose();
-    let encode = |x: u32, y: u32, sample: &DepthPixel| {
+    let encode = |sample: &DepthPixel| {
         let inverse_depth = f64::from(sample.inverse_depth);
         let code = ((inverse_depth - f64::from(min)) * codes_per_inverse_depth).round() as u32;
         let normal = face_from_world * sample.normal.decode().as_dvec3();
         let index = layout.encode(normal, 1.0 / inverse_depth, range);
         let geometry = index << 20 | code.min(INVERSE_DEPTH_CODE_MAX);
-        let [r, g, b, alpha] = sample.color_srgb;
-        let alpha = (f64::from(alpha) * filled_share(face, x, y, sample, bin)).round() as u8;
-        PackedDepthPixel { geometry, color_srgb: [r, g, b, alpha] }
+        PackedDepthPixel { geometry, color_srgb: sample.color_srgb }
     };
 
     let (width, height) = (x1 - x0 + 1, y1 - y0 + 1);
@@ -156,7 +148,7 @@ fn pack_segment(
         row_offsets.push(row_start as u32);
         row_counts.push(0);
         for x in x0..=x1 {
-            depth_pixels.extend(face.pixel(x, y).iter().filter(|s| belongs(s)).map(|s| encode(x, y, s)));
+            depth_pixels.extend(face.pixel(x, y).iter().filter(|s| belongs(s)).map(encode));
             row_counts.push((depth_pixels.len() - row_start) as u32);
         }
     }

@@ -3,7 +3,6 @@
 pub mod decode;
 pub mod encode;
 pub mod layout;
-mod silhouette;
 pub mod splat_index;
 pub mod validate;
 

@@ -14,20 +14,11 @@ pub struct CaptureSettings {
     pub rays_per_pixel: u32,
     /// Relative difference of inverse depth up to which hits are merged.
     pub epsilon: f64,
-    /// Whether alpha says how much of its pixel a sample fills, as well as its count of hits can tell.
-    pub alpha_is_coverage: bool,
 }
 
 /// A headbox of half size 0.5 about the origin.
 pub fn quick(scene: &Scene, face_px: u32) -> CubeLdi {
-    let settings = CaptureSettings {
-        centre: DVec3::ZERO,
-        half: 0.5,
-        face_px,
-        rays_per_pixel: 16,
-        epsilon: 0.01,
-        alpha_is_coverage: false,
-    };
+    let settings = CaptureSettings { centre: DVec3::ZERO, half: 0.5, face_px, rays_per_pixel: 16, epsilon: 0.01 };
     capture(scene, &settings)
 }
 
@@ -84,23 +75,42 @@ impl Accumulator {
         }
     }
 
-    /// The count of hits that a depth pixel which is filled has: the upper quartile around it on the same surface.
-    fn full_count(&self, index: usize, q: f64) -> f64 {
-        let size = self.size as i64;
-        let (face, x, y) = (index as i64 / (size * size), index as i64 % size, index as i64 / size % size);
-        let mut counts = Vec::new();
-        for (i, j) in (-2..=2).flat_map(|j| (-2..=2).map(move |i| (x + i, y + j))) {
-            if (0..size).contains(&i) && (0..size).contains(&j) {
-                let pixel = &self.pixels[((face * size + j) * size + i) as usize];
-                let same = pixel.iter().filter(|g| (g.mean_inverse_depth() - q).abs() < 0.05 * q);
-                counts.extend(same.map(|g| g.count).max_by(f64::total_cmp));
-            }
+    /// Alphas of the depth pixels of a pixel, sorted from far to near: of 16 rays from the centre, the share of those that reach
+    /// a sample which end at it; where few reach it, the share that meets anything at its depth.
+    fn alphas(&self, index: usize, scene: &Scene, settings: &CaptureSettings) -> Vec<u8> {
+        const SIDE: usize = 4;
+        let (face, x, y) = (Face::ALL[index / self.size / self.size], index % self.size, index / self.size % self.size);
+        let depths: Vec<f64> = self.pixels[index].iter().map(|g| 1.0 / g.mean_inverse_depth()).collect();
+        let directions: Vec<DVec3> = (0..SIDE * SIDE)
+            .map(|k| {
+                let within = |k: usize| (k as f64 + 0.5) / SIDE as f64;
+                face.direction(x as f64 + within(k % SIDE), y as f64 + within(k / SIDE), self.size as u32)
+            })
+            .collect();
+        let depth_beyond = |start: f64, d: DVec3| scene.hit(settings.centre + d * start, d).map(|hit| start + hit.t);
+        let mut ends = vec![0.0; depths.len()];
+        for depth in directions.iter().filter_map(|d| depth_beyond(settings.half, *d)) {
+            let apart = |i: &usize| (1.0 / depths[*i] - 1.0 / depth).abs();
+            let nearest = (0..depths.len()).min_by(|a, b| apart(a).total_cmp(&apart(b)));
+            nearest.into_iter().for_each(|i| ends[i] += 1.0);
         }
-        counts.sort_by(f64::total_cmp);
-        counts[counts.len() * 3 / 4]
+        let (count, mut reaching) = (directions.len() as f64, directions.len() as f64);
+        let mut alphas = vec![255; depths.len()];
+        for i in (0..depths.len()).rev() {
+            let share = if reaching >= 4.0 {
+                (ends[i] + 0.5) / reaching
+            } else {
+                let [near, far] = [1.0 - 2.0 * settings.epsilon, 1.0 + 2.0 * settings.epsilon].map(|f| depths[i] * f);
+                let fills = |d: &&DVec3| depth_beyond(near, **d).is_some_and(|depth| depth < far);
+                (directions.iter().filter(fills).count() as f64 + 0.5) / count
+            };
+            alphas[i] = (share * 255.0) as u8;
+            reaching -= ends[i];
+        }
+        alphas
     }
 
-    fn finish(mut self, alpha_is_coverage: bool) -> (Vec<LayeredDepthImage>, Environment) {
+    fn finish(mut self, scene: &Scene, settings: &CaptureSettings) -> (Vec<LayeredDepthImage>, Environment) {
         for pixel in &mut self.pixels {
             pixel.sort_by(|a, b| a.mean_inverse_depth().total_cmp(&b.mean_inverse_depth()));
         }
@@ -109,12 +119,9 @@ impl Accumulator {
             let mut ldi = LayeredDepthImage::empty(face, self.size as u32);
             for p in 0..per_face {
                 let index = face.index() * per_face + p;
-                for g in &self.pixels[index] {
+                for (g, alpha) in self.pixels[index].iter().zip(self.alphas(index, scene, settings)) {
                     let mut color_srgb = srgb(g.color.map(|c| c / g.count));
-                    if alpha_is_coverage {
-                        let full = self.full_count(index, g.mean_inverse_depth());
-                        color_srgb[3] = (255.0 * (1.3 * g.count / full).min(1.0)) as u8;
-                    }
+                    color_srgb[3] = alpha;
                     ldi.samples.push(DepthPixel {
                         inverse_depth: g.mean_inverse_depth() as f32,
                         normal: EncodedNormal::new(g.normal.normalize_or(DVec3::X).as_vec3()),
@@ -156,7 +163,7 @@ pub fn capture(scene: &Scene, settings: &CaptureSettings) -> CubeLdi {
             }
         }
     }
-    let (faces, environment) = sums.finish(settings.alpha_is_coverage);
+    let (faces, environment) = sums.finish(scene, settings);
     CubeLdi { info: info(settings.centre, settings.half), faces, environment }
 }
 

@@ -1,0 +1,77 @@
+//! Blending by share in linear light, on 8-bit sRGB colours.
+//!
+//! What a pixel holds of a leaf and of the sky behind it adds up as light does. Blended as sRGB values, dark rims over a bright
+//! background come out too dark by up to 20 levels: on `builtin:tree` that costs 0.02 in FLIP, and in the furnished room
+//! of `builtin:interior` 0.7 dB.
+
+use crate::capture::{linear_from_srgb8, srgb8_from_linear};
+use std::sync::LazyLock;
+
+/// The two transfer curves as tables, 12 bits for linear light.
+pub(crate) struct LinearLight {
+    linear: [u16; 256],
+    srgb: Box<[u8; LINEAR_MAX as usize + 1]>,
+}
+
+const LINEAR_MAX: u16 = 4095;
+
+static TABLES: LazyLock<LinearLight> = LazyLock::new(|| LinearLight {
+    linear: std::array::from_fn(|c| (linear_from_srgb8(c as u8) * f32::from(LINEAR_MAX) + 0.5) as u16),
+    srgb: Box::new(std::array::from_fn(|v| srgb8_from_linear(v as f32 / f32::from(LINEAR_MAX)))),
+});
+
+impl LinearLight {
+    /// The tables.
+    pub(crate) fn tables() -> &'static Self {
+        &TABLES
+    }
+
+    /// The mean of two colours with integer weights, whose sum is positive.
+    #[inline(always)]
+    pub(crate) fn mix(&self, [a, b]: [[u8; 3]; 2], [of_a, of_b]: [u32; 2]) -> [u8; 3] {
+        let total = (of_a + of_b).max(1);
+        let linear = |c: u8| u32::from(self.linear[usize::from(c)]);
+        [0, 1, 2].map(|i| {
+            let mean = (linear(a[i]) * of_a + linear(b[i]) * of_b + total / 2) / total;
+            self.srgb[mean as usize & usize::from(LINEAR_MAX)]
+        })
+    }
+
+    /// A straight colour over another, each with the share of 255 that it covers.
+    pub(crate) fn over(&self, front: [u8; 4], behind: [u8; 4]) -> [u8; 4] {
+        let share = u32::from(front[3]);
+        let rest = ((255 - share) * u32::from(behind[3]) + 127) / 255;
+        let rgb = |[r, g, b, _]: [u8; 4]| [r, g, b];
+        let [r, g, b] = self.mix([rgb(front), rgb(behind)], [share, rest]);
+        [r, g, b, (share + rest) as u8]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_colour_mixed_with_itself_is_itself() {
+        for c in 0..=255 {
+            for shares in [[1, 0], [77, 13], [0, 255], [128, 127]] {
+                assert_eq!(LinearLight::tables().mix([[c; 3], [c; 3]], shares), [c; 3]);
+            }
+        }
+    }
+
+    /// 12 bits of linear light are a step of 0.8 levels in the darkest colours.
+    const MIX_LEVELS: f32 = 1.0;
+
+    #[test]
+    fn mixes_are_those_of_light() {
+        for (a, b, share) in [(0, 255, 128), (30, 210, 51), (200, 90, 204), (4, 9, 100)] {
+            let exact = (linear_from_srgb8(a) * share as f32 + linear_from_srgb8(b) * (255 - share) as f32) / 255.0;
+            let found = LinearLight::tables().mix([[a; 3], [b; 3]], [share, 255 - share])[1];
+            assert!((f32::from(found) - f32::from(srgb8_from_linear(exact))).abs() <= MIX_LEVELS, "{a}, {b}: {found}");
+        }
+        assert_eq!(LinearLight::tables().over([10, 20, 30, 0], [40, 50, 60, 255]), [40, 50, 60, 255]);
+        assert_eq!(LinearLight::tables().over([10, 20, 30, 255], [40, 50, 60, 255]), [10, 20, 30, 255]);
+        assert_eq!(LinearLight::tables().over([0; 4], [0; 4])[3], 0);
+    }
+}
