@@ -11,7 +11,8 @@ cd "$(dirname "$0")/.."
 out=${1:-target/window}
 mkdir -p "$out"
 
-cargo build --release -p headbox-viewer --example checker_room --example not_blank
+cargo build --release -p headbox -p headbox-viewer --bin headbox --example checker_room --example not_blank
+headbox=target/release/headbox
 viewer=target/release/examples/checker_room
 not_blank=target/release/examples/not_blank
 
@@ -63,6 +64,48 @@ run compare room --every-pose --compare overlay=distance
 run stereo ball --every-pose --stereo cross
 run plan hall --every-pose --set overlay=face
 
+# Every kind of file with the real program. The poses stay inside the headboxes of the built-in scenes.
+"$headbox" capture builtin:interior -o "$out/interior.ldi" --face-size 256 --strata 12 --rays 8 --light-samples 2 >"$out/capture.txt"
+cat >"$out/inside.json" <<'JSON'
+[{"eye": [0.2, 1.45, 0.9], "look_at": [0.2, 1.45, -1.0], "fov": 60},
+ {"eye": [0.3, 1.45, 0.8], "look_at": [0.6, 1.40, -1.0], "fov": 60},
+ {"eye": [0.4, 1.55, 0.7], "look_at": [1.0, 1.30, -1.0], "fov": 70}]
+JSON
+
+# show NAME FILE ARGUMENTS...: opens FILE, plays a path or a few frames, and looks at the picture taken at the end.
+show() {
+    name=$1
+    shift
+    echo "window: headbox view $*"
+    timeout 300 "$headbox" view "$@" --window-size "$size" --out "$out" --screenshot "$out/$name.png" --json >"$out/$name.json"
+    tr -d ' \n' <"$out/$name.json"
+    echo
+    "$not_blank" "$out/$name.png"
+}
+
+size=960x600
+show start_page
+show ldi "$out/interior.ldi" --path "$out/inside.json" --every-pose
+show ldi_stereo "$out/interior.ldi" --path "$out/inside.json" --every-pose --stereo cross --no-panels
+show ldi_compare "$out/interior.ldi" --path "$out/inside.json" --every-pose --compare kernel=paper
+size=480x300 # truth is traced to the end
+show ldi_error "$out/interior.ldi" --when-refined --set overlay=error
+size=960x600
+show ldi_depth "$out/interior.ldi" --frames 3 --set overlay=depth
+show scene builtin:sprites --frames 3
+if "$headbox" sprite --help >/dev/null 2>&1; then
+    "$headbox" sprite builtin:sprites --size 320x240 -o "$out/layers.sprite" >"$out/sprite.txt"
+    show sprite "$out/layers.sprite" --frames 3
+fi
+
+echo "window: a file that is none"
+echo "not an LDI" >"$out/damaged.ldi"
+if timeout 60 "$headbox" view "$out/damaged.ldi" 2>"$out/damaged.txt"; then
+    echo "expected an error" >&2
+    exit 1
+fi
+cat "$out/damaged.txt"
+
 echo "window: a failing view"
 if timeout 60 "$viewer" room --set fail=on --frames 3 2>"$out/fails.txt"; then
     echo "expected an error" >&2
@@ -72,7 +115,7 @@ cat "$out/fails.txt"
 
 echo "window: no display"
 status=0
-env -u DISPLAY timeout 60 "$viewer" room >"$out/no_display.json" 2>"$out/no_display.txt" || status=$?
+env -u DISPLAY timeout 60 "$headbox" view "$out/interior.ldi" >"$out/no_display.json" 2>"$out/no_display.txt" || status=$?
 cat "$out/no_display.txt"
 if [ "$status" -ne 1 ] || [ "$(wc -l <"$out/no_display.txt")" -ne 1 ] || ! grep -q 'no display' "$out/no_display.txt"; then
     echo "expected one sentence about the missing display and exit 1, got exit $status" >&2

@@ -7,6 +7,7 @@
 //! Conventions (axes, pixels, depth, colour) are stated once, in [`capture`].
 
 pub use headbox_capture as capture;
+pub use headbox_capture::path;
 pub use headbox_scenes as scenes;
 
 pub mod cli;
@@ -18,10 +19,11 @@ pub mod frame;
 pub mod ldi;
 pub mod metrics;
 pub mod packed;
-pub mod path;
 pub mod report;
 pub mod scene_source;
 pub mod splat;
 pub mod sprite;
 pub mod truth;
+#[cfg(feature = "viewer")]
+pub mod view;
 pub mod warp;

@@ -23,7 +23,8 @@ pub struct TruthFrame {
 }
 
 /// Traces a frame with `samples` camera rays per pixel (rounded up to a multiple of 2), jittered over the pixel, one
-/// light sample each; 0 light samples (`lit` false) shows albedo and emission as a capture without light does.
+/// light sample each; 0 light samples (`lit` false) shows albedo and emission as a capture without light does. Of a frame
+/// that `progress` gave up, the rest is black.
 pub fn render(
     tracer: &Tracer,
     lighting: &Lighting,
@@ -36,6 +37,9 @@ pub fn render(
     let half = samples.div_ceil(2).max(1);
     progress.begin("truth", "rows", u64::from(height));
     let row = |y: u32| {
+        if progress.is_cancelled() {
+            return (vec![[0; 3]; width as usize], vec![0.0; width as usize], 0.0);
+        }
         let mut pixels = Vec::with_capacity(width as usize);
         let mut surface_share = Vec::with_capacity(width as usize);
         let mut squared_error = 0.0;

@@ -185,3 +185,21 @@ fn a_headbox_full_of_geometry_is_captured_with_a_warning() {
     let warning = String::from_utf8(output.stderr).unwrap();
     assert!(warning.contains("% of the headbox is hidden"), "{warning}");
 }
+
+/// Elsewhere a display needs no environment, and a window would open.
+#[cfg(all(feature = "viewer", target_os = "linux"))]
+#[test]
+fn a_window_without_a_display_is_one_sentence_and_exit_1() {
+    let dir = tempfile::tempdir().unwrap();
+    let view = |arguments: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_headbox"));
+        command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("WAYLAND_SOCKET");
+        let output = command.arg("view").args(arguments).current_dir(dir.path()).output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let (code, message) = view(&[]);
+    assert!(code == Some(1) && message.lines().count() == 1 && message.contains("no display"), "{code:?}: {message}");
+    let (code, message) = view(&["nothing.ldi"]);
+    assert!(code == Some(1) && message.contains("nothing.ldi"), "{code:?}: {message}");
+    assert_eq!(view(&["--frames", "3"]).0, Some(2), "a script needs something to show");
+}

@@ -31,6 +31,7 @@ mod depth_image;
 pub mod light;
 pub mod load;
 mod material;
+pub mod path;
 pub mod rig;
 pub mod sampler;
 pub mod scene;

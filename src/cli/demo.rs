@@ -107,7 +107,7 @@ impl Demo {
     #[cfg(feature = "viewer")]
     fn open_window(&self) {
         if !self.no_window
-            && let Err(error) = super::view::show(&self.out.join("demo.ldi"), None)
+            && let Err(error) = super::view::show(&self.out.join("demo.ldi"))
         {
             eprintln!("no window: {error:#}");
         }

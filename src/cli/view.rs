@@ -1,98 +1,132 @@
 //! `headbox view`.
 
-use super::args::frame_of;
-use crate::capture::scene::FileFrame;
-use crate::packed::PackedCube;
-use crate::splat::SplatKernel;
-use crate::warp::{RenderSettings, Renderer};
-use clap::Args;
-use glam::DVec3;
-use headbox_viewer::{EyeBounds, Figure, FrameReport, FrameRequest, FrameSource, Pose, Setting, Stage, ViewerOptions};
+use super::UsageError;
+use super::args::parse_size;
+use super::output::print_json;
+use crate::view::{SceneLibrary, open};
+use clap::{Args, ValueEnum};
+use headbox_viewer::{Exit, ReplayMode, Stereo, ViewerOptions};
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 #[derive(Args)]
 pub(super) struct View {
-    /// A .ldi file
-    file: PathBuf,
+    /// A .ldi or .sprite file, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the start
+    /// page if absent
+    file: Option<String>,
+    /// Replay this path or camera file
+    #[arg(long, value_name = "PATH.json")]
+    path: Option<PathBuf>,
+    /// Replay every pose once, however long its frame takes, instead of by the path's times
+    #[arg(long, requires = "path")]
+    every_pose: bool,
+    /// Close the window when the path has ended
+    #[arg(long, requires = "path")]
+    exit_after_path: bool,
+    /// Close the window after so many frames
+    #[arg(long, value_name = "N", conflicts_with = "exit_after_path")]
+    frames: Option<u64>,
+    /// Close the window when the view cannot become better: a capture or an error map is complete
+    #[arg(long, conflicts_with_all = ["exit_after_path", "frames"])]
+    when_refined: bool,
     /// Save a picture of the window here, then close it
     #[arg(long, value_name = "OUT.png")]
     screenshot: Option<PathBuf>,
+    /// Size of the window, points
+    #[arg(long, value_name = "WxH", default_value = "1280x800", value_parser = parse_size)]
+    window_size: (u32, u32),
+    /// Set a control of the panel, such as kernel=paper or overlay=error
+    #[arg(long, value_name = "ID=VALUE", value_parser = parse_pair)]
+    set: Vec<(String, String)>,
+    /// Compare with this other value of a control, left and right of a divider
+    #[arg(long, value_name = "ID=VALUE", value_parser = parse_pair)]
+    compare: Vec<(String, String)>,
+    /// Two eyes side by side
+    #[arg(long)]
+    stereo: Option<StereoArg>,
+    /// Show the frame alone
+    #[arg(long)]
+    no_panels: bool,
+    /// Folder for saved frames, cameras, paths and captures
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    out: PathBuf,
+    /// Print what was measured as one JSON object on standard output, once the window is closed
+    #[arg(long)]
+    json: bool,
 }
+
+#[derive(Clone, Copy, ValueEnum)]
+enum StereoArg {
+    /// The right eye's view on the left
+    Cross,
+    /// The left eye's view on the left
+    Parallel,
+}
+
+fn parse_pair(text: &str) -> Result<(String, String), String> {
+    let (id, value) = text.split_once('=').ok_or("give ID=VALUE")?;
+    Ok((id.into(), value.into()))
+}
+
+/// Frames after which a picture without a path is taken: the first may be of a window that still takes its size.
+const FRAMES_BEFORE_PICTURE: u64 = 3;
 
 impl View {
     pub(super) fn run(&self) -> anyhow::Result<()> {
-        show(&self.file, self.screenshot.clone())
+        let options = self.options()?;
+        let source = self.file.as_deref().map(|file| open(file, &self.out)).transpose()?;
+        let summary = headbox_viewer::run(source, options)?;
+        if self.json {
+            print_json(&serde_json::to_value(summary)?);
+        }
+        Ok(())
+    }
+
+    fn options(&self) -> Result<ViewerOptions, UsageError> {
+        if self.file.is_none() && (self.path.is_some() || self.frames.is_some() || self.when_refined) {
+            return Err(UsageError("--path, --frames and --when-refined need a file to show".into()));
+        }
+        let (width, height) = self.window_size;
+        let with_path = self.path.is_some();
+        let exit = match (self.exit_after_path, self.frames, &self.screenshot) {
+            (true, ..) => Exit::AfterPath,
+            (_, Some(frames), _) => Exit::AfterFrames(frames),
+            _ if self.when_refined => Exit::WhenRefined,
+            (.., Some(_)) if with_path => Exit::AfterPath,
+            (.., Some(_)) if self.file.is_some() => Exit::AfterFrames(FRAMES_BEFORE_PICTURE),
+            (.., Some(_)) => Exit::AfterThumbnails,
+            _ => Exit::Never,
+        };
+        Ok(ViewerOptions {
+            started: Instant::now(),
+            library: Some(Box::new(SceneLibrary { output_dir: self.out.clone() })),
+            window_size_points: [width as f32, height as f32],
+            panels: !self.no_panels,
+            settings: self.set.clone(),
+            compare: (!self.compare.is_empty()).then(|| self.compare.clone()),
+            stereo: match self.stereo {
+                None => Stereo::Off,
+                Some(StereoArg::Cross) => Stereo::CrossEyed,
+                Some(StereoArg::Parallel) => Stereo::Parallel,
+            },
+            path: self.path.clone(),
+            replay: if self.every_pose { ReplayMode::EveryPose } else { ReplayMode::InTime },
+            output_dir: self.out.clone(),
+            screenshot: self.screenshot.clone(),
+            exit,
+            ..ViewerOptions::default()
+        })
     }
 }
 
 /// Opens the window on a file, and returns when it is closed.
-pub(super) fn show(file: &Path, screenshot: Option<PathBuf>) -> anyhow::Result<()> {
-    let source = CubeSource::new(PackedCube::read(file)?, file);
-    let mut options = ViewerOptions::default();
-    if screenshot.is_some() {
-        options.exit = headbox_viewer::Exit::AfterFrames(3);
-        options.screenshot = screenshot;
-    }
-    headbox_viewer::run(Some(Box::new(source)), options)?;
+pub(super) fn show(file: &Path) -> anyhow::Result<()> {
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let source = open(&file.to_string_lossy(), folder)?;
+    let library = Some(Box::new(SceneLibrary { output_dir: folder.into() }) as Box<dyn headbox_viewer::Library>);
+    headbox_viewer::run(
+        Some(source),
+        ViewerOptions { library, output_dir: folder.into(), ..ViewerOptions::default() },
+    )?;
     Ok(())
-}
-
-/// A cube LDI, shown from anywhere inside its headbox.
-struct CubeSource {
-    cube: PackedCube,
-    title: String,
-    renderer: Renderer,
-}
-
-impl CubeSource {
-    fn new(cube: PackedCube, file: &Path) -> Self {
-        Self { cube, title: format!("{} (cube LDI)", file.display()), renderer: Renderer::new() }
-    }
-}
-
-impl FrameSource for CubeSource {
-    fn title(&self) -> String {
-        self.title.clone()
-    }
-
-    fn start_pose(&self) -> Pose {
-        let centre = self.cube.info.centre;
-        Pose::looking_at(centre, centre + DVec3::NEG_Z, 60.0)
-    }
-
-    fn bounds(&self) -> Option<EyeBounds> {
-        let info = &self.cube.info;
-        Some(EyeBounds { centre: info.centre, half_size: DVec3::splat(info.half_size_m) })
-    }
-
-    fn file_frame(&self) -> FileFrame {
-        frame_of(&self.cube.info)
-    }
-
-    fn settings(&self) -> Vec<Setting> {
-        let names = SplatKernel::ALL.map(|(name, _)| name);
-        vec![Setting::choice("kernel", "Footprints", "How samples become pixels (no unit)", &names)]
-    }
-
-    fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
-        let choice = request.settings.choice("kernel").map_err(|error| error.to_string())?;
-        let kernel = SplatKernel::ALL.get(choice).map_or(SplatKernel::default(), |&(_, kernel)| kernel);
-        let settings = RenderSettings { kernel, ..RenderSettings::default() };
-        let (frame, stats) = self.renderer.render(&self.cube, &request.camera, &settings);
-        pixels.copy_from_slice(&frame.color);
-        let figure = |name, value: u64| Figure { name, value: value as f64, unit: "" };
-        Ok(FrameReport {
-            stages: vec![
-                Stage { name: "clear", ms: stats.clear_ms },
-                Stage { name: "warp", ms: stats.warp_ms },
-                Stage { name: "finish", ms: stats.finish_ms },
-            ],
-            figures: vec![
-                figure("depth pixels in", stats.depth_pixels_in),
-                figure("depth pixels splatted", stats.splatted),
-                figure("hole pixels", stats.hole_pixels),
-            ],
-            converging: false,
-        })
-    }
 }

@@ -61,6 +61,16 @@ pub trait Progress: Sync {
     fn begin(&self, stage: &str, unit: &str, total: u64);
     /// `steps` more are done.
     fn advance(&self, steps: u64);
+    /// Whether the work should be given up: whoever does it then returns an error of kind
+    /// [`io::ErrorKind::Interrupted`] soon, or something that nobody will look at.
+    fn is_cancelled(&self) -> bool {
+        false
+    }
+}
+
+/// The error of work that was given up.
+pub(crate) fn check_cancelled(progress: &dyn Progress) -> io::Result<()> {
+    if progress.is_cancelled() { Err(io::ErrorKind::Interrupted.into()) } else { Ok(()) }
 }
 
 /// Reports to nobody.
@@ -141,6 +151,7 @@ fn trace_jobs(
 ) -> io::Result<()> {
     let bins = DepthBins::new(settings.half_size_m, settings.face_size_px);
     jobs.par_iter().try_for_each_init(JobBuffers::default, |buffers, &(domain, cell)| {
+        check_cancelled(progress)?;
         let job = DirectionCell {
             domain: RayDomain::cube_face(Face::ALL[usize::from(domain)], settings.half_size_m),
             domain_number: domain,

@@ -1,7 +1,7 @@
 //! The end of a capture: light at kept hits, pooled over surfaces, merged into depth pixels, face by face.
 
 use super::accumulate::{Accumulator, DepthBins};
-use super::build::{CaptureSettings, Progress, Sampler, Tracing};
+use super::build::{CaptureSettings, Progress, Sampler, Tracing, check_cancelled};
 use super::coverage::{BinSpan, Coverage};
 use super::merge::depth_pixels_of;
 use super::pool::{self, FaceParts};
@@ -68,6 +68,7 @@ fn lit_face(run: &Tracing, face: Face, shader: &Shader, progress: &dyn Progress)
     let first = face.index() * per_row * per_row;
     let mut lit = FaceParts { size_px, offsets: vec![0], parts: Vec::new() };
     for tile_row in 0..per_row {
+        check_cancelled(progress)?;
         let tiles = first + tile_row * per_row..first + (tile_row + 1) * per_row;
         let tiles: io::Result<Vec<LitTile>> = tiles.into_par_iter().map(|tile| lit_tile(run, tile, shader)).collect();
         let mut tiles = tiles?;

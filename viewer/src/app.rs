@@ -2,7 +2,7 @@
 
 use crate::{
     automation::{Automation, Outcome, Progress},
-    camera_file::PathRecord,
+    camera_file,
     history::{FrameTimes, History, add_stages},
     keymap::{self, Command},
     messages::{Kind, Messages},
@@ -13,6 +13,7 @@ use crate::{
     resolution::ResolutionPolicy,
     session::{Event, Finished, Session, SourceInfo},
     setting::SettingValues,
+    source::Refinement,
     tape::Tape,
     views::Stereo,
 };
@@ -152,7 +153,10 @@ impl Viewer {
         while let Some(event) = self.session.news() {
             self.learn(&ctx, event, now_s);
         }
-        if let Some(finished) = self.session.latest() {
+        // A pass that is laid out anew is not drawn: a frame taken in each would be lost between them.
+        if ctx.current_pass_index() == 0
+            && let Some(finished) = self.session.latest()
+        {
             self.show_frame(&ctx, finished, now_s);
         }
         self.collect_shots(now_s);
@@ -238,8 +242,8 @@ impl Viewer {
         self.eye.speed_m_per_s = info.speed_m_per_s;
         self.tape = Tape::new(self.tape.mode);
         if let Some(path) = self.options.path.take() {
-            match PathRecord::read(&path, &info.file_frame) {
-                Ok((path, _)) => {
+            match camera_file::read_path(&path, &info.file_frame) {
+                Ok(path) => {
                     self.tape.path = Some(path);
                     self.commands.push(Command::TogglePlayback);
                 }
@@ -281,8 +285,8 @@ impl Viewer {
             let render_ms = finished.render_ms;
             self.history.push(FrameTimes { shown_s: now_s, render_ms, latency_ms, stages });
         }
-        if finished.job.number == self.jobs_issued {
-            self.tape.shown();
+        if let Some(index) = finished.job.replayed {
+            self.tape.shown(index);
         }
         self.count_frame(ctx);
         if let Some(old) = self.shown.replace(finished) {
@@ -313,7 +317,10 @@ impl Viewer {
         let settled = self.shown.as_ref().is_some_and(|s| s.job.number == self.jobs_issued && !s.job.moving);
         let error = self.messages.iter().find(|m| m.kind == Kind::Error).map(|m| m.text.as_str());
         let path_done = self.path_ended && settled && !self.tape.is_playing();
-        let progress = Progress { frames_shown: self.clock.frames_shown, path_done, error };
+        let done = |shown: &Finished| shown.pictures.iter().all(|p| p.report.refinement == Refinement::Done);
+        let refined = settled && self.shown.as_ref().is_some_and(done);
+        let thumbnails_done = self.start_page.is_pictured();
+        let progress = Progress { frames_shown: self.clock.frames_shown, path_done, refined, thumbnails_done, error };
         if let Some(error) = self.automation.step(ctx, &progress) {
             self.outcome.lock().unwrap_or_else(PoisonError::into_inner).error = Some(error);
         }

@@ -38,6 +38,10 @@ pub(crate) struct Progress<'a> {
     pub frames_shown: u64,
     /// The replay has ended, and its last frame is on the screen in full.
     pub path_done: bool,
+    /// The newest view is on the screen, and cannot become better.
+    pub refined: bool,
+    /// Every entry of the start page has its picture.
+    pub thumbnails_done: bool,
     /// What a person would have read as an error.
     pub error: Option<&'a str>,
 }
@@ -71,6 +75,8 @@ impl Automation {
                 Exit::Never => false,
                 Exit::AfterFrames(count) => progress.frames_shown >= count,
                 Exit::AfterPath => progress.path_done,
+                Exit::WhenRefined => progress.refined,
+                Exit::AfterThumbnails => progress.thumbnails_done,
             };
             if done {
                 self.stage = Stage::Shooting;

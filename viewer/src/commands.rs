@@ -2,8 +2,7 @@
 
 use crate::{
     app::Viewer,
-    camera_file::{CameraRecord, PathRecord, ViewRecord},
-    export,
+    camera_file, export,
     keymap::Command,
     messages::Kind,
     session::{ExportOrder, Location, Order},
@@ -88,7 +87,8 @@ impl Viewer {
 
     fn save_camera(&mut self) {
         let (Some(info), Some(wish)) = (&self.info, &self.wish) else { return };
-        let record = CameraRecord { view: ViewRecord::new(&self.eye.pose, &info.file_frame), size: wish.size_px };
+        let mut record = camera_file::record(&self.eye.pose, &info.file_frame);
+        record.size = Some(wish.size_px);
         let dir = self.options.output_dir.clone();
         self.session.in_background(move || {
             let path = export::free_name(&dir, "camera", "json");
@@ -143,7 +143,7 @@ impl Viewer {
         let (Some(info), Some(path), Some(wish)) = (&self.info, &self.tape.path, &self.wish) else {
             return self.messages.add(Kind::Done, "There is no path to save: record one (R).", now_s);
         };
-        let record = PathRecord::new(path, wish.size_px, &info.file_frame);
+        let record = camera_file::path_record(path, wish.size_px, &info.file_frame);
         let dir = self.options.output_dir.clone();
         self.session.in_background(move || {
             let path = export::free_name(&dir, "path", "json");
@@ -153,8 +153,8 @@ impl Viewer {
 
     fn load_path(&mut self, file: &Path, now_s: f64) {
         let Some(info) = &self.info else { return };
-        match PathRecord::read(file, &info.file_frame) {
-            Ok((path, _)) => {
+        match camera_file::read_path(file, &info.file_frame) {
+            Ok(path) => {
                 let text =
                     format!("{} poses, {:.1} s, from {}.", path.poses().len(), path.duration_s(), file.display());
                 self.tape.stop();

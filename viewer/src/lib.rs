@@ -85,13 +85,13 @@ mod worker;
 mod tests;
 
 pub use bounds::EyeBounds;
-pub use camera_file::{CameraFileError, CameraRecord, PathPoseRecord, PathRecord, ViewRecord};
 pub use options::{Exit, Summary, ViewerError, ViewerOptions};
 pub use path::{CameraPath, PathError, TimedPose};
 pub use pose::Pose;
 pub use setting::{Control, Setting, SettingError, SettingValue, SettingValues};
 pub use source::{
-    Entry, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Plan, Room, Stage, Thumbnail,
+    Entry, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Plan, Refinement, Room, Stage,
+    Thumbnail,
 };
 pub use tape::ReplayMode;
 pub use views::Stereo;

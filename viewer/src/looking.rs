@@ -113,7 +113,7 @@ impl Viewer {
         let (stereo, separation) = (self.display.stereo, self.display.separation_m);
         let wish = Wish { pose: self.eye.pose, size_px, scale, moving, stereo, separation, sets: self.sets_shown() };
         let answered = self.shown.as_ref().is_some_and(|shown| shown.job.number == self.jobs_issued);
-        let forced = (self.automation.wants_frames() || self.tape.plays_every_pose()) && answered;
+        let forced = (self.automation.wants_frames() || self.tape.pose_index().is_some()) && answered;
         if self.wish.as_ref() == Some(&wish) && !forced {
             return;
         }
@@ -133,6 +133,7 @@ impl Viewer {
             scale,
             issued: Instant::now(),
             round: 0,
+            replayed: self.tape.pose_index(),
         });
         self.wish = Some(wish);
     }

@@ -66,6 +66,11 @@ pub enum Exit {
     AfterFrames(u64),
     /// When the replay of the path has ended.
     AfterPath,
+    /// When the view cannot become better ([`Refinement::Done`](crate::Refinement::Done)): a capture or an error map is
+    /// complete.
+    WhenRefined,
+    /// When every entry of the start page has its picture.
+    AfterThumbnails,
 }
 
 /// What a run of the window measured.

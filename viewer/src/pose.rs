@@ -34,7 +34,8 @@ impl Pose {
         let forward = (target - eye).try_normalize().unwrap_or(DVec3::NEG_Z);
         let yaw_rad = if forward.x == 0.0 && forward.z == 0.0 { 0.0 } else { (-forward.x).atan2(-forward.z) };
         let pitch_rad = forward.y.clamp(-1.0, 1.0).asin().clamp(-Self::MAX_PITCH_RAD, Self::MAX_PITCH_RAD);
-        Self { eye, yaw_rad, pitch_rad, fov_y_deg: clamp(fov_y_deg, &Self::FOV_Y_DEG) }
+        // Adding 0 turns -0 into 0, which reads better.
+        Self { eye, yaw_rad: yaw_rad + 0.0, pitch_rad, fov_y_deg: clamp(fov_y_deg, &Self::FOV_Y_DEG) }
     }
 
     /// Rotation from eye space to world space; its columns are right, up and back.

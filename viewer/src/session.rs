@@ -68,6 +68,8 @@ pub(crate) struct Job {
     pub issued: Instant,
     /// How often it was rendered before (a source that converges).
     pub round: u32,
+    /// Which pose of a replay it shows, if every one is to be shown.
+    pub replayed: Option<usize>,
 }
 
 /// One rendered picture with what the source said about it.

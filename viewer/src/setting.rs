@@ -9,6 +9,8 @@ pub struct Setting {
     pub id: &'static str,
     /// Heading under which it is shown.
     pub group: String,
+    /// Whether that heading is folded at first (the first setting under it decides).
+    pub folded: bool,
     /// Text beside the control.
     pub label: String,
     /// What it does, with the unit: shown when the pointer rests on the control.
@@ -52,7 +54,7 @@ pub enum Control {
 impl Setting {
     /// A control of any kind, under the heading "View".
     pub fn new(id: &'static str, label: &str, tooltip: &str, control: Control) -> Self {
-        Self { id, group: "View".into(), label: label.into(), tooltip: tooltip.into(), control }
+        Self { id, group: "View".into(), folded: false, label: label.into(), tooltip: tooltip.into(), control }
     }
 
     /// A check box.
@@ -95,6 +97,12 @@ impl Setting {
     pub fn under(mut self, group: &str) -> Self {
         self.group = group.into();
         self
+    }
+
+    /// The same control under another heading that is folded at first.
+    #[must_use]
+    pub fn folded_under(self, group: &str) -> Self {
+        Self { folded: true, ..self.under(group) }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 /// Holds at most one value: the newest. Neither side ever waits for the other.
 #[derive(Debug)]
@@ -39,6 +40,14 @@ struct InboxState<Order, Job> {
     closed: bool,
 }
 
+/// How long [`Inbox::next`] waits for something to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Wait {
+    No,
+    Until(Instant),
+    Forever,
+}
+
 /// What [`Inbox::next`] found.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Next<Order, Job> {
@@ -46,7 +55,7 @@ pub(crate) enum Next<Order, Job> {
     Order(Order),
     /// The newest job.
     Job(Job),
-    /// Nothing (only without waiting).
+    /// Nothing, for as long as was waited.
     Nothing,
     /// The other side is gone.
     Closed,
@@ -78,8 +87,8 @@ impl<Order, Job> Inbox<Order, Job> {
         self.changed.notify_all();
     }
 
-    /// The next thing to do; with `wait`, sleeps until there is one.
-    pub(crate) fn next(&self, wait: bool) -> Next<Order, Job> {
+    /// The next thing to do.
+    pub(crate) fn next(&self, wait: Wait) -> Next<Order, Job> {
         let mut state = lock(&self.state);
         loop {
             if state.closed {
@@ -91,10 +100,18 @@ impl<Order, Job> Inbox<Order, Job> {
             if let Some(job) = state.job.take() {
                 return Next::Job(job);
             }
-            if !wait {
+            let left = match wait {
+                Wait::No => return Next::Nothing,
+                Wait::Forever => {
+                    state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+                    continue;
+                }
+                Wait::Until(due) => due.saturating_duration_since(Instant::now()),
+            };
+            if left.is_zero() {
                 return Next::Nothing;
             }
-            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+            state = self.changed.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
         }
     }
 }
@@ -126,10 +143,18 @@ mod tests {
         inbox.push_order(1);
         inbox.put_job('b');
         inbox.push_order(2);
-        assert_eq!(inbox.next(false), Next::Order(1));
-        assert_eq!(inbox.next(false), Next::Order(2));
-        assert_eq!(inbox.next(false), Next::Job('b'));
-        assert_eq!(inbox.next(false), Next::Nothing);
+        assert_eq!(inbox.next(Wait::No), Next::Order(1));
+        assert_eq!(inbox.next(Wait::No), Next::Order(2));
+        assert_eq!(inbox.next(Wait::No), Next::Job('b'));
+        assert_eq!(inbox.next(Wait::No), Next::Nothing);
+    }
+
+    #[test]
+    fn waiting_ends() {
+        let inbox = Inbox::<(), ()>::default();
+        assert_eq!(inbox.next(Wait::Until(Instant::now() + std::time::Duration::from_millis(2))), Next::Nothing);
+        inbox.put_job(());
+        assert_eq!(inbox.next(Wait::Until(Instant::now())), Next::Job(()), "what is there needs no time");
     }
 
     #[test]
@@ -137,7 +162,7 @@ mod tests {
         let inbox = Arc::new(Inbox::<(), ()>::default());
         let sleeper = std::thread::spawn({
             let inbox = Arc::clone(&inbox);
-            move || inbox.next(true)
+            move || inbox.next(Wait::Forever)
         });
         inbox.close();
         assert_eq!(sleeper.join().unwrap(), Next::Closed);

@@ -7,7 +7,7 @@ use crate::{
 };
 use glam::DVec3;
 use headbox_capture::{Camera, scene::FileFrame};
-use std::{path::Path, sync::Arc};
+use std::{path::Path, sync::Arc, time::Duration};
 
 /// Something that can be looked at. Lives on the render thread, which is the only one that calls it, and may take its time
 /// there: the window never waits for it.
@@ -150,9 +150,22 @@ pub struct FrameReport {
     pub stages: Vec<Stage>,
     /// Further figures.
     pub figures: Vec<Figure>,
-    /// Whether the same request, asked again, would give a better frame (progressive capture, an error map that refines):
-    /// the window asks again while nothing newer is wanted.
-    pub converging: bool,
+    /// Whether the same request, asked again, would give a better frame: the window asks again while nothing newer is
+    /// wanted.
+    pub refinement: Refinement,
+}
+
+/// Whether a frame can still become better.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Refinement {
+    /// It is as good as it gets.
+    #[default]
+    Done,
+    /// The next call makes it better; an export calls until it is done.
+    Next,
+    /// Something works on it in the background (a capture, an error map): worth another look after this long. An export
+    /// does not wait for it.
+    Later(Duration),
 }
 
 /// Time spent in one stage of a frame.

@@ -58,9 +58,12 @@ impl Tape {
         self.playback.is_some()
     }
 
-    /// Whether frames must be made although the pose may not have changed.
-    pub(crate) fn plays_every_pose(&self) -> bool {
-        matches!(self.playback, Some(Playback::EveryPose { .. }))
+    /// Which pose is waiting to be shown, if every one is: its frame must be made although the pose may be the one before.
+    pub(crate) fn pose_index(&self) -> Option<usize> {
+        match self.playback {
+            Some(Playback::EveryPose { index }) => Some(index),
+            _ => None,
+        }
     }
 
     /// Share of the path that has been replayed.
@@ -137,10 +140,10 @@ impl Tape {
         }
     }
 
-    /// The frame of the pose last asked for is on the screen.
-    pub(crate) fn shown(&mut self) {
-        if let Some(Playback::EveryPose { index }) = &mut self.playback {
-            *index += 1;
+    /// The frame of pose `index` ([`Self::pose_index`]) is on the screen: on to the next, if that was awaited.
+    pub(crate) fn shown(&mut self, index: usize) {
+        if self.pose_index() == Some(index) {
+            self.playback = Some(Playback::EveryPose { index: index + 1 });
         }
     }
 }
@@ -171,7 +174,7 @@ mod tests {
         assert!(tape.play(10.0));
         assert_eq!(x(tape.step(10.0)), 0.0);
         assert!((x(tape.step(11.5)) - 1.5).abs() < 1e-9);
-        tape.shown();
+        tape.shown(0);
         assert!((tape.progress(11.0).unwrap() - 0.5).abs() < 1e-9);
         assert!(matches!(tape.step(12.5), Replay::Ended(pose) if pose.eye.x == 2.0));
         assert!(!tape.is_playing());
@@ -181,10 +184,12 @@ mod tests {
     fn every_pose_waits_for_its_frame() {
         let mut tape = tape(ReplayMode::EveryPose);
         tape.play(0.0);
-        for i in 0..3 {
-            assert_eq!(x(tape.step(1000.0 * f64::from(i))), f64::from(i));
-            assert_eq!(x(tape.step(1000.0 * f64::from(i) + 1.0)), f64::from(i), "not before the frame was shown");
-            tape.shown();
+        for (i, pose) in [0.0, 1.0, 2.0].into_iter().enumerate() {
+            assert_eq!(tape.pose_index(), Some(i));
+            assert_eq!(x(tape.step(1000.0 * pose)), pose);
+            assert_eq!(x(tape.step(1000.0 * pose + 1.0)), pose, "not before the frame was shown");
+            tape.shown(i);
+            tape.shown(i);
         }
         assert!(matches!(tape.step(9e9), Replay::Ended(_)));
         assert_eq!(tape.step(9e9), Replay::Idle);
@@ -195,7 +200,7 @@ mod tests {
         for mode in [ReplayMode::InTime, ReplayMode::EveryPose] {
             let mut tape = Tape { repeat: true, ..tape(mode) };
             tape.play(0.0);
-            (0..3).for_each(|_| tape.shown());
+            (0..3).for_each(|i| tape.shown(i));
             assert_eq!(x(tape.step(2.5)), 0.0);
             assert!(tape.is_playing());
         }

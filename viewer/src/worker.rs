@@ -4,8 +4,8 @@ use crate::{
     export,
     session::{Event, ExportOrder, Finished, Job, Location, Order, Picture, Shared, SourceInfo, Wake},
     setting::SettingValues,
-    slot::Next,
-    source::{Entry, FrameRequest, FrameSource, Library},
+    slot::{Next, Wait},
+    source::{Entry, FrameRequest, FrameSource, Library, Refinement},
 };
 use egui::ColorImage;
 use headbox_capture::Camera;
@@ -27,8 +27,8 @@ pub(crate) struct Worker {
     library: Option<Box<dyn Library>>,
     /// Entries of the start page that have no picture yet, last first.
     unpictured: Vec<Entry>,
-    /// The job to render again because its source converges.
-    again: Option<Job>,
+    /// The job to render again because its frame can become better, and when.
+    again: Option<(Job, Instant)>,
     export: Option<Export>,
 }
 
@@ -61,17 +61,25 @@ impl Worker {
             self.tell(Event::Offers { entries, extensions });
         }
         loop {
-            let idle = self.again.is_none() && self.export.is_none() && !self.wants_thumbnail();
-            match self.shared.inbox.next(idle) {
+            match self.shared.inbox.next(self.patience()) {
                 Next::Closed => return,
                 Next::Order(order) => self.obey(order),
                 Next::Job(job) => self.render(job),
                 Next::Nothing if self.export.is_some() => self.export_step(),
                 Next::Nothing => match self.again.take() {
-                    Some(job) => self.render(job),
+                    Some((job, _)) => self.render(job),
                     None => self.thumbnail_step(),
                 },
             }
+        }
+    }
+
+    /// How long to wait for something newer.
+    fn patience(&self) -> Wait {
+        match &self.again {
+            _ if self.export.is_some() || self.wants_thumbnail() => Wait::No,
+            Some((_, due)) => Wait::Until(*due),
+            None => Wait::Forever,
         }
     }
 
@@ -151,14 +159,14 @@ impl Worker {
             }
         }
         let render_ms = started.elapsed().as_secs_f64() * 1e3;
-        let converging = pictures.iter().any(|p| p.report.converging);
+        let due = pictures.iter().filter_map(|p| due(p.report.refinement)).min();
         if let Some(unseen) = self.shared.finished.put(Finished { job: job.clone(), pictures, render_ms }) {
             self.shared.recycle(unseen.pictures);
         }
         (self.wake)();
-        if converging {
+        if let Some(due) = due {
             job.round += 1;
-            self.again = Some(job);
+            self.again = Some((job, due));
         }
     }
 
@@ -197,6 +205,15 @@ impl Worker {
     }
 }
 
+/// When to render a frame again.
+fn due(refinement: Refinement) -> Option<Instant> {
+    match refinement {
+        Refinement::Done => None,
+        Refinement::Next => Some(Instant::now()),
+        Refinement::Later(after) => Some(Instant::now() + after),
+    }
+}
+
 /// Why a picture could not be made.
 enum Failure {
     Error(String),
@@ -225,7 +242,7 @@ fn export_frame(source: &mut dyn FrameSource, shared: &Shared, export: &mut Expo
     let camera = pose.camera(order.size[0], order.size[1]).map_err(|e| Failure::Error(e.to_string()))?;
     let mut picture = render_picture(source, shared, camera, &order.settings, false)?;
     for _ in 1..MAX_EXPORT_ROUNDS {
-        if !picture.report.converging {
+        if picture.report.refinement != Refinement::Next {
             break;
         }
         shared.recycle([picture]);

@@ -2,8 +2,8 @@
 
 use glam::{DVec3, Vec3, dvec3, vec3};
 use headbox_viewer::{
-    Entry, EyeBounds, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Plan, Pose, Room, Setting,
-    Stage, Thumbnail,
+    Entry, EyeBounds, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Plan, Pose, Refinement,
+    Room, Setting, Stage, Thumbnail,
 };
 use std::{path::Path, sync::Arc, time::Instant};
 
@@ -166,7 +166,7 @@ impl FrameSource for CheckerRoom {
                 Figure { name: "rays", value: pixels.len() as f64, unit: "" },
                 Figure { name: "nearest", value: near.into(), unit: "m" },
             ],
-            converging: noise > 0,
+            refinement: if noise > 0 { Refinement::Next } else { Refinement::Done },
         })
     }
 

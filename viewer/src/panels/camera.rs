@@ -62,5 +62,7 @@ fn angle(degrees: &mut f64) -> DragValue<'_> {
 }
 
 fn vector(v: DVec3) -> String {
+    // Adding 0 turns -0 into 0.
+    let v = (v * 100.0).round() / 100.0 + 0.0;
     format!("{:.2}, {:.2}, {:.2}", v.x, v.y, v.z)
 }

@@ -22,14 +22,14 @@ pub(crate) fn show(ui: &mut Ui, settings: &[Setting], sets: &mut Sets, compare: 
         });
     }
     let values = Arc::make_mut(if compare && sets.edits_b { &mut sets.b } else { &mut sets.a });
-    let mut groups: Vec<&str> = Vec::new();
+    let mut groups: Vec<(&str, bool)> = Vec::new();
     for setting in settings {
-        if !groups.contains(&setting.group.as_str()) {
-            groups.push(&setting.group);
+        if groups.iter().all(|(group, _)| *group != setting.group) {
+            groups.push((&setting.group, setting.folded));
         }
     }
-    for group in groups {
-        section(ui, group, true, |ui| {
+    for (group, folded) in groups {
+        section(ui, group, !folded, |ui| {
             for setting in settings.iter().filter(|s| s.group == group) {
                 control(ui, setting, values, commands);
             }

@@ -32,6 +32,11 @@ impl StartPage {
         self.has_library
     }
 
+    /// Whether there are entries, and each has its picture.
+    pub(crate) fn is_pictured(&self) -> bool {
+        !self.cards.is_empty() && self.cards.iter().all(|(_, picture)| picture.is_some())
+    }
+
     pub(crate) fn set_entries(&mut self, entries: Vec<Entry>) {
         self.cards = entries.into_iter().map(|entry| (entry, None)).collect();
     }

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{FrameReport, FrameRequest, Pose, Setting, Stereo};
+use crate::{FrameReport, FrameRequest, Pose, Refinement, Setting, Stereo};
 use egui::Key;
 use glam::DVec3;
 
@@ -99,7 +99,7 @@ fn a_converging_source_is_asked_again_until_it_is_done() {
     let mut window = room_with(Kind::Headbox, options);
     wait(&mut window, "the finished picture", |viewer| {
         let shown = viewer.shown.as_ref().unwrap();
-        !shown.pictures[0].report.converging && shown.job.round > 0
+        shown.pictures[0].report.refinement == Refinement::Done && shown.job.round > 0
     });
     let round = window.state().shown.as_ref().unwrap().job.round;
     window.run_steps(20);

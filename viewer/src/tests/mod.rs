@@ -70,7 +70,7 @@ fn wait(window: &mut Window, what: &str, done: impl Fn(&Viewer) -> bool) {
     step_until(window, what, |window| done(window.state()));
 }
 
-fn step_until(window: &mut Window, what: &str, done: impl Fn(&Window) -> bool) {
+fn step_until(window: &mut Window, what: &str, mut done: impl FnMut(&Window) -> bool) {
     let started = Instant::now();
     while !done(window) {
         assert!(started.elapsed() < PATIENCE, "waited in vain for {what}");

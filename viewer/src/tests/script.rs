@@ -16,6 +16,24 @@ fn the_window_closes_after_the_frames_asked_for() {
 }
 
 #[test]
+fn the_window_closes_after_the_thumbnails() {
+    let options = ViewerOptions { exit: Exit::AfterThumbnails, library: Some(Box::new(Rooms)), ..Default::default() };
+    let mut window = open(None, options);
+    step_until(&mut window, "the end", asks_to_close);
+    assert!(window.state().start_page.is_pictured());
+}
+
+#[test]
+fn the_window_closes_when_the_view_cannot_become_better() {
+    let settings = vec![("refine".into(), "on".into())];
+    let options = ViewerOptions { exit: Exit::WhenRefined, settings, ..ViewerOptions::default() };
+    let mut window = room_with(Kind::Headbox, options);
+    step_until(&mut window, "the end", asks_to_close);
+    let shown = window.state().shown.as_ref().unwrap();
+    assert!(shown.job.round > 0 && shown.pictures[0].report.refinement == crate::Refinement::Done);
+}
+
+#[test]
 fn any_error_ends_a_scripted_run() {
     let settings = vec![("fail".into(), "on".into())];
     let options = ViewerOptions { exit: Exit::AfterFrames(5), settings, ..ViewerOptions::default() };

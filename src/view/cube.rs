@@ -1,0 +1,265 @@
+//! A cube LDI in the window, from a file or growing.
+
+use super::growth::{Growth, LitScene};
+use super::library::file_name;
+use super::overlay::{Judge, Overlay, paint_coverage, paint_epipole, paint_holes};
+use super::variation::{FACE_NAMES, Variation, Variations};
+use crate::capture::light::Lighting;
+use crate::capture::rig::Face;
+use crate::capture::scene::{FileFrame, UpAxis};
+use crate::capture::trace::Tracer;
+use crate::frame::Frame;
+use crate::ldi::CaptureInfo;
+use crate::packed::PackedCube;
+use crate::scene_source::SceneSource;
+use crate::splat::SplatKernel;
+use crate::warp::{FrameStats, RenderSettings, Renderer};
+use glam::DVec3;
+use headbox_viewer::{
+    EyeBounds, Figure, FrameReport, FrameRequest, FrameSource, Pose, Refinement, Setting, SettingValues, Stage,
+};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A cube LDI, shown from anywhere inside its headbox.
+pub(super) struct CubeSource {
+    title: String,
+    cube: Arc<PackedCube>,
+    variations: Variations,
+    renderer: Renderer,
+    judge: Judge,
+    growing: Option<Growing>,
+}
+
+/// What is known of a cube LDI that is still being captured.
+struct Growing {
+    growth: Growth,
+    scene: LitScene,
+    /// Where the button writes it.
+    file: PathBuf,
+}
+
+/// Id of the button that saves a growing LDI.
+const SAVE: &str = "save";
+
+/// How long a growing capture is left to itself between two looks at it.
+const LOOK_AGAIN: Duration = Duration::from_millis(250);
+
+impl CubeSource {
+    pub(super) fn from_file(cube: PackedCube, file: &Path) -> Self {
+        let title = format!("{} (cube LDI)", file_name(file));
+        Self::new(title, Arc::new(cube), None)
+    }
+
+    /// A scene that is captured while one looks around in it; can be saved in `output_dir`.
+    ///
+    /// # Errors
+    /// One sentence.
+    pub(super) fn capture(source: SceneSource, output_dir: &Path) -> Result<Self, String> {
+        let stem = source.name.strip_prefix("builtin:").unwrap_or(&source.name);
+        let stem =
+            Path::new(stem).file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into_owned());
+        let name =
+            if source.name.starts_with("builtin:") { source.name.clone() } else { file_name(Path::new(&source.name)) };
+        let title = format!("{name} (live capture)");
+        let (growth, scene, cube) = Growth::start(source)?;
+        let growing = Some(Growing { growth, scene, file: output_dir.join(stem + ".ldi") });
+        Ok(Self::new(title, cube, growing))
+    }
+
+    fn new(title: String, cube: Arc<PackedCube>, growing: Option<Growing>) -> Self {
+        let (variations, renderer, judge) = (Variations::default(), Renderer::new(), Judge::default());
+        Self { title, cube, variations, renderer, judge, growing }
+    }
+
+    /// How to get the scene that the LDI was captured from.
+    fn scene(&self) -> impl FnOnce() -> Result<LitScene, String> + Send + 'static {
+        let in_hand = self.growing.as_ref().map(|growing| growing.scene.clone());
+        let info = self.cube.info.clone();
+        move || match in_hand {
+            Some(scene) => Ok(scene),
+            None => reopen(&info),
+        }
+    }
+}
+
+/// Further figures, and whether the picture can become better.
+type Painted = (Vec<Figure>, Refinement);
+
+/// Paints a frame with its overlay.
+fn paint(
+    judge: &mut Judge,
+    frame: &Frame,
+    request: &FrameRequest,
+    overlay: Overlay,
+    scene: impl FnOnce() -> Result<LitScene, String> + Send + 'static,
+    pixels: &mut [[u8; 4]],
+) -> Result<Painted, String> {
+    match overlay {
+        Overlay::Holes => paint_holes(frame, pixels),
+        Overlay::Coverage => paint_coverage(frame, pixels),
+        Overlay::None | Overlay::Recolored(_) | Overlay::Truth | Overlay::Error => pixels.copy_from_slice(&frame.color),
+    }
+    if overlay.needs_truth() && !request.moving {
+        return judge.paint(overlay, frame, &request.camera, scene, pixels);
+    }
+    judge.rest();
+    Ok((Vec::new(), Refinement::Done))
+}
+
+/// Opens the scene that an LDI names, with the light it was captured in.
+fn reopen(info: &CaptureInfo) -> Result<LitScene, String> {
+    let source = SceneSource { name: info.scene.clone(), z_up: Some(info.z_up), unit_m: Some(info.unit_m) };
+    let scene = source.open().map_err(|error| format!("Truth needs the scene that was captured: {error}."))?;
+    let tracer = Arc::new(Tracer::new(Arc::new(scene), info.centre));
+    let mut lighting = Lighting::measure(&tracer, info.bounces);
+    lighting.exposure = info.exposure;
+    Ok(LitScene { tracer, lighting: Arc::new(lighting), lit: info.light_samples > 0 })
+}
+
+fn render_settings(values: &SettingValues) -> Result<RenderSettings, String> {
+    let kernel = SplatKernel::ALL.get(values.choice("kernel")?).map_or(SplatKernel::default(), |&(_, kernel)| kernel);
+    Ok(RenderSettings { kernel, ..RenderSettings::default() })
+}
+
+fn variation(values: &SettingValues, overlay: Overlay) -> Result<Variation, String> {
+    let mut faces = [true; 6];
+    for (shown, (id, _)) in faces.iter_mut().zip(FACE_NAMES) {
+        *shown = values.toggle(id)?;
+    }
+    Ok(Variation { faces, near: values.toggle("near")?, far: values.toggle("far")?, meaning: overlay.meaning() })
+}
+
+/// The level direction toward the side of the cube that has the most to show; ahead (-Z) if there is none.
+fn richest_side(cube: &PackedCube) -> DVec3 {
+    let depth_pixels =
+        |side: Face| -> usize { cube.segments.iter().filter(|s| s.face == side).map(|s| s.depth_pixels.len()).sum() };
+    let sides = [Face::PosX, Face::NegX, Face::PosZ, Face::NegZ];
+    sides.into_iter().max_by_key(|&side| depth_pixels(side)).map_or(DVec3::NEG_Z, Face::normal)
+}
+
+impl FrameSource for CubeSource {
+    fn title(&self) -> String {
+        self.title.clone()
+    }
+
+    fn start_pose(&self) -> Pose {
+        let centre = self.cube.info.centre;
+        Pose::looking_at(centre, centre + richest_side(&self.cube), 60.0)
+    }
+
+    fn bounds(&self) -> Option<EyeBounds> {
+        let info = &self.cube.info;
+        Some(EyeBounds { centre: info.centre, half_size: DVec3::splat(info.half_size_m) })
+    }
+
+    fn file_frame(&self) -> FileFrame {
+        let info = &self.cube.info;
+        FileFrame { up: if info.z_up { UpAxis::Z } else { UpAxis::Y }, unit_m: info.unit_m }
+    }
+
+    fn settings(&self) -> Vec<Setting> {
+        let kernels = SplatKernel::ALL.map(|(name, _)| name);
+        let overlays = Overlay::ALL.map(|(name, _)| name);
+        let mut settings = vec![
+            Setting::choice("kernel", "Footprints", "How samples become pixels (no unit).", &kernels),
+            Setting::choice(
+                "overlay",
+                "Overlay",
+                "What is painted: the frame; its holes in magenta; the share of each pixel that splats cover (black 0 to \
+                 white 1); the depth pixels coloured by their distance from the centre of the headbox (red near, blue \
+                 far), layer (orange first), face, or near and far segment; the ray-traced truth of this view; the \
+                 frame's error against it (FLIP, black 0 to yellow 1). The last two are refined while the eye rests.",
+                &overlays,
+            ),
+            Setting::toggle(
+                "epipole",
+                "Epipole",
+                "Marks where the centre of the headbox projects to: a cross ahead of the eye, a ring behind it.",
+                false,
+            ),
+        ];
+        let part = |id, label: &str| {
+            Setting::toggle(id, label, "Draws this part of the LDI; holes show where nothing else is.", true)
+                .folded_under("Parts")
+        };
+        settings.extend(FACE_NAMES.map(|(id, name)| part(id, &format!("Face {name}"))));
+        settings.extend([part("near", "Near segments"), part("far", "Far segments")]);
+        if let Some(growing) = &self.growing {
+            let tip = format!("Writes the LDI as captured so far to {}.", growing.file.display());
+            settings.push(Setting::action(SAVE, "Save as .ldi", &tip).under("Capture"));
+        }
+        settings
+    }
+
+    fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
+        let settings = render_settings(&request.settings)?;
+        let overlay = Overlay::ALL.get(request.settings.choice("overlay")?).map_or(Overlay::None, |&(_, o)| o);
+        let mut growth = None;
+        if let Some(growing) = &self.growing {
+            if let Some(newer) = growing.growth.newer_than(&self.cube) {
+                self.cube = newer;
+                self.variations.clear();
+            }
+            if let Some(failure) = growing.growth.failure() {
+                return Err(failure);
+            }
+            growth = Some(growing.growth.stand());
+        }
+        let scene = self.scene();
+        let cube = self.variations.of(&self.cube, &variation(&request.settings, overlay)?);
+        let (frame, stats) = self.renderer.render(&cube, &request.camera, &settings);
+        let (stages, mut figures) = (stages(stats), figures(stats, &cube));
+        let (judged, mut refinement) = paint(&mut self.judge, frame, request, overlay, scene, pixels)?;
+        // What was asked for stands on top.
+        figures.splice(0..0, judged);
+        if request.settings.toggle("epipole")? {
+            paint_epipole(&request.camera, cube.info.centre, pixels);
+        }
+        if let Some(stand) = growth {
+            let [done, all] = stand.rounds;
+            figures.push(Figure { name: "rounds captured", value: done as f64, unit: "" });
+            figures.push(Figure { name: "rounds in all", value: all as f64, unit: "" });
+            if !stand.ended {
+                figures.push(Figure { name: "stage of this round", value: stand.stage_share * 100.0, unit: "%" });
+                refinement = Refinement::Later(LOOK_AGAIN);
+            }
+        }
+        Ok(FrameReport { stages, figures, refinement })
+    }
+
+    fn act(&mut self, action: &str) -> Result<String, String> {
+        match &self.growing {
+            Some(growing) if action == SAVE => {
+                let cube = growing.growth.newer_than(&self.cube).unwrap_or_else(|| Arc::clone(&self.cube));
+                cube.write(&growing.file).map_err(|error| error.to_string())?;
+                let (count, face) = (cube.depth_pixel_count(), cube.face_size_px);
+                Ok(format!("Saved {}: {count} depth pixels, faces of {face} px.", growing.file.display()))
+            }
+            _ => Err(format!("\"{action}\" is not something that this view can do.")),
+        }
+    }
+}
+
+fn stages(stats: &FrameStats) -> Vec<Stage> {
+    let times = [("clear", stats.clear_ms), ("warp", stats.warp_ms), ("finish", stats.finish_ms)];
+    times.map(|(name, ms)| Stage { name, ms }).to_vec()
+}
+
+fn figures(stats: &FrameStats, cube: &PackedCube) -> Vec<Figure> {
+    let counts = [
+        ("depth pixels", cube.depth_pixel_count() as u64),
+        ("of these in the loop", stats.depth_pixels_in),
+        ("splatted", stats.splatted),
+        ("of about 1 px", stats.by_footprint[0]),
+        ("of about 3 px", stats.by_footprint[1]),
+        ("of about 5 px", stats.by_footprint[2]),
+        ("of 7 px or more", stats.by_footprint[3]),
+        ("hole pixels", stats.hole_pixels),
+        ("face size", cube.face_size_px.into()),
+    ];
+    counts
+        .map(|(name, value)| Figure { name, value: value as f64, unit: if name == "face size" { "px" } else { "" } })
+        .to_vec()
+}

@@ -1,0 +1,169 @@
+//! Which source opens what; the start page.
+
+use super::cube::CubeSource;
+use super::growth::headbox_of;
+use super::sprite::SpriteSource;
+use crate::capture::Camera;
+use crate::capture::light::Lighting;
+use crate::capture::trace::Tracer;
+use crate::container::FileError;
+use crate::ldi::build::Silent;
+use crate::packed::PackedCube;
+use crate::scene_source::SceneSource;
+use crate::sprite::SpriteSet;
+use crate::{scenes, truth};
+use glam::{DVec3, dvec3};
+use headbox_viewer::{Entry, FrameSource, Library, Thumbnail};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Extensions of scene files.
+const SCENES: [&str; 3] = ["obj", "gltf", "glb"];
+
+/// Why something cannot be shown.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// It is no file of a kind that can be shown.
+    #[error(
+        "{name}: only cube LDIs (.ldi), sprites (.sprite), scenes (.obj, .gltf, .glb) and builtin:NAME can be shown"
+    )]
+    Kind {
+        /// What was to be opened.
+        name: String,
+    },
+    /// The file cannot be read.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// There are no sprites in the file.
+    #[error("{}: there are no sprites in it", path.display())]
+    NoSprites {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The scene cannot be opened or captured.
+    #[error("{0}")]
+    Scene(String),
+}
+
+/// Opens a file of any kind, or `builtin:NAME`. Scenes are captured while they are looked at, and saved in `output_dir` on
+/// request.
+///
+/// # Errors
+/// See [`OpenError`].
+pub fn open(name: &str, output_dir: &Path) -> Result<Box<dyn FrameSource>, OpenError> {
+    let path = Path::new(name);
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    let source: Box<dyn FrameSource> = match extension.as_deref() {
+        _ if name.starts_with("builtin:") => Box::new(capture(name, output_dir)?),
+        Some("ldi") => Box::new(CubeSource::from_file(PackedCube::read(path)?, path)),
+        Some("sprite") => {
+            let source = SpriteSource::new(SpriteSet::read(path)?, path);
+            Box::new(source.ok_or_else(|| OpenError::NoSprites { path: path.into() })?)
+        }
+        Some(extension) if SCENES.contains(&extension) => Box::new(capture(name, output_dir)?),
+        _ => return Err(OpenError::Kind { name: name.into() }),
+    };
+    Ok(source)
+}
+
+fn capture(name: &str, output_dir: &Path) -> Result<CubeSource, OpenError> {
+    CubeSource::capture(SceneSource::new(name), output_dir).map_err(OpenError::Scene)
+}
+
+/// The name of a file without its folder.
+pub(super) fn file_name(file: &Path) -> String {
+    file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned()
+}
+
+/// The built-in scenes, and every kind of file.
+pub struct SceneLibrary {
+    /// Where captures are saved on request.
+    pub output_dir: PathBuf,
+}
+
+impl SceneLibrary {
+    /// Size of a thumbnail, pixels.
+    const THUMBNAIL_PX: (u32, u32) = (200, 150);
+    /// Rays per pixel of a thumbnail.
+    const THUMBNAIL_SAMPLES: u32 = 24;
+}
+
+impl Library for SceneLibrary {
+    fn entries(&self) -> Vec<Entry> {
+        let entry = |scene: &scenes::BuiltinScene| Entry {
+            id: format!("builtin:{}", scene.name),
+            name: scene.name.into(),
+            description: scene.description.into(),
+        };
+        scenes::all().iter().map(entry).collect()
+    }
+
+    fn thumbnail(&mut self, entry: &Entry) -> Option<Thumbnail> {
+        let scene = Arc::new(SceneSource::new(entry.id.as_str()).open().ok()?);
+        let eye = headbox_of(&scene).centre;
+        let tracer = Tracer::new(scene, eye);
+        let lighting = Lighting::measure(&tracer, 1);
+        let (width, height) = Self::THUMBNAIL_PX;
+        let camera = Camera::look_at(eye, eye + fullest_direction(&tracer), DVec3::Y, 60.0, width, height).ok()?;
+        let frame = truth::render(&tracer, &lighting, true, &camera, Self::THUMBNAIL_SAMPLES, &Silent);
+        let pixels = frame.color.pixels().map(|&image::Rgb([r, g, b])| [r, g, b, 255]).collect();
+        Some(Thumbnail { width, height, pixels })
+    }
+
+    fn extensions(&self) -> Vec<String> {
+        ["ldi", "sprite"].into_iter().chain(SCENES).map(str::to_owned).collect()
+    }
+
+    fn open_entry(&mut self, id: &str) -> Result<Box<dyn FrameSource>, String> {
+        open(id, &self.output_dir).map_err(|error| error.to_string())
+    }
+
+    fn open_file(&mut self, path: &Path) -> Result<Box<dyn FrameSource>, String> {
+        let name = path.to_str().ok_or_else(|| format!("{}: the name is not valid Unicode.", path.display()))?;
+        open(name, &self.output_dir).map_err(|error| error.to_string())
+    }
+}
+
+/// The level direction in which a small image sees the most surface; ahead (-Z) among equals.
+fn fullest_direction(tracer: &Tracer) -> DVec3 {
+    const SIDE: u32 = 16;
+    let surface = |ahead: DVec3| -> u32 {
+        let eye = tracer.origin();
+        let Ok(camera) = Camera::look_at(eye, eye + ahead, DVec3::Y, 60.0, SIDE, SIDE) else { return 0 };
+        let hits = |i: u32| {
+            let direction = camera.direction(f64::from(i % SIDE) + 0.5, f64::from(i / SIDE) + 0.5).as_vec3();
+            let origin = glam::Vec3::ZERO;
+            let ray = crate::capture::trace::Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
+            u32::from(tracer.closest(&ray).is_some())
+        };
+        (0..SIDE * SIDE).map(hits).sum()
+    };
+    let sides = [DVec3::X, DVec3::Z, dvec3(-1.0, 0.0, 0.0), DVec3::NEG_Z];
+    sides.into_iter().max_by_key(|&side| surface(side)).unwrap_or(DVec3::NEG_Z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_cannot_be_shown_is_said() {
+        let here = Path::new(".");
+        let message = |name: &str| open(name, here).err().unwrap().to_string();
+        assert!(message("notes.txt").contains("notes.txt: only"), "{}", message("notes.txt"));
+        assert!(message("no/such.ldi").contains("no/such.ldi"));
+        assert!(message("no/such.sprite").contains("no/such.sprite"));
+        assert!(message("no/such.obj").contains("no/such.obj"));
+        assert!(message("builtin:nonsense").contains("nonsense"));
+    }
+
+    #[test]
+    fn every_entry_has_a_picture_with_something_in_it() {
+        let mut library = SceneLibrary { output_dir: ".".into() };
+        for entry in library.entries() {
+            let picture = library.thumbnail(&entry).unwrap();
+            assert_eq!(picture.pixels.len(), (picture.width * picture.height) as usize);
+            assert!(picture.pixels.iter().any(|p| *p != picture.pixels[0]), "{}", entry.name);
+        }
+    }
+}

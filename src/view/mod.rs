@@ -1,0 +1,26 @@
+//! What the window shows of headbox: each kind of file as a [`FrameSource`](headbox_viewer::FrameSource), and the built-in
+//! scenes as its [`Library`](headbox_viewer::Library).
+//!
+//! | file | what |
+//! |---|---|
+//! | `library` | which source opens what; the start page |
+//! | `cube` | a cube LDI, from a file or growing; its overlays |
+//! | `growth` | the progressive capture of a scene, in rounds on a thread of low priority |
+//! | `reference` | ray-traced truth of the current view, refined in the background |
+//! | `variation` | the LDI with some of its segments, or recoloured by depth, layer, face, segment |
+//! | `overlay` | what is painted instead of colours |
+//! | `sprite` | a set of sprites with depth |
+//! | `background` | threads that take what others leave of the processor |
+
+mod background;
+mod cube;
+mod growth;
+mod library;
+mod overlay;
+mod reference;
+mod sprite;
+#[cfg(test)]
+mod tests;
+mod variation;
+
+pub use library::{OpenError, SceneLibrary, open};

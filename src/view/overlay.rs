@@ -1,0 +1,158 @@
+//! What is painted instead of colours.
+
+use super::growth::LitScene;
+use super::reference::{Reference, Traced};
+use super::variation::Meaning;
+use crate::capture::Camera;
+use crate::frame::{Coverage, Frame};
+use crate::metrics;
+use glam::DVec3;
+use headbox_viewer::{Figure, Refinement};
+use image::RgbImage;
+use std::time::Duration;
+
+/// What the pixels show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Overlay {
+    /// The frame.
+    None,
+    /// Holes in a colour that no scene has.
+    Holes,
+    /// How much of each pixel splats cover.
+    Coverage,
+    /// Colours of another meaning.
+    Recolored(Meaning),
+    /// The ray-traced reference.
+    Truth,
+    /// How far the frame is from it.
+    Error,
+}
+
+impl Overlay {
+    /// All, with the names under which the panel and scripts know them.
+    pub(super) const ALL: [(&'static str, Self); 9] = [
+        ("none", Self::None),
+        ("holes", Self::Holes),
+        ("coverage", Self::Coverage),
+        ("depth", Self::Recolored(Meaning::Depth)),
+        ("layer", Self::Recolored(Meaning::Layer)),
+        ("face", Self::Recolored(Meaning::Face)),
+        ("segment", Self::Recolored(Meaning::Segment)),
+        ("truth", Self::Truth),
+        ("error", Self::Error),
+    ];
+
+    /// What the colours of the LDI tell.
+    pub(super) fn meaning(self) -> Meaning {
+        if let Self::Recolored(meaning) = self { meaning } else { Meaning::Captured }
+    }
+
+    /// Whether ray-traced truth is needed.
+    pub(super) fn needs_truth(self) -> bool {
+        matches!(self, Self::Truth | Self::Error)
+    }
+}
+
+const HOLE_COLOR: [u8; 4] = [255, 0, 220, 255];
+const OPAQUE: u8 = 255;
+
+/// Paints a frame with its holes in magenta, the rest dimmed so that single pixels stand out.
+pub(super) fn paint_holes(frame: &Frame, pixels: &mut [[u8; 4]]) {
+    for ((pixel, color), coverage) in pixels.iter_mut().zip(&frame.color).zip(&frame.coverage) {
+        let [r, g, b, _] = color.map(|c| c / 2);
+        *pixel = if coverage.is_hole() { HOLE_COLOR } else { [r, g, b, OPAQUE] };
+    }
+}
+
+/// Paints the share of each pixel that splats cover: white all, black none; the environment alone blue, holes magenta.
+pub(super) fn paint_coverage(frame: &Frame, pixels: &mut [[u8; 4]]) {
+    for (pixel, &coverage) in pixels.iter_mut().zip(&frame.coverage) {
+        let share = coverage.splat_share();
+        *pixel = match coverage {
+            Coverage::HOLE => HOLE_COLOR,
+            Coverage::ENVIRONMENT => [40, 70, 130, OPAQUE],
+            _ => [share, share, share, OPAQUE],
+        };
+    }
+}
+
+/// Paints the epipole, where the centre of the headbox projects to: a cross if it lies ahead, a ring if behind (then it is
+/// the point seen through the eye from there). Nothing, if the eye is at the centre or moves sideways.
+pub(super) fn paint_epipole(camera: &Camera, centre: DVec3, pixels: &mut [[u8; 4]]) {
+    const RADIUS_PX: i64 = 9;
+    let (ahead, behind) = (camera.project(centre), camera.project(2.0 * camera.eye() - centre));
+    let Some([x, y, _]) = ahead.or(behind) else { return };
+    let (width, height) = (i64::from(camera.width()), i64::from(camera.height()));
+    for (dy, dx) in (-RADIUS_PX..=RADIUS_PX).flat_map(|dy| (-RADIUS_PX..=RADIUS_PX).map(move |dx| (dy, dx))) {
+        let on_ring = (dx * dx + dy * dy - RADIUS_PX * RADIUS_PX).abs() <= RADIUS_PX;
+        let drawn = if ahead.is_some() { dx == 0 || dy == 0 } else { on_ring };
+        let (x, y) = (x as i64 + dx, y as i64 + dy);
+        if drawn && (0..width).contains(&x) && (0..height).contains(&y) {
+            pixels[(y * width + x) as usize] = HOLE_COLOR;
+        }
+    }
+}
+
+/// Compares frames with ray-traced truth of their views.
+#[derive(Default)]
+pub(super) struct Judge {
+    reference: Option<Reference>,
+}
+
+/// How long truth is left to itself between two looks at it.
+const LOOK_AGAIN: Duration = Duration::from_millis(150);
+
+impl Judge {
+    /// No truth is needed for now.
+    pub(super) fn rest(&self) {
+        if let Some(reference) = &self.reference {
+            reference.rest();
+        }
+    }
+
+    /// Paints truth, or the frame's FLIP error in the magma colours, as far as it is known; `scene` is called once, on
+    /// another thread, when the first truth is wanted.
+    ///
+    /// # Errors
+    /// One sentence.
+    pub(super) fn paint(
+        &mut self,
+        overlay: Overlay,
+        frame: &Frame,
+        camera: &Camera,
+        scene: impl FnOnce() -> Result<LitScene, String> + Send + 'static,
+        pixels: &mut [[u8; 4]],
+    ) -> Result<(Vec<Figure>, Refinement), String> {
+        if self.reference.is_none() {
+            self.reference = Some(Reference::start(scene)?);
+        }
+        let traced = match &self.reference {
+            Some(reference) => reference.ask(camera)?,
+            None => None,
+        };
+        let Some(traced) = traced else { return Ok((Vec::new(), Refinement::Later(LOOK_AGAIN))) };
+        let refinement = if traced.is_final() { Refinement::Done } else { Refinement::Later(LOOK_AGAIN) };
+        Ok((judge(overlay, frame, &traced, pixels)?, refinement))
+    }
+}
+
+fn judge(overlay: Overlay, frame: &Frame, traced: &Traced, pixels: &mut [[u8; 4]]) -> Result<Vec<Figure>, String> {
+    let rgb = frame.color.iter().flat_map(|&[r, g, b, _]| [r, g, b]).collect();
+    let image =
+        RgbImage::from_raw(frame.width, frame.height, rgb).ok_or("The frame's size does not fit its pixels.")?;
+    let truth = &traced.frame.color;
+    let words = |error: metrics::MetricError| error.to_string();
+    let map = metrics::flip_map(truth, &image, metrics::DEFAULT_PIXELS_PER_DEGREE).map_err(words)?;
+    let psnr_db = metrics::psnr_db(truth, &image).map_err(words)?;
+    let shown = if overlay == Overlay::Truth { truth } else { &map.to_magma() };
+    for (pixel, color) in pixels.iter_mut().zip(shown.pixels()) {
+        let [r, g, b] = color.0;
+        *pixel = [r, g, b, OPAQUE];
+    }
+    Ok(vec![
+        Figure { name: "FLIP", value: map.mean, unit: "" },
+        Figure { name: "PSNR", value: psnr_db, unit: "dB" },
+        Figure { name: "rays per pixel of truth", value: traced.samples().into(), unit: "" },
+        Figure { name: "truth's own error", value: traced.frame.standard_error_psnr_db, unit: "dB" },
+    ])
+}

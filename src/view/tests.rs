@@ -1,0 +1,103 @@
+//! Files of each kind through the sources, without a window.
+
+use super::open;
+use crate::capture::Camera;
+use crate::capture::light::Lighting;
+use crate::capture::trace::Tracer;
+use crate::scene_source::SceneSource;
+use crate::sprite::{DisplacementFormat, SlabCapture, SpriteSet, capture_slabs, slabs_at_gaps};
+use glam::DVec3;
+use headbox_viewer::{FrameReport, FrameRequest, FrameSource, Navigation, Pose, Refinement, SettingValues};
+use std::path::Path;
+use std::sync::Arc;
+
+const SIZE: (u32, u32) = (96, 64);
+
+/// Renders what `source` shows from `pose` with settings given as text.
+fn render(source: &mut dyn FrameSource, pose: Pose, settings: &[(&str, &str)]) -> (Vec<[u8; 4]>, FrameReport) {
+    let known = source.settings();
+    let mut values = SettingValues::initial(&known);
+    settings.iter().for_each(|(id, text)| values.set_text(&known, id, text).unwrap());
+    let camera = pose.camera(SIZE.0, SIZE.1).unwrap();
+    let request = FrameRequest { camera, settings: Arc::new(values), moving: false };
+    let mut pixels = vec![[1, 2, 3, 4]; (SIZE.0 * SIZE.1) as usize];
+    let report = source.render(&request, &mut pixels).unwrap();
+    (pixels, report)
+}
+
+fn figure(report: &FrameReport, name: &str) -> Option<f64> {
+    report.figures.iter().find(|f| f.name == name).map(|f| f.value)
+}
+
+#[test]
+fn a_growing_capture_is_saved_and_opened_again_and_judged_against_truth() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut growing = open("builtin:miniature", dir.path()).unwrap();
+    let start = growing.start_pose();
+    assert!(growing.bounds().unwrap().contains(start.eye));
+    let (_, report) = render(&mut *growing, start, &[]);
+    assert!(figure(&report, "rounds captured") >= Some(1.0));
+    assert_eq!(growing.act("save").unwrap().matches("miniature.ldi").count(), 1);
+    assert!(growing.act("nonsense").is_err());
+    drop(growing);
+
+    let file = dir.path().join("miniature.ldi");
+    let mut saved = open(file.to_str().unwrap(), dir.path()).unwrap();
+    assert_eq!(saved.start_pose().eye, start.eye);
+    let (plain, report) = render(&mut *saved, start, &[]);
+    assert_eq!(report.refinement, Refinement::Done);
+    let (other, _) = render(&mut *saved, start, &[("kernel", "paper")]);
+    assert!(plain != other, "the kernel counts");
+    assert!(plain.iter().all(|p| p[3] == 255), "no pixel keeps what was there");
+
+    let overlays = ["holes", "coverage", "depth", "layer", "face", "segment"];
+    for overlay in overlays {
+        assert!(render(&mut *saved, start, &[("overlay", overlay)]).0 != plain, "{overlay}");
+    }
+    let parts = ["face+x", "face-x", "face+y", "face-y", "face+z", "face-z"].map(|face| (face, "off"));
+    assert!(figure(&render(&mut *saved, start, &parts).1, "depth pixels") == Some(0.0));
+    let aside = Pose { eye: start.eye - 0.5 * saved.bounds().unwrap().half_size.x * start.forward(), ..start };
+    let marked = render(&mut *saved, aside, &[("epipole", "on")]).0;
+    assert!(marked != render(&mut *saved, aside, &[]).0, "seen from behind, the centre is marked");
+
+    let (mut judged, mut report) = render(&mut *saved, start, &[("overlay", "error")]);
+    while report.refinement != Refinement::Done {
+        std::thread::yield_now();
+        (judged, report) = render(&mut *saved, start, &[("overlay", "error")]);
+    }
+    let [flip, psnr_db] = ["FLIP", "PSNR"].map(|name| figure(&report, name).unwrap());
+    // A coarse capture of a simple scene: far from perfect, far from another picture.
+    assert!(flip > 0.0 && flip < 0.5 && psnr_db > 15.0, "FLIP {flip}, PSNR {psnr_db} dB");
+    assert!(judged != plain);
+}
+
+#[test]
+fn sprites_are_shown_and_orbited() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("layers.sprite");
+    write_sprites(&file);
+    let mut source = open(file.to_str().unwrap(), dir.path()).unwrap();
+    let start = source.start_pose();
+    let Navigation::Orbit { pivot, nearest } = source.navigation() else { panic!("sprites are orbited") };
+    assert!(nearest > 0.0 && start.forward().dot((pivot - start.eye).normalize()) > 0.999);
+    let (front, report) = render(&mut *source, start, &[]);
+    assert!(figure(&report, "pixels covered").unwrap() > 50.0);
+    let aside = Pose::looking_at(start.eye + DVec3::X * 0.2 * start.eye.distance(pivot), pivot, start.fov_y_deg);
+    let (tilted, _) = render(&mut *source, aside, &[]);
+    let (flat, _) = render(&mut *source, aside, &[("variant", "homography"), ("nearest", "on"), ("fill", "0")]);
+    assert!(front != tilted && tilted != flat);
+}
+
+/// The built-in scene of layers, as sprites.
+fn write_sprites(file: &Path) {
+    let scene = Arc::new(SceneSource::new("builtin:sprites").open().unwrap());
+    let eye = scene.headbox.unwrap().centre;
+    let tracer = Tracer::new(scene, eye);
+    let lighting = Lighting::of_scene(&tracer, 0);
+    let camera = Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 60.0, 128, 96).unwrap();
+    let slabs = slabs_at_gaps(&tracer, &camera, 4);
+    let format = DisplacementFormat::I16;
+    let capture = SlabCapture { tracer: &tracer, lighting: &lighting, lit: false, samples: 4, format };
+    let sprites = capture_slabs(&capture, &camera, &slabs, &crate::ldi::build::Silent).unwrap();
+    SpriteSet::new(sprites).write(file).unwrap();
+}

@@ -1,0 +1,231 @@
+//! The same LDI with some of its segments, or with colours that tell something other than what was captured. The renderer
+//! draws such an LDI like any other, so these overlays need nothing of it, and show exactly what it would blend.
+
+use crate::capture::rig::Face;
+use crate::packed::{PackedCube, PackedSegment, SegmentSide};
+use std::sync::Arc;
+
+/// What the colours of depth pixels tell.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Meaning {
+    /// What was captured.
+    #[default]
+    Captured,
+    /// Distance from the centre of the headbox along the face's axis: red at the headbox to blue at infinity.
+    Depth,
+    /// Number of the layer in its segment, counted from the centre outward.
+    Layer,
+    /// Which face.
+    Face,
+    /// Near or far segment.
+    Segment,
+}
+
+/// What is shown of an LDI, and in which colours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Variation {
+    /// In the order of [`Face::ALL`].
+    pub(super) faces: [bool; 6],
+    /// Near and far segments.
+    pub(super) near: bool,
+    pub(super) far: bool,
+    pub(super) meaning: Meaning,
+}
+
+impl Variation {
+    /// The LDI as it is.
+    const PLAIN: Self = Self { faces: [true; 6], near: true, far: true, meaning: Meaning::Captured };
+
+    fn shows(&self, segment: &PackedSegment) -> bool {
+        self.faces[segment.face.index()] && if segment.side == SegmentSide::Near { self.near } else { self.far }
+    }
+
+    fn apply(&self, cube: &PackedCube) -> PackedCube {
+        let mut segments: Vec<_> = cube.segments.iter().filter(|s| self.shows(s)).cloned().collect();
+        segments.iter_mut().for_each(|segment| recolor(segment, self.meaning, cube.info.half_size_m));
+        PackedCube {
+            info: cube.info.clone(),
+            face_size_px: cube.face_size_px,
+            layout: cube.layout,
+            segments,
+            environment: cube.environment.clone(),
+        }
+    }
+}
+
+/// Variations of the LDI on the screen that were made last: one each for A and B.
+#[derive(Default)]
+pub(super) struct Variations(Vec<(Variation, Arc<PackedCube>)>);
+
+impl Variations {
+    /// The LDI on the screen is another now.
+    pub(super) fn clear(&mut self) {
+        self.0.clear();
+    }
+
+    /// `cube` as `wanted` has it.
+    pub(super) fn of(&mut self, cube: &Arc<PackedCube>, wanted: &Variation) -> Arc<PackedCube> {
+        if *wanted == Variation::PLAIN {
+            return Arc::clone(cube);
+        }
+        if let Some(i) = self.0.iter().position(|(made, _)| made == wanted) {
+            return Arc::clone(&self.0[i].1);
+        }
+        self.0.truncate(1);
+        self.0.insert(0, (*wanted, Arc::new(wanted.apply(cube))));
+        Arc::clone(&self.0[0].1)
+    }
+}
+
+/// Colours that differ in hue and lightness, also for most colour-blind people (Okabe and Ito 2008).
+const DISTINCT: [[u8; 3]; 8] = [
+    [230, 159, 0],
+    [86, 180, 233],
+    [0, 158, 115],
+    [240, 228, 66],
+    [0, 114, 178],
+    [213, 94, 0],
+    [204, 121, 167],
+    [230, 230, 230],
+];
+
+/// Gives the depth pixels of a segment colours of another meaning; what shows through them is left as it is.
+fn recolor(segment: &mut PackedSegment, meaning: Meaning, half_size_m: f64) {
+    match meaning {
+        Meaning::Captured => {}
+        Meaning::Face => {
+            let color = DISTINCT[segment.face.index()];
+            segment.depth_pixels.iter_mut().for_each(|p| paint(&mut p.color_srgb, color));
+        }
+        Meaning::Segment => {
+            let color = DISTINCT[usize::from(segment.side == SegmentSide::Near)];
+            segment.depth_pixels.iter_mut().for_each(|p| paint(&mut p.color_srgb, color));
+        }
+        Meaning::Depth => {
+            let (start, step) = (segment.inverse_depth(0), segment.inverse_depth_step());
+            for pixel in &mut segment.depth_pixels {
+                let inverse_depth = start + f64::from(pixel.inverse_depth_code()) * step;
+                paint(&mut pixel.color_srgb, depth_color(inverse_depth * half_size_m));
+            }
+        }
+        Meaning::Layer => {
+            let colors = layer_colors(segment);
+            segment.depth_pixels.iter_mut().zip(colors).for_each(|(p, color)| paint(&mut p.color_srgb, color));
+        }
+    }
+}
+
+fn paint(color_srgb: &mut [u8; 4], [r, g, b]: [u8; 3]) {
+    *color_srgb = [r, g, b, color_srgb[3]];
+}
+
+/// The colour of the layer of each depth pixel, the nearest of a pixel being layer 0.
+fn layer_colors(segment: &PackedSegment) -> Vec<[u8; 3]> {
+    let mut colors = Vec::with_capacity(segment.depth_pixels.len());
+    for y in 0..segment.height {
+        for ends in segment.row(y).1.windows(2) {
+            let layers = ends[1].saturating_sub(ends[0]);
+            // Farthest first in memory.
+            colors.extend((0..layers).rev().map(|layer| DISTINCT[layer as usize % DISTINCT.len()]));
+        }
+    }
+    colors
+}
+
+/// Half size over depth, 0 to 1, as a colour from blue (infinity) by green to red (at the headbox). The fourth root
+/// spreads out the distances that fill most scenes.
+fn depth_color(nearness: f64) -> [u8; 3] {
+    let t = nearness.clamp(0.0, 1.0).sqrt().sqrt();
+    // Peaks at 1/4, 1/2 and 3/4 as in the "jet" map, but never darker than a third, so that shapes stay visible.
+    let channel = |peak: f64| ((1.5 - (4.0 * t - 4.0 * peak).abs()).clamp(0.12, 1.0) * 255.0) as u8;
+    [channel(0.75), channel(0.5), channel(0.25)]
+}
+
+/// Names of the faces for controls, in the order of [`Face::ALL`].
+pub(super) const FACE_NAMES: [(&str, &str); 6] =
+    [("face+x", "+X"), ("face-x", "-X"), ("face+y", "+Y"), ("face-y", "-Y"), ("face+z", "+Z"), ("face-z", "-Z")];
+
+const _: () = assert!(FACE_NAMES.len() == Face::ALL.len(), "a name each");
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ldi::build::Silent;
+    use crate::ldi::job::{CaptureJob, Resources};
+    use crate::packed::{SplatIndexLayout, Split};
+
+    /// A small capture with several layers in its only segment of each face.
+    fn cube() -> Arc<PackedCube> {
+        let source = crate::scene_source::SceneSource::new("builtin:interior");
+        let scene = Arc::new(source.open().unwrap());
+        let headbox = scene.headbox.unwrap();
+        let tracer = crate::capture::trace::Tracer::new(scene, headbox.centre);
+        let job = CaptureJob {
+            scene: source,
+            centre: headbox.centre,
+            half_size_m: headbox.half_size_m,
+            face_size_px: 24,
+            sampler: crate::ldi::build::Sampler::Stratified,
+            strata: 6,
+            rays: 4,
+            seed: 0,
+            novelty: 0.0,
+            merge_rule: crate::ldi::merge::MergeRule::Average,
+            bounces: 0,
+            light_samples: 0,
+        };
+        let lighting = crate::capture::light::Lighting::of_scene(&tracer, 0);
+        let (ldi, _) = job.run(&tracer, &lighting, &Resources::default(), &Silent).unwrap();
+        Arc::new(PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::None).unwrap())
+    }
+
+    #[test]
+    fn variations_are_valid_ldis_of_the_same_geometry() {
+        let cube = cube();
+        for meaning in [Meaning::Depth, Meaning::Layer, Meaning::Face, Meaning::Segment] {
+            let other = Variation { meaning, ..Variation::PLAIN }.apply(&cube);
+            other.validate().unwrap();
+            assert_eq!(other.depth_pixel_count(), cube.depth_pixel_count());
+            for (a, b) in cube.segments.iter().zip(&other.segments) {
+                for (a, b) in a.depth_pixels.iter().zip(&b.depth_pixels) {
+                    assert_eq!((a.geometry, a.color_srgb[3]), (b.geometry, b.color_srgb[3]), "{meaning:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_nearest_depth_pixel_of_a_pixel_is_layer_0() {
+        let cube = cube();
+        let layers = Variation { meaning: Meaning::Layer, ..Variation::PLAIN }.apply(&cube);
+        let mut deepest = 0;
+        for segment in &layers.segments {
+            for (x, y) in (0..segment.height).flat_map(|y| (0..segment.width).map(move |x| (x, y))) {
+                for (layer, depth_pixel) in segment.pixel(x, y).iter().rev().enumerate() {
+                    assert_eq!(depth_pixel.color_srgb[..3], DISTINCT[layer % DISTINCT.len()]);
+                    deepest = deepest.max(layer);
+                }
+            }
+        }
+        assert!(deepest > 0, "the scene has more than one layer");
+    }
+
+    #[test]
+    fn faces_and_segments_are_left_out_and_the_last_two_variations_are_kept() {
+        let cube = cube();
+        let mut variations = Variations::default();
+        let without = |face: usize| {
+            let mut faces = [true; 6];
+            faces[face] = false;
+            Variation { faces, ..Variation::PLAIN }
+        };
+        assert!(Arc::ptr_eq(&cube, &variations.of(&cube, &Variation::PLAIN)), "nothing is copied for nothing");
+        let a = variations.of(&cube, &without(5));
+        assert!(a.segments.iter().all(|s| s.face != Face::NegZ) && a.segments.len() < cube.segments.len());
+        let b = variations.of(&cube, &Variation { near: false, far: false, ..Variation::PLAIN });
+        assert!(b.segments.is_empty());
+        assert!(Arc::ptr_eq(&a, &variations.of(&cube, &without(5))));
+        variations.clear();
+        assert!(!Arc::ptr_eq(&a, &variations.of(&cube, &without(5))));
+    }
+}
