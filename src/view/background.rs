@@ -1,6 +1,8 @@
-//! Threads that take what others leave of the processor.
+//! Thread pools: some that take what others leave of the processor, some to draw frames with fewer threads.
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 
 /// A pool of as many threads as the program uses elsewhere, all of the lowest priority where the system can do that.
 ///
@@ -21,3 +23,27 @@ fn yield_to_others() {
 
 #[cfg(not(target_os = "linux"))]
 fn yield_to_others() {}
+
+/// Pools of fewer threads than the program uses elsewhere, made when they are first wanted.
+#[derive(Default)]
+pub(super) struct FewerThreads(BTreeMap<usize, ThreadPool>);
+
+impl FewerThreads {
+    /// Does `work` on `count` threads; on those of the program if they are not more.
+    ///
+    /// # Errors
+    /// One sentence, if threads cannot be started.
+    pub(super) fn install<R: Send>(&mut self, count: usize, work: impl FnOnce() -> R + Send) -> Result<R, String> {
+        if count >= rayon::current_num_threads() {
+            return Ok(work());
+        }
+        let pool = match self.0.entry(count) {
+            Entry::Occupied(pool) => pool.into_mut(),
+            Entry::Vacant(place) => {
+                let pool = ThreadPoolBuilder::new().num_threads(count).thread_name(|i| format!("frame {i}")).build();
+                place.insert(pool.map_err(|error| format!("Cannot start {count} threads: {error}."))?)
+            }
+        };
+        Ok(pool.install(work))
+    }
+}

@@ -1,5 +1,6 @@
 //! A cube LDI in the window, from a file or growing.
 
+use super::background::FewerThreads;
 use super::growth::{Growth, LitScene};
 use super::library::file_name;
 use super::overlay::{Judge, Overlay, paint_coverage, paint_epipole, paint_holes};
@@ -28,6 +29,7 @@ pub(super) struct CubeSource {
     cube: Arc<PackedCube>,
     variations: Variations,
     renderer: Renderer,
+    threads: FewerThreads,
     judge: Judge,
     growing: Option<Growing>,
 }
@@ -70,7 +72,7 @@ impl CubeSource {
 
     fn new(title: String, cube: Arc<PackedCube>, growing: Option<Growing>) -> Self {
         let (variations, renderer, judge) = (Variations::default(), Renderer::new(), Judge::default());
-        Self { title, cube, variations, renderer, judge, growing }
+        Self { title, cube, variations, renderer, threads: FewerThreads::default(), judge, growing }
     }
 
     /// How to get the scene that the LDI was captured from.
@@ -120,7 +122,8 @@ fn reopen(info: &CaptureInfo) -> Result<LitScene, String> {
 
 fn render_settings(values: &SettingValues) -> Result<RenderSettings, String> {
     let kernel = SplatKernel::ALL.get(values.choice("kernel")?).map_or(SplatKernel::default(), |&(_, kernel)| kernel);
-    Ok(RenderSettings { kernel, ..RenderSettings::default() })
+    let unclipped = !values.toggle("clip")?;
+    Ok(RenderSettings { kernel, unclipped, ..RenderSettings::default() })
 }
 
 fn variation(values: &SettingValues, overlay: Overlay) -> Result<Variation, String> {
@@ -162,6 +165,7 @@ impl FrameSource for CubeSource {
     fn settings(&self) -> Vec<Setting> {
         let kernels = SplatKernel::ALL.map(|(name, _)| name);
         let overlays = Overlay::ALL.map(|(name, _)| name);
+        let cores = rayon::current_num_threads() as u32;
         let mut settings = vec![
             Setting::choice("kernel", "Footprints", "How samples become pixels (no unit).", &kernels),
             Setting::choice(
@@ -173,6 +177,13 @@ impl FrameSource for CubeSource {
                  frame's error against it (FLIP, black 0 to yellow 1). The last two are refined while the eye rests.",
                 &overlays,
             ),
+            Setting::toggle(
+                "clip",
+                "Clipping",
+                "Leaves out what is known to be outside the view; without it every depth pixel is warped, for the same frame.",
+                true,
+            ),
+            Setting::count("threads", "Threads", "Number of threads that draw a frame.", cores, 1..=cores),
             Setting::toggle(
                 "epipole",
                 "Epipole",
@@ -209,7 +220,9 @@ impl FrameSource for CubeSource {
         }
         let scene = self.scene();
         let cube = self.variations.of(&self.cube, &variation(&request.settings, overlay)?);
-        let (frame, stats) = self.renderer.render(&cube, &request.camera, &settings);
+        let threads = request.settings.number("threads")? as usize;
+        let renderer = &mut self.renderer;
+        let (frame, stats) = self.threads.install(threads, || renderer.render(&cube, &request.camera, &settings))?;
         let (stages, mut figures) = (stages(stats), figures(stats, &cube));
         let (judged, mut refinement) = paint(&mut self.judge, frame, request, overlay, scene, pixels)?;
         // What was asked for stands on top.

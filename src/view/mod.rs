@@ -10,7 +10,7 @@
 //! | `variation` | the LDI with some of its segments, or recoloured by depth, layer, face, segment |
 //! | `overlay` | what is painted instead of colours |
 //! | `sprite` | a set of sprites with depth |
-//! | `background` | threads that take what others leave of the processor |
+//! | `background` | thread pools: of low priority for work nobody waits for, of fewer threads for frames |
 
 mod background;
 mod cube;

@@ -50,6 +50,9 @@ fn a_growing_capture_is_saved_and_opened_again_and_judged_against_truth() {
     assert!(plain != other, "the kernel counts");
     assert!(plain.iter().all(|p| p[3] == 255), "no pixel keeps what was there");
 
+    for same in [("clip", "off"), ("threads", "1")] {
+        assert!(render(&mut *saved, start, &[same]).0 == plain, "{same:?}");
+    }
     let overlays = ["holes", "coverage", "depth", "layer", "face", "segment"];
     for overlay in overlays {
         assert!(render(&mut *saved, start, &[("overlay", overlay)]).0 != plain, "{overlay}");
