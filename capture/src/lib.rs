@@ -32,6 +32,7 @@ pub mod light;
 pub mod load;
 mod material;
 pub mod path;
+pub mod portal_model;
 pub mod rig;
 pub mod sampler;
 pub mod scene;

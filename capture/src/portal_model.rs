@@ -1,0 +1,122 @@
+//! Models of *cells* and *portals*: rooms, and the openings through which one room is seen from another (inventory R1,
+//! P1). Geometry and topology only; what is captured of them belongs to the walkthrough.
+//!
+//! * A **cell** is a region of space: a set of vertical prisms, with the triangles that stand in it. At most one cell is
+//!   the *outside*: all space that no other cell contains.
+//! * A **portal** is a planar convex polygon shared by exactly two cells. Nothing but a portal lets light pass from one
+//!   cell to another: what is seen of another cell is seen through portals.
+
+use crate::scene::Scene;
+use glam::{DVec2, DVec3};
+use std::ops::Range;
+
+/// An upright prism: a simple polygon in plan, from its floor to its ceiling.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prism {
+    /// Corners in plan, (x, z) of the world in metres; a simple polygon, either way round, not closed.
+    pub outline: Vec<DVec2>,
+    /// Height of the floor, world metres.
+    pub floor_y: f64,
+    /// Height of the ceiling, world metres.
+    pub ceiling_y: f64,
+}
+
+impl Prism {
+    /// Whether the prism contains a point (world metres); of two prisms that share a wall, at most one contains a point
+    /// of it in plan.
+    pub fn contains(&self, p: DVec3) -> bool {
+        if !(self.floor_y..self.ceiling_y).contains(&p.y) {
+            return false;
+        }
+        let mut inside = false;
+        let mut previous = match self.outline.last() {
+            Some(&corner) => corner,
+            None => return false,
+        };
+        for &corner in &self.outline {
+            if (corner.y > p.z) != (previous.y > p.z) {
+                let t = (p.z - corner.y) / (previous.y - corner.y);
+                inside ^= p.x < corner.x + t * (previous.x - corner.x);
+            }
+            previous = corner;
+        }
+        inside
+    }
+}
+
+/// A region of space and what stands in it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cell {
+    /// How it is called in messages and plans.
+    pub name: String,
+    /// Its space; empty for the outside cell.
+    pub space: Vec<Prism>,
+    /// Its triangles, a run of [`Scene::triangles`].
+    pub triangles: Range<u32>,
+}
+
+/// An opening between two cells.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Portal {
+    /// How it is called in messages and plans.
+    pub name: String,
+    /// The two cells, by index into [`PortalModel::cells`]; they differ.
+    pub cells: [u32; 2],
+    /// Corners of the opening, world metres: planar, convex, at least three, counter-clockwise seen from `cells[0]`.
+    pub polygon: Vec<DVec3>,
+}
+
+/// A scene divided into cells that see each other through portals.
+///
+/// Invariants: the cells' runs of triangles follow each other and cover all of [`Scene::triangles`] (a triangle belongs
+/// to exactly one cell); portals refer to existing cells; `outside` is one of the cells.
+#[derive(Clone, Debug)]
+pub struct PortalModel {
+    /// All geometry, light and materials, triangles sorted by cell.
+    pub scene: Scene,
+    /// The cells.
+    pub cells: Vec<Cell>,
+    /// The portals.
+    pub portals: Vec<Portal>,
+    /// The cell that is all space outside the others, if the model has one.
+    pub outside: Option<u32>,
+}
+
+impl PortalModel {
+    /// The cell that contains a point (world metres): the first whose space does, else the outside cell, else none (a
+    /// point in a wall of a model without an outside).
+    pub fn cell_at(&self, p: DVec3) -> Option<u32> {
+        let inside = self.cells.iter().position(|cell| cell.space.iter().any(|prism| prism.contains(p)));
+        inside.map_or(self.outside, |cell| u32::try_from(cell).ok())
+    }
+
+    /// The portals of a cell, as (index of the portal, the cell behind it).
+    pub fn portals_of(&self, cell: u32) -> impl Iterator<Item = (usize, u32)> + '_ {
+        self.portals.iter().enumerate().filter_map(move |(index, portal)| match portal.cells {
+            [a, b] if a == cell => Some((index, b)),
+            [a, b] if b == cell => Some((index, a)),
+            _ => None,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An L-shaped room: points in its two arms are inside, the notch is not, and of two rooms that share a wall exactly
+    /// one contains a point of it.
+    #[test]
+    fn an_l_shaped_room_contains_its_arms_only() {
+        let corners = [[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.0, 2.0], [2.0, 4.0], [0.0, 4.0]];
+        let room = Prism { outline: corners.map(DVec2::from).to_vec(), floor_y: 0.0, ceiling_y: 2.5 };
+        for (p, inside) in [([3.0, 1.0, 1.0], true), ([1.0, 1.0, 3.0], true), ([3.0, 1.0, 3.0], false)] {
+            assert_eq!(room.contains(DVec3::from(p)), inside, "{p:?}");
+        }
+        assert!(!room.contains(DVec3::new(1.0, 2.6, 1.0)) && !room.contains(DVec3::new(1.0, -0.1, 1.0)));
+        let next_corners = [[4.0, 0.0], [6.0, 0.0], [6.0, 2.0], [4.0, 2.0]];
+        let next = Prism { outline: next_corners.map(DVec2::from).to_vec(), floor_y: 0.0, ceiling_y: 2.5 };
+        let on_the_wall = DVec3::new(4.0, 1.0, 1.0);
+        assert!(room.contains(on_the_wall) != next.contains(on_the_wall));
+    }
+}
