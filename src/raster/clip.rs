@@ -1,0 +1,81 @@
+//! Triangles that reach behind the eye or far outside the frame, cut to what can be drawn.
+//!
+//! Clipping acts on the edges alone, from the end inside toward the end outside, in `f64`: two triangles that share an edge
+//! get the same new corners on it, to the bit, so that no crack opens between them.
+
+use super::Marker;
+use super::scan::Snapped;
+use super::view::{GUARD_PX, NEAR_M, snap_f64};
+use crate::capture::Camera;
+use glam::DVec3;
+
+/// A corner: (x w, y w, w) in px, and where it was snapped to if it was there before clipping.
+type Corner = (DVec3, Option<Snapped>);
+
+/// The half spaces `plane . h >= least` within which everything can be drawn: a bit more than what the fast path takes, so
+/// that a corner which that found inside is never moved.
+fn planes() -> [(DVec3, f64); 5] {
+    let guard = f64::from(GUARD_PX) + 0.5;
+    [
+        (DVec3::Z, f64::from(NEAR_M) * 0.999),
+        (DVec3::new(1.0, 0.0, guard), 0.0),
+        (DVec3::new(-1.0, 0.0, guard), 0.0),
+        (DVec3::new(0.0, 1.0, guard), 0.0),
+        (DVec3::new(0.0, -1.0, guard), 0.0),
+    ]
+}
+
+/// Cuts a triangle and passes what is left to `draw`, as triangles. `snapped`: the corners that need not be moved.
+pub(super) fn clipped(corners: [DVec3; 3], snapped: [Option<Snapped>; 3], draw: impl FnMut([Snapped; 3])) {
+    let polygon = (0..3).map(|i| (corners[i], snapped[i])).collect();
+    fan(cut(polygon), draw);
+}
+
+/// The triangles of a marker in the frame.
+pub(super) fn project_polygon(camera: &Camera, marker: &Marker) -> Vec<[Snapped; 3]> {
+    let matrix = camera.image_from_world();
+    let project = |p: &DVec3| {
+        let h = matrix * p.extend(1.0);
+        (DVec3::new(h.x, h.y, h.w), None)
+    };
+    let mut triangles = Vec::new();
+    fan(cut(marker.polygon.iter().map(project).collect()), |corners| triangles.push(corners));
+    triangles
+}
+
+/// The part of a convex polygon that can be drawn (Sutherland and Hodgman).
+fn cut(mut polygon: Vec<Corner>) -> Vec<Corner> {
+    for (plane, least) in planes() {
+        let mut kept = Vec::with_capacity(polygon.len() + 1);
+        for (i, &corner) in polygon.iter().enumerate() {
+            let next = polygon[(i + 1) % polygon.len()];
+            let [here, there] = [corner, next].map(|(h, _)| plane.dot(h) - least);
+            if here >= 0.0 {
+                kept.push(corner);
+            }
+            if (here >= 0.0) != (there >= 0.0) {
+                let ([inside, outside], [in_by, out_by]) =
+                    if here >= 0.0 { ([corner.0, next.0], [here, there]) } else { ([next.0, corner.0], [there, here]) };
+                kept.push((inside + (outside - inside) * (in_by / (in_by - out_by)), None));
+            }
+        }
+        polygon = kept;
+    }
+    polygon
+}
+
+fn fan(polygon: Vec<Corner>, mut draw: impl FnMut([Snapped; 3])) {
+    let snapped: Vec<Snapped> = polygon
+        .into_iter()
+        .map(|(h, known)| {
+            known.unwrap_or_else(|| Snapped {
+                x: snap_f64(h.x / h.z),
+                y: snap_f64(h.y / h.z),
+                inverse_depth: (1.0 / h.z) as f32,
+            })
+        })
+        .collect();
+    if let [first, rest @ ..] = snapped.as_slice() {
+        rest.windows(2).for_each(|pair| draw([*first, pair[0], pair[1]]));
+    }
+}

@@ -1,0 +1,132 @@
+//! Triangles in the order in which they are drawn: groups (the cells of a house) of clusters of neighbours.
+
+use super::SurfaceId;
+use super::mip::MipTexture;
+use crate::capture::scene::Scene;
+use crate::capture::trace::MAX_COORDINATE;
+use glam::{DVec3, Vec3};
+use std::collections::HashMap;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Triangles of a full cluster. The vertices of one fit the level 1 cache.
+const CLUSTER_TRIANGLES: usize = 128;
+/// Vertices of a full cluster.
+pub(super) const CLUSTER_VERTICES: usize = 256;
+
+/// A run of triangles that lie near each other.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Cluster {
+    /// Of the mesh's vertices.
+    pub(super) vertices: Range<u32>,
+    /// Of the scene's triangles.
+    pub(super) triangles: Range<u32>,
+    /// Lowest and highest corner of its box, local metres.
+    pub(super) bounds: [Vec3; 2],
+}
+
+/// A scene ready to be rasterised, in a local frame about an origin (world axes, metres), so that `f32` keeps its digits.
+#[derive(Debug)]
+pub struct RasterMesh {
+    scene: Arc<Scene>,
+    origin: DVec3,
+    /// Positions of the clusters' vertices, one array per axis, local metres.
+    pub(super) positions: [Vec<f32>; 3],
+    /// Linear colours of the clusters' vertices; white if the scene has none.
+    pub(super) colors: Vec<Vec3>,
+    /// For each triangle of the scene its corners among the clusters' vertices; three times the same if it is not drawn.
+    pub(super) corners: Vec<[u32; 3]>,
+    pub(super) clusters: Vec<Cluster>,
+    pub(super) groups: Vec<Range<u32>>,
+    /// For each texture of the scene.
+    pub(super) textures: Vec<MipTexture>,
+    /// For each material of the scene whether it is cut out.
+    pub(super) has_cutout: Vec<bool>,
+}
+
+impl RasterMesh {
+    /// Prepares runs of the scene's triangles, each a group, taken relative to `origin` (world metres). The scene must be
+    /// valid ([`Scene::validate`]). Triangles in no run, with a coordinate beyond [`MAX_COORDINATE`], or numbered 2^31 and
+    /// beyond are never drawn; ranges are cut at the number of triangles.
+    pub fn new(scene: Arc<Scene>, groups: &[Range<u32>], origin: DVec3) -> Self {
+        let count = scene.triangles.len().min(SurfaceId::MAX_TRIANGLES as usize);
+        let mut mesh = Self {
+            textures: scene.textures.iter().map(MipTexture::new).collect(),
+            has_cutout: scene.materials.iter().map(|material| material.cutout.is_some()).collect(),
+            origin,
+            positions: [Vec::new(), Vec::new(), Vec::new()],
+            colors: Vec::new(),
+            corners: vec![[0; 3]; scene.triangles.len()],
+            clusters: Vec::new(),
+            groups: Vec::with_capacity(groups.len()),
+            scene: Arc::clone(&scene),
+        };
+        for group in groups {
+            let first = mesh.clusters.len() as u32;
+            let end = group.end.min(count as u32);
+            let mut next = group.start.min(end);
+            while next < end {
+                next = mesh.append_cluster(&scene, next..end);
+            }
+            mesh.groups.push(first..mesh.clusters.len() as u32);
+        }
+        mesh
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    /// World position of the local frame's origin, metres.
+    pub fn origin(&self) -> DVec3 {
+        self.origin
+    }
+
+    /// Number of groups.
+    pub fn group_count(&self) -> usize {
+        self.groups.len()
+    }
+
+    /// Local position of a vertex.
+    #[inline(always)]
+    pub(super) fn position(&self, vertex: u32) -> Vec3 {
+        let [x, y, z] = &self.positions;
+        let at = vertex as usize;
+        Vec3::new(x[at], y[at], z[at])
+    }
+
+    /// Takes triangles from the front of a run until the cluster is full; returns the first that is left.
+    fn append_cluster(&mut self, scene: &Scene, run: Range<u32>) -> u32 {
+        let first_vertex = self.colors.len() as u32;
+        let mut known: HashMap<u32, u32> = HashMap::with_capacity(CLUSTER_VERTICES);
+        let mut bounds = [Vec3::INFINITY, Vec3::NEG_INFINITY];
+        let mut end = run.start;
+        for primitive in run.clone().take(CLUSTER_TRIANGLES) {
+            let vertices = scene.triangles[primitive as usize].vertices;
+            if known.len() + 3 > CLUSTER_VERTICES {
+                break;
+            }
+            end = primitive + 1;
+            let local = vertices.map(|vertex| (scene.positions[vertex as usize] - self.origin).as_vec3());
+            if local.iter().any(|p| !(p.abs().max_element() <= MAX_COORDINATE)) {
+                continue;
+            }
+            self.corners[primitive as usize] = std::array::from_fn(|i| {
+                bounds = [bounds[0].min(local[i]), bounds[1].max(local[i])];
+                *known.entry(vertices[i]).or_insert_with(|| {
+                    for axis in 0..3 {
+                        self.positions[axis].push(local[i][axis]);
+                    }
+                    self.colors.push(scene.colors.get(vertices[i] as usize).copied().unwrap_or(Vec3::ONE));
+                    self.colors.len() as u32 - 1
+                })
+            });
+        }
+        if bounds[0].x <= bounds[1].x {
+            let vertices = first_vertex..self.colors.len() as u32;
+            self.clusters.push(Cluster { vertices, triangles: run.start..end, bounds });
+        }
+        end
+    }
+}

@@ -1,0 +1,230 @@
+//! A z-buffer rasteriser on the CPU: the geometry of the view cell and of cells too near for an image (inventory R3, R15).
+//!
+//! A frame is drawn in bands of rows, each by one thread from its first triangle to its last pixel:
+//!
+//! 1. `mesh`: triangles in clusters of at most 128, each with a box; clusters outside the window are dropped (`cull`);
+//! 2. `view`: the vertices of a cluster to the frame, 16 at a time, snapped to 1/256 px; triangles that reach behind the eye
+//!    or far outside the frame are clipped in `clip`;
+//! 3. `scan`: exact integer edge functions with the top-left rule, so that neighbours share no pixel and leave none out;
+//!    depth and the number of the triangle per pixel, nothing else;
+//! 4. `shade`: once per pixel at the end, from the triangle's number: perspective-correct weights, colours, textures with
+//!    trilinear minification.
+//!
+//! Positions are IEEE `f32` in a fixed order of operations, the rest of coverage is integers: the same bytes on any number
+//! of threads, bands and SIMD levels.
+
+mod clip;
+mod cull;
+mod encode;
+mod mesh;
+mod mip;
+mod scan;
+mod shade;
+mod view;
+
+pub use mesh::RasterMesh;
+
+use crate::capture::Camera;
+use crate::frame::Frame;
+use crate::ldi::Environment;
+use cull::VisibleCluster;
+use fearless_simd::Level;
+use glam::DVec3;
+use rayon::prelude::*;
+use scan::Target;
+use std::ops::Range;
+use std::time::Instant;
+use view::View;
+
+/// What a pixel of a [`RasterFrame`] shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Seen {
+    /// Nothing but the surroundings.
+    Nothing,
+    /// A triangle of the scene.
+    Triangle(u32),
+    /// A [`Marker`].
+    Marker(u32),
+}
+
+/// The surface of a pixel in 32 bits; see [`Seen`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(transparent)]
+pub(crate) struct SurfaceId(u32);
+
+impl SurfaceId {
+    const NOTHING: Self = Self(u32::MAX);
+    const MARKER: u32 = 1 << 31;
+
+    /// The triangles that a mesh can have.
+    const MAX_TRIANGLES: u32 = Self::MARKER;
+
+    fn marker(number: u32) -> Self {
+        Self(Self::MARKER | number.min(Self::MARKER - 2))
+    }
+
+    /// What it stands for.
+    #[inline(always)]
+    fn seen(self) -> Seen {
+        match self.0 {
+            u32::MAX => Seen::Nothing,
+            id if id & Self::MARKER != 0 => Seen::Marker(id & !Self::MARKER),
+            id => Seen::Triangle(id),
+        }
+    }
+}
+
+/// A run of the mesh's triangles to be drawn, and the part of the frame that can show it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GroupWindow {
+    /// Index of the group, as given to [`RasterMesh::new`].
+    pub group: u32,
+    /// Columns and rows of the frame outside of which the group need not be drawn; `None` for the whole frame.
+    pub window: Option<[Range<u32>; 2]>,
+}
+
+/// A planar convex polygon that takes part in the depth test but has no colour: where it shows, the frame stays open for
+/// somebody else to fill. Portals are drawn so.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Marker {
+    /// Its corners, world metres.
+    pub polygon: Vec<DVec3>,
+    /// How it is known in [`Seen::Marker`]; below 2^31 - 1.
+    pub number: u32,
+}
+
+/// What to draw.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RasterView<'a> {
+    /// Groups of triangles, best from front to back.
+    pub groups: &'a [GroupWindow],
+    /// Markers.
+    pub markers: &'a [Marker],
+    /// Stored value = linear colour times this.
+    pub exposure: f32,
+    /// Colour of pixels that show neither a surface nor the environment, sRGB.
+    pub hole_color_srgb: [u8; 3],
+}
+
+/// A drawn frame.
+#[derive(Clone, Debug, Default)]
+pub struct RasterFrame {
+    /// Colours and coverage; pixels that show a marker are holes.
+    pub frame: Frame,
+    /// 1 / eye depth of each pixel, 1/m; 0 where there is no surface.
+    pub inverse_depth: Vec<f32>,
+    surface: Vec<SurfaceId>,
+}
+
+impl RasterFrame {
+    /// What the pixel of this index (row-major) shows.
+    #[inline]
+    pub fn seen(&self, pixel: usize) -> Seen {
+        self.surface.get(pixel).map_or(Seen::Nothing, |id| id.seen())
+    }
+}
+
+/// What a frame took. Counts are sums over bands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct RasterStats {
+    /// Triangles of the groups that were asked for.
+    pub triangles_in: u64,
+    /// Of these, in clusters that may show.
+    pub triangles_kept: u64,
+    /// Of these, set up: they cover the centre of a pixel's column and row, once for each band.
+    pub triangles_set_up: u64,
+    /// Pixels that passed the depth test.
+    pub pixels_written: u64,
+    /// Pixels that show a marker.
+    pub marker_pixels: u64,
+    /// Whole frame, by the clock, ms.
+    pub frame_ms: f64,
+}
+
+/// Draws frames; owns its buffers.
+pub struct Rasterizer {
+    level: Level,
+    /// Rows of a band; any number gives the same frame.
+    band_rows: u32,
+    output: RasterFrame,
+    stats: RasterStats,
+    visible: Vec<VisibleCluster>,
+}
+
+impl Default for Rasterizer {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Rows of a band: 32 rows of 8 bytes by 640 to 1,280 pixels stay in the level 2 cache.
+const BAND_ROWS: u32 = 32;
+
+impl Rasterizer {
+    /// A rasteriser that has drawn nothing yet.
+    pub fn new() -> Self {
+        Self::with(Level::new(), BAND_ROWS)
+    }
+
+    /// A rasteriser that uses one SIMD level and bands of a number of rows (0: the default). All give the same frame.
+    pub fn with(level: Level, band_rows: u32) -> Self {
+        let band_rows = if band_rows == 0 { BAND_ROWS } else { band_rows };
+        Self { level, band_rows, output: RasterFrame::default(), stats: RasterStats::default(), visible: Vec::new() }
+    }
+
+    /// Draws what `camera` sees of the wanted groups over the environment, on the current rayon thread pool. Groups that
+    /// the mesh does not have are left out.
+    pub fn draw(
+        &mut self,
+        mesh: &RasterMesh,
+        camera: &Camera,
+        what: &RasterView,
+        environment: &Environment,
+    ) -> (&RasterFrame, &RasterStats) {
+        let started = Instant::now();
+        let (width, height) = (camera.width(), camera.height());
+        let count = width as usize * height as usize;
+        let output = &mut self.output;
+        output.frame.reset(width, height, what.hole_color_srgb);
+        output.inverse_depth.clear();
+        output.inverse_depth.resize(count, 0.0);
+        output.surface.clear();
+        output.surface.resize(count, SurfaceId::NOTHING);
+
+        let view = View::new(camera, mesh.origin(), self.level);
+        let triangles_in = cull::visible_clusters(mesh, &view, what.groups, &mut self.visible);
+        let markers: Vec<_> =
+            what.markers.iter().map(|marker| (marker, clip::project_polygon(camera, marker))).collect();
+
+        let pixels = width as usize * self.band_rows.min(height) as usize;
+        let (rows, visible) = (self.band_rows, &self.visible);
+        let colors = output.frame.color.par_chunks_mut(pixels).zip(output.frame.coverage.par_chunks_mut(pixels));
+        let depths = output.inverse_depth.par_chunks_mut(pixels).zip(output.surface.par_chunks_mut(pixels));
+        let bands = colors.zip(depths).enumerate().with_max_len(1);
+        let drawn = bands.map(|(i, ((color, coverage), (inverse_depth, surface)))| {
+            let start = i as u32 * rows;
+            let band = start..start.saturating_add(rows).min(height);
+            let mut target =
+                Target { width, rows: band.clone(), inverse_depth, surface, stats: RasterStats::default() };
+            for cluster in visible.iter().filter(|cluster| cluster.touches(&band)) {
+                view.draw_cluster(mesh, cluster, &mut target);
+            }
+            for (marker, triangles) in &markers {
+                triangles.iter().for_each(|corners| target.triangle(*corners, SurfaceId::marker(marker.number), None));
+            }
+            let shader = shade::Shader { mesh, view: &view, camera, environment, exposure: what.exposure };
+            shader.resolve(&mut target, color, coverage);
+            target.stats
+        });
+        self.stats = drawn.reduce(RasterStats::default, |a, b| RasterStats {
+            triangles_set_up: a.triangles_set_up + b.triangles_set_up,
+            pixels_written: a.pixels_written + b.pixels_written,
+            marker_pixels: a.marker_pixels + b.marker_pixels,
+            ..a
+        });
+        self.stats.triangles_in = triangles_in;
+        self.stats.triangles_kept = self.visible.iter().map(|cluster| u64::from(cluster.triangles)).sum();
+        self.stats.frame_ms = started.elapsed().as_secs_f64() * 1e3;
+        (&self.output, &self.stats)
+    }
+}

@@ -1,0 +1,228 @@
+//! One triangle to the pixels whose centres it covers: exact integers for coverage, `f32` for depth.
+//!
+//! With corners at multiples of 1/256 px, the edge function of an edge from a to b at the centre of pixel (i, j) is
+//! `E = (b - a) x (p - a)`, an integer. A centre belongs to the triangle if all three are positive, or zero on a *top or left*
+//! edge: the edge's other neighbour then has it as a bottom or right edge and leaves it out. From pixel to pixel E changes by
+//! multiples of 256, so that E / 256, rounded down, has the same sign at every pixel and needs fewer bits.
+
+use super::SurfaceId;
+use super::mesh::RasterMesh;
+use super::view::View;
+use super::{RasterStats, Seen};
+use std::ops::Range;
+
+/// A corner in the frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Snapped {
+    /// Position in 1/256 px.
+    pub(super) x: i32,
+    pub(super) y: i32,
+    /// 1 / eye depth, 1/m.
+    pub(super) inverse_depth: f32,
+}
+
+/// Rows of a frame that are being drawn.
+pub(super) struct Target<'a> {
+    /// Frame width, px.
+    pub(super) width: u32,
+    pub(super) rows: Range<u32>,
+    pub(super) inverse_depth: &'a mut [f32],
+    pub(super) surface: &'a mut [SurfaceId],
+    pub(super) stats: RasterStats,
+}
+
+/// Says where a triangle with a cut-out material is there.
+#[derive(Clone, Copy)]
+pub(super) struct CutoutTest<'a> {
+    pub(super) mesh: &'a RasterMesh,
+    pub(super) view: &'a View,
+    pub(super) primitive: u32,
+}
+
+impl CutoutTest<'_> {
+    fn is_solid(&self, x: u32, y: u32) -> bool {
+        let corners = self.mesh.corners[self.primitive as usize].map(|v| self.view.homogeneous(self.mesh.position(v)));
+        let [_, u, v] = View::weights(corners, x as f32 + 0.5, y as f32 + 0.5);
+        self.mesh.scene().is_solid(self.primitive, u, v)
+    }
+}
+
+/// E / 256 of an edge, rounded down, as a linear function of the pixel.
+#[derive(Clone, Copy)]
+struct Edge {
+    /// At the box's first pixel.
+    start: i64,
+    /// For one column.
+    column: i64,
+    /// For one row.
+    row: i64,
+}
+
+impl Edge {
+    #[inline(always)]
+    fn new(a: Snapped, b: Snapped, x: u32, y: u32) -> Self {
+        let (dx, dy) = (i64::from(b.x) - i64::from(a.x), i64::from(b.y) - i64::from(a.y));
+        let from_a = |pixel: u32, a: i32| i64::from(pixel) * 256 + 128 - i64::from(a);
+        let top_or_left = dy < 0 || (dy == 0 && dx > 0);
+        let value = dx * from_a(y, a.y) - dy * from_a(x, a.x) - i64::from(!top_or_left);
+        Self { start: value >> 8, column: -dy, row: dx }
+    }
+
+    /// Columns from the box's first, of `count`, at which the edge accepts a row with this value at its first pixel.
+    #[inline(always)]
+    fn accepted(&self, value: i64, count: i64) -> [i64; 2] {
+        match self.column {
+            0 => [if value >= 0 { 0 } else { count }, count],
+            up if up > 0 => [(-value).div_euclid(up) + i64::from((-value).rem_euclid(up) != 0), count],
+            down => [0, value.div_euclid(-down) + 1],
+        }
+    }
+}
+
+/// 1 / eye depth over a triangle: linear in the frame, and never outside the range of the corners, whatever the slope of a
+/// sliver. Rows start in `f64`: on a floor a millimetre under the eye, the corner may be 10^5 times nearer than the pixel.
+struct DepthPlane {
+    at_origin: f64,
+    per_column: f64,
+    per_row: f64,
+    /// From the first corner to the centre of pixel (0, 0), px.
+    from_origin: [f64; 2],
+    range: [f32; 2],
+}
+
+impl DepthPlane {
+    #[inline(always)]
+    fn new([a, b, c]: [Snapped; 3], area: i64) -> Self {
+        let per_area = 256.0 / area as f64;
+        let at_origin = f64::from(a.inverse_depth);
+        let (qb, qc) = (f64::from(b.inverse_depth) - at_origin, f64::from(c.inverse_depth) - at_origin);
+        let apart = |p: i32, q: i32| f64::from(p) - f64::from(q);
+        let q = [a.inverse_depth, b.inverse_depth, c.inverse_depth];
+        Self {
+            at_origin,
+            per_column: (qb * apart(c.y, a.y) - qc * apart(b.y, a.y)) * per_area,
+            per_row: (qc * apart(b.x, a.x) - qb * apart(c.x, a.x)) * per_area,
+            from_origin: [a.x, a.y].map(|c| (128.0 - f64::from(c)) * (1.0 / 256.0)),
+            range: [q[0].min(q[1]).min(q[2]), q[0].max(q[1]).max(q[2])],
+        }
+    }
+
+    /// At the centre of a pixel.
+    #[inline(always)]
+    fn at(&self, x: u32, y: u32) -> f32 {
+        let [dx, dy] = [f64::from(x) + self.from_origin[0], f64::from(y) + self.from_origin[1]];
+        ((self.at_origin + self.per_row * dy) + self.per_column * dx) as f32
+    }
+}
+
+/// Boxes of up to so many pixels are tested pixel by pixel; in larger ones the ends of each row are computed.
+const SMALL_BOX: u32 = 16;
+
+impl Target<'_> {
+    /// Draws a triangle, of either orientation: surfaces have two sides.
+    #[inline(always)]
+    pub(super) fn triangle(&mut self, [a, mut b, mut c]: [Snapped; 3], id: SurfaceId, cutout: Option<CutoutTest>) {
+        // The first pixel whose centre is not before the least coordinate, and the first whose centre is beyond the greatest.
+        let first = |least: i32| ((least + 127) >> 8).max(0) as u32;
+        let end = |most: i32| ((most + 128) >> 8).max(0) as u32;
+        let columns = first(a.x.min(b.x).min(c.x))..end(a.x.max(b.x).max(c.x)).min(self.width);
+        let rows = first(a.y.min(b.y).min(c.y)).max(self.rows.start)..end(a.y.max(b.y).max(c.y)).min(self.rows.end);
+        if columns.start >= columns.end || rows.start >= rows.end {
+            return;
+        }
+        let area = |b: Snapped, c: Snapped| {
+            let [bx, by] = [i64::from(b.x) - i64::from(a.x), i64::from(b.y) - i64::from(a.y)];
+            let [cx, cy] = [i64::from(c.x) - i64::from(a.x), i64::from(c.y) - i64::from(a.y)];
+            bx * cy - by * cx
+        };
+        let mut twice_area = area(b, c);
+        if twice_area == 0 {
+            return;
+        }
+        if twice_area < 0 {
+            (b, c, twice_area) = (c, b, -twice_area);
+        }
+        self.stats.triangles_set_up += 1;
+        let edge = |a: Snapped, b: Snapped| Edge::new(a, b, columns.start, rows.start);
+        let edges = [edge(a, b), edge(b, c), edge(c, a)];
+        let plane = DepthPlane::new([a, b, c], twice_area);
+        if (columns.end - columns.start) * (rows.end - rows.start) <= SMALL_BOX {
+            self.small(&columns, &rows, edges, &plane, id, cutout);
+        } else {
+            self.large(&columns, &rows, edges, &plane, id, cutout);
+        }
+    }
+
+    #[inline(always)]
+    fn small(
+        &mut self,
+        columns: &Range<u32>,
+        rows: &Range<u32>,
+        mut edges: [Edge; 3],
+        plane: &DepthPlane,
+        id: SurfaceId,
+        cutout: Option<CutoutTest>,
+    ) {
+        for y in rows.clone() {
+            let mut values = edges.map(|edge| edge.start);
+            for x in columns.clone() {
+                if values[0] | values[1] | values[2] >= 0 {
+                    self.span(x..x + 1, y, plane, id, cutout);
+                }
+                values = [0, 1, 2].map(|i| values[i] + edges[i].column);
+            }
+            edges.iter_mut().for_each(|edge| edge.start += edge.row);
+        }
+    }
+
+    #[inline(always)]
+    fn large(
+        &mut self,
+        columns: &Range<u32>,
+        rows: &Range<u32>,
+        mut edges: [Edge; 3],
+        plane: &DepthPlane,
+        id: SurfaceId,
+        cutout: Option<CutoutTest>,
+    ) {
+        let count = i64::from(columns.end - columns.start);
+        for y in rows.clone() {
+            let (mut start, mut end) = (0, count);
+            for edge in &mut edges {
+                let accepted = edge.accepted(edge.start, count);
+                (start, end) = (accepted[0].max(start), accepted[1].min(end));
+                edge.start += edge.row;
+            }
+            if start < end {
+                self.span(columns.start + start as u32..columns.start + end as u32, y, plane, id, cutout);
+            }
+        }
+    }
+
+    /// Depth test and number of the surface for a run of covered pixels.
+    #[inline(always)]
+    fn span(&mut self, columns: Range<u32>, y: u32, plane: &DepthPlane, id: SurfaceId, cutout: Option<CutoutTest>) {
+        let start = (y - self.rows.start) as usize * self.width as usize;
+        let run = start + columns.start as usize..start + columns.end as usize;
+        let (Some(depths), Some(surfaces)) = (self.inverse_depth.get_mut(run.clone()), self.surface.get_mut(run))
+        else {
+            return;
+        };
+        let (first, step, [least, most]) = (plane.at(columns.start, y), plane.per_column as f32, plane.range);
+        let mut written = 0;
+        for (((k, x), depth), surface) in (0u32..).zip(columns).zip(depths).zip(surfaces) {
+            let value = (first + step * k as f32).max(least).min(most);
+            let nearer = value > *depth && cutout.is_none_or(|cutout| cutout.is_solid(x, y));
+            *depth = if nearer { value } else { *depth };
+            *surface = if nearer { id } else { *surface };
+            written += u32::from(nearer);
+        }
+        self.stats.pixels_written += u64::from(written);
+    }
+
+    /// Counts the pixels that show a marker.
+    pub(super) fn count_markers(&mut self) {
+        self.stats.marker_pixels +=
+            self.surface.iter().filter(|id| matches!(id.seen(), Seen::Marker(_))).count() as u64;
+    }
+}
