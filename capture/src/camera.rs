@@ -1,6 +1,7 @@
 //! The pinhole camera that every stage shares.
 
 use glam::{DMat3, DMat4, DVec3, DVec4, dvec3};
+use std::ops::Range;
 
 /// Why a camera could not be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -93,6 +94,23 @@ impl Camera {
         Self { eye, ..self }
     }
 
+    /// The same camera for a part of its image: pixel (0, 0) is the first of these columns and rows of the whole. The part may
+    /// reach beyond the whole.
+    ///
+    /// # Errors
+    /// [`CameraError::Size`] as for [`Self::from_parts`].
+    pub fn cropped(self, columns: Range<u32>, rows: Range<u32>) -> Result<Self, CameraError> {
+        let [width, height] = [&columns, &rows].map(|range| range.end.saturating_sub(range.start));
+        let whole = Self::from_parts(self.eye, self.world_from_eye, self.focal_px, width, height)?;
+        let [x, y] = self.principal_px;
+        Ok(Self { principal_px: [x - f64::from(columns.start), y - f64::from(rows.start)], ..whole })
+    }
+
+    /// Where the viewing axis meets the image, pixels; the middle of the image unless it was cropped.
+    pub fn principal_px(&self) -> [f64; 2] {
+        self.principal_px
+    }
+
     /// Position of the eye, world metres.
     pub fn eye(&self) -> DVec3 {
         self.eye
@@ -170,6 +188,15 @@ mod tests {
             assert!((h.z / h.w - 1.0 / depth).abs() < 1e-12 && (h.w - depth).abs() < 1e-9);
         }
         assert!(camera.project(eye - camera.forward()).is_none());
+    }
+
+    #[test]
+    fn a_cropped_camera_sees_the_same_shifted() {
+        let camera = Camera::look_at(DVec3::ZERO, dvec3(1.0, 0.2, -3.0), DVec3::Y, 50.0, 320, 200).expect("valid");
+        let part = camera.cropped(100..140, 7..200).expect("a part");
+        assert_eq!((part.width(), part.height(), part.principal_px()), (40, 193, [60.0, 93.0]));
+        assert!((part.direction(3.0, 4.0) - camera.direction(103.0, 11.0)).length() < 1e-12);
+        assert_eq!(camera.cropped(5..5, 0..9), Err(CameraError::Size(0, 9)));
     }
 
     #[test]

@@ -15,14 +15,32 @@ use std::ops::Range;
 pub(crate) const W_NEAR: f32 = 1.0 / 1024.0;
 
 /// Some rows of a frame.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Band {
     /// Frame width, px.
     pub(crate) width: u32,
     /// Frame height, px.
     pub(crate) height: u32,
+    /// Where the viewing axis meets the frame, px.
+    pub(crate) principal_px: [f64; 2],
     /// Rows of the band, row 0 on top.
     pub(crate) rows: Range<u32>,
+}
+
+impl Band {
+    /// Left, right, upper and lower bound from the principal point, a radius wider.
+    fn bounds_px(&self, radius_px: f64) -> [f64; 4] {
+        let [x, y] = self.principal_px;
+        let (right, bottom) = (f64::from(self.width) - x, f64::from(self.rows.end) - y);
+        [-x - radius_px, right + radius_px, f64::from(self.rows.start) - y - radius_px, bottom + radius_px]
+    }
+
+    /// Width and height of the smallest frame about the principal point that holds this one.
+    fn centred_size(&self) -> [u32; 2] {
+        let [x, y] = self.principal_px;
+        [(x, self.width), (y, self.height)]
+            .map(|(c, size)| (2.0 * c.abs().max((f64::from(size) - c).abs())).ceil() as u32)
+    }
 }
 
 /// A half space of LDI coordinates: the points (x, y, q) with `normal . (x, y, q) + offset >= 0`.
@@ -47,17 +65,15 @@ impl HalfSpace {
 
 /// The five half spaces outside of which a splat of `radius_px` cannot touch the band.
 fn half_spaces(transfer: &Transfer, band: &Band, radius_px: f64) -> [HalfSpace; 5] {
-    let half = [f64::from(band.width) / 2.0, f64::from(band.height) / 2.0];
+    let [left, right, top, bottom] = band.bounds_px(radius_px);
     // h . of_h >= least
     let side = |of_h: DVec3, least: f64| HalfSpace {
         normal: DVec3::from([transfer.x_step, transfer.y_step, transfer.inverse_depth].map(|column| of_h.dot(column))),
         offset: of_h.dot(transfer.one) - least,
     };
-    let top = f64::from(band.rows.start) - half[1] - radius_px;
-    let bottom = f64::from(band.rows.end) - half[1] + radius_px;
     [
-        side(DVec3::new(1.0, 0.0, half[0] + radius_px), 0.0),
-        side(DVec3::new(-1.0, 0.0, half[0] + radius_px), 0.0),
+        side(DVec3::new(1.0, 0.0, -left), 0.0),
+        side(DVec3::new(-1.0, 0.0, right), 0.0),
         side(DVec3::new(0.0, 1.0, -top), 0.0),
         side(DVec3::new(0.0, -1.0, bottom), 0.0),
         side(DVec3::Z, f64::from(W_NEAR)),
@@ -165,11 +181,8 @@ impl BlockClip<'_> {
             self.transfer.at(x[i & 1], y[i >> 1 & 1]) + self.transfer.inverse_depth * q[i >> 2]
         });
         let least_w = corners.iter().map(|h| h.z).fold(f64::INFINITY, f64::min);
-        let radius = size.largest_radius_px(self.transfer, q[1], least_w, [self.band.width, self.band.height]);
-        let half = [f64::from(self.band.width) / 2.0, f64::from(self.band.height) / 2.0];
-        let (left, right) = (-half[0] - radius, half[0] + radius);
-        let top = f64::from(self.band.rows.start) - half[1] - radius;
-        let bottom = f64::from(self.band.rows.end) - half[1] + radius;
+        let radius = size.largest_radius_px(self.transfer, q[1], least_w, self.band.centred_size());
+        let [left, right, top, bottom] = self.band.bounds_px(radius);
         let all = |outside: &dyn Fn(&DVec3) -> bool| corners.iter().all(outside);
         !(all(&|h| h.z < f64::from(W_NEAR))
             || all(&|h| h.x < left * h.z)

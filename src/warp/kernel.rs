@@ -16,8 +16,10 @@ pub(crate) struct SegmentWarp<'a> {
     transfer: &'a Transfer,
     inverse_depth_min: f64,
     inverse_depth_step: f64,
-    /// Frame size in px.
-    frame: [f32; 2],
+    /// Frame width, px.
+    width: f32,
+    /// Where the viewing axis meets the frame, px.
+    principal_px: [f32; 2],
     /// First row of the band, and the row after its last.
     rows: [f32; 2],
     level: Level,
@@ -29,7 +31,8 @@ impl<'a> SegmentWarp<'a> {
             transfer,
             inverse_depth_min: f64::from(segment.inverse_depth_min),
             inverse_depth_step: segment.inverse_depth_step(),
-            frame: [band.width as f32, band.height as f32],
+            width: band.width as f32,
+            principal_px: band.principal_px.map(|c| c as f32),
             rows: [band.rows.start as f32, band.rows.end as f32],
             level,
         }
@@ -84,13 +87,12 @@ impl<'a> SegmentWarp<'a> {
             y: batch.row as f32 + 0.5,
             splat_index: geometry >> 20,
         };
-        let [width, height] = self.frame;
-        let px = hx * reciprocal_w + width * 0.5;
-        let py = hy * reciprocal_w + height * 0.5;
+        let px = hx * reciprocal_w + self.principal_px[0];
+        let py = hy * reciprocal_w + self.principal_px[1];
         let footprints = size.footprints(simd, &lanes);
         let (rx, ry) = (footprints.radius_x, footprints.radius_y);
         let touches = (px + rx).simd_gt(splat(0.0))
-            & (px - rx).simd_lt(splat(width))
+            & (px - rx).simd_lt(splat(self.width))
             & (py + ry).simd_gt(splat(self.rows[0]))
             & (py - ry).simd_lt(splat(self.rows[1]));
         let there = (1u64 << (batch.len - start).min(LANES)) - 1;

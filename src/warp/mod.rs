@@ -173,7 +173,8 @@ impl Renderer {
         let colors = self.frame.color.par_chunks_mut(pixels);
         colors.zip(self.frame.coverage.par_chunks_mut(pixels)).enumerate().with_max_len(1).for_each(|(i, pixels)| {
             let start = i as u32 * rows;
-            let band = Band { width, height, rows: start..start.saturating_add(rows).min(height) };
+            let principal_px = camera.principal_px();
+            let band = Band { width, height, principal_px, rows: start..start.saturating_add(rows).min(height) };
             // No other thread of the pool uses this one's worker, so that the lock is free.
             let worker = &workers[rayon::current_thread_index().unwrap_or(0) % workers.len()];
             worker.lock().unwrap_or_else(PoisonError::into_inner).draw(plan, cube, camera, &band, pixels);
