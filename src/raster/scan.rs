@@ -102,7 +102,7 @@ impl DepthPlane {
             at_origin,
             per_column: (qb * apart(c.y, a.y) - qc * apart(b.y, a.y)) * per_area,
             per_row: (qc * apart(b.x, a.x) - qb * apart(c.x, a.x)) * per_area,
-            from_origin: [a.x, a.y].map(|c| (128.0 - f64::from(c)) * (1.0 / 256.0)),
+            from_origin: [(128.0 - f64::from(a.x)) * (1.0 / 256.0), (128.0 - f64::from(a.y)) * (1.0 / 256.0)],
             range: [q[0].min(q[1]).min(q[2]), q[0].max(q[1]).max(q[2])],
         }
     }
@@ -164,14 +164,18 @@ impl Target<'_> {
         cutout: Option<CutoutTest>,
     ) {
         for y in rows.clone() {
-            let mut values = edges.map(|edge| edge.start);
+            let (mut a, mut b, mut c) = (edges[0].start, edges[1].start, edges[2].start);
             for x in columns.clone() {
-                if values[0] | values[1] | values[2] >= 0 {
+                if a | b | c >= 0 {
                     self.span(x..x + 1, y, plane, id, cutout);
                 }
-                values = [0, 1, 2].map(|i| values[i] + edges[i].column);
+                a += edges[0].column;
+                b += edges[1].column;
+                c += edges[2].column;
             }
-            edges.iter_mut().for_each(|edge| edge.start += edge.row);
+            for edge in &mut edges {
+                edge.start += edge.row;
+            }
         }
     }
 

@@ -8,6 +8,7 @@ use super::{Seen, SurfaceId};
 use crate::capture::{Camera, Material};
 use crate::frame::Coverage;
 use crate::ldi::Environment;
+use fearless_simd::{Simd, dispatch};
 use glam::{Vec2, Vec3};
 
 /// What the colours of a frame need.
@@ -23,6 +24,12 @@ impl Shader<'_> {
     /// Colours the rows of a target.
     pub(super) fn resolve(&self, target: &mut Target, colors: &mut [[u8; 4]], coverages: &mut [Coverage]) {
         target.count_markers();
+        dispatch!(self.view.level, simd => self.resolve_at(simd, target, colors, coverages));
+    }
+
+    /// Plain code; inside the dispatch the compiler may use the instructions of the SIMD level.
+    #[inline(always)]
+    fn resolve_at<S: Simd>(&self, _: S, target: &Target, colors: &mut [[u8; 4]], coverages: &mut [Coverage]) {
         let width = target.width as usize;
         let table = SrgbTable::get();
         let rows = colors.chunks_mut(width).zip(coverages.chunks_mut(width)).zip(target.surface.chunks(width));
@@ -34,8 +41,8 @@ impl Shader<'_> {
                     Seen::Marker(_) => {}
                     Seen::Triangle(_) => {
                         let linear = self.radiance(*surface, x as f32 + 0.5, y as f32 + 0.5) * self.exposure;
-                        let [r, g, b] = linear.to_array().map(|c| table.encode(c));
-                        (*color, *coverage) = ([r, g, b, 255], Coverage::FULL);
+                        *color = [table.encode(linear.x), table.encode(linear.y), table.encode(linear.z), 255];
+                        *coverage = Coverage::FULL;
                     }
                     Seen::Nothing => {
                         if let Some([r, g, b]) = self.environment.sample((start + step * x as f64).as_vec3()) {
@@ -52,9 +59,11 @@ impl Shader<'_> {
     fn radiance(&self, SurfaceId(primitive): SurfaceId, x: f32, y: f32) -> Vec3 {
         let (mesh, scene) = (self.mesh, self.mesh.scene());
         let vertices = mesh.corners[primitive as usize];
-        let corners = vertices.map(|vertex| self.view.homogeneous(mesh.position(vertex)));
+        let [i, j, k] = vertices;
+        let homogeneous = |vertex: u32| self.view.homogeneous(mesh.position(vertex));
+        let corners = [homogeneous(i), homogeneous(j), homogeneous(k)];
         let weights = View::weights(corners, x, y);
-        let [a, b, c] = vertices.map(|vertex| mesh.colors[vertex as usize]);
+        let [a, b, c] = [mesh.colors[i as usize], mesh.colors[j as usize], mesh.colors[k as usize]];
         let color = a * weights[0] + b * weights[1] + c * weights[2];
         let triangle = scene.triangles[primitive as usize];
         let material = &scene.materials[triangle.material as usize];
@@ -68,6 +77,7 @@ impl Shader<'_> {
     }
 
     /// The factors of albedo and emission.
+    #[inline(always)]
     fn texels(
         &self,
         material: &Material,
@@ -76,21 +86,22 @@ impl Shader<'_> {
         weights: [f32; 3],
         [x, y]: [f32; 2],
     ) -> [Vec3; 2] {
-        let texcoords = vertices.map(|v| self.mesh.scene().texcoords.get(v as usize).copied().unwrap_or(Vec2::ZERO));
+        let texcoord = |v: u32| self.mesh.scene().texcoords.get(v as usize).copied().unwrap_or(Vec2::ZERO);
+        let texcoords = [texcoord(vertices[0]), texcoord(vertices[1]), texcoord(vertices[2])];
         let at =
             |weights: [f32; 3]| (texcoords[0] * weights[0] + texcoords[1] * weights[1]) + texcoords[2] * weights[2];
         let here = at(weights);
         let along_x = at(View::weights_around(corners, x + 1.0, y)) - here;
         let along_y = at(View::weights_around(corners, x, y + 1.0)) - here;
-        [material.albedo_texture, material.emission_texture].map(|texture| {
+        let texel = |texture: Option<u32>| {
             let Some(texture) = texture.and_then(|texture| self.mesh.textures.get(texture as usize)) else {
                 return Vec3::ONE;
             };
             let size = Vec2::from(texture.size());
             // Geometric mean of the footprint's sides: the longer one blurs what is seen at a grazing angle.
-            let footprint = ((along_x * size).length() * (along_y * size).length()).sqrt();
-            let [r, g, b, _] = texture.sample(here.x, here.y, footprint.log2());
-            Vec3::new(r, g, b)
-        })
+            let footprint = ((along_x * size).length_squared() * (along_y * size).length_squared()).sqrt().sqrt();
+            Vec3::from(texture.sample(here.x, here.y, footprint))
+        };
+        [texel(material.albedo_texture), texel(material.emission_texture)]
     }
 }

@@ -27,7 +27,7 @@ pub(super) struct View {
     rows_f64: [DVec3; 3],
     pub(super) width: u32,
     pub(super) height: u32,
-    level: Level,
+    pub(super) level: Level,
 }
 
 /// The vertices of a cluster in the frame.
@@ -54,7 +54,9 @@ impl View {
     #[inline(always)]
     pub(super) fn homogeneous(&self, position: Vec3) -> Vec3 {
         let d = position - self.eye;
-        Vec3::from(self.rows.map(|row| (row.x * d.x + row.y * d.y) + row.z * d.z))
+        let [x, y, w] = self.rows;
+        let along = |row: Vec3| (row.x * d.x + row.y * d.y) + row.z * d.z;
+        Vec3::new(along(x), along(y), along(w))
     }
 
     /// As [`Self::homogeneous`]: a corner 2 km behind the eye decides where its edge passes a millimetre in front of it.
@@ -68,20 +70,22 @@ impl View {
     #[inline(always)]
     pub(super) fn weights_around([a, b, c]: [Vec3; 3], x: f32, y: f32) -> [f32; 3] {
         let about = |h: Vec3| [h.x - x * h.z, h.y - y * h.z];
-        let [a, b, c] = [about(a), about(b), about(c)];
+        let (a, b, c) = (about(a), about(b), about(c));
         let cross = |p: [f32; 2], q: [f32; 2]| p[0] * q[1] - p[1] * q[0];
-        let [u, v, w] = [cross(b, c), cross(c, a), cross(a, b)];
+        let (u, v, w) = (cross(b, c), cross(c, a), cross(a, b));
         let sum = u + v + w;
-        if sum == 0.0 { [1.0 / 3.0; 3] } else { [u / sum, v / sum, w / sum] }
+        let scale = 1.0 / sum;
+        if sum == 0.0 { [1.0 / 3.0; 3] } else { [u * scale, v * scale, w * scale] }
     }
 
     /// As [`Self::weights_around`], moved into the triangle: positions are snapped, so that the centre of a pixel may lie a
     /// hair outside the triangle that covers it.
     #[inline(always)]
     pub(super) fn weights(corners: [Vec3; 3], x: f32, y: f32) -> [f32; 3] {
-        let [u, v, w] = Self::weights_around(corners, x, y).map(|weight| weight.max(0.0));
-        let sum = u + v + w;
-        [u / sum, v / sum, w / sum]
+        let [u, v, w] = Self::weights_around(corners, x, y);
+        let (u, v, w) = (u.max(0.0), v.max(0.0), w.max(0.0));
+        let scale = 1.0 / (u + v + w);
+        [u * scale, v * scale, w * scale]
     }
 
     /// Draws the triangles of a cluster.
@@ -102,15 +106,17 @@ impl View {
         self.transfer(simd, mesh.positions.each_ref().map(|axis| &axis[run.clone()]), &mut vertices);
         for primitive in cluster.triangles.clone() {
             let corners = mesh.corners[primitive as usize];
-            let local = corners.map(|corner| corner.wrapping_sub(cluster.vertices.start) as usize % CLUSTER_VERTICES);
+            let local = |corner: u32| corner.wrapping_sub(cluster.vertices.start) as usize % CLUSTER_VERTICES;
+            let (i, j, k) = (local(corners[0]), local(corners[1]), local(corners[2]));
             let material = mesh.scene().triangles[primitive as usize].material;
             let cutout = mesh.has_cutout[material as usize].then_some(CutoutTest { mesh, view: self, primitive });
-            if local.iter().any(|&i| vertices.outside[i]) {
+            if vertices.outside[i] | vertices.outside[j] | vertices.outside[k] {
                 let homogeneous = corners.map(|corner| self.homogeneous_f64(mesh.position(corner)));
-                let snapped = local.map(|i| (!vertices.outside[i]).then(|| vertices.snapped(i)));
+                let snapped = [i, j, k].map(|i| (!vertices.outside[i]).then(|| vertices.snapped(i)));
                 clip::clipped(homogeneous, snapped, |corners| target.triangle(corners, SurfaceId(primitive), cutout));
             } else {
-                target.triangle(local.map(|i| vertices.snapped(i)), SurfaceId(primitive), cutout);
+                let corners = [vertices.snapped(i), vertices.snapped(j), vertices.snapped(k)];
+                target.triangle(corners, SurfaceId(primitive), cutout);
             }
         }
     }
