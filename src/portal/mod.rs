@@ -2,5 +2,17 @@
 //! (inventory R1 to R16, P1 to P9).
 //!
 //! * [`cull`]: which cells show, and through which part of the frame (R1).
+//! * [`house`]: a portal model made ready for the rasteriser and the tracer.
+//! * [`opening`]: a portal as it is seen from one of its cells.
+//! * [`backdrop`]: what stands in for everything behind a portal: textures, warped images, layered depth images.
+//! * [`store`]: backdrops in memory, built in the background.
+//! * [`walk`]: a frame of all of this.
+//! * [`path`]: a walk through every room.
 
+pub mod backdrop;
 pub mod cull;
+pub mod house;
+pub mod opening;
+pub mod path;
+pub mod store;
+pub mod walk;

@@ -172,6 +172,16 @@ impl Rasterizer {
         Self { level, band_rows, output: RasterFrame::default(), stats: RasterStats::default(), visible: Vec::new() }
     }
 
+    /// The last frame.
+    pub fn output(&self) -> &RasterFrame {
+        &self.output
+    }
+
+    /// The last frame, to be completed where markers show.
+    pub(crate) fn output_mut(&mut self) -> &mut RasterFrame {
+        &mut self.output
+    }
+
     /// Draws what `camera` sees of the wanted groups over the environment, on the current rayon thread pool. Groups that
     /// the mesh does not have are left out.
     pub fn draw(

@@ -1,0 +1,50 @@
+//! Depth images of what is behind a portal, from places in front of it (inventory R9, R11, P2).
+//!
+//! An image is what the six faces of a cube about its place see through the opening: a ray through the centre of each such
+//! pixel. One image is an LDI of one layer; more are merged into the cube about the first, whose rays are that cube's own.
+
+use super::Quality;
+use super::gather::{Batch, CubeJob};
+use crate::capture::rig::Face;
+use crate::packed::{PackError, PackedCube};
+use crate::portal::house::House;
+use crate::portal::opening::Opening;
+use glam::DVec3;
+
+/// One LDI of the images from all places, about the first.
+pub(super) fn ldi(
+    house: &House,
+    opening: &Opening,
+    places: &[DVec3],
+    quality: &Quality,
+) -> Result<PackedCube, PackError> {
+    let Quality { face_px, rule, .. } = *quality;
+    let job = CubeJob { house, centre: places[0], face_px, rule };
+    // Rows of all faces of all images.
+    let rows = 6 * face_px;
+    job.run(places.len() as u32 * rows, |i, batch| {
+        let (image, row) = (i / rows, i % rows);
+        let place = places[image as usize];
+        batch.image = image.min(255) as u8;
+        batch.eye = Some((place - house.tracer().origin()).as_vec3());
+        batch.first = i * face_px;
+        fill_row(house, opening, place, Face::ALL[(row / face_px) as usize], row % face_px, face_px, batch);
+    })
+}
+
+/// The rays through a row of pixels that pass the opening, from where they do.
+fn fill_row(house: &House, opening: &Opening, place: DVec3, face: Face, row: u32, face_px: u32, batch: &mut Batch) {
+    let in_front = opening.distance_in_front(place);
+    let y = f64::from(row) + 0.5;
+    for column in 0..face_px {
+        let direction = face.direction(f64::from(column) + 0.5, y, face_px);
+        let toward = -opening.normal.dot(direction);
+        if toward <= 1e-9 {
+            continue;
+        }
+        let at = place + direction * (in_front / toward);
+        if opening.contains(at) {
+            batch.rays.push(((at - house.tracer().origin()).as_vec3(), direction.as_vec3()));
+        }
+    }
+}

@@ -1,0 +1,225 @@
+//! What stands in for everything behind a portal (inventory R2, R9, R11, P2; D1).
+//!
+//! Every backdrop belongs to one side of one portal. Its samples come from rays that start on the portal's plane, so that
+//! nothing in front of it is ever taken for what lies behind, and it is drawn into the portal's pixels alone.
+//!
+//! * `texture`: what the plane shows from one place or from many.
+//! * `images`: depth images from a semicircle: one warped, the two nearest warped, or all in one LDI.
+//! * `window`: cube LDIs from rays through the whole opening in all directions.
+//! * `gather`: from rays to a cube LDI, with the conflict rules.
+
+mod draw;
+mod gather;
+mod images;
+mod texture;
+mod window;
+
+pub use draw::{BackdropStats, Drawer};
+pub use texture::TextureSet;
+
+use super::house::House;
+use super::opening::Opening;
+use crate::ldi::merge::MergeRule;
+use crate::packed::{PackError, PackedCube};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// Ways to show what is behind a portal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// One texture on the portal's plane, as seen from straight in front (R2a).
+    Texture,
+    /// Textures from a semicircle, the nearest to the eye shown (R2b).
+    Textures,
+    /// One depth image from straight in front, warped (R5).
+    Image,
+    /// The two nearest of the depth images from a semicircle, the farther warped first (R9).
+    TwoImages,
+    /// All depth images from a semicircle in one LDI about the central one (R11, P2).
+    Ldi,
+    /// A cube LDI about the portal's middle, from rays through the whole opening.
+    WindowLdi,
+    /// As [`Self::WindowLdi`], about the middle of the cell that looks.
+    CellLdi,
+}
+
+impl Kind {
+    /// All kinds with the names under which the command line knows them.
+    pub const ALL: [(&'static str, Self); 7] = [
+        ("texture", Self::Texture),
+        ("textures", Self::Textures),
+        ("image", Self::Image),
+        ("two-images", Self::TwoImages),
+        ("ldi", Self::Ldi),
+        ("window-ldi", Self::WindowLdi),
+        ("cell-ldi", Self::CellLdi),
+    ];
+
+    /// The name in [`Self::ALL`].
+    pub fn name(self) -> &'static str {
+        Self::ALL.iter().find(|(_, kind)| *kind == self).map_or("", |(name, _)| name)
+    }
+}
+
+/// How finely backdrops are captured.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Quality {
+    /// Pixels a side of the faces of cubes, and of the images: 90 degrees.
+    pub face_px: u32,
+    /// Images on a semicircle are twice this and one more (n = 6 in the papers).
+    pub images: u32,
+    /// Radius of the semicircle, metres.
+    pub radius_m: f64,
+    /// Height of the eye above a portal's lower edge for which images are taken, metres.
+    pub eye_height_m: f64,
+    /// Pixels of the longer side of a texture.
+    pub texture_px: u32,
+    /// Strata along each of the four dimensions of a window's rays.
+    pub strata: u32,
+    /// Rays in each stratum.
+    pub rays: u32,
+    /// The conflict rule of [`Kind::Ldi`] (D1).
+    pub rule: MergeRule,
+    /// Random seed.
+    pub seed: u64,
+}
+
+impl Default for Quality {
+    fn default() -> Self {
+        Self {
+            face_px: 512,
+            images: 6,
+            radius_m: 2.0,
+            eye_height_m: 1.6,
+            texture_px: 256,
+            strata: 16,
+            rays: 16,
+            rule: MergeRule::SmallerArea,
+            seed: 0,
+        }
+    }
+}
+
+/// What is kept of everything behind a portal.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Backdrop {
+    /// Colours on the portal's plane.
+    Textures(TextureSet),
+    /// Cubes, each with the place from which it was taken; of several the two nearest are drawn.
+    Cubes(Vec<PackedCube>),
+}
+
+/// Why a backdrop could not be made.
+#[derive(Debug, thiserror::Error)]
+pub enum BackdropError {
+    /// There is no such portal, or it has no area.
+    #[error("there is no portal {0}, or it has no area")]
+    NoPortal(u32),
+    /// Numbers that allow no capture.
+    #[error("a backdrop needs {0}")]
+    Quality(&'static str),
+    /// The LDI could not be packed.
+    #[error("the backdrop of portal {portal} could not be packed: {source}")]
+    Pack {
+        /// Index of the portal.
+        portal: u32,
+        /// Why.
+        source: PackError,
+    },
+}
+
+/// One side of one portal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct PortalSide {
+    /// Index of the portal.
+    pub portal: u32,
+    /// 0 or 1: which of the portal's cells looks.
+    pub side: u8,
+}
+
+impl PortalSide {
+    /// The opening in a house, if there is one.
+    pub fn opening(self, house: &House) -> Option<Opening> {
+        Opening::new(house.plan().portals.get(self.portal as usize)?, usize::from(self.side & 1))
+    }
+
+    /// The cell that looks and the cell behind.
+    pub fn cells(self, house: &House) -> Option<[u32; 2]> {
+        let [a, b] = house.plan().portals.get(self.portal as usize)?.cells;
+        Some(if self.side & 1 == 0 { [a, b] } else { [b, a] })
+    }
+}
+
+impl Quality {
+    /// Checks that a capture with these numbers makes sense.
+    ///
+    /// # Errors
+    /// [`BackdropError::Quality`].
+    pub fn validate(&self) -> Result<(), BackdropError> {
+        let positive = |v: f64| v > 0.0 && v.is_finite();
+        let rules = [
+            ((8..=2048).contains(&self.face_px), "faces of 8 to 2048 pixels"),
+            (self.images <= 64, "at most 64 images on each side"),
+            (positive(self.radius_m) && self.eye_height_m.is_finite(), "a positive radius and a finite height"),
+            ((8..=4096).contains(&self.texture_px), "textures of 8 to 4096 pixels"),
+            ((1..=32).contains(&self.strata) && (1..=256).contains(&self.rays), "1 to 32 strata of 1 to 256 rays"),
+        ];
+        rules.iter().find(|(holds, _)| !holds).map_or(Ok(()), |(_, needs)| Err(BackdropError::Quality(needs)))
+    }
+}
+
+impl Backdrop {
+    /// Captures what is behind one side of a portal.
+    ///
+    /// # Errors
+    /// See [`BackdropError`].
+    pub fn capture(house: &House, at: PortalSide, kind: Kind, quality: &Quality) -> Result<Self, BackdropError> {
+        quality.validate()?;
+        let no_portal = || BackdropError::NoPortal(at.portal);
+        let opening = at.opening(house).ok_or_else(no_portal)?;
+        let [looking, _] = at.cells(house).ok_or_else(no_portal)?;
+        let places = opening.semicircle(quality.images, quality.radius_m, quality.eye_height_m);
+        let pack = |result: Result<PackedCube, PackError>| {
+            result.map_err(|source| BackdropError::Pack { portal: at.portal, source })
+        };
+        let one = |places: &[DVec3]| pack(images::ldi(house, &opening, places, quality));
+        Ok(match kind {
+            Kind::Texture => Self::Textures(TextureSet::capture(house, &opening, &places[..1], quality)),
+            Kind::Textures => Self::Textures(TextureSet::capture(house, &opening, &places, quality)),
+            Kind::Image => Self::Cubes(vec![one(&places[..1])?]),
+            Kind::TwoImages => {
+                Self::Cubes(places.iter().map(|place| one(std::slice::from_ref(place))).collect::<Result<_, _>>()?)
+            }
+            Kind::Ldi => Self::Cubes(vec![one(&places)?]),
+            Kind::WindowLdi => Self::Cubes(vec![pack(window::ldi(house, &opening, opening.centre, quality))?]),
+            Kind::CellLdi => {
+                let centre = house.middle_of(looking).unwrap_or(places[0]);
+                Self::Cubes(vec![pack(window::ldi(house, &opening, centre, quality))?])
+            }
+        })
+    }
+
+    /// Bytes in memory, near enough.
+    pub fn bytes(&self) -> u64 {
+        match self {
+            Self::Textures(set) => set.bytes(),
+            Self::Cubes(cubes) => cubes.iter().map(cube_bytes).sum(),
+        }
+    }
+
+    /// Depth pixels of all cubes; texels of textures.
+    pub fn sample_count(&self) -> u64 {
+        match self {
+            Self::Textures(set) => set.bytes() / 4,
+            Self::Cubes(cubes) => cubes.iter().map(|cube| cube.depth_pixel_count() as u64).sum(),
+        }
+    }
+}
+
+fn cube_bytes(cube: &PackedCube) -> u64 {
+    let of_segments = cube.segments.iter().map(|segment| {
+        8 * segment.depth_pixels.len() as u64 + 4 * (segment.row_offsets.len() + segment.row_counts.len()) as u64
+    });
+    of_segments.sum::<u64>() + 4 * cube.environment.texels.len() as u64
+}

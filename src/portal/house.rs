@@ -1,0 +1,151 @@
+//! A portal model made ready to be walked: its scene in the tracer and in the rasteriser.
+
+use super::opening::Opening;
+use crate::capture::light::Lighting;
+use crate::capture::portal_model::PortalModel;
+use crate::capture::scene::{Scene, SceneError};
+use crate::capture::trace::{Hit, Ray, Tracer};
+use crate::ldi::Environment;
+use crate::raster::RasterMesh;
+use glam::{DVec3, Vec3};
+use std::sync::Arc;
+
+/// Texels a side of the sky's cube map.
+const SKY_PX: u32 = 128;
+
+/// A portal model, its geometry as groups of triangles (group = cell), and the tree over it.
+///
+/// Light is taken as baked: what a surface shows is its albedo, vertex colour included, plus its emission.
+#[derive(Debug)]
+pub struct House {
+    /// Cells and portals; its scene is empty, for it is in the tracer.
+    plan: PortalModel,
+    tracer: Tracer,
+    mesh: RasterMesh,
+    lighting: Lighting,
+    sky: Environment,
+}
+
+/// Why a model cannot be walked.
+#[derive(Debug, thiserror::Error)]
+pub enum HouseError {
+    /// The scene breaks one of its promises.
+    #[error("the model's scene is invalid: {0}")]
+    Scene(#[from] SceneError),
+    /// There is no cell.
+    #[error("the model has no cells: nothing can be walked")]
+    NoCells,
+    /// A portal refers to a cell that does not exist, or twice to one.
+    #[error("portal {portal} joins the cells {cells:?}; it must join two different ones of {count}")]
+    PortalCells {
+        /// Index of the portal.
+        portal: usize,
+        /// What it refers to.
+        cells: [u32; 2],
+        /// Number of cells.
+        count: usize,
+    },
+    /// A portal has fewer than three corners, no area, or a coordinate that is not finite.
+    #[error("portal {0} is not a polygon with an area")]
+    PortalShape(usize),
+}
+
+impl House {
+    /// Prepares a model.
+    ///
+    /// # Errors
+    /// [`HouseError`]; what else the model's own checks find (non-planar portals, leaks) only makes the picture wrong.
+    pub fn new(mut model: PortalModel) -> Result<Self, HouseError> {
+        model.scene.validate()?;
+        if model.cells.is_empty() {
+            return Err(HouseError::NoCells);
+        }
+        for (portal, p) in model.portals.iter().enumerate() {
+            let count = model.cells.len();
+            if p.cells[0] == p.cells[1] || p.cells.iter().any(|&cell| cell as usize >= count) {
+                return Err(HouseError::PortalCells { portal, cells: p.cells, count });
+            }
+            if Opening::new(p, 0).is_none() {
+                return Err(HouseError::PortalShape(portal));
+            }
+        }
+        let scene = Arc::new(std::mem::take(&mut model.scene));
+        let [low, high] = scene.bounds();
+        let origin = (low + high) / 2.0;
+        let groups: Vec<_> = model.cells.iter().map(|cell| cell.triangles.clone()).collect();
+        let mesh = RasterMesh::new(Arc::clone(&scene), &groups, origin);
+        let tracer = Tracer::new(Arc::clone(&scene), origin);
+        let lighting = Lighting::of_scene(&tracer, 0);
+        let sky = match scene.sky {
+            Some(_) => Environment::of_sky(SKY_PX, &lighting, |_| true),
+            None => Environment::default(),
+        };
+        Ok(Self { plan: model, tracer, mesh, lighting, sky })
+    }
+
+    /// Cells and portals; its scene is empty.
+    pub fn plan(&self) -> &PortalModel {
+        &self.plan
+    }
+
+    /// All triangles.
+    pub fn scene(&self) -> &Arc<Scene> {
+        self.tracer.scene()
+    }
+
+    /// The tree over all triangles.
+    pub fn tracer(&self) -> &Tracer {
+        &self.tracer
+    }
+
+    /// The triangles in groups, one for each cell.
+    pub fn mesh(&self) -> &RasterMesh {
+        &self.mesh
+    }
+
+    /// The sky's light, and the exposure (1: baked colours are stored as they are).
+    pub fn lighting(&self) -> &Lighting {
+        &self.lighting
+    }
+
+    /// What is seen where no surface is.
+    pub fn sky(&self) -> &Environment {
+        &self.sky
+    }
+
+    /// What a ray sees of a surface: linear radiance, and the unit normal on the ray's side.
+    pub(crate) fn surface(&self, ray: &Ray, hit: &Hit) -> (Vec3, Vec3) {
+        let surface = self.scene().surface(hit.primitive, hit.u, hit.v);
+        let normal = if surface.normal.dot(ray.direction) > 0.0 { -surface.normal } else { surface.normal };
+        ((Vec3::from(surface.albedo) + Vec3::from(surface.emission)) * self.lighting.exposure, normal)
+    }
+
+    /// The middle of a cell's space, at the height of an eye, world metres; `None` for the outside.
+    pub fn middle_of(&self, cell: u32) -> Option<DVec3> {
+        let space = &self.plan.cells.get(cell as usize)?.space;
+        let corners = || space.iter().flat_map(|prism| prism.outline.iter());
+        let low = corners().copied().reduce(glam::DVec2::min)?;
+        let high = corners().copied().reduce(glam::DVec2::max)?;
+        let floor = space.iter().map(|prism| prism.floor_y).fold(f64::INFINITY, f64::min);
+        let middle = (low + high) / 2.0;
+        Some(DVec3::new(middle.x, floor + EYE_HEIGHT_M, middle.y))
+    }
+
+    /// The cell in which an eye stands (world metres). In the thickness of a wall, between the two sides of a portal, the
+    /// portal's plane decides; elsewhere the cells' space does. `None` in a wall of a model without an outside.
+    pub fn cell_of_eye(&self, eye: DVec3) -> Option<u32> {
+        let passing = (0..self.plan.portals.len()).find_map(|portal| {
+            let opening = Opening::new(&self.plan.portals[portal], 0)?;
+            let in_front = opening.distance_in_front(eye);
+            let inside = in_front.abs() < REVEAL_M && opening.contains(eye);
+            inside.then(|| self.plan.portals[portal].cells[usize::from(in_front < 0.0)])
+        });
+        passing.or_else(|| self.plan.cell_at(eye))
+    }
+}
+
+/// Half of the thickest wall in which a portal is looked for around the eye, metres.
+const REVEAL_M: f64 = 0.3;
+
+/// Height of an eye above the floor, metres.
+const EYE_HEIGHT_M: f64 = 1.6;

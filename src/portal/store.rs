@@ -1,0 +1,218 @@
+//! Backdrops in memory: built ahead of need by a thread in the background, the least recently used thrown away first
+//! (inventory R16).
+
+use super::backdrop::{Backdrop, Kind, PortalSide, Quality};
+use super::house::House;
+use std::collections::{HashMap, HashSet, VecDeque};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+
+/// What a backdrop is known by.
+pub type Key = (PortalSide, Kind);
+
+/// Backdrops within a budget of bytes.
+#[derive(Debug)]
+pub struct Store {
+    budget: u64,
+    shelves: Mutex<Shelves>,
+}
+
+#[derive(Debug, Default)]
+struct Shelves {
+    entries: HashMap<Key, Entry>,
+    bytes: u64,
+    clock: u64,
+}
+
+#[derive(Debug)]
+struct Entry {
+    backdrop: Arc<Backdrop>,
+    bytes: u64,
+    last_used: u64,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Store {
+    /// An empty store that keeps at most so many bytes.
+    pub fn new(budget_bytes: u64) -> Self {
+        Self { budget: budget_bytes, shelves: Mutex::default() }
+    }
+
+    /// A backdrop, if it is there; it counts as used now.
+    pub fn get(&self, key: Key) -> Option<Arc<Backdrop>> {
+        let mut shelves = lock(&self.shelves);
+        shelves.clock += 1;
+        let now = shelves.clock;
+        let entry = shelves.entries.get_mut(&key)?;
+        entry.last_used = now;
+        Some(Arc::clone(&entry.backdrop))
+    }
+
+    /// Whether a backdrop is there.
+    pub fn contains(&self, key: Key) -> bool {
+        lock(&self.shelves).entries.contains_key(&key)
+    }
+
+    /// Adds a backdrop and throws out what was not used for longest until all fits the budget. One that alone exceeds the
+    /// budget is not kept; `false` then.
+    pub fn insert(&self, key: Key, backdrop: Arc<Backdrop>) -> bool {
+        let bytes = backdrop.bytes();
+        if bytes > self.budget {
+            return false;
+        }
+        let mut shelves = lock(&self.shelves);
+        shelves.remove(key);
+        while shelves.bytes + bytes > self.budget {
+            let oldest =
+                shelves.entries.iter().min_by_key(|(key, entry)| (entry.last_used, **key)).map(|(key, _)| *key);
+            let Some(oldest) = oldest else { break };
+            shelves.remove(oldest);
+        }
+        shelves.clock += 1;
+        let last_used = shelves.clock;
+        shelves.bytes += bytes;
+        shelves.entries.insert(key, Entry { backdrop, bytes, last_used });
+        true
+    }
+
+    /// Bytes of all backdrops.
+    pub fn bytes(&self) -> u64 {
+        lock(&self.shelves).bytes
+    }
+
+    /// All backdrops, by key.
+    pub fn all(&self) -> Vec<(Key, Arc<Backdrop>)> {
+        let shelves = lock(&self.shelves);
+        let mut all: Vec<_> = shelves.entries.iter().map(|(key, e)| (*key, Arc::clone(&e.backdrop))).collect();
+        all.sort_by_key(|(key, _)| *key);
+        all
+    }
+}
+
+impl Shelves {
+    fn remove(&mut self, key: Key) {
+        if let Some(entry) = self.entries.remove(&key) {
+            self.bytes -= entry.bytes;
+        }
+    }
+}
+
+/// A thread that captures wanted backdrops, the first in the list first. Stops when it is dropped, after the capture at hand.
+#[derive(Debug)]
+pub struct Builder {
+    desk: Arc<Desk>,
+    thread: Option<JoinHandle<()>>,
+}
+
+#[derive(Debug, Default)]
+struct Desk {
+    orders: Mutex<Orders>,
+    changed: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct Orders {
+    wanted: VecDeque<Key>,
+    /// Could not be captured, or are larger than the whole budget: not tried again.
+    refused: HashSet<Key>,
+    busy: bool,
+    stop: bool,
+}
+
+impl Builder {
+    /// Starts the thread.
+    pub fn new(house: Arc<House>, store: Arc<Store>, quality: Quality) -> Self {
+        let desk = Arc::new(Desk::default());
+        let at_desk = Arc::clone(&desk);
+        let thread = std::thread::spawn(move || work(&at_desk, &house, &store, &quality));
+        Self { desk, thread: Some(thread) }
+    }
+
+    /// Replaces the list of wanted backdrops, the most urgent first.
+    pub fn want(&self, keys: impl IntoIterator<Item = Key>) {
+        let mut orders = lock(&self.desk.orders);
+        orders.wanted = keys.into_iter().collect();
+        self.desk.changed.notify_all();
+    }
+
+    /// Waits until nothing is wanted that could still be built.
+    pub fn wait(&self) {
+        let mut orders = lock(&self.desk.orders);
+        while orders.busy || !orders.wanted.is_empty() {
+            orders = self.desk.changed.wait(orders).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+}
+
+impl Drop for Builder {
+    fn drop(&mut self) {
+        lock(&self.desk.orders).stop = true;
+        self.desk.changed.notify_all();
+        if let Some(thread) = self.thread.take() {
+            // A panic of the thread has been printed; there is nobody here to tell.
+            let _ = thread.join();
+        }
+    }
+}
+
+fn work(desk: &Desk, house: &House, store: &Store, quality: &Quality) {
+    let mut orders = lock(&desk.orders);
+    while !orders.stop {
+        let Some(key) = orders.wanted.pop_front() else {
+            desk.changed.notify_all();
+            orders = desk.changed.wait(orders).unwrap_or_else(PoisonError::into_inner);
+            continue;
+        };
+        if orders.refused.contains(&key) || store.contains(key) {
+            continue;
+        }
+        orders.busy = true;
+        drop(orders);
+        let captured = Backdrop::capture(house, key.0, key.1, quality);
+        let kept = captured.is_ok_and(|backdrop| store.insert(key, Arc::new(backdrop)));
+        orders = lock(&desk.orders);
+        orders.busy = false;
+        if !kept {
+            orders.refused.insert(key);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn key(portal: u32) -> Key {
+        (PortalSide { portal, side: 0 }, Kind::Texture)
+    }
+
+    #[test]
+    fn the_least_recently_used_goes_first() {
+        let store = Store::new(0);
+        assert!(store.insert(key(0), Arc::new(Backdrop::Cubes(Vec::new()))), "nothing fits into nothing");
+        let cube = || {
+            let environment = crate::ldi::Environment { size_px: 1, texels: vec![[0; 4]; 6] };
+            let info = crate::ldi::CaptureInfo::default();
+            let layout = crate::packed::SplatIndexLayout::Normal;
+            let segments = Vec::new();
+            Arc::new(Backdrop::Cubes(vec![crate::packed::PackedCube {
+                info,
+                face_size_px: 8,
+                layout,
+                segments,
+                environment,
+            }]))
+        };
+        assert_eq!((cube().bytes(), store.insert(key(1), cube())), (24, false), "larger than the budget");
+        let store = Store::new(60);
+        assert!(store.insert(key(1), cube()) && store.insert(key(2), cube()));
+        assert!(store.get(key(1)).is_some());
+        assert!(store.insert(key(3), cube()));
+        assert_eq!(store.all().iter().map(|(key, _)| key.0.portal).collect::<Vec<_>>(), [1, 3]);
+        assert!(store.insert(key(3), cube()));
+        assert_eq!(store.bytes(), 48);
+    }
+}

@@ -1,0 +1,316 @@
+//! A frame of a walk: geometry for the eye's cell and for near ones, backdrops behind all other portals (inventory R3, R15,
+//! P1).
+//!
+//! 1. From the eye's cell on, cells are visited through portals ([`cull`]). A portal near the eye is passed: the next cell is
+//!    drawn as geometry too. Any other ends the visit, if its backdrop is at hand; without one it is passed as well, so that
+//!    a missing image never leaves a hole.
+//! 2. The visited cells are rasterised, and the portals where the visit ended with them, as markers without colour: the depth
+//!    buffer says which pixels look through which portal, whatever overlaps (the order that R15 leaves open).
+//! 3. Each backdrop is drawn for the smallest rectangle that holds its portal's pixels, and copied into these alone.
+
+use super::backdrop::{Backdrop, BackdropStats, Drawer, Kind, PortalSide};
+use super::cull::{self, CellView, Limits};
+use super::house::House;
+use super::store::{Key, Store};
+use crate::capture::Camera;
+use crate::frame::{Coverage, Frame};
+use crate::raster::{GroupWindow, Marker, RasterFrame, RasterStats, RasterView, Rasterizer, Seen};
+use crate::warp::RenderSettings;
+use serde::Serialize;
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// When a cell behind a portal is drawn as geometry (R3 gives no rule).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Near {
+    /// The eye is nearer to the portal's rectangle than this, metres.
+    Distance(f64),
+    /// The samples of a cube about the portal's middle, with faces of `face_px`, on a surface [`REFERENCE_DEPTH_M`] behind the
+    /// portal would be farther apart than `spacing_px` in the frame; or the eye is nearer than [`LEAST_DISTANCE_M`].
+    ProjectedError {
+        /// Pixels between neighbouring samples that are allowed.
+        spacing_px: f64,
+        /// Pixels a side of the cube's faces.
+        face_px: u32,
+    },
+}
+
+impl Default for Near {
+    fn default() -> Self {
+        Self::ProjectedError { spacing_px: 1.25, face_px: 512 }
+    }
+}
+
+/// Where samples of a backdrop are judged: about the middle of a room.
+pub const REFERENCE_DEPTH_M: f64 = 3.0;
+
+/// Nearer than this a portal is always passed: half a wall and a step.
+pub const LEAST_DISTANCE_M: f64 = 0.3;
+
+impl Near {
+    /// The distance from a portal within which the next cell is drawn as geometry, metres.
+    pub fn distance_m(self, camera: &Camera) -> f64 {
+        match self {
+            Self::Distance(distance) => distance,
+            Self::ProjectedError { spacing_px, face_px } => {
+                // At depth z behind the portal samples are z / f1 apart, which is f2 / (z + d) as large in the frame.
+                let ratio = camera.focal_px() / (f64::from(face_px) / 2.0 * spacing_px);
+                (REFERENCE_DEPTH_M * (ratio - 1.0)).max(LEAST_DISTANCE_M)
+            }
+        }
+    }
+}
+
+/// How a walk is drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WalkSettings {
+    /// The backdrops behind portals; `None` for geometry alone.
+    pub backdrops: Option<Kind>,
+    /// When a cell behind a portal is drawn as geometry.
+    pub near: Near,
+    /// How layered depth images are drawn.
+    pub warp: RenderSettings,
+    /// Holes show what the last frame had there (R8).
+    pub persistence: bool,
+    /// Bounds of the visit.
+    pub limits: Limits,
+}
+
+/// What a frame took.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct WalkStats {
+    /// The cell in which the eye stands; `None` inside a wall: then all cells are drawn as geometry.
+    pub cell: Option<u32>,
+    /// Cells drawn as geometry.
+    pub geometry_cells: u32,
+    /// Portals that show a backdrop.
+    pub portals: u32,
+    /// Portals passed for want of a backdrop.
+    pub missing: Vec<PortalSide>,
+    /// Pixels that show a backdrop.
+    pub backdrop_pixels: u64,
+    /// Of these, pixels of which the backdrop knows nothing.
+    pub hole_pixels: u64,
+    /// Of the rasteriser.
+    pub raster: RasterStats,
+    /// Sums over all backdrops.
+    pub backdrop: BackdropStats,
+    /// Whole frame, by the clock, ms.
+    pub frame_ms: f64,
+    /// Culling and geometry, ms.
+    pub geometry_ms: f64,
+    /// Backdrops, ms.
+    pub backdrop_ms: f64,
+}
+
+/// A portal where the visit ended.
+struct Boundary {
+    at: PortalSide,
+    backdrop: Arc<Backdrop>,
+    /// Columns and rows that it can touch.
+    window: [Range<u32>; 2],
+}
+
+/// Draws the frames of a walk; owns the buffers.
+#[derive(Default)]
+pub struct Walker {
+    rasterizer: Rasterizer,
+    drawer: Drawer,
+    previous: Frame,
+    stats: WalkStats,
+}
+
+impl Walker {
+    /// A walker that has drawn nothing yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Draws what a camera sees of a house, with the backdrops that the store has, on the current rayon thread pool.
+    pub fn frame(
+        &mut self,
+        house: &House,
+        store: &Store,
+        camera: &Camera,
+        settings: &WalkSettings,
+    ) -> (&Frame, &WalkStats) {
+        let started = Instant::now();
+        let mut stats = WalkStats { cell: house.cell_of_eye(camera.eye()), ..WalkStats::default() };
+        let (groups, boundaries) = visit(house, store, camera, settings, &mut stats);
+        let markers: Vec<Marker> = (0..).zip(&boundaries).filter_map(|(n, b)| marker(house, n, b)).collect();
+        let view = RasterView {
+            groups: &groups,
+            markers: &markers,
+            exposure: house.lighting().exposure,
+            hole_color_srgb: settings.warp.hole_color_srgb,
+        };
+        stats.raster = *self.rasterizer.draw(house.mesh(), camera, &view, house.sky()).1;
+        stats.geometry_cells = groups.len() as u32;
+        stats.backdrop_pixels = stats.raster.marker_pixels;
+        let geometry_done = Instant::now();
+        for (number, boundary) in (0..).zip(&boundaries) {
+            self.fill(number, boundary, camera, settings, &mut stats);
+        }
+        let output = self.rasterizer.output_mut();
+        if settings.persistence {
+            persist(output, &self.previous, camera);
+            self.previous.clone_from(&output.frame);
+        }
+        stats.geometry_ms = (geometry_done - started).as_secs_f64() * 1e3;
+        stats.backdrop_ms = geometry_done.elapsed().as_secs_f64() * 1e3;
+        stats.frame_ms = started.elapsed().as_secs_f64() * 1e3;
+        self.stats = stats;
+        (&output.frame, &self.stats)
+    }
+
+    /// The last frame with what each of its pixels shows.
+    pub fn last(&self) -> &RasterFrame {
+        self.rasterizer.output()
+    }
+
+    /// Draws a backdrop into the pixels of its marker.
+    fn fill(
+        &mut self,
+        number: u32,
+        boundary: &Boundary,
+        camera: &Camera,
+        settings: &WalkSettings,
+        stats: &mut WalkStats,
+    ) {
+        let output = self.rasterizer.output_mut();
+        let Some([columns, rows]) = touched(output, number, &boundary.window) else { return };
+        let Ok(part) = camera.cropped(columns.clone(), rows.clone()) else { return };
+        let (drawn, took) = self.drawer.draw(&boundary.backdrop, &part, &settings.warp);
+        stats.portals += 1;
+        stats.backdrop.samples += took.samples;
+        stats.backdrop.depth_pixels_in += took.depth_pixels_in;
+        stats.backdrop.splatted += took.splatted;
+        for (y, row) in rows.zip(0..) {
+            for (x, column) in columns.clone().zip(0..) {
+                let at = y as usize * camera.width() as usize + x as usize;
+                if output.seen(at) == Seen::Marker(number) {
+                    let from = row as usize * drawn.width as usize + column as usize;
+                    (output.frame.color[at], output.frame.coverage[at]) = (drawn.color[from], drawn.coverage[from]);
+                    stats.hole_pixels += u64::from(drawn.coverage[from].is_hole());
+                }
+            }
+        }
+    }
+}
+
+/// The cells to be drawn as geometry, and the portals where backdrops begin.
+fn visit(
+    house: &House,
+    store: &Store,
+    camera: &Camera,
+    settings: &WalkSettings,
+    stats: &mut WalkStats,
+) -> (Vec<GroupWindow>, Vec<Boundary>) {
+    let Some(cell) = stats.cell else {
+        let all = 0..house.mesh().group_count() as u32;
+        return (all.map(|group| GroupWindow { group, window: None }).collect(), Vec::new());
+    };
+    let near = settings.near.distance_m(camera);
+    let mut boundaries: Vec<Boundary> = Vec::new();
+    let views = cull::visible_cells(house.plan(), camera, cell, &settings.limits, |portal, view| {
+        let Some(kind) = settings.backdrops else { return true };
+        let Some(at) = side_toward(house, portal, view.cell) else { return true };
+        if at.opening(house).is_none_or(|opening| opening.distance(camera.eye()) < near) {
+            return true;
+        }
+        let window = view.window.rectangle(camera);
+        if let Some(known) = boundaries.iter_mut().find(|boundary| boundary.at == at) {
+            known.window = union(&known.window, &window);
+            return false;
+        }
+        let Some(backdrop) = store.get((at, kind)) else {
+            stats.missing.push(at);
+            return true;
+        };
+        boundaries.push(Boundary { at, backdrop, window });
+        false
+    });
+    (groups(&views, camera), boundaries)
+}
+
+/// The side of a portal that looks into a cell.
+fn side_toward(house: &House, portal: u32, cell: u32) -> Option<PortalSide> {
+    let cells = house.plan().portals.get(portal as usize)?.cells;
+    Some(PortalSide { portal, side: u8::from(cells[0] == cell) })
+}
+
+/// Each visited cell once, with the rectangle that holds all of its windows.
+fn groups(views: &[CellView], camera: &Camera) -> Vec<GroupWindow> {
+    let mut groups: Vec<GroupWindow> = Vec::new();
+    for view in views {
+        let window = view.window.rectangle(camera);
+        match groups.iter_mut().find(|group| group.group == view.cell) {
+            Some(group) => group.window = group.window.as_ref().map(|known| union(known, &window)),
+            None => groups.push(GroupWindow { group: view.cell, window: Some(window) }),
+        }
+    }
+    groups
+}
+
+fn union(a: &[Range<u32>; 2], b: &[Range<u32>; 2]) -> [Range<u32>; 2] {
+    [0, 1].map(|i| a[i].start.min(b[i].start)..a[i].end.max(b[i].end))
+}
+
+fn marker(house: &House, number: u32, boundary: &Boundary) -> Option<Marker> {
+    Some(Marker { polygon: boundary.at.opening(house)?.corners, number })
+}
+
+/// The smallest rectangle, inside a window, that holds the pixels of a marker.
+fn touched(output: &RasterFrame, number: u32, [columns, rows]: &[Range<u32>; 2]) -> Option<[Range<u32>; 2]> {
+    let mut found: Option<[Range<u32>; 2]> = None;
+    for y in rows.clone() {
+        let start = y as usize * output.frame.width as usize;
+        let shows = |x: &u32| output.seen(start + *x as usize) == Seen::Marker(number);
+        let (Some(first), Some(last)) = (columns.clone().find(shows), columns.clone().rev().find(shows)) else {
+            continue;
+        };
+        let row = [first..last + 1, y..y + 1];
+        found = Some(found.map_or(row.clone(), |found| union(&found, &row)));
+    }
+    found
+}
+
+/// Holes keep the colour that they had in the last frame of the same size.
+fn persist(output: &mut RasterFrame, previous: &Frame, camera: &Camera) {
+    if (previous.width, previous.height) != (camera.width(), camera.height()) {
+        return;
+    }
+    let frame = &mut output.frame;
+    for ((color, coverage), old) in frame.color.iter_mut().zip(&frame.coverage).zip(&previous.color) {
+        if *coverage == Coverage::HOLE {
+            *color = *old;
+        }
+    }
+}
+
+/// The backdrops that an eye is likely to need, the likeliest first: those of its own cell by distance, then those of the
+/// cells behind near portals.
+pub fn likely(house: &House, eye: glam::DVec3, kind: Kind) -> Vec<Key> {
+    let Some(cell) = house.cell_of_eye(eye) else { return Vec::new() };
+    let sides = |cell: u32| {
+        let of_cell = house.plan().portals_of(cell);
+        let mut sides: Vec<(f64, PortalSide, u32)> = of_cell
+            .filter_map(|(portal, behind)| {
+                let at = side_toward(house, portal as u32, behind)?;
+                Some((at.opening(house)?.distance(eye), at, behind))
+            })
+            .collect();
+        sides.sort_by(|a, b| a.0.total_cmp(&b.0));
+        sides
+    };
+    let mut wanted: Vec<Key> = Vec::new();
+    let own = sides(cell);
+    let next = own.iter().flat_map(|(_, _, behind)| sides(*behind));
+    for (_, at, _) in own.iter().cloned().chain(next) {
+        if !wanted.contains(&(at, kind)) {
+            wanted.push((at, kind));
+        }
+    }
+    wanted
+}
