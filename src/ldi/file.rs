@@ -14,8 +14,9 @@ use std::path::Path;
 /// A cube LDI file.
 pub const CUBE_LDI: Kind = Kind { tag: *b"cldi", name: "cube LDI", version: 1 };
 
+/// What a cube LDI is but for its arrays.
 #[derive(Serialize, Deserialize)]
-struct Header {
+pub(crate) struct Header {
     info: CaptureInfo,
     face_size_px: u32,
     layout: SplatIndexLayout,
@@ -55,22 +56,13 @@ impl PackedCube {
     /// # Errors
     /// [`FileError::Io`].
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
-        let header = Header {
-            info: self.info.clone(),
-            face_size_px: self.face_size_px,
-            layout: self.layout,
-            environment_size_px: self.environment.size_px,
-            segments: self.segments.iter().map(segment_header).collect(),
-        };
+        let header = self.header();
         let mut writer = ContainerWriter::new(CUBE_LDI);
         writer.section("info", move || Ok(serde_json::to_vec(&header)?));
         writer.section("environment", || Ok(bytemuck::cast_slice(&self.environment.texels).to_vec()));
         for segment in &self.segments {
             let name = segment_name(segment.face, segment.side == SegmentSide::Near);
-            writer.section(name, || {
-                let tables = [&segment.row_offsets, &segment.row_counts].map(|t| bytemuck::cast_slice::<u32, u8>(t));
-                Ok([tables[0], tables[1], bytemuck::cast_slice(&segment.depth_pixels)].concat())
-            });
+            writer.section(name, || Ok(segment_arrays(segment).concat()));
         }
         writer.write(path)
     }
@@ -90,14 +82,61 @@ impl PackedCube {
             let Some(&face) = Face::ALL.get(usize::from(segment.face)) else {
                 return Err(info_section.damaged("face numbers 0 to 5", segment.face.to_string()));
             };
-            segments.push(read_segment(file.section(segment_name(face, segment.near))?, face, segment)?);
+            let mut section = file.section(segment_name(face, segment.near))?;
+            segments.push(read_segment(&mut section, face, segment)?);
+            section.end()?;
         }
+        Self::assemble(header, segments, environment, &info_section)
+    }
+
+    /// The header of a file.
+    pub(crate) fn header(&self) -> Header {
+        Header {
+            info: self.info.clone(),
+            face_size_px: self.face_size_px,
+            layout: self.layout,
+            environment_size_px: self.environment.size_px,
+            segments: self.segments.iter().map(segment_header).collect(),
+        }
+    }
+
+    /// All arrays of a cube one after the other, for a file of another kind that keeps its header elsewhere.
+    pub(crate) fn arrays(&self) -> Vec<u8> {
+        let mut bytes = bytemuck::cast_slice(&self.environment.texels).to_vec();
+        self.segments.iter().flat_map(segment_arrays).for_each(|array| bytes.extend_from_slice(array));
+        bytes
+    }
+
+    /// The inverse of [`Self::arrays`], checked as [`Self::read`] checks.
+    pub(crate) fn from_arrays(header: Header, section: &mut Section) -> Result<Self, FileError> {
+        let size_px = header.environment_size_px;
+        let texels = section.array((size_px as usize).saturating_mul(size_px as usize).saturating_mul(6))?;
+        let segments = header.segments.iter().map(|segment| {
+            let face = Face::ALL.get(usize::from(segment.face)).copied();
+            let face = face.ok_or_else(|| section.damaged("face numbers 0 to 5", segment.face.to_string()))?;
+            read_segment(section, face, segment)
+        });
+        let segments = segments.collect::<Result<_, _>>()?;
+        Self::assemble(header, segments, Environment { size_px, texels }, section)
+    }
+
+    fn assemble(
+        header: Header,
+        segments: Vec<PackedSegment>,
+        environment: Environment,
+        section: &Section,
+    ) -> Result<Self, FileError> {
         let Header { info, face_size_px, layout, .. } = header;
         let mut cube = Self { info, face_size_px, layout, segments, environment };
-        cube.validate().map_err(|error| info_section.damaged("a consistent cube LDI", error.to_string()))?;
+        cube.validate().map_err(|error| section.damaged("a consistent cube LDI", error.to_string()))?;
         cube.segments.iter_mut().for_each(|segment| segment.blocks = BlockIndex::of(segment));
         Ok(cube)
     }
+}
+
+fn segment_arrays(segment: &PackedSegment) -> [&[u8]; 3] {
+    let [offsets, counts] = [&segment.row_offsets, &segment.row_counts].map(|t| bytemuck::cast_slice::<u32, u8>(t));
+    [offsets, counts, bytemuck::cast_slice(&segment.depth_pixels)]
 }
 
 fn segment_header(segment: &PackedSegment) -> SegmentHeader {
@@ -120,12 +159,11 @@ fn read_environment(mut section: Section, size_px: u32) -> Result<Environment, F
     Ok(Environment { size_px, texels })
 }
 
-fn read_segment(mut section: Section, face: Face, header: &SegmentHeader) -> Result<PackedSegment, FileError> {
+fn read_segment(section: &mut Section, face: Face, header: &SegmentHeader) -> Result<PackedSegment, FileError> {
     let (width, height) = (header.width as usize, header.height as usize);
     let row_offsets = section.array(height.saturating_add(1))?;
     let row_counts = section.array(height.saturating_mul(width.saturating_add(1)))?;
     let depth_pixels = section.array(header.depth_pixels)?;
-    section.end()?;
     Ok(PackedSegment {
         face,
         side: if header.near { SegmentSide::Near } else { SegmentSide::Far },

@@ -83,7 +83,7 @@ impl House {
         Ok(Self { plan: model, tracer, mesh, lighting, sky })
     }
 
-    /// Cells and portals; its scene is empty.
+    /// The model without its scene: cells and portals.
     pub fn plan(&self) -> &PortalModel {
         &self.plan
     }

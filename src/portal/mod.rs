@@ -5,12 +5,14 @@
 //! * [`house`]: a portal model made ready for the rasteriser and the tracer.
 //! * [`opening`]: a portal as it is seen from one of its cells.
 //! * [`backdrop`]: what stands in for everything behind a portal: textures, warped images, layered depth images.
+//! * [`file`](mod@file): the `.house` file, a model with its captures.
 //! * [`store`]: backdrops in memory, built in the background.
 //! * [`walk`]: a frame of all of this.
 //! * [`path`]: a walk through every room.
 
 pub mod backdrop;
 pub mod cull;
+pub mod file;
 pub mod house;
 pub mod opening;
 pub mod path;

@@ -181,7 +181,10 @@ impl Walker {
         let output = self.rasterizer.output_mut();
         let Some([columns, rows]) = touched(output, number, &boundary.window) else { return };
         let Ok(part) = camera.cropped(columns.clone(), rows.clone()) else { return };
-        let (drawn, took) = self.drawer.draw(&boundary.backdrop, &part, &settings.warp);
+        // A few tall bands: a depth pixel near the border of two is warped for both.
+        let bands = 2 * rayon::current_num_threads() as u32;
+        let warp = RenderSettings { band_rows: rows.len() as u32 / bands + 1, ..settings.warp };
+        let (drawn, took) = self.drawer.draw(&boundary.backdrop, &part, &warp);
         stats.portals += 1;
         stats.backdrop.samples += took.samples;
         stats.backdrop.depth_pixels_in += took.depth_pixels_in;

@@ -2,9 +2,10 @@
 
 use super::SurfaceId;
 use super::mip::MipTexture;
+use crate::capture::Material;
 use crate::capture::scene::Scene;
 use crate::capture::trace::MAX_COORDINATE;
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
@@ -25,6 +26,38 @@ pub(super) struct Cluster {
     pub(super) bounds: [Vec3; 2],
 }
 
+/// What shading needs of a vertex: half a cache line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C, align(32))]
+pub(super) struct Vertex {
+    /// Local metres.
+    pub(super) position: Vec3,
+    /// Linear colour; white if the scene has none.
+    pub(super) color: Vec3,
+    /// Texture coordinate; (0, 0) if the scene has none.
+    pub(super) texcoord: Vec2,
+}
+
+/// What shading needs of a material.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Surface {
+    pub(super) albedo: Vec3,
+    pub(super) emission: Vec3,
+    /// Indices of textures.
+    pub(super) albedo_texture: Option<u32>,
+    pub(super) emission_texture: Option<u32>,
+    pub(super) has_cutout: bool,
+}
+
+/// A triangle of the mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Face {
+    /// Corners among the clusters' vertices.
+    pub(super) corners: [u32; 3],
+    /// Of the scene's materials.
+    pub(super) material: u32,
+}
+
 /// A scene ready to be rasterised, in a local frame about an origin (world axes, metres), so that `f32` keeps its digits.
 #[derive(Debug)]
 pub struct RasterMesh {
@@ -32,16 +65,28 @@ pub struct RasterMesh {
     origin: DVec3,
     /// Positions of the clusters' vertices, one array per axis, local metres.
     pub(super) positions: [Vec<f32>; 3],
-    /// Linear colours of the clusters' vertices; white if the scene has none.
-    pub(super) colors: Vec<Vec3>,
-    /// For each triangle of the scene its corners among the clusters' vertices; three times the same if it is not drawn.
-    pub(super) corners: Vec<[u32; 3]>,
+    /// The same vertices with all they have.
+    pub(super) vertices: Vec<Vertex>,
+    /// For each triangle of the scene; one that is not drawn has three times the same corner.
+    pub(super) faces: Vec<Face>,
     pub(super) clusters: Vec<Cluster>,
     pub(super) groups: Vec<Range<u32>>,
     /// For each texture of the scene.
     pub(super) textures: Vec<MipTexture>,
-    /// For each material of the scene whether it is cut out.
-    pub(super) has_cutout: Vec<bool>,
+    /// For each material of the scene.
+    pub(super) surfaces: Vec<Surface>,
+}
+
+impl Surface {
+    fn new(material: &Material) -> Self {
+        Self {
+            albedo: Vec3::from(material.albedo),
+            emission: Vec3::from(material.emission),
+            albedo_texture: material.albedo_texture,
+            emission_texture: material.emission_texture,
+            has_cutout: material.cutout.is_some(),
+        }
+    }
 }
 
 impl RasterMesh {
@@ -52,11 +97,11 @@ impl RasterMesh {
         let count = scene.triangles.len().min(SurfaceId::MAX_TRIANGLES as usize);
         let mut mesh = Self {
             textures: scene.textures.iter().map(MipTexture::new).collect(),
-            has_cutout: scene.materials.iter().map(|material| material.cutout.is_some()).collect(),
+            surfaces: scene.materials.iter().map(Surface::new).collect(),
             origin,
             positions: [Vec::new(), Vec::new(), Vec::new()],
-            colors: Vec::new(),
-            corners: vec![[0; 3]; scene.triangles.len()],
+            vertices: Vec::new(),
+            faces: scene.triangles.iter().map(|t| Face { corners: [0; 3], material: t.material }).collect(),
             clusters: Vec::new(),
             groups: Vec::with_capacity(groups.len()),
             scene: Arc::clone(&scene),
@@ -88,17 +133,16 @@ impl RasterMesh {
         self.groups.len()
     }
 
-    /// Local position of a vertex.
+    /// The corners of a triangle.
     #[inline(always)]
-    pub(super) fn position(&self, vertex: u32) -> Vec3 {
-        let [x, y, z] = &self.positions;
-        let at = vertex as usize;
-        Vec3::new(x[at], y[at], z[at])
+    pub(super) fn corners(&self, face: &Face) -> [&Vertex; 3] {
+        let [a, b, c] = face.corners;
+        [&self.vertices[a as usize], &self.vertices[b as usize], &self.vertices[c as usize]]
     }
 
     /// Takes triangles from the front of a run until the cluster is full; returns the first that is left.
     fn append_cluster(&mut self, scene: &Scene, run: Range<u32>) -> u32 {
-        let first_vertex = self.colors.len() as u32;
+        let first_vertex = self.vertices.len() as u32;
         let mut known: HashMap<u32, u32> = HashMap::with_capacity(CLUSTER_VERTICES);
         let mut bounds = [Vec3::INFINITY, Vec3::NEG_INFINITY];
         let mut end = run.start;
@@ -112,19 +156,24 @@ impl RasterMesh {
             if local.iter().any(|p| !(p.abs().max_element() <= MAX_COORDINATE)) {
                 continue;
             }
-            self.corners[primitive as usize] = std::array::from_fn(|i| {
+            self.faces[primitive as usize].corners = std::array::from_fn(|i| {
                 bounds = [bounds[0].min(local[i]), bounds[1].max(local[i])];
                 *known.entry(vertices[i]).or_insert_with(|| {
                     for axis in 0..3 {
                         self.positions[axis].push(local[i][axis]);
                     }
-                    self.colors.push(scene.colors.get(vertices[i] as usize).copied().unwrap_or(Vec3::ONE));
-                    self.colors.len() as u32 - 1
+                    let source = vertices[i] as usize;
+                    self.vertices.push(Vertex {
+                        position: local[i],
+                        color: scene.colors.get(source).copied().unwrap_or(Vec3::ONE),
+                        texcoord: scene.texcoords.get(source).copied().unwrap_or(Vec2::ZERO),
+                    });
+                    self.vertices.len() as u32 - 1
                 })
             });
         }
         if bounds[0].x <= bounds[1].x {
-            let vertices = first_vertex..self.colors.len() as u32;
+            let vertices = first_vertex..self.vertices.len() as u32;
             self.clusters.push(Cluster { vertices, triangles: run.start..end, bounds });
         }
         end

@@ -14,7 +14,7 @@ pub(super) struct MipTexture {
 
 /// Linear RGB and alpha, 16 bits each.
 #[derive(Debug)]
-struct Level {
+pub(super) struct Level {
     width: u32,
     height: u32,
     texels: Vec<[u16; 4]>,
@@ -28,9 +28,9 @@ impl Level {
         Self { width: texture.width(), height: texture.height(), texels }
     }
 
-    /// Bilinear, wrapping around, as [`Texture::sample`] is; 0 to [`FULL`].
+    /// Bilinear, wrapping around, as [`Texture::sample`] is: linear RGB.
     #[inline(always)]
-    fn sample(&self, u: f32, v: f32) -> [f32; 4] {
+    pub(super) fn sample(&self, u: f32, v: f32) -> [f32; 3] {
         let (x0, x1, fx) = neighbours(u, self.width);
         let (y0, y1, fy) = neighbours(1.0 - v, self.height);
         let width = self.width as usize;
@@ -40,9 +40,9 @@ impl Level {
         for i in 0..4 {
             let (a, b, c, d) = (f32::from(a[i]), f32::from(b[i]), f32::from(c[i]), f32::from(d[i]));
             let (top, bottom) = (a + (b - a) * fx, c + (d - c) * fx);
-            mixed[i] = top + (bottom - top) * fy;
+            mixed[i] = (top + (bottom - top) * fy) * (1.0 / FULL);
         }
-        mixed
+        [mixed[0], mixed[1], mixed[2]]
     }
 }
 
@@ -72,24 +72,13 @@ impl MipTexture {
         Self { levels }
     }
 
-    /// Linear RGB at a texture coordinate for a footprint of so many texels: bilinear in the two levels about the binary
-    /// logarithm of the footprint (that of 1 texel and less is the texture itself), blended.
+    /// The copy whose texels are nearest to a footprint of so many texels of the texture itself (1 and less is that).
     #[inline(always)]
-    pub(super) fn sample(&self, u: f32, v: f32, footprint: f32) -> [f32; 3] {
-        let last = self.levels.len() - 1;
+    pub(super) fn level(&self, footprint: f32) -> &Level {
         // The bits of a float are its binary logarithm, linear between powers of two: off by at most 0.09.
-        let level = (footprint.to_bits() as f32) * (1.0 / 8_388_608.0) - 127.0;
-        let level = if footprint > 1.0 { level.min(last as f32) } else { 0.0 };
-        let lower = (level as usize).min(last);
-        let share = level - lower as f32;
-        let mut a = self.levels[lower].sample(u, v);
-        if let Some(next) = self.levels.get(lower + 1).filter(|_| share > 0.0) {
-            let b = next.sample(u, v);
-            for c in 0..4 {
-                a[c] += (b[c] - a[c]) * share;
-            }
-        }
-        [a[0] * (1.0 / FULL), a[1] * (1.0 / FULL), a[2] * (1.0 / FULL)]
+        let logarithm = (footprint.to_bits() as f32) * (1.0 / 8_388_608.0) - 127.0;
+        let level = if footprint > 1.0 { (logarithm + 0.5) as usize } else { 0 };
+        &self.levels[level.min(self.levels.len() - 1)]
     }
 
     /// Width and height in texels.
@@ -130,12 +119,12 @@ mod tests {
         assert_eq!(sizes, [(5, 3), (3, 2), (2, 1), (1, 1)]);
         for (u, v) in [(0.1, 0.2), (0.77, 0.5), (-3.3, 9.9), (1.0, 0.0), (-1.0, 1.0)] {
             for footprint in [0.0, 1.0, f32::NAN] {
-                let (found, expected) = (mips.sample(u, v, footprint), texture.sample(u, v));
+                let (found, expected) = (mips.level(footprint).sample(u, v), texture.sample(u, v));
                 assert!((0..3).all(|c| (found[c] - expected[c]).abs() < STORED), "({u}, {v}): {found:?} {expected:?}");
             }
         }
-        assert!(mips.sample(f32::NAN, f32::INFINITY, 2.0).iter().all(|c| c.is_finite()));
-        let [grey, ..] = mips.sample(0.3, 0.3, 1e9);
+        assert!(mips.level(2.0).sample(f32::NAN, f32::INFINITY).iter().all(|c| c.is_finite()));
+        let [grey, ..] = mips.level(1e9).sample(0.3, 0.3);
         assert!((0.3..0.7).contains(&grey), "{grey}");
     }
 }

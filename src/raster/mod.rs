@@ -7,8 +7,8 @@
 //!    or far outside the frame are clipped in `clip`;
 //! 3. `scan`: exact integer edge functions with the top-left rule, so that neighbours share no pixel and leave none out;
 //!    depth and the number of the triangle per pixel, nothing else;
-//! 4. `shade`: once per pixel at the end, from the triangle's number: perspective-correct weights, colours, textures with
-//!    trilinear minification.
+//! 4. `shade`: once per pixel at the end, from the triangle's number: perspective-correct weights, colours, textures at
+//!    the fineness of the frame.
 //!
 //! Positions are IEEE `f32` in a fixed order of operations, the rest of coverage is integers: the same bytes on any number
 //! of threads, bands and SIMD levels.

@@ -41,9 +41,9 @@ pub(super) struct CutoutTest<'a> {
 
 impl CutoutTest<'_> {
     fn is_solid(&self, x: u32, y: u32) -> bool {
-        let corners = self.mesh.corners[self.primitive as usize].map(|v| self.view.homogeneous(self.mesh.position(v)));
-        let [_, u, v] = View::weights(corners, x as f32 + 0.5, y as f32 + 0.5);
-        self.mesh.scene().is_solid(self.primitive, u, v)
+        let corners = self.mesh.corners(&self.mesh.faces[self.primitive as usize]);
+        let weights = self.view.weights(corners, x as f32 + 0.5, y as f32 + 0.5).at(0.0);
+        self.mesh.scene().is_solid(self.primitive, weights.y, weights.z)
     }
 }
 

@@ -1,12 +1,12 @@
 //! From local positions to the frame: the transfer of a cluster's vertices, and what becomes of its triangles.
 
 use super::cull::VisibleCluster;
-use super::mesh::{CLUSTER_VERTICES, RasterMesh};
+use super::mesh::{CLUSTER_VERTICES, RasterMesh, Vertex};
 use super::scan::{CutoutTest, Snapped, Target};
 use super::{SurfaceId, clip};
 use crate::capture::Camera;
 use fearless_simd::{Level, Simd, dispatch};
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 /// Nothing nearer than this is drawn, metres. Only keeps divisions finite: what it cuts off is smaller than a pixel.
 pub(super) const NEAR_M: f32 = 1e-5;
@@ -65,27 +65,23 @@ impl View {
         DVec3::from(self.rows_f64.map(|row| row.dot(d)))
     }
 
-    /// Perspective-correct weights of a triangle's corners, given as [`Self::homogeneous`], at a position of the frame in
-    /// px, which may lie outside the triangle. Equal for a triangle that is seen edge-on.
+    /// A triangle near a position of the frame, px.
     #[inline(always)]
-    pub(super) fn weights_around([a, b, c]: [Vec3; 3], x: f32, y: f32) -> [f32; 3] {
-        let about = |h: Vec3| [h.x - x * h.z, h.y - y * h.z];
+    pub(super) fn weights(&self, [a, b, c]: [&Vertex; 3], x: f32, y: f32) -> Weights {
+        let (a, b, c) = (self.homogeneous(a.position), self.homogeneous(b.position), self.homogeneous(c.position));
+        let about = |h: Vec3| Vec3::new(h.x - x * h.z, h.y - y * h.z, h.z);
         let (a, b, c) = (about(a), about(b), about(c));
-        let cross = |p: [f32; 2], q: [f32; 2]| p[0] * q[1] - p[1] * q[0];
-        let (u, v, w) = (cross(b, c), cross(c, a), cross(a, b));
-        let sum = u + v + w;
-        let scale = 1.0 / sum;
-        if sum == 0.0 { [1.0 / 3.0; 3] } else { [u * scale, v * scale, w * scale] }
-    }
-
-    /// As [`Self::weights_around`], moved into the triangle: positions are snapped, so that the centre of a pixel may lie a
-    /// hair outside the triangle that covers it.
-    #[inline(always)]
-    pub(super) fn weights(corners: [Vec3; 3], x: f32, y: f32) -> [f32; 3] {
-        let [u, v, w] = Self::weights_around(corners, x, y);
-        let (u, v, w) = (u.max(0.0), v.max(0.0), w.max(0.0));
-        let scale = 1.0 / (u + v + w);
-        [u * scale, v * scale, w * scale]
+        let cross = |p: Vec3, q: Vec3| p.x * q.y - p.y * q.x;
+        let along_x = |p: Vec3, q: Vec3| p.y * q.z - p.z * q.y;
+        let along_y = |p: Vec3, q: Vec3| p.z * q.x - p.x * q.z;
+        let here = Vec3::new(cross(b, c), cross(c, a), cross(a, b));
+        // Seen from its back, all three are negative.
+        let sign = if here.x + here.y + here.z < 0.0 { -1.0 } else { 1.0 };
+        Weights {
+            here: here * sign,
+            along_x: Vec3::new(along_x(b, c), along_x(c, a), along_x(a, b)) * sign,
+            along_y: Vec3::new(along_y(b, c), along_y(c, a), along_y(a, b)) * sign,
+        }
     }
 
     /// Draws the triangles of a cluster.
@@ -105,13 +101,14 @@ impl View {
         let run = cluster.vertices.start as usize..cluster.vertices.end as usize;
         self.transfer(simd, mesh.positions.each_ref().map(|axis| &axis[run.clone()]), &mut vertices);
         for primitive in cluster.triangles.clone() {
-            let corners = mesh.corners[primitive as usize];
+            let face = &mesh.faces[primitive as usize];
+            let corners = face.corners;
             let local = |corner: u32| corner.wrapping_sub(cluster.vertices.start) as usize % CLUSTER_VERTICES;
             let (i, j, k) = (local(corners[0]), local(corners[1]), local(corners[2]));
-            let material = mesh.scene().triangles[primitive as usize].material;
-            let cutout = mesh.has_cutout[material as usize].then_some(CutoutTest { mesh, view: self, primitive });
+            let cutout =
+                mesh.surfaces[face.material as usize].has_cutout.then_some(CutoutTest { mesh, view: self, primitive });
             if vertices.outside[i] | vertices.outside[j] | vertices.outside[k] {
-                let homogeneous = corners.map(|corner| self.homogeneous_f64(mesh.position(corner)));
+                let homogeneous = mesh.corners(face).map(|corner| self.homogeneous_f64(corner.position));
                 let snapped = [i, j, k].map(|i| (!vertices.outside[i]).then(|| vertices.snapped(i)));
                 clip::clipped(homogeneous, snapped, |corners| target.triangle(corners, SurfaceId(primitive), cutout));
             } else {
@@ -140,6 +137,38 @@ impl View {
             out.x[i] = snap(px);
             out.y[i] = snap(py);
         }
+    }
+}
+
+/// Perspective-correct weights of a triangle's corners, up to their sum, as linear functions about a position of the frame:
+/// the edge functions of the corners in homogeneous coordinates. They are taken relative to the position so that `f32` keeps
+/// its digits.
+#[derive(Clone, Copy)]
+pub(super) struct Weights {
+    here: Vec3,
+    along_x: Vec3,
+    along_y: Vec3,
+}
+
+impl Weights {
+    /// The weights so many px to the right. Positions are snapped: where the centre of a pixel lies a hair outside the
+    /// triangle that covers it, the nearest point of the triangle counts. All are 0 for a triangle that is seen edge-on.
+    #[inline(always)]
+    pub(super) fn at(&self, columns: f32) -> Vec3 {
+        let w = (self.here + self.along_x * columns).max(Vec3::ZERO);
+        let sum = w.x + w.y + w.z;
+        w * if sum > 0.0 { 1.0 / sum } else { 0.0 }
+    }
+
+    /// The derivatives of something that has the given values at the corners, along x and along y, at the position.
+    #[inline(always)]
+    pub(super) fn derivatives(&self, [a, b, c]: [Vec2; 3]) -> [Vec2; 2] {
+        let sum = |w: Vec3| w.x + w.y + w.z;
+        let mix = |w: Vec3| a * w.x + b * w.y + c * w.z;
+        let per = 1.0 / sum(self.here).max(f32::MIN_POSITIVE);
+        let here = mix(self.here) * per;
+        let along = |w: Vec3| (mix(w) - here * sum(w)) * per;
+        [along(self.along_x), along(self.along_y)]
     }
 }
 

@@ -67,6 +67,8 @@ impl Kind {
 pub struct Quality {
     /// Pixels a side of the faces of cubes, and of the images: 90 degrees.
     pub face_px: u32,
+    /// The same for [`Kind::WindowLdi`], half of whose cube holds samples: an image fills a few per cent of its own.
+    pub window_face_px: u32,
     /// Images on a semicircle are twice this and one more (n = 6 in the papers).
     pub images: u32,
     /// Radius of the semicircle, metres.
@@ -89,12 +91,13 @@ impl Default for Quality {
     fn default() -> Self {
         Self {
             face_px: 512,
+            window_face_px: 272,
             images: 6,
             radius_m: 2.0,
             eye_height_m: 1.6,
             texture_px: 256,
             strata: 16,
-            rays: 16,
+            rays: 32,
             rule: MergeRule::SmallerArea,
             seed: 0,
         }
@@ -160,6 +163,7 @@ impl Quality {
         let positive = |v: f64| v > 0.0 && v.is_finite();
         let rules = [
             ((8..=2048).contains(&self.face_px), "faces of 8 to 2048 pixels"),
+            ((8..=2048).contains(&self.window_face_px), "window faces of 8 to 2048 pixels"),
             (self.images <= 64, "at most 64 images on each side"),
             (positive(self.radius_m) && self.eye_height_m.is_finite(), "a positive radius and a finite height"),
             ((8..=4096).contains(&self.texture_px), "textures of 8 to 4096 pixels"),
@@ -192,10 +196,12 @@ impl Backdrop {
                 Self::Cubes(places.iter().map(|place| one(std::slice::from_ref(place))).collect::<Result<_, _>>()?)
             }
             Kind::Ldi => Self::Cubes(vec![one(&places)?]),
-            Kind::WindowLdi => Self::Cubes(vec![pack(window::ldi(house, &opening, opening.centre, quality))?]),
+            Kind::WindowLdi => {
+                Self::Cubes(vec![pack(window::ldi(house, &opening, opening.centre, quality.window_face_px, quality))?])
+            }
             Kind::CellLdi => {
                 let centre = house.middle_of(looking).unwrap_or(places[0]);
-                Self::Cubes(vec![pack(window::ldi(house, &opening, centre, quality))?])
+                Self::Cubes(vec![pack(window::ldi(house, &opening, centre, quality.face_px, quality))?])
             }
         })
     }

@@ -14,7 +14,13 @@ use crate::portal::opening::Opening;
 use glam::{DVec3, Vec3};
 
 /// The LDI of what is seen through an opening, about a centre (world metres).
-pub(super) fn ldi(house: &House, opening: &Opening, centre: DVec3, quality: &Quality) -> Result<PackedCube, PackError> {
+pub(super) fn ldi(
+    house: &House,
+    opening: &Opening,
+    centre: DVec3,
+    face_px: u32,
+    quality: &Quality,
+) -> Result<PackedCube, PackError> {
     let origin = house.tracer().origin();
     let domain = RayDomain {
         centre: (opening.centre - origin).as_vec3(),
@@ -28,7 +34,7 @@ pub(super) fn ldi(house: &House, opening: &Opening, centre: DVec3, quality: &Qua
         seed: quality.seed,
         sampling: Sampling::Stratified,
     };
-    let job = CubeJob { house, centre, face_px: quality.face_px, rule: MergeRule::Average };
+    let job = CubeJob { house, centre, face_px, rule: MergeRule::Average };
     let rays_per_cell = strata.position_cells() * strata.rays;
     job.run(strata.direction_cells(), |cell, batch| {
         (batch.image, batch.eye, batch.first) = (0, None, cell * rays_per_cell);

@@ -1,0 +1,305 @@
+//! The `.house` file: a portal model with what was captured behind its portals.
+//!
+//! Sections: `info` (JSON: a [`Header`], with a header per capture), the scene's arrays as they lie in memory (`positions`
+//! f64, `normals`, `texcoords` and `colors` f32, `triangles` u32, four each: corners and material), `texels` (RGBA8, texture
+//! after texture), and a section per capture, `c` and its number: a cube's environment and segments, or textures.
+
+use super::backdrop::{Backdrop, Kind, PortalSide, Quality, TextureSet};
+use super::house::{House, HouseError};
+use super::opening::Opening;
+use super::store::{Key, Store};
+use crate::capture::portal_model::{Cell, Portal, PortalModel, Prism};
+use crate::capture::scene::{FileFrame, Scene, Sky, SuggestedHeadbox, Sun, Triangle, UpAxis};
+use crate::capture::{Cutout, Material, Texture};
+use crate::container::{Container, ContainerWriter, FileError, Kind as FileKind, Section};
+use crate::ldi::file::Header as CubeHeader;
+use crate::packed::PackedCube;
+use glam::{DVec2, DVec3, Vec3};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use std::sync::Arc;
+
+/// A walkable house.
+pub const HOUSE_FILE: FileKind = FileKind { tag: *b"hous", name: "house", version: 1 };
+
+/// Why a house could not be read.
+#[derive(Debug, thiserror::Error)]
+pub enum HouseFileError {
+    /// The file is not what it must be.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// What it holds cannot be walked.
+    #[error("{}: {source}", path.display())]
+    House {
+        /// The file.
+        path: std::path::PathBuf,
+        /// Why.
+        source: HouseError,
+    },
+}
+
+/// All of a file but its arrays.
+#[derive(Serialize, Deserialize)]
+struct Header {
+    name: String,
+    unit_m: f64,
+    z_up: bool,
+    sun: Option<(Vec3, [f32; 3], f32)>,
+    sky: Option<[[f32; 3]; 3]>,
+    headbox: Option<(DVec3, f64)>,
+    notes: Vec<String>,
+    positions: usize,
+    normals: usize,
+    texcoords: usize,
+    colors: usize,
+    triangles: usize,
+    /// Width and height of each texture.
+    textures: Vec<[u32; 2]>,
+    materials: Vec<MaterialRecord>,
+    cells: Vec<CellRecord>,
+    portals: Vec<PortalRecord>,
+    outside: Option<u32>,
+    quality: Quality,
+    captures: Vec<CaptureRecord>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct MaterialRecord {
+    name: String,
+    albedo: [f32; 3],
+    albedo_texture: Option<u32>,
+    emission: [f32; 3],
+    emission_texture: Option<u32>,
+    cutout: Option<(u32, f32)>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct CellRecord {
+    name: String,
+    /// Corners, floor, ceiling.
+    space: Vec<(Vec<DVec2>, f64, f64)>,
+    triangles: [u32; 2],
+}
+
+#[derive(Serialize, Deserialize)]
+struct PortalRecord {
+    name: String,
+    cells: [u32; 2],
+    polygon: Vec<DVec3>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct CaptureRecord {
+    at: PortalSide,
+    kind: Kind,
+    content: Content,
+}
+
+#[derive(Serialize, Deserialize)]
+enum Content {
+    Cubes(Vec<CubeHeader>),
+    Textures { size: [u32; 2], places: Vec<DVec3> },
+}
+
+/// Writes a house and the backdrops that a store holds, whole or not at all.
+///
+/// # Errors
+/// [`FileError::Io`].
+pub fn write(path: &Path, house: &House, store: &Store, quality: &Quality) -> Result<(), FileError> {
+    let captures = store.all();
+    let names: Vec<String> = (0..captures.len()).map(section_name).collect();
+    let scene: &Scene = house.scene();
+    let header = header(house, quality, &captures);
+    let mut writer = ContainerWriter::new(HOUSE_FILE);
+    writer.section("info", move || Ok(serde_json::to_vec(&header)?));
+    writer.section("positions", || Ok(bytemuck::cast_slice(&scene.positions).to_vec()));
+    writer.section("normals", || Ok(bytemuck::cast_slice(&scene.normals).to_vec()));
+    writer.section("texcoords", || Ok(bytemuck::cast_slice(&scene.texcoords).to_vec()));
+    writer.section("colors", || Ok(bytemuck::cast_slice(&scene.colors).to_vec()));
+    let triangle = |t: &Triangle| [t.vertices[0], t.vertices[1], t.vertices[2], t.material];
+    writer.section("triangles", || {
+        Ok(bytemuck::cast_slice(&scene.triangles.iter().map(triangle).collect::<Vec<_>>()).to_vec())
+    });
+    writer.section("texels", || {
+        Ok(scene.textures.iter().flat_map(|t| bytemuck::cast_slice::<_, u8>(t.texels())).copied().collect())
+    });
+    for (name, (_, backdrop)) in names.iter().zip(&captures) {
+        writer.section(name, || {
+            Ok(match &**backdrop {
+                Backdrop::Cubes(cubes) => cubes.iter().map(PackedCube::arrays).collect::<Vec<_>>().concat(),
+                Backdrop::Textures(set) => bytemuck::cast_slice(&set.texels).to_vec(),
+            })
+        });
+    }
+    writer.write(path)
+}
+
+/// Reads a house and its backdrops. Everything is checked, so that what is returned can be walked.
+///
+/// # Errors
+/// See [`HouseFileError`].
+pub fn read(path: &Path, budget_bytes: u64) -> Result<(House, Store, Quality), HouseFileError> {
+    let file = Container::open(path, HOUSE_FILE)?;
+    let info = file.section("info")?;
+    let mut header: Header = info.json()?;
+    let captures = std::mem::take(&mut header.captures);
+    let quality = header.quality;
+    let model = model(&file, &info, header)?;
+    let house = House::new(model).map_err(|source| HouseFileError::House { path: path.into(), source })?;
+    let store = Store::new(budget_bytes);
+    for (number, record) in captures.into_iter().enumerate() {
+        let key = (record.at, record.kind);
+        let backdrop = capture(file.section(&section_name(number))?, &info, &house, record)?;
+        store.insert(key, Arc::new(backdrop));
+    }
+    Ok((house, store, quality))
+}
+
+fn section_name(number: usize) -> String {
+    format!("c{number}")
+}
+
+fn header(house: &House, quality: &Quality, captures: &[(Key, Arc<Backdrop>)]) -> Header {
+    let (scene, plan) = (house.scene(), house.plan());
+    let material = |m: &Material| MaterialRecord {
+        name: m.name.clone(),
+        albedo: m.albedo,
+        albedo_texture: m.albedo_texture,
+        emission: m.emission,
+        emission_texture: m.emission_texture,
+        cutout: m.cutout.map(|cutout| (cutout.texture, cutout.threshold)),
+    };
+    let cell = |cell: &Cell| CellRecord {
+        name: cell.name.clone(),
+        space: cell.space.iter().map(|p| (p.outline.clone(), p.floor_y, p.ceiling_y)).collect(),
+        triangles: [cell.triangles.start, cell.triangles.end],
+    };
+    let portal = |p: &Portal| PortalRecord { name: p.name.clone(), cells: p.cells, polygon: p.polygon.clone() };
+    let capture = |((at, kind), backdrop): &(Key, Arc<Backdrop>)| CaptureRecord {
+        at: *at,
+        kind: *kind,
+        content: match &**backdrop {
+            Backdrop::Cubes(cubes) => Content::Cubes(cubes.iter().map(PackedCube::header).collect()),
+            Backdrop::Textures(set) => Content::Textures { size: set.size, places: set.places.clone() },
+        },
+    };
+    Header {
+        name: scene.name.clone(),
+        unit_m: scene.frame.unit_m,
+        z_up: scene.frame.up == UpAxis::Z,
+        sun: scene.sun.map(|sun| (sun.direction, sun.irradiance, sun.angular_radius_rad)),
+        sky: scene.sky.map(|sky| [sky.zenith, sky.horizon, sky.ground]),
+        headbox: scene.headbox.map(|headbox| (headbox.centre, headbox.half_size_m)),
+        notes: scene.summary.notes.clone(),
+        positions: scene.positions.len(),
+        normals: scene.normals.len(),
+        texcoords: scene.texcoords.len(),
+        colors: scene.colors.len(),
+        triangles: scene.triangles.len(),
+        textures: scene.textures.iter().map(|t| [t.width(), t.height()]).collect(),
+        materials: scene.materials.iter().map(material).collect(),
+        cells: plan.cells.iter().map(cell).collect(),
+        portals: plan.portals.iter().map(portal).collect(),
+        outside: plan.outside,
+        quality: *quality,
+        captures: captures.iter().map(capture).collect(),
+    }
+}
+
+/// A section of one array.
+fn array<T: bytemuck::Pod>(file: &Container, name: &str, count: usize) -> Result<Vec<T>, FileError> {
+    let mut section = file.section(name)?;
+    let values = section.array(count)?;
+    section.end()?;
+    Ok(values)
+}
+
+fn model(file: &Container, info: &Section, header: Header) -> Result<PortalModel, FileError> {
+    if !(1e-9..=1e9).contains(&header.unit_m) {
+        return Err(info.damaged("a unit between 1e-9 and 1e9 m", header.unit_m.to_string()));
+    }
+    let count = header.triangles;
+    let cell_ends = header.cells.iter().map(|cell| cell.triangles);
+    if let Some(run) = cell_ends.into_iter().find(|&[start, end]| start > end || end as usize > count) {
+        return Err(info.damaged(format!("cells with some of {count} triangles"), format!("{run:?}")));
+    }
+    let outside = header.outside.filter(|&outside| (outside as usize) < header.cells.len());
+    if outside != header.outside {
+        return Err(info.damaged("an outside that is a cell", format!("{:?}", header.outside)));
+    }
+    let triangle = |[a, b, c, material]: [u32; 4]| Triangle { vertices: [a, b, c], material };
+    let material = |m: MaterialRecord| Material {
+        name: m.name,
+        albedo: m.albedo,
+        albedo_texture: m.albedo_texture,
+        emission: m.emission,
+        emission_texture: m.emission_texture,
+        cutout: m.cutout.map(|(texture, threshold)| Cutout { texture, threshold }),
+    };
+    let mut texels = file.section("texels")?;
+    let textures = header.textures.iter().map(|&[width, height]| {
+        let texture = Texture::new(width, height, texels.array((width as usize).saturating_mul(height as usize))?);
+        texture.ok_or_else(|| info.damaged("textures of at least one texel", format!("{width}x{height}")))
+    });
+    let textures = textures.collect::<Result<_, _>>()?;
+    texels.end()?;
+    let scene = Scene {
+        name: header.name,
+        positions: array(file, "positions", header.positions)?,
+        normals: array(file, "normals", header.normals)?,
+        texcoords: array(file, "texcoords", header.texcoords)?,
+        colors: array(file, "colors", header.colors)?,
+        triangles: array(file, "triangles", count)?.into_iter().map(triangle).collect(),
+        materials: header.materials.into_iter().map(material).collect(),
+        textures,
+        sun: header.sun.map(|(direction, irradiance, angular_radius_rad)| Sun {
+            direction,
+            irradiance,
+            angular_radius_rad,
+        }),
+        sky: header.sky.map(|[zenith, horizon, ground]| Sky { zenith, horizon, ground }),
+        frame: FileFrame { up: if header.z_up { UpAxis::Z } else { UpAxis::Y }, unit_m: header.unit_m },
+        headbox: header.headbox.map(|(centre, half_size_m)| SuggestedHeadbox { centre, half_size_m }),
+        ..Scene::default()
+    };
+    let prism = |(outline, floor_y, ceiling_y)| Prism { outline, floor_y, ceiling_y };
+    let cell = |cell: CellRecord| Cell {
+        name: cell.name,
+        space: cell.space.into_iter().map(prism).collect(),
+        triangles: cell.triangles[0]..cell.triangles[1],
+    };
+    let portal = |p: PortalRecord| Portal { name: p.name, cells: p.cells, polygon: p.polygon };
+    let mut model = PortalModel {
+        scene,
+        cells: header.cells.into_iter().map(cell).collect(),
+        portals: header.portals.into_iter().map(portal).collect(),
+        outside,
+    };
+    model.scene.summary.notes = header.notes;
+    Ok(model)
+}
+
+fn capture(mut section: Section, info: &Section, house: &House, record: CaptureRecord) -> Result<Backdrop, FileError> {
+    let opening: Option<Opening> = record.at.opening(house);
+    let opening = opening
+        .ok_or_else(|| info.damaged("captures of portals that exist", format!("portal {}", record.at.portal)))?;
+    let backdrop = match record.content {
+        Content::Cubes(headers) => {
+            let cubes = headers.into_iter().map(|header| PackedCube::from_arrays(header, &mut section));
+            Backdrop::Cubes(cubes.collect::<Result<_, _>>()?)
+        }
+        Content::Textures { size, places } => {
+            let [width, height] = size;
+            let finite = places.iter().all(|place| place.is_finite());
+            if width == 0 || height == 0 || places.is_empty() || !finite {
+                let found = format!("{} of {width}x{height}", places.len());
+                return Err(section.damaged("textures with texels and finite places", found));
+            }
+            let per_texture = (width as usize).saturating_mul(height as usize);
+            let texels = section.array(per_texture.saturating_mul(places.len()))?;
+            Backdrop::Textures(TextureSet { opening, size, places, texels })
+        }
+    };
+    section.end()?;
+    Ok(backdrop)
+}
