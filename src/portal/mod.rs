@@ -9,6 +9,7 @@
 //! * [`store`]: backdrops in memory, built in the background.
 //! * [`walk`]: a frame of all of this.
 //! * [`path`]: a walk through every room.
+//! * [`plan`]: the model drawn from above.
 
 pub mod backdrop;
 pub mod cull;
@@ -16,5 +17,6 @@ pub mod file;
 pub mod house;
 pub mod opening;
 pub mod path;
+pub mod plan;
 pub mod store;
 pub mod walk;

@@ -12,9 +12,9 @@ use std::collections::BTreeMap;
 /// cell's space.
 const BEFORE_HIT_M: f64 = 0.03;
 
-/// Portals are grown by this much for the rays of the search, metres, so that a ray that passes exactly at the edge of
-/// an opening crosses it: above the rounding of a 32-bit hit at 100 m (4e-6).
-const EDGE_M: f64 = 1e-5;
+/// Portals are grown by this much for the rays of the search, metres: drawn homes leave a few millimetres between an
+/// opening and the wall around it.
+const EDGE_M: f64 = 0.005;
 
 /// Rays start at least this far from the border of their cell's space, metres: the space of a cell may reach to the
 /// middle of its walls, and what is seen from inside a wall says nothing. A cell too narrow for that sends no rays.
@@ -106,6 +106,7 @@ impl PortalModel {
             .collect();
         crossings.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut current = cell;
+        let last_crossing = crossings.last().map_or(0.0, |&(t, _)| t);
         for (_, portal) in crossings {
             match self.portals[portal].cells {
                 [a, b] if a == current => current = b,
@@ -118,7 +119,8 @@ impl PortalModel {
             let into = self.outside.filter(|&outside| outside != current)?;
             return Some(Stray { from: current, into, at: origin });
         };
-        let at = origin + direction * (reach - BEFORE_HIT_M).max(0.0);
+        // Not back through the portal that it came through last.
+        let at = origin + direction * (reach - BEFORE_HIT_M).max((last_crossing + reach) / 2.0);
         let found = self.cell_at(at)?;
         let owner =
             (0_u32..).zip(&self.cells).find(|(_, it)| it.triangles.contains(&hit.primitive)).map(|(cell, _)| cell);

@@ -105,8 +105,8 @@ fn add_room(mesh: &mut Mesh, plan: &Plan, cell: usize, detail: &Detail, palette:
     let finishes = &palette.finishes;
     let mut draw = rng.fork(0);
     let (wall_material, floor) = (palette.walls_of(room.purpose, &mut draw), palette.floor_of(room.purpose, &mut draw));
-    add_slab(mesh, room.low, room.high, 0.0, true, TILE_M, floor);
-    add_slab(mesh, room.low, room.high, room.ceiling, false, 2.0, finishes.plaster);
+    add_slab(mesh, plan, cell, 0.0, true, TILE_M, floor);
+    add_slab(mesh, plan, cell, room.ceiling, false, 2.0, finishes.plaster);
     let walls = walls(plan, cell, [0.0, room.ceiling]);
     for wall in &walls {
         wall.add_face(mesh, &[], TILE_M, wall_material);

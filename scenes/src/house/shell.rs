@@ -24,6 +24,8 @@ pub(super) struct Wall<'a> {
     middle: f64,
     /// Where the visible face begins and ends, on the other axis, and its heights.
     pub(super) span: [f64; 2],
+    /// Where the walls at its ends cross it: what lies beyond is buried in them.
+    corners: [f64; 2],
     heights: [f64; 2],
     pub(super) holes: Vec<&'a Opening>,
 }
@@ -46,7 +48,8 @@ pub(super) fn walls<'a>(plan: &'a Plan, cell: usize, heights: [f64; 2]) -> Vec<W
             let in_this =
                 |opening: &&Opening| opening.cells.contains(&cell) && opening.axis == axis && opening.plane == middle;
             let holes = plan.openings.iter().filter(in_this).collect();
-            walls.push(Wall { axis, toward, face, middle, span: [from, to], heights, holes });
+            let corners = [from + run_on, to - run_on];
+            walls.push(Wall { axis, toward, face, middle, span: [from, to], corners, heights, holes });
         }
     }
     walls
@@ -110,7 +113,8 @@ impl Wall<'_> {
 
     /// The visible face, cut out at its openings. `rows` are further heights at which it is cut.
     pub(super) fn add_face(&self, mesh: &mut Mesh, rows: &[f64], tile: f64, material: u32) {
-        let columns = sorted(self.span.into_iter().chain(self.holes.iter().flat_map(|hole| hole.span)).collect());
+        let corners = self.span.into_iter().chain(self.corners);
+        let columns = sorted(corners.chain(self.holes.iter().flat_map(|hole| hole.span)).collect());
         let own_rows = self.heights.into_iter().chain(self.holes.iter().flat_map(|hole| hole.heights));
         let rows = sorted(own_rows.chain(rows.iter().copied()).collect());
         for (x, y) in columns.windows(2).flat_map(|x| rows.windows(2).map(move |y| (x, y))) {
@@ -203,8 +207,8 @@ impl Wall<'_> {
         let mut doors: Vec<[f64; 2]> =
             self.holes.iter().filter(|hole| hole.heights[0] == 0.0).map(|hole| hole.span).collect();
         doors.sort_by(|a, b| a[0].total_cmp(&b[0]));
-        let mut begin = self.span[0] + OVERLAP;
-        for [from, to] in doors.into_iter().chain([[self.span[1] - OVERLAP + 0.07, 0.0]]) {
+        let mut begin = self.corners[0];
+        for [from, to] in doors.into_iter().chain([[self.corners[1] + 0.07, 0.0]]) {
             if from - 0.07 > begin {
                 let end = DVec3::new(from - 0.07, 0.08, 0.014);
                 self.block(mesh, DVec3::new(begin, 0.001, 0.001), end, 0.8, material);
@@ -214,9 +218,32 @@ impl Wall<'_> {
     }
 }
 
-/// A horizontal rectangle at height `y` over all of a cell, its front up (a floor) or down (a ceiling).
-pub(super) fn add_slab(mesh: &mut Mesh, low: DVec2, high: DVec2, y: f64, up: bool, tile: f64, material: u32) {
-    let (x, z) = (steps(mesh, low.x, high.x), steps(mesh, low.y, high.y));
+/// A floor (its front up) or a ceiling (its front down) of a room at height `y`, out to the middle of its walls. What
+/// lies under the walls has vertices of its own, and so has what lies in each opening: light baked into vertices must
+/// not be shared between what is seen and what is buried.
+pub(super) fn add_slab(mesh: &mut Mesh, plan: &Plan, cell: usize, y: f64, up: bool, tile: f64, material: u32) {
+    let room = &plan.rooms[cell];
     let normal = if up { DVec3::Y } else { DVec3::NEG_Y };
-    Wall::lattice(mesh, [&x, &z], normal, tile, material, |x, z| DVec3::new(x, y, z));
+    // On each axis: under the first wall, the open floor, under the second wall.
+    let bands = [0, 1].map(|axis| {
+        let (low, high) = (room.low[axis], room.high[axis]);
+        let inner = [low + plan.half_wall(axis, low), high - plan.half_wall(axis, high)];
+        [[low, inner[0]], inner, [inner[1], high]]
+    });
+    // The stretches of a band along one axis, cut at the openings in the wall that it follows on the other.
+    let stretches = |axis: usize, band: usize, wall: usize| {
+        let [from, to] = bands[axis][band];
+        let plane = [room.low, room.high][wall / 2][1 - axis];
+        let here = |o: &&Opening| o.cells.contains(&cell) && o.axis != axis && o.plane == plane;
+        let ends = plan.openings.iter().filter(here).flat_map(|o| o.span);
+        let inside = ends.filter(|end| (from..to).contains(end) && wall != 1);
+        sorted(inside.chain([from, to]).collect())
+    };
+    for (i, j) in (0..3).flat_map(|i| (0..3).map(move |j| (i, j))) {
+        let (xs, zs) = (stretches(0, i, j), stretches(1, j, i));
+        for (x, z) in xs.windows(2).flat_map(|x| zs.windows(2).map(move |z| (x, z))) {
+            let lists = [steps(mesh, x[0], x[1]), steps(mesh, z[0], z[1])];
+            Wall::lattice(mesh, [&lists[0], &lists[1]], normal, tile, material, |x, z| DVec3::new(x, y, z));
+        }
+    }
 }
