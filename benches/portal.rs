@@ -17,7 +17,6 @@ use headbox::raster::Seen;
 use headbox::truth;
 use image::{Rgb, RgbImage};
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Instant;
 
 /// What is drawn along the path.
@@ -136,6 +135,45 @@ fn main() {
     }
     report(&rows, &rays_ms, &capture_s, &options);
     layers(&store);
+    drop((house, store));
+    exposure_errors(&options, &cameras);
+}
+
+/// Share of the pixels behind portals that show nothing or a wrong surface, in a house without textures and light whose
+/// materials have colours far apart: detail that is only blurred does not count.
+fn exposure_errors(options: &Options, cameras: &[Camera]) {
+    let mut model = headbox::scenes::house(0, options.triangles.min(200_000));
+    for (i, material) in (0u32..).zip(&mut model.scene.materials) {
+        let hash = headbox::capture::sampler::random4([i, 1, 2, 3]);
+        material.albedo = [0, 1, 2].map(|c| headbox::capture::linear_from_srgb8(60 * (hash[c] >> 30) as u8 + 20));
+        (material.albedo_texture, material.emission, material.emission_texture) = (None, [0.0; 3], None);
+    }
+    model.scene.colors.clear();
+    let house = House::new(model).expect("still valid");
+    let mut walker = Walker::new();
+    println!("exposure errors (false colours, {} triangles):", house.scene().triangles.len());
+    for (name, kind) in VARIANTS.iter().skip(1) {
+        let store = Store::new(8 << 30);
+        let settings = WalkSettings { backdrops: *kind, ..WalkSettings::default() };
+        let (mut wrong, mut holes, mut pixels) = (0, 0, 0);
+        for camera in cameras {
+            capture_missing(&house, &store, camera, &settings, &mut walker, &mut Vec::new());
+            let truth = walker.frame(&house, &store, camera, &WalkSettings::default()).0.clone();
+            let (frame, stats) = walker.frame(&house, &store, camera, &settings);
+            let (frame, stats) = (frame.clone(), stats.clone());
+            let behind = |pixel: usize| matches!(walker.last().seen(pixel), Seen::Marker(_));
+            wrong += wrong_pixels(&frame, &truth, behind);
+            (holes, pixels) = (holes + stats.hole_pixels, pixels + stats.backdrop_pixels);
+        }
+        let samples: u64 = store.all().iter().map(|(_, backdrop)| backdrop.sample_count()).sum();
+        let share = |part: u64| 100.0 * part as f64 / pixels.max(1) as f64;
+        println!(
+            "  {name:12} {:.2} % ({:.2} % nothing at all), {} samples a backdrop",
+            share(wrong),
+            share(holes),
+            samples / store.all().len().max(1) as u64
+        );
+    }
 }
 
 /// Captures what a frame lacks, until it lacks nothing.
@@ -147,19 +185,10 @@ fn capture_missing(
     walker: &mut Walker,
     seconds: &mut Vec<f64>,
 ) {
-    let Some(kind) = settings.backdrops else { return };
-    loop {
-        let missing = walker.frame(house, store, camera, settings).1.missing.clone();
-        if missing.is_empty() {
-            return;
-        }
-        for at in missing {
-            let start = Instant::now();
-            let backdrop = Backdrop::capture(house, at, kind, &Quality::default()).expect("a capture");
-            seconds.push(start.elapsed().as_secs_f64());
-            assert!(store.insert((at, kind), Arc::new(backdrop)), "within the budget");
-        }
-    }
+    let start = Instant::now();
+    let captured = walker.prepare(house, store, camera, settings, &Quality::default()).expect("captures");
+    let each = start.elapsed().as_secs_f64() / f64::from(captured.max(1));
+    seconds.extend(std::iter::repeat_n(each, captured as usize));
 }
 
 fn truth_frame(house: &House, camera: &Camera) -> RgbImage {

@@ -10,6 +10,7 @@ use headbox::capture::trace::Ray;
 use headbox::capture::{Camera, Material, Scene, srgb8_from_linear};
 use headbox::frame::Frame;
 use headbox::portal::backdrop::{Backdrop, BackdropError, Kind, PortalSide, Quality};
+use headbox::portal::file;
 use headbox::portal::house::{House, HouseError};
 use headbox::portal::path::WalkPath;
 use headbox::portal::store::{Builder, Store};
@@ -299,6 +300,47 @@ fn an_eye_in_a_wall_or_outside_sees_all_geometry() {
         let (frame, stats) = walker.frame(&house, &store, &camera, &WalkSettings::default());
         assert_eq!((stats.cell, stats.geometry_cells), (None, 3));
         assert!(wrong_share(frame, &truth(&house, &camera), |_| true) < 0.001);
+    }
+}
+
+#[test]
+fn a_house_file_gives_back_what_was_written_and_damage_is_found() {
+    let house = house();
+    let store = stocked(&house, Kind::Textures);
+    for (key, backdrop) in stocked(&house, Kind::WindowLdi).all() {
+        assert!(store.insert(key, backdrop));
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.house");
+    file::write(&path, &house, &store, &QUALITY).expect("written");
+    let (again, stored, quality) = file::read(&path, 1 << 30).expect("read");
+    assert_eq!((stored.all(), quality), (store.all(), QUALITY));
+    assert_eq!((&again.plan().cells, &again.plan().portals), (&house.plan().cells, &house.plan().portals));
+    let mut walker = Walker::new();
+    let settings =
+        WalkSettings { backdrops: Some(Kind::WindowLdi), near: Near::Distance(0.5), ..WalkSettings::default() };
+    let camera = poses()[1];
+    let expected = walker.frame(&house, &store, &camera, &settings).0.clone();
+    assert_eq!(walker.frame(&again, &stored, &camera, &settings).0, &expected);
+    let (_, nothing, _) = file::read(&path, 10).expect("read");
+    assert!(nothing.all().is_empty(), "nothing fits into ten bytes");
+
+    let good = std::fs::read(&path).expect("bytes");
+    let mut random = Random(4);
+    for _ in 0..60 {
+        let mut bad = good.clone();
+        let at = (random.unit() * bad.len() as f64) as usize;
+        if random.unit() < 0.5 {
+            bad.truncate(at);
+        } else {
+            bad[at] ^= 1 << (random.unit() * 8.0) as u32;
+        }
+        std::fs::write(&path, &bad).expect("written");
+        // A flip in the padding between sections changes nothing; all else is an error that names the file.
+        match file::read(&path, 1 << 30) {
+            Ok((_, stored, _)) => assert_eq!(stored.all(), store.all()),
+            Err(error) => assert!(error.to_string().contains("a.house"), "{error}"),
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! `headbox house`.
 
 use super::UsageError;
+use super::house_file::HouseFileArgs;
 use super::output::{print_json, print_notes, save_png};
 use crate::capture::load::{LoadedModel, ModelOptions, load_model};
 use crate::capture::portal_model::{Finding, PortalModel};
@@ -36,6 +37,8 @@ pub(super) struct House {
     /// Rays from each cell that look for leaks
     #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u32).range(0..=1 << 20))]
     rays: u32,
+    #[command(flatten)]
+    file: HouseFileArgs,
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
@@ -52,6 +55,7 @@ impl House {
         if let Some(path) = &self.plan {
             plan_kind(path)?;
         }
+        let writes = self.file.wanted()?;
         let LoadedModel { model, mut findings } = self.open()?;
         print_notes(&model.scene);
         if self.rays > 0 && !model.cells.is_empty() {
@@ -63,10 +67,19 @@ impl House {
         if let Some(path) = &self.plan {
             self.draw(&survey.model, path)?;
         }
-        if self.json {
-            print_json(&survey.to_json());
-        } else {
+        let mut found = survey.to_json();
+        if !self.json {
             survey.print();
+        }
+        if writes {
+            let file = self.file.write(survey.model)?;
+            if !self.json {
+                println!("file: {file}");
+            }
+            found["file"] = file;
+        }
+        if self.json {
+            print_json(&found);
         }
         Ok(())
     }

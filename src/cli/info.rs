@@ -1,12 +1,14 @@
 //! `headbox info`.
 
 use super::args::vertical_fov_deg;
+use super::house_file;
 use super::output::print_json;
 use crate::capture::scene::{FileFrame, UpAxis};
 use crate::container::Container;
 use crate::ldi::file::CUBE_LDI;
 use crate::ldi::shard::{self, SHARD};
 use crate::packed::{PackedCube, SegmentSide};
+use crate::portal::file::HOUSE_FILE;
 use crate::sprite::{SPRITE_FILE, SpriteSet, SpriteWithDepth};
 use anyhow::{Context, bail};
 use clap::Args;
@@ -15,7 +17,7 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(super) struct Info {
-    /// A .ldi file, a .sprite file or a shard
+    /// A .ldi, .sprite or .house file, or a shard
     file: PathBuf,
     /// Check every promise of the layout, sample by sample
     #[arg(long)]
@@ -32,6 +34,7 @@ impl Info {
             Some(tag) if tag == CUBE_LDI.tag => self.cube(),
             Some(tag) if tag == SHARD.tag => self.shard(),
             Some(tag) if tag == SPRITE_FILE.tag => self.sprites(),
+            Some(tag) if tag == HOUSE_FILE.tag => house_file::info(&self.file, self.check, self.json),
             Some(tag) => bail!("{}: unknown kind \"{}\"", self.file.display(), String::from_utf8_lossy(&tag)),
             None => bail!("{}: not a headbox file", self.file.display()),
         }

@@ -6,6 +6,7 @@ mod compare;
 mod demo;
 mod demo_sprites;
 mod house;
+mod house_file;
 mod info;
 mod merge;
 mod output;

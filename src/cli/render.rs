@@ -2,6 +2,7 @@
 
 use super::UsageError;
 use super::args::{CameraArgs, DefaultCamera, frame_of};
+use super::house_file::HouseContent;
 use super::output::{print_json, save_png};
 use crate::capture::Camera;
 use crate::capture::scene::FileFrame;
@@ -10,6 +11,7 @@ use crate::container::Container;
 use crate::frame::Frame;
 use crate::packed::PackedCube;
 use crate::path;
+use crate::portal::file::HOUSE_FILE;
 use crate::splat::SplatKernel;
 use crate::sprite::{RenderOptions, SPRITE_FILE, Sampling, SpriteFrame, SpriteSet, Variant};
 use crate::warp::{RenderSettings, Renderer};
@@ -22,7 +24,7 @@ use std::time::Instant;
 
 #[derive(Args)]
 pub(super) struct Render {
-    /// A .ldi or .sprite file, or several of one world, laid over each other back to front
+    /// A .ldi or .sprite file, or several of one world, laid over each other back to front; or one .house file
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// PNG to write, or with --path the folder for frames and times.csv
@@ -81,6 +83,7 @@ impl Rendered {
 
 /// What the files hold, with all that drawing it needs.
 enum Content {
+    House(Box<HouseContent>),
     Cube { cube: PackedCube, renderer: Box<Renderer>, settings: RenderSettings },
     Layers { layers: Composition, composer: Box<Composer>, settings: ComposeSettings, frame: SpriteFrame },
 }
@@ -96,6 +99,9 @@ impl Render {
 
     /// Reads the files. Axes, unit and camera are those of the first.
     fn open(&self) -> anyhow::Result<(Content, FileFrame, DefaultCamera)> {
+        if let Some(content) = self.open_house()? {
+            return Ok(content);
+        }
         let (mut cubes, mut sprites) = (Vec::new(), None::<SpriteSet>);
         let mut world = None;
         for file in &self.files {
@@ -129,6 +135,18 @@ impl Render {
             },
         };
         Ok((content, frame, camera))
+    }
+
+    /// A `.house` file, which comes alone; `None` if there is none among the files.
+    fn open_house(&self) -> anyhow::Result<Option<(Content, FileFrame, DefaultCamera)>> {
+        let is_house = |file: &PathBuf| Container::peek_kind(file).ok().flatten() == Some(HOUSE_FILE.tag);
+        let Some(file) = self.files.iter().find(|file| is_house(file)) else { return Ok(None) };
+        if self.files.len() > 1 || self.sampling.is_some() || self.fill_steps.is_some() {
+            let message = "a .house file is rendered alone, without --sampling and --fill-steps";
+            return Err(UsageError(message.into()).into());
+        }
+        let (content, frame, camera) = HouseContent::open(file, self.variant.as_deref())?;
+        Ok(Some((Content::House(Box::new(content)), frame, camera)))
     }
 
     fn settings(&self, cubes: bool, sprites: bool) -> anyhow::Result<ComposeSettings> {
@@ -210,6 +228,7 @@ impl Content {
     /// Renders a pose `repeat` times.
     fn render(&mut self, camera: &Camera, repeat: u32) -> anyhow::Result<Rendered> {
         match self {
+            Self::House(house) => render_house(house, camera, repeat),
             Self::Cube { cube, renderer, settings } => render_cube(renderer, cube, camera, settings, repeat),
             Self::Layers { layers, composer, settings, frame } => {
                 Ok(render_layers(composer, layers, camera, settings, frame, repeat))
@@ -220,6 +239,7 @@ impl Content {
     /// What of it is chosen by `--variant`; of sprites and cubes the sprites'.
     fn variant(&self) -> &'static str {
         match self {
+            Self::House(house) => house.variant(),
             Self::Cube { settings, .. } => settings.kernel.name(),
             Self::Layers { layers, settings, .. } if layers.sprites().sprites().is_empty() => {
                 settings.cubes.kernel.name()
@@ -230,6 +250,7 @@ impl Content {
 
     fn summary(&self, rendered: &Rendered) -> String {
         match self {
+            Self::House(house) => format!("{}, {} depth pixels splatted", house.variant(), rendered.splatted),
             Self::Cube { cube, .. } => {
                 format!("{} of {} depth pixels splatted", rendered.splatted, cube.depth_pixel_count())
             }
@@ -239,6 +260,20 @@ impl Content {
             }
         }
     }
+}
+
+fn render_house(house: &mut HouseContent, camera: &Camera, repeat: u32) -> anyhow::Result<Rendered> {
+    let walked = house.render(camera, repeat)?;
+    let stats = walked.stats;
+    Ok(Rendered {
+        image: walked.image,
+        ms: walked.ms,
+        stages: json!({"geometry_ms": stats.geometry_ms, "backdrop_ms": stats.backdrop_ms}),
+        depth_pixels_in: stats.backdrop.depth_pixels_in,
+        splatted: stats.backdrop.splatted,
+        hole_pixels: stats.hole_pixels,
+        statistics: serde_json::to_value(stats)?,
+    })
 }
 
 fn render_cube(

@@ -8,7 +8,7 @@
 //!    buffer says which pixels look through which portal, whatever overlaps (the order that R15 leaves open).
 //! 3. Each backdrop is drawn for the smallest rectangle that holds its portal's pixels, and copied into these alone.
 
-use super::backdrop::{Backdrop, BackdropStats, Drawer, Kind, PortalSide};
+use super::backdrop::{Backdrop, BackdropError, BackdropStats, Drawer, Kind, PortalSide, Quality};
 use super::cull::{self, CellView, Limits};
 use super::house::House;
 use super::store::{Key, Store};
@@ -127,6 +127,37 @@ impl Walker {
         Self::default()
     }
 
+    /// Captures the backdrops that a frame needs and the store lacks; returns how many. What the store's budget cannot keep
+    /// stays geometry.
+    ///
+    /// # Errors
+    /// See [`BackdropError`].
+    pub fn prepare(
+        &mut self,
+        house: &House,
+        store: &Store,
+        camera: &Camera,
+        settings: &WalkSettings,
+        quality: &Quality,
+    ) -> Result<u32, BackdropError> {
+        let Some(kind) = settings.backdrops else { return Ok(0) };
+        let mut captured = 0;
+        loop {
+            let mut stats = WalkStats { cell: house.cell_of_eye(camera.eye()), ..WalkStats::default() };
+            visit(house, store, camera, settings, &mut stats);
+            if stats.missing.is_empty() {
+                return Ok(captured);
+            }
+            for at in stats.missing {
+                let backdrop = Backdrop::capture(house, at, kind, quality)?;
+                if !store.insert((at, kind), Arc::new(backdrop)) {
+                    return Ok(captured);
+                }
+                captured += 1;
+            }
+        }
+    }
+
     /// Draws what a camera sees of a house, with the backdrops that the store has, on the current rayon thread pool.
     pub fn frame(
         &mut self,
@@ -181,8 +212,8 @@ impl Walker {
         let output = self.rasterizer.output_mut();
         let Some([columns, rows]) = touched(output, number, &boundary.window) else { return };
         let Ok(part) = camera.cropped(columns.clone(), rows.clone()) else { return };
-        // A few tall bands: a depth pixel near the border of two is warped for both.
-        let bands = 2 * rayon::current_num_threads() as u32;
+        // A band for each thread: a depth pixel near the border of two is warped for both.
+        let bands = rayon::current_num_threads() as u32;
         let warp = RenderSettings { band_rows: rows.len() as u32 / bands + 1, ..settings.warp };
         let (drawn, took) = self.drawer.draw(&boundary.backdrop, &part, &warp);
         stats.portals += 1;

@@ -91,7 +91,7 @@ impl Default for Quality {
     fn default() -> Self {
         Self {
             face_px: 512,
-            window_face_px: 272,
+            window_face_px: 208,
             images: 6,
             radius_m: 2.0,
             eye_height_m: 1.6,

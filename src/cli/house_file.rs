@@ -1,0 +1,212 @@
+//! `.house` files: written by `headbox house`, walked by `headbox render`, described by `headbox info`.
+
+use super::UsageError;
+use super::args::DefaultCamera;
+use super::output::print_json;
+use super::progress::Bar;
+use crate::capture::Camera;
+use crate::capture::path::{CameraRecord, PathRecord};
+use crate::capture::portal_model::PortalModel;
+use crate::capture::scene::FileFrame;
+use crate::ldi::build::Progress;
+use crate::portal::backdrop::{Backdrop, Kind, PortalSide, Quality};
+use crate::portal::file;
+use crate::portal::house::House;
+use crate::portal::path::{PAPER_POSES, WalkPath};
+use crate::portal::store::Store;
+use crate::portal::walk::{WalkSettings, WalkStats, Walker};
+use anyhow::Context;
+use clap::Args;
+use image::RgbImage;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Memory for backdrops, bytes.
+const BUDGET: u64 = 4 << 30;
+
+#[derive(Args)]
+pub(super) struct HouseFileArgs {
+    /// Write the model, with what is captured behind its portals, to this .house file
+    #[arg(short, long, value_name = "F.house")]
+    output: Option<PathBuf>,
+    /// What to capture behind both sides of every portal: see the list that a wrong name prints; `none` for nothing
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', default_value = "window-ldi")]
+    backdrops: Vec<String>,
+    /// Write a walk through every room to this JSON file
+    #[arg(long, value_name = "PATH.json")]
+    walk: Option<PathBuf>,
+    /// Poses of the walk
+    #[arg(long, value_name = "N", default_value_t = PAPER_POSES, value_parser = parse_poses)]
+    poses: usize,
+}
+
+fn parse_poses(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|poses| (1..=100_000).contains(poses)).ok_or("give a number from 1 to 100000".into())
+}
+
+impl HouseFileArgs {
+    /// Whether anything is to be written; names are checked.
+    pub(super) fn wanted(&self) -> Result<bool, UsageError> {
+        self.kinds()?;
+        Ok(self.output.is_some() || self.walk.is_some())
+    }
+
+    fn kinds(&self) -> Result<Vec<Kind>, UsageError> {
+        let named = self.backdrops.iter().map(String::as_str).filter(|name| *name != "none");
+        named.map(kind_by_name).collect()
+    }
+
+    /// Captures and writes what is wanted.
+    pub(super) fn write(&self, model: PortalModel) -> anyhow::Result<Value> {
+        let house = House::new(model)?;
+        if let Some(path) = &self.walk {
+            self.write_walk(&house, path)?;
+        }
+        let Some(path) = &self.output else { return Ok(json!({"walk": self.walk})) };
+        let (store, quality, started) = (Store::new(BUDGET), Quality::default(), Instant::now());
+        let sides =
+            (0..house.plan().portals.len() as u32).flat_map(|portal| [0, 1].map(|side| PortalSide { portal, side }));
+        let keys: Vec<_> = self.kinds()?.into_iter().flat_map(|kind| sides.clone().map(move |at| (at, kind))).collect();
+        let bar = Bar::new();
+        bar.begin("backdrops", "sides of portals", keys.len() as u64);
+        for &(at, kind) in &keys {
+            let backdrop = Backdrop::capture(&house, at, kind, &quality)?;
+            if !store.insert((at, kind), Arc::new(backdrop)) {
+                eprintln!("note: the backdrop of portal {} is larger than {BUDGET} bytes and left out", at.portal);
+            }
+            bar.advance(1);
+        }
+        bar.finish();
+        let capture_s = started.elapsed().as_secs_f64();
+        file::write(path, &house, &store, &quality)?;
+        let bytes = std::fs::metadata(path)?.len();
+        Ok(json!({
+            "output": path, "bytes": bytes, "captures": keys.len(), "capture_s": capture_s, "walk": self.walk,
+        }))
+    }
+
+    fn write_walk(&self, house: &House, path: &Path) -> anyhow::Result<()> {
+        let walk = WalkPath { poses: self.poses, ..WalkPath::default() };
+        let frame = house.scene().frame;
+        let record = |camera: &Camera| {
+            let up = camera.world_from_eye().y_axis;
+            CameraRecord::new(camera.eye(), camera.forward(), up, walk.fov_y_deg, &frame)
+        };
+        let poses = walk.cameras(house)?.iter().map(record).collect();
+        let text = serde_json::to_string(&PathRecord { size: Some(walk.size), poses })?;
+        super::render::write_text(path, &text)
+    }
+}
+
+fn kind_by_name(name: &str) -> Result<Kind, UsageError> {
+    let known = Kind::ALL.iter().find(|(known, _)| *known == name);
+    known.map(|(_, kind)| *kind).ok_or_else(|| {
+        let names: Vec<&str> = Kind::ALL.iter().map(|(name, _)| *name).collect();
+        UsageError(format!("there is no backdrop \"{name}\"; there are: {}", names.join(", ")))
+    })
+}
+
+/// A `.house` file to be walked.
+pub(super) struct HouseContent {
+    house: House,
+    store: Store,
+    quality: Quality,
+    walker: Walker,
+    settings: WalkSettings,
+}
+
+/// A drawn pose.
+pub(super) struct WalkedFrame {
+    pub(super) image: RgbImage,
+    pub(super) ms: Vec<f64>,
+    pub(super) stats: WalkStats,
+}
+
+impl HouseContent {
+    /// Opens a file. The variant is `geometry`, the name of a backdrop, or the first kind that the file holds.
+    pub(super) fn open(path: &Path, variant: Option<&str>) -> anyhow::Result<(Self, FileFrame, DefaultCamera)> {
+        let (house, store, quality) = file::read(path, BUDGET)?;
+        let backdrops = match variant {
+            None => store.all().first().map(|((_, kind), _)| *kind),
+            Some("geometry") => None,
+            Some(name) => {
+                let or_geometry = |error: UsageError| UsageError(format!("{error}, geometry"));
+                Some(kind_by_name(name).map_err(or_geometry)?)
+            }
+        };
+        let settings = WalkSettings { backdrops, ..WalkSettings::default() };
+        let first = WalkPath { poses: 1, ..WalkPath::default() }.cameras(&house)?;
+        let camera = match first.first() {
+            Some(camera) => DefaultCamera::like(camera),
+            None => DefaultCamera::at(house.tracer().origin()),
+        };
+        let frame = house.scene().frame;
+        Ok((Self { house, store, quality, walker: Walker::new(), settings }, frame, camera))
+    }
+
+    pub(super) fn variant(&self) -> &'static str {
+        self.settings.backdrops.map_or("geometry", Kind::name)
+    }
+
+    /// Draws a pose `repeat` times. Backdrops that the file lacks are captured first, which is not timed.
+    pub(super) fn render(&mut self, camera: &Camera, repeat: u32) -> anyhow::Result<WalkedFrame> {
+        let Self { house, store, quality, walker, settings } = self;
+        walker.prepare(house, store, camera, settings, quality)?;
+        let mut ms = Vec::with_capacity(repeat as usize);
+        loop {
+            let (frame, stats) = walker.frame(house, store, camera, settings);
+            ms.push(stats.frame_ms);
+            if ms.len() >= repeat as usize {
+                if stats.cell.is_none() {
+                    eprintln!("note: the eye is in no cell (inside a wall?); all cells are drawn as geometry");
+                }
+                return Ok(WalkedFrame { image: super::render::rgb_image(frame)?, ms, stats: stats.clone() });
+            }
+        }
+    }
+}
+
+/// `headbox info` of a `.house` file. Reading checks all that a walk relies on.
+pub(super) fn info(path: &Path, check: bool, as_json: bool) -> anyhow::Result<()> {
+    let (house, store, _) = file::read(path, u64::MAX)?;
+    let bytes = std::fs::metadata(path).with_context(|| format!("{}", path.display()))?.len();
+    let (plan, captures) = (house.plan(), store.all());
+    let of_kind = |kind: Kind| {
+        let of_kind = captures.iter().filter(|((_, of), _)| *of == kind);
+        of_kind.fold((0u64, 0u64, 0u64), |(n, samples, bytes), (_, backdrop)| {
+            (n + 1, samples + backdrop.sample_count(), bytes + backdrop.bytes())
+        })
+    };
+    let depth_pixels: u64 = captures.iter().map(|(_, backdrop)| backdrop.sample_count()).sum();
+    if as_json {
+        let kinds: Vec<_> = Kind::ALL
+            .iter()
+            .map(|(name, kind)| {
+                let (count, samples, bytes) = of_kind(*kind);
+                json!({"name": name, "captures": count, "samples": samples, "bytes": bytes})
+            })
+            .collect();
+        print_json(&json!({
+            "kind": file::HOUSE_FILE.name, "bytes": bytes, "depth_pixels": depth_pixels, "faces": [],
+            "cells": plan.cells.len(), "portals": plan.portals.len(), "triangles": house.scene().triangles.len(),
+            "backdrops": kinds, "ok": true,
+        }));
+        return Ok(());
+    }
+    println!("{}: {}, {bytes} bytes", path.display(), file::HOUSE_FILE.name);
+    println!("  scene       {}", house.scene().name);
+    println!("  model       {} cells, {} portals", plan.cells.len(), plan.portals.len());
+    println!("  geometry    {} triangles", house.scene().triangles.len());
+    for (name, kind) in Kind::ALL {
+        let (count, samples, bytes) = of_kind(kind);
+        if count > 0 {
+            println!("  {name:11} {count} captures, {samples} samples, {bytes} bytes");
+        }
+    }
+    if check {
+        println!("ok: every promise of the layout holds");
+    }
+    Ok(())
+}

@@ -1,0 +1,64 @@
+//! `headbox house -o`, `render` and `info` on a `.house` file, as a user runs them.
+
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn headbox(folder: &Path, arguments: &str) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_headbox"));
+    command.current_dir(folder).args(arguments.split(' ')).output().expect("runs")
+}
+
+fn json(folder: &Path, arguments: &str) -> Value {
+    let output = headbox(folder, arguments);
+    assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("JSON and nothing else")
+}
+
+fn refused(folder: &Path, arguments: &str, code: i32, words: &str) {
+    let output = headbox(folder, arguments);
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{arguments}: {message}");
+    assert!(message.contains(words), "{arguments}: {message}");
+}
+
+#[test]
+fn a_house_is_written_described_and_walked() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = folder.path();
+    let made = json(
+        at,
+        "house builtin:house --triangles 6000 --rays 0 -o a.house --backdrops texture --walk walk.json --poses 3 --json",
+    );
+    let portals = made["portals"].as_array().expect("a list").len() as u64;
+    assert_eq!(made["file"]["captures"], 2 * portals);
+
+    let info = json(at, "info a.house --check --json");
+    assert_eq!((&info["kind"], &info["ok"]), (&Value::from("house"), &Value::from(true)));
+    assert_eq!(info["backdrops"][0]["captures"], 2 * portals);
+    assert!(headbox(at, "info a.house --check").status.success());
+
+    let walked = json(at, "render a.house --path walk.json -o frames --json");
+    assert_eq!((&walked["frames"], &walked["variant"]), (&Value::from(3), &Value::from("texture")));
+    assert!(at.join("frames/frame_0002.png").exists() && at.join("frames/times.csv").exists());
+    // What the file lacks is captured on the way.
+    let one = json(at, "render a.house -o one.png --size 64x48 --variant image --repeat 2 --json");
+    assert_eq!((&one["variant"], one["ms"].as_array().map(Vec::len)), (&Value::from("image"), Some(2)));
+    assert!(one["statistics"]["cell"].is_number() && one["stages"]["geometry_ms"].is_number());
+    let geometry = json(at, "render a.house -o two.png --size 64x48 --variant geometry --json");
+    assert_eq!(geometry["statistics"]["portals"], 0);
+
+    refused(at, "render a.house -o x.png --variant holograms", 2, "window-ldi");
+    refused(at, "render a.house a.house -o x.png", 2, "alone");
+    refused(
+        at,
+        "house builtin:house --rays 0 --triangles 6000 -o b.house --backdrops mirrors",
+        2,
+        "there are: texture",
+    );
+    refused(at, "house builtin:house --rays 0 --triangles 6000 --poses 0 --walk w.json", 2, "poses");
+    let mut bytes = std::fs::read(at.join("a.house")).expect("bytes");
+    bytes.truncate(bytes.len() / 2);
+    std::fs::write(at.join("a.house"), bytes).expect("written");
+    refused(at, "info a.house", 1, "a.house");
+}
