@@ -45,7 +45,7 @@ static STAMPS: [[[[u16; 4 * PIXELS]; 2]; 4]; 4] = {
     while i < 4 * 4 * 2 * PIXELS {
         let (class, row, column) = (i / 32, i / 8 % 4, i % 8);
         if row <= class && column <= 2 * class {
-            let from_middle = if column < class { class - column } else { column - class };
+            let from_middle = column.abs_diff(class);
             let weight = 128 >> SHIFTS[class][row][from_middle];
             let mut channel = 0;
             while channel < 4 {
