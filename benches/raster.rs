@@ -19,7 +19,7 @@ fn frames(criterion: &mut Criterion) {
             Some(box_) => (box_.centre, DVec3::new(0.0, 4.0, 0.0)),
             None => (high, (low + high) / 2.0),
         };
-        let mesh = RasterMesh::new(Arc::clone(&scene), &[0..scene.triangles.len() as u32], eye);
+        let mesh = RasterMesh::new(Arc::clone(&scene), std::slice::from_ref(&(0..scene.triangles.len() as u32)), eye);
         let groups = [GroupWindow { group: 0, window: None }];
         let view = RasterView { groups: &groups, markers: &[], exposure: 1.0, hole_color_srgb: [0; 3] };
         for (width, height) in [(640, 512), (1280, 720)] {

@@ -133,7 +133,6 @@ const QUALITY: Quality = Quality {
     texture_px: 64,
     strata: 12,
     rays: 12,
-    rule: headbox::ldi::merge::MergeRule::SmallerArea,
     seed: 0,
 };
 

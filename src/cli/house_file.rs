@@ -4,6 +4,7 @@ use super::UsageError;
 use super::args::DefaultCamera;
 use super::output::print_json;
 use super::progress::Bar;
+use super::walk::variant_by_name;
 use crate::capture::Camera;
 use crate::capture::path::{CameraRecord, PathRecord};
 use crate::capture::portal_model::PortalModel;
@@ -14,6 +15,7 @@ use crate::portal::file;
 use crate::portal::house::House;
 use crate::portal::path::{PAPER_POSES, WalkPath};
 use crate::portal::store::Store;
+use crate::portal::variant::Variant;
 use crate::portal::walk::{WalkSettings, WalkStats, Walker};
 use anyhow::Context;
 use clap::Args;
@@ -114,6 +116,7 @@ pub(super) struct HouseContent {
     store: Store,
     quality: Quality,
     walker: Walker,
+    variant: Variant,
     settings: WalkSettings,
 }
 
@@ -125,35 +128,32 @@ pub(super) struct WalkedFrame {
 }
 
 impl HouseContent {
-    /// Opens a file. The variant is `geometry`, the name of a backdrop, or the first kind that the file holds.
+    /// Opens a file. The variant is one of [`Variant::ALL`], or the first kind that the file holds.
     pub(super) fn open(path: &Path, variant: Option<&str>) -> anyhow::Result<(Self, FileFrame, DefaultCamera)> {
         let (house, store, quality) = file::read(path, BUDGET)?;
-        let backdrops = match variant {
-            None => store.all().first().map(|((_, kind), _)| *kind),
-            Some("geometry") => None,
-            Some(name) => {
-                let or_geometry = |error: UsageError| UsageError(format!("{error}, geometry"));
-                Some(kind_by_name(name).map_err(or_geometry)?)
-            }
+        let held = store.all().first().map(|((_, kind), _)| *kind);
+        let variant = match variant {
+            Some(name) => variant_by_name(name)?,
+            None => variant_by_name(held.map_or("geometry", Kind::name))?,
         };
-        let settings = WalkSettings { backdrops, ..WalkSettings::default() };
+        let settings = variant.settings();
         let first = WalkPath { poses: 1, ..WalkPath::default() }.cameras(&house)?;
         let camera = match first.first() {
             Some(camera) => DefaultCamera::like(camera),
             None => DefaultCamera::at(house.tracer().origin()),
         };
         let frame = house.scene().frame;
-        Ok((Self { house, store, quality, walker: Walker::new(), settings }, frame, camera))
+        Ok((Self { house, store, quality, walker: Walker::new(), variant, settings }, frame, camera))
     }
 
     pub(super) fn variant(&self) -> &'static str {
-        self.settings.backdrops.map_or("geometry", Kind::name)
+        self.variant.name
     }
 
     /// Draws a pose `repeat` times. Backdrops that the file lacks are captured first, which is not timed.
     pub(super) fn render(&mut self, camera: &Camera, repeat: u32) -> anyhow::Result<WalkedFrame> {
-        let Self { house, store, quality, walker, settings } = self;
-        walker.prepare(house, store, camera, settings, quality)?;
+        let Self { house, store, quality, walker, settings, .. } = self;
+        Walker::prepare(house, store, camera, settings, quality)?;
         let mut ms = Vec::with_capacity(repeat as usize);
         loop {
             let (frame, stats) = walker.frame(house, store, camera, settings);

@@ -17,6 +17,7 @@ mod sprite;
 mod truth;
 #[cfg(feature = "viewer")]
 mod view;
+mod walk;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -50,6 +51,8 @@ enum Command {
     Info(info::Info),
     /// Render a frame of a cube LDI, of sprites or of both, or a frame per pose of a path
     Render(render::Render),
+    /// Measure a walk through a house: time and error of every way to draw it, against truth and primary rays
+    Walk(walk::Walk),
     /// Ray-trace a reference frame of a scene
     Truth(truth::Truth),
     /// Compare two images: FLIP, PSNR, SSIM
@@ -89,6 +92,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::House(command) => command.run(),
         Command::Info(command) => command.run(),
         Command::Render(command) => command.run(),
+        Command::Walk(command) => command.run(),
         Command::Truth(command) => command.run(),
         Command::Compare(command) => command.run(),
         #[cfg(feature = "viewer")]

@@ -4,7 +4,7 @@
 //! f64, `normals`, `texcoords` and `colors` f32, `triangles` u32, four each: corners and material), `texels` (RGBA8, texture
 //! after texture), and a section per capture, `c` and its number: a cube's environment and segments, or textures.
 
-use super::backdrop::{Backdrop, Kind, PortalSide, Quality, TextureSet};
+use super::backdrop::{Backdrop, Kind, PortalSide, PortalSprite, Quality, TextureSet};
 use super::house::{House, HouseError};
 use super::opening::Opening;
 use super::store::{Key, Store};
@@ -14,6 +14,7 @@ use crate::capture::{Cutout, Material, Texture};
 use crate::container::{Container, ContainerWriter, FileError, Kind as FileKind, Section};
 use crate::ldi::file::Header as CubeHeader;
 use crate::packed::PackedCube;
+use crate::sprite::{SpriteHeader, SpriteWithDepth};
 use glam::{DVec2, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -99,6 +100,7 @@ struct CaptureRecord {
 enum Content {
     Cubes(Vec<CubeHeader>),
     Textures { size: [u32; 2], places: Vec<DVec3> },
+    Sprite(SpriteHeader),
 }
 
 /// Writes a house and the backdrops that a store holds, whole or not at all.
@@ -128,6 +130,7 @@ pub fn write(path: &Path, house: &House, store: &Store, quality: &Quality) -> Re
             Ok(match &**backdrop {
                 Backdrop::Cubes(cubes) => cubes.iter().map(PackedCube::arrays).collect::<Vec<_>>().concat(),
                 Backdrop::Textures(set) => bytemuck::cast_slice(&set.texels).to_vec(),
+                Backdrop::Sprite(sprite) => sprite.sprite().arrays(),
             })
         });
     }
@@ -181,6 +184,7 @@ fn header(house: &House, quality: &Quality, captures: &[(Key, Arc<Backdrop>)]) -
         content: match &**backdrop {
             Backdrop::Cubes(cubes) => Content::Cubes(cubes.iter().map(PackedCube::header).collect()),
             Backdrop::Textures(set) => Content::Textures { size: set.size, places: set.places.clone() },
+            Backdrop::Sprite(sprite) => Content::Sprite(sprite.sprite().header()),
         },
     };
     Header {
@@ -287,6 +291,10 @@ fn capture(mut section: Section, info: &Section, house: &House, record: CaptureR
         Content::Cubes(headers) => {
             let cubes = headers.into_iter().map(|header| PackedCube::from_arrays(header, &mut section));
             Backdrop::Cubes(cubes.collect::<Result<_, _>>()?)
+        }
+        Content::Sprite(header) => {
+            let sprite = SpriteWithDepth::from_arrays(&header, &mut section)?;
+            Backdrop::Sprite(Box::new(PortalSprite::new(sprite)))
         }
         Content::Textures { size, places } => {
             let [width, height] = size;

@@ -7,7 +7,8 @@
 //! * [`backdrop`]: what stands in for everything behind a portal: textures, warped images, layered depth images.
 //! * [`file`](mod@file): the `.house` file, a model with its captures.
 //! * [`store`]: backdrops in memory, built in the background.
-//! * [`walk`]: a frame of all of this.
+//! * [`walk`]: a frame of all of this; [`variant`]: the ways to draw it; [`tour`]: with backdrops built ahead of need.
+//! * [`measure`]: time and error of every way along a walk.
 //! * [`path`]: a walk through every room.
 //! * [`plan`]: the model drawn from above.
 
@@ -15,8 +16,11 @@ pub mod backdrop;
 pub mod cull;
 pub mod file;
 pub mod house;
+pub mod measure;
 pub mod opening;
 pub mod path;
 pub mod plan;
 pub mod store;
+pub mod tour;
+pub mod variant;
 pub mod walk;

@@ -56,6 +56,23 @@ impl Store {
         lock(&self.shelves).entries.contains_key(&key)
     }
 
+    /// Counts a backdrop as used now, if it is there, and tells its bytes.
+    fn touch(&self, key: Key) -> Option<u64> {
+        let mut shelves = lock(&self.shelves);
+        shelves.clock += 1;
+        let now = shelves.clock;
+        let entry = shelves.entries.get_mut(&key)?;
+        entry.last_used = now;
+        Some(entry.bytes)
+    }
+
+    /// Whether one more backdrop of middling size fits beside so many bytes.
+    fn has_room_beside(&self, bytes: u64) -> bool {
+        let shelves = lock(&self.shelves);
+        let one = shelves.bytes / (shelves.entries.len() as u64).max(1);
+        bytes.saturating_add(one) <= self.budget
+    }
+
     /// Adds a backdrop and throws out what was not used for longest until all fits the budget. One that alone exceeds the
     /// budget is not kept; `false` then.
     pub fn insert(&self, key: Key, backdrop: Arc<Backdrop>) -> bool {
@@ -100,7 +117,9 @@ impl Shelves {
     }
 }
 
-/// A thread that captures wanted backdrops, the first in the list first. Stops when it is dropped, after the capture at hand.
+/// A thread that captures wanted backdrops, the first in the list first, as long as those before fit the store: nothing that is
+/// wanted more is thrown out for something that is wanted less. It works alone, so that the threads that draw frames never wait
+/// for it. Stops when it is dropped, after the capture at hand.
 #[derive(Debug)]
 pub struct Builder {
     desk: Arc<Desk>,
@@ -116,6 +135,8 @@ struct Desk {
 #[derive(Debug, Default)]
 struct Orders {
     wanted: VecDeque<Key>,
+    /// Bytes of those that were taken from the front of the list since it was written.
+    kept_bytes: u64,
     /// Could not be captured, or are larger than the whole budget: not tried again.
     refused: HashSet<Key>,
     busy: bool,
@@ -135,6 +156,7 @@ impl Builder {
     pub fn want(&self, keys: impl IntoIterator<Item = Key>) {
         let mut orders = lock(&self.desk.orders);
         orders.wanted = keys.into_iter().collect();
+        orders.kept_bytes = 0;
         self.desk.changed.notify_all();
     }
 
@@ -159,6 +181,8 @@ impl Drop for Builder {
 }
 
 fn work(desk: &Desk, house: &House, store: &Store, quality: &Quality) {
+    // Without a pool of its own it would borrow the threads of the frames.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().ok();
     let mut orders = lock(&desk.orders);
     while !orders.stop {
         let Some(key) = orders.wanted.pop_front() else {
@@ -166,16 +190,31 @@ fn work(desk: &Desk, house: &House, store: &Store, quality: &Quality) {
             orders = desk.changed.wait(orders).unwrap_or_else(PoisonError::into_inner);
             continue;
         };
-        if orders.refused.contains(&key) || store.contains(key) {
+        if orders.refused.contains(&key) {
+            continue;
+        }
+        if let Some(bytes) = store.touch(key) {
+            orders.kept_bytes += bytes;
+            continue;
+        }
+        if !store.has_room_beside(orders.kept_bytes) {
+            orders.wanted.clear();
             continue;
         }
         orders.busy = true;
         drop(orders);
-        let captured = Backdrop::capture(house, key.0, key.1, quality);
+        let capture = || Backdrop::capture(house, key.0, key.1, quality);
+        let captured = match &pool {
+            Some(pool) => pool.install(capture),
+            None => capture(),
+        };
+        let bytes = captured.as_ref().map_or(0, Backdrop::bytes);
         let kept = captured.is_ok_and(|backdrop| store.insert(key, Arc::new(backdrop)));
         orders = lock(&desk.orders);
         orders.busy = false;
-        if !kept {
+        if kept {
+            orders.kept_bytes += bytes;
+        } else {
             orders.refused.insert(key);
         }
     }

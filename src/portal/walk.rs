@@ -88,6 +88,8 @@ pub struct WalkStats {
     pub portals: u32,
     /// Portals passed for want of a backdrop.
     pub missing: Vec<PortalSide>,
+    /// Pixels of the frame.
+    pub pixels: u64,
     /// Pixels that show a backdrop.
     pub backdrop_pixels: u64,
     /// Of these, pixels of which the backdrop knows nothing.
@@ -133,7 +135,6 @@ impl Walker {
     /// # Errors
     /// See [`BackdropError`].
     pub fn prepare(
-        &mut self,
         house: &House,
         store: &Store,
         camera: &Camera,
@@ -142,20 +143,29 @@ impl Walker {
     ) -> Result<u32, BackdropError> {
         let Some(kind) = settings.backdrops else { return Ok(0) };
         let mut captured = 0;
-        loop {
-            let mut stats = WalkStats { cell: house.cell_of_eye(camera.eye()), ..WalkStats::default() };
-            visit(house, store, camera, settings, &mut stats);
-            if stats.missing.is_empty() {
-                return Ok(captured);
+        // One at a time: a portal that is missing only behind another one is none that the frame needs.
+        while let Some(at) = Self::missing(house, store, camera, settings).first().copied() {
+            let backdrop = Backdrop::capture(house, at, kind, quality)?;
+            if !store.insert((at, kind), Arc::new(backdrop)) {
+                break;
             }
-            for at in stats.missing {
-                let backdrop = Backdrop::capture(house, at, kind, quality)?;
-                if !store.insert((at, kind), Arc::new(backdrop)) {
-                    return Ok(captured);
-                }
-                captured += 1;
-            }
+            captured += 1;
         }
+        Ok(captured)
+    }
+
+    /// The sides of portals whose backdrops a frame would use if the store had them, the eye's own cell first.
+    pub fn missing(house: &House, store: &Store, camera: &Camera, settings: &WalkSettings) -> Vec<PortalSide> {
+        let mut stats = WalkStats { cell: house.cell_of_eye(camera.eye()), ..WalkStats::default() };
+        visit(house, store, camera, settings, &mut stats);
+        stats.missing
+    }
+
+    /// The backdrops that a frame uses.
+    pub(super) fn shown(house: &House, store: &Store, camera: &Camera, settings: &WalkSettings) -> Vec<Arc<Backdrop>> {
+        let mut stats = WalkStats { cell: house.cell_of_eye(camera.eye()), ..WalkStats::default() };
+        let (_, boundaries) = visit(house, store, camera, settings, &mut stats);
+        boundaries.into_iter().map(|boundary| boundary.backdrop).collect()
     }
 
     /// Draws what a camera sees of a house, with the backdrops that the store has, on the current rayon thread pool.
@@ -178,6 +188,7 @@ impl Walker {
         };
         stats.raster = *self.rasterizer.draw(house.mesh(), camera, &view, house.sky()).1;
         stats.geometry_cells = groups.len() as u32;
+        stats.pixels = u64::from(camera.width()) * u64::from(camera.height());
         stats.backdrop_pixels = stats.raster.marker_pixels;
         let geometry_done = Instant::now();
         for (number, boundary) in (0..).zip(&boundaries) {

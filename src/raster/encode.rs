@@ -46,6 +46,12 @@ impl SrgbTable {
     }
 }
 
+/// The same bytes as [`srgb8_from_linear`], by the table.
+#[inline(always)]
+pub(crate) fn encode_srgb(linear: f32) -> u8 {
+    SrgbTable::get().encode(linear)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

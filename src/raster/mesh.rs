@@ -153,7 +153,7 @@ impl RasterMesh {
             }
             end = primitive + 1;
             let local = vertices.map(|vertex| (scene.positions[vertex as usize] - self.origin).as_vec3());
-            if local.iter().any(|p| !(p.abs().max_element() <= MAX_COORDINATE)) {
+            if local.iter().any(|p| p.is_nan() || p.abs().max_element() > MAX_COORDINATE) {
                 continue;
             }
             self.faces[primitive as usize].corners = std::array::from_fn(|i| {

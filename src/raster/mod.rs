@@ -22,6 +22,7 @@ mod scan;
 mod shade;
 mod view;
 
+pub(crate) use encode::encode_srgb;
 pub use mesh::RasterMesh;
 
 use crate::capture::Camera;

@@ -53,11 +53,25 @@ pub enum SplatKernel {
     /// reconstruction, with soft silhouettes.
     #[default]
     Tent,
+    /// An opaque plus of five pixels for every sample, the one that holds it and its four neighbours: the fixed stamp that
+    /// Rafferty et al. find enough for LDIs (R7, R12).
+    Plus,
+    /// An opaque square of two pixels a side for every sample (R7).
+    Square2,
+    /// An opaque square of three pixels a side for every sample (R7).
+    Square3,
 }
 
 impl SplatKernel {
     /// All kernels with the names under which the command line knows them; the default first.
-    pub const ALL: [(&'static str, Self); 3] = [("tent", Self::Tent), ("paper", Self::Paper), ("opaque", Self::Opaque)];
+    pub const ALL: [(&'static str, Self); 6] = [
+        ("tent", Self::Tent),
+        ("paper", Self::Paper),
+        ("opaque", Self::Opaque),
+        ("plus", Self::Plus),
+        ("2x2", Self::Square2),
+        ("3x3", Self::Square3),
+    ];
 
     /// The name in [`Self::ALL`].
     pub fn name(self) -> &'static str {
@@ -65,6 +79,18 @@ impl SplatKernel {
             Self::Tent => "tent",
             Self::Paper => "paper",
             Self::Opaque => "opaque",
+            Self::Plus => "plus",
+            Self::Square2 => "2x2",
+            Self::Square3 => "3x3",
+        }
+    }
+
+    /// Half of the width of a stamp of fixed size, px; `None` if samples have sizes of their own.
+    pub(crate) fn stamp_radius_px(self) -> Option<f32> {
+        match self {
+            Self::Square2 => Some(1.0),
+            Self::Plus | Self::Square3 => Some(1.5),
+            Self::Tent | Self::Paper | Self::Opaque => None,
         }
     }
 }

@@ -16,8 +16,20 @@ pub(crate) struct OverCanvas {
     /// Red, green and blue times coverage, and coverage; rows of `stride` pixels, of which [`MARGIN`] lie to the left of
     /// the frame and as many to the right, for stamps that reach out of it.
     pixels: Vec<[u8; 4]>,
-    /// False for rectangles of alpha 1, true for the paper's kernels.
-    pub(crate) soft: bool,
+    /// What a splat looks like.
+    pub(crate) shape: Shape,
+}
+
+/// What a splat looks like.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Shape {
+    /// A rectangle of alpha 1.
+    #[default]
+    Rectangle,
+    /// The pixel that holds the sample, and its neighbours in the row and the column, as far as the rectangle reaches.
+    Plus,
+    /// The paper's squares, which fade toward their rims.
+    Soft,
 }
 
 /// Pixels beside the frame: half of the widest stamp on both sides of the farthest splat that touches the frame, and what a
@@ -77,10 +89,14 @@ impl OverCanvas {
 
     #[inline(always)]
     fn draw_all<S: Simd>(&mut self, simd: S, splats: &Splats) {
-        if self.soft {
-            self.draw_stamps(simd, splats);
-        } else {
-            self.draw_rectangles(simd, splats);
+        match self.shape {
+            Shape::Soft => self.draw_stamps(simd, splats),
+            Shape::Rectangle => self.draw_rectangles(simd, splats, |_, _, run| run),
+            Shape::Plus => self.draw_rectangles(simd, splats, |[x, y], row, [left, right]| {
+                // Rounded down.
+                let [column, middle] = [x, y].map(|c| -ceil_to_i32(-c));
+                if row == middle { [left, right] } else { [column.max(left), (column + 1).min(right)] }
+            }),
         }
     }
 
@@ -126,9 +142,15 @@ impl OverCanvas {
         }
     }
 
-    /// Rectangles that cover the pixels whose centres they contain.
+    /// Rectangles that cover the pixels whose centres they contain, or what `part` leaves of each of their rows: it takes the
+    /// sample's position, a row, and the first column and the one after the last.
     #[inline(always)]
-    fn draw_rectangles<S: Simd>(&mut self, simd: S, splats: &Splats) {
+    fn draw_rectangles<S: Simd>(
+        &mut self,
+        simd: S,
+        splats: &Splats,
+        part: impl Fn([f32; 2], i32, [i32; 2]) -> [i32; 2],
+    ) {
         let (stride, first_row) = (self.stride(), self.rows.start as i32);
         let (mut columns, mut rows) = ([[0; 2]; Splats::ROOM], [[0; 2]; Splats::ROOM]);
         for i in 0..splats.count() {
@@ -136,10 +158,11 @@ impl OverCanvas {
             rows[i] = covered(splats.y[i], splats.radius_y[i], [self.rows.start as f32, self.rows.end as f32]);
         }
         for i in 0..splats.count() {
-            let ([left, right], [top, bottom]) = (columns[i], rows[i]);
-            let width = (right - left) as usize;
+            let (whole, [top, bottom]) = (columns[i], rows[i]);
             let (source, alpha) = source_of(simd, splats.color[i]);
             for row in top..bottom {
+                let [left, right] = part([splats.x[i], splats.y[i]], row, whole);
+                let width = (right - left).max(0) as usize;
                 let start = (row - first_row) as usize * stride + left as usize + MARGIN;
                 if alpha == 256 {
                     if let Some(pixels) = self.pixels.get_mut(start..start + width) {

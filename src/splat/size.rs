@@ -115,6 +115,25 @@ impl Size for PaperSize {
     }
 }
 
+/// One size for all samples: the fixed stamps of R7.
+pub(crate) struct FixedSize {
+    pub(crate) radius_px: f32,
+}
+
+impl Size for FixedSize {
+    const MAX_RADIUS_PX: f32 = 1.5;
+
+    fn largest_radius_px(&self, _: &Transfer, _: f64, _: f64, _: [u32; 2]) -> f64 {
+        f64::from(self.radius_px)
+    }
+
+    #[inline(always)]
+    fn footprints<S: Simd>(&self, simd: S, _: &Lanes<S>) -> FootprintLanes<S> {
+        let radius = f32x16::splat(simd, self.radius_px);
+        FootprintLanes { radius_x: radius, radius_y: radius, weight: f32x16::splat(simd, 1.0) }
+    }
+}
+
 /// Exact sizes from the tangent plane (the differential that S20 approximates).
 ///
 /// On the plane through the sample with normal n, the inverse depth is proportional to n . ray(x, y), which is linear

@@ -22,11 +22,12 @@ pub const SPRITE_FILE: Kind = Kind { tag: *b"sprt", name: "sprite", version: 1 }
 struct FileHeader {
     info: SpriteInfo,
     environment_size_px: u32,
-    sprites: Vec<Header>,
+    sprites: Vec<SpriteHeader>,
 }
 
+/// What a sprite's arrays do not tell.
 #[derive(Serialize, Deserialize)]
-struct Header {
+pub(crate) struct SpriteHeader {
     width: u32,
     height: u32,
     displacement_width: u32,
@@ -47,7 +48,7 @@ impl SpriteSet {
         let header = FileHeader {
             info: self.info.clone(),
             environment_size_px: self.environment.size_px,
-            sprites: sprites().map(header).collect(),
+            sprites: sprites().map(SpriteWithDepth::header).collect(),
         };
         let mut writer = ContainerWriter::new(SPRITE_FILE);
         writer.section("info", move || Ok(serde_json::to_vec(&header)?));
@@ -81,16 +82,9 @@ impl SpriteSet {
         let mut sprites = Vec::new();
         for header in &headers {
             let numbers: [f64; GEOMETRY] = geometry.values()?;
-            let camera = camera(&numbers, header).map_err(|e| geometry.damaged("a camera", e.to_string()))?;
-            let pixels = color.array(header.width as usize * header.height as usize * 4)?;
-            let color = RgbaImage::from_raw(header.width, header.height, pixels);
-            let color = color.ok_or_else(|| geometry.damaged("a picture of its size", "another"))?;
-            let plane = Plane { normal: DVec3::new(numbers[13], numbers[14], numbers[15]), offset: numbers[16] };
+            let pixels = color.array(header.color_bytes())?;
             let displacement = displacement(&mut depth, header, numbers[17] as f32)?;
-            let sprite = unit(plane)
-                .and_then(|plane| Sprite::new(color, camera, plane))
-                .and_then(|sprite| SpriteWithDepth::new(sprite, displacement));
-            sprites.push(sprite.map_err(|e| geometry.damaged("a consistent sprite", e.to_string()))?);
+            sprites.push(sprite(header, &numbers, pixels, displacement, &geometry)?);
         }
         [geometry, color, depth].iter().try_for_each(Section::end)?;
         let mut set = Self::new(sprites);
@@ -107,10 +101,51 @@ fn read_environment(mut section: Section, size_px: u32) -> Result<Environment, F
     Ok(environment)
 }
 
-fn header(sprite: &SpriteWithDepth) -> Header {
-    let (width, height) = sprite.sprite().color().dimensions();
-    let (displacement_width, displacement_height) = sprite.displacement().size();
-    Header { width, height, displacement_width, displacement_height, format: sprite.displacement().format() }
+impl SpriteWithDepth {
+    /// What [`Self::arrays`] does not tell.
+    pub(crate) fn header(&self) -> SpriteHeader {
+        let (width, height) = self.sprite().color().dimensions();
+        let (displacement_width, displacement_height) = self.displacement().size();
+        SpriteHeader { width, height, displacement_width, displacement_height, format: self.displacement().format() }
+    }
+
+    /// Geometry, colour and displacement as a section of a file that holds other things too.
+    pub(crate) fn arrays(&self) -> Vec<u8> {
+        let numbers = geometry(self);
+        [bytemuck::cast_slice(&numbers), self.sprite().color().as_raw(), self.displacement().stored_bytes()].concat()
+    }
+
+    /// Reads what [`Self::arrays`] wrote.
+    pub(crate) fn from_arrays(header: &SpriteHeader, section: &mut Section) -> Result<Self, FileError> {
+        let numbers: [f64; GEOMETRY] = section.values()?;
+        let pixels = section.array(header.color_bytes())?;
+        let displacement = displacement(section, header, numbers[17] as f32)?;
+        sprite(header, &numbers, pixels, displacement, section)
+    }
+}
+
+impl SpriteHeader {
+    fn color_bytes(&self) -> usize {
+        (self.width as usize).saturating_mul(self.height as usize).saturating_mul(4)
+    }
+}
+
+/// A sprite of its parts; `section` is named in errors.
+fn sprite(
+    header: &SpriteHeader,
+    numbers: &[f64; GEOMETRY],
+    pixels: Vec<u8>,
+    displacement: Displacement,
+    section: &Section,
+) -> Result<SpriteWithDepth, FileError> {
+    let camera = camera(numbers, header).map_err(|e| section.damaged("a camera", e.to_string()))?;
+    let color = RgbaImage::from_raw(header.width, header.height, pixels);
+    let color = color.ok_or_else(|| section.damaged("a picture of its size", "another"))?;
+    let plane = Plane { normal: DVec3::new(numbers[13], numbers[14], numbers[15]), offset: numbers[16] };
+    let sprite = unit(plane)
+        .and_then(|plane| Sprite::new(color, camera, plane))
+        .and_then(|sprite| SpriteWithDepth::new(sprite, displacement));
+    sprite.map_err(|e| section.damaged("a consistent sprite", e.to_string()))
 }
 
 fn geometry(sprite: &SpriteWithDepth) -> [f64; GEOMETRY] {
@@ -129,7 +164,7 @@ fn geometry(sprite: &SpriteWithDepth) -> [f64; GEOMETRY] {
 /// rounding leaves, and nothing that a renderer would notice.
 const ORTHONORMAL: f64 = 1e-6;
 
-fn camera(numbers: &[f64; GEOMETRY], header: &Header) -> Result<Camera, CameraError> {
+fn camera(numbers: &[f64; GEOMETRY], header: &SpriteHeader) -> Result<Camera, CameraError> {
     let vector = |i: usize| DVec3::new(numbers[i], numbers[i + 1], numbers[i + 2]);
     let rotation = DMat3::from_cols(vector(3), vector(6), vector(9));
     let off = (rotation.transpose() * rotation - DMat3::IDENTITY).to_cols_array();
@@ -147,7 +182,7 @@ fn unit(plane: Plane) -> Result<Plane, SpriteError> {
     if is_unit { Ok(plane) } else { Err(SpriteError::NotFinite) }
 }
 
-fn displacement(section: &mut Section, header: &Header, scale: f32) -> Result<Displacement, FileError> {
+fn displacement(section: &mut Section, header: &SpriteHeader, scale: f32) -> Result<Displacement, FileError> {
     let (width, height) = (header.displacement_width, header.displacement_height);
     let count = (width as usize).saturating_mul(height as usize);
     let values = match header.format {

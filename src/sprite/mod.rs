@@ -39,6 +39,7 @@ pub use capture::{SlabCapture, capture_slabs, slabs_at_gaps};
 pub use displacement::{Displacement, DisplacementFormat};
 pub use error::SpriteError;
 pub use file::SPRITE_FILE;
+pub(crate) use file::SpriteHeader;
 pub use frame::SpriteFrame;
 pub use images::{DepthPicture, ImageFileError};
 pub use import::DepthImport;

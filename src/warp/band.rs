@@ -9,8 +9,8 @@ use crate::frame::Coverage;
 use crate::ldi::Environment;
 use crate::packed::{PackedCube, PackedSegment};
 use crate::splat::linear::LinearLight;
-use crate::splat::over::OverCanvas;
-use crate::splat::size::{Size, TangentSize};
+use crate::splat::over::{OverCanvas, Shape};
+use crate::splat::size::{FixedSize, Size, TangentSize};
 use crate::splat::surface::SurfaceCanvas;
 use crate::splat::{Canvas, SplatKernel, Splats};
 use fearless_simd::{Level, Simd, dispatch};
@@ -56,8 +56,12 @@ impl Worker {
                 (surfaces.tolerance, surfaces.bin) = (plan.tolerance, plan.bin);
                 pass.draw(surfaces, pixels);
             }
-            SplatKernel::Opaque | SplatKernel::Paper => {
-                over.soft = plan.kernel == SplatKernel::Paper;
+            kernel => {
+                over.shape = match kernel {
+                    SplatKernel::Paper => Shape::Soft,
+                    SplatKernel::Plus => Shape::Plus,
+                    _ => Shape::Rectangle,
+                };
                 pass.draw(over, pixels);
             }
         }
@@ -81,9 +85,11 @@ impl Pass<'_> {
         let cleared = Instant::now();
         for (i, of_frame) in self.plan.segments.iter().enumerate() {
             let segment = &self.cube.segments[of_frame.index];
-            match self.plan.paper_sizes.get(i).filter(|_| self.plan.kernel == SplatKernel::Paper) {
-                Some(size) => self.draw_segment(of_frame, segment, size, canvas),
-                None => {
+            let paper = self.plan.paper_sizes.get(i).filter(|_| self.plan.kernel == SplatKernel::Paper);
+            match (paper, self.plan.kernel.stamp_radius_px()) {
+                (Some(size), _) => self.draw_segment(of_frame, segment, size, canvas),
+                (None, Some(radius_px)) => self.draw_segment(of_frame, segment, &FixedSize { radius_px }, canvas),
+                (None, None) => {
                     let size = TangentSize::new(&self.plan.tangent_table, &of_frame.transfer);
                     self.draw_segment(of_frame, segment, &size, canvas);
                 }

@@ -228,6 +228,7 @@ impl FramePlan {
                 self.tangent_table.refill(cube.layout, face_px, 1.0, TENT_MIN_RADIUS_PX);
             }
             // A rectangle is as wide as the spacing; 15 % more closes the cracks that quantised normals open.
+            SplatKernel::Plus | SplatKernel::Square2 | SplatKernel::Square3 => {}
             SplatKernel::Opaque => self.tangent_table.refill(cube.layout, face_px, 0.575, 0.5),
             SplatKernel::Paper => {
                 self.paper_sizes.resize_with(order.len().max(self.paper_sizes.len()), PaperSize::new);

@@ -1,6 +1,7 @@
 //! A backdrop on a frame.
 
 use super::Backdrop;
+use super::sprite::SpriteDrawer;
 use crate::capture::Camera;
 use crate::frame::Frame;
 use crate::packed::PackedCube;
@@ -23,6 +24,7 @@ pub struct BackdropStats {
 #[derive(Default)]
 pub struct Drawer {
     renderer: Renderer,
+    sprites: SpriteDrawer,
     frame: Frame,
 }
 
@@ -35,6 +37,12 @@ impl Drawer {
                 self.frame.reset(camera.width(), camera.height(), settings.hole_color_srgb);
                 set.draw(camera, &mut self.frame);
                 stats.samples = u64::from(set.size[0]) * u64::from(set.size[1]);
+                (&self.frame, stats)
+            }
+            Backdrop::Sprite(sprite) => {
+                self.frame.reset(camera.width(), camera.height(), settings.hole_color_srgb);
+                self.sprites.draw(sprite, camera, &mut self.frame);
+                stats.samples = sprite.sample_count();
                 (&self.frame, stats)
             }
             Backdrop::Cubes(cubes) => {

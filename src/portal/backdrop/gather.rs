@@ -56,6 +56,9 @@ struct Sample {
     image: u8,
 }
 
+/// A row of a face: each pixel that has samples with their number, and the depth pixels of all.
+type Row = (Vec<(u32, u32)>, Vec<DepthPixel>);
+
 /// A depth pixel in the making.
 struct Layer {
     inverse_depth: f32,
@@ -129,7 +132,7 @@ impl CubeJob<'_> {
     fn merge(&self, samples: &[Sample], environment: Environment) -> CubeLdi {
         let half_size_m = BASELINE_M / 3f64.sqrt();
         let tolerance = DepthBins::new(half_size_m, self.face_px).inverse_depth(1.0) as f32;
-        let rows: Vec<(Vec<(u32, u32)>, Vec<DepthPixel>)> = samples
+        let rows: Vec<Row> = samples
             .par_chunk_by(|a, b| (a.key >> 32) / u64::from(self.face_px) == (b.key >> 32) / u64::from(self.face_px))
             .map(|row| {
                 let (mut counts, mut merged, mut layers) = (Vec::new(), Vec::new(), Vec::new());

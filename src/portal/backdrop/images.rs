@@ -6,6 +6,7 @@
 use super::Quality;
 use super::gather::{Batch, CubeJob};
 use crate::capture::rig::Face;
+use crate::ldi::merge::MergeRule;
 use crate::packed::{PackError, PackedCube};
 use crate::portal::house::House;
 use crate::portal::opening::Opening;
@@ -16,9 +17,10 @@ pub(super) fn ldi(
     house: &House,
     opening: &Opening,
     places: &[DVec3],
+    rule: MergeRule,
     quality: &Quality,
 ) -> Result<PackedCube, PackError> {
-    let Quality { face_px, rule, .. } = *quality;
+    let face_px = quality.face_px;
     let job = CubeJob { house, centre: places[0], face_px, rule };
     // Rows of all faces of all images.
     let rows = 6 * face_px;

@@ -5,22 +5,26 @@
 //!
 //! * `texture`: what the plane shows from one place or from many.
 //! * `images`: depth images from a semicircle: one warped, the two nearest warped, or all in one LDI.
+//! * `sprite`: a sprite with depth where what lies behind is smooth.
 //! * `window`: cube LDIs from rays through the whole opening in all directions.
 //! * `gather`: from rays to a cube LDI, with the conflict rules.
 
 mod draw;
 mod gather;
 mod images;
+mod sprite;
 mod texture;
 mod window;
 
 pub use draw::{BackdropStats, Drawer};
+pub use sprite::PortalSprite;
 pub use texture::TextureSet;
 
 use super::house::House;
 use super::opening::Opening;
 use crate::ldi::merge::MergeRule;
 use crate::packed::{PackError, PackedCube};
+use crate::sprite::SpriteError;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -36,29 +40,60 @@ pub enum Kind {
     Image,
     /// The two nearest of the depth images from a semicircle, the farther warped first (R9).
     TwoImages,
-    /// All depth images from a semicircle in one LDI about the central one (R11, P2).
+    /// All depth images from a semicircle in one LDI about the central one; of samples at similar depth the one with the
+    /// smaller area stays, those of one image all stay, and those of the central image are never displaced (R11).
     Ldi,
+    /// The same; samples at similar depth both stay if their colours differ (P2).
+    LdiColorsApart,
+    /// The same; samples at similar depth are averaged (S12).
+    LdiAverage,
     /// A cube LDI about the portal's middle, from rays through the whole opening.
     WindowLdi,
-    /// As [`Self::WindowLdi`], about the middle of the cell that looks.
+    /// As [`Self::WindowLdi`], about the middle of the cell that looks: what the cell's cube LDI holds of this portal.
     CellLdi,
+    /// A sprite with depth from straight in front, drawn in two passes (S5), where what lies behind is smooth; elsewhere
+    /// [`Self::WindowLdi`].
+    Sprite,
 }
 
 impl Kind {
     /// All kinds with the names under which the command line knows them.
-    pub const ALL: [(&'static str, Self); 7] = [
+    pub const ALL: [(&'static str, Self); 10] = [
         ("texture", Self::Texture),
         ("textures", Self::Textures),
         ("image", Self::Image),
         ("two-images", Self::TwoImages),
         ("ldi", Self::Ldi),
+        ("ldi-colors-apart", Self::LdiColorsApart),
+        ("ldi-average", Self::LdiAverage),
         ("window-ldi", Self::WindowLdi),
         ("cell-ldi", Self::CellLdi),
+        ("sprite", Self::Sprite),
     ];
 
     /// The name in [`Self::ALL`].
-    pub fn name(self) -> &'static str {
-        Self::ALL.iter().find(|(_, kind)| *kind == self).map_or("", |(name, _)| name)
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Texture => "texture",
+            Self::Textures => "textures",
+            Self::Image => "image",
+            Self::TwoImages => "two-images",
+            Self::Ldi => "ldi",
+            Self::LdiColorsApart => "ldi-colors-apart",
+            Self::LdiAverage => "ldi-average",
+            Self::WindowLdi => "window-ldi",
+            Self::CellLdi => "cell-ldi",
+            Self::Sprite => "sprite",
+        }
+    }
+
+    /// The conflict rule under which its images are merged (D1).
+    fn rule(self) -> MergeRule {
+        match self {
+            Self::LdiColorsApart => MergeRule::ColorsApart,
+            Self::LdiAverage | Self::WindowLdi | Self::CellLdi | Self::Sprite => MergeRule::Average,
+            Self::Texture | Self::Textures | Self::Image | Self::TwoImages | Self::Ldi => MergeRule::SmallerArea,
+        }
     }
 }
 
@@ -81,8 +116,6 @@ pub struct Quality {
     pub strata: u32,
     /// Rays in each stratum.
     pub rays: u32,
-    /// The conflict rule of [`Kind::Ldi`] (D1).
-    pub rule: MergeRule,
     /// Random seed.
     pub seed: u64,
 }
@@ -98,7 +131,6 @@ impl Default for Quality {
             texture_px: 256,
             strata: 16,
             rays: 32,
-            rule: MergeRule::SmallerArea,
             seed: 0,
         }
     }
@@ -111,6 +143,8 @@ pub enum Backdrop {
     Textures(TextureSet),
     /// Cubes, each with the place from which it was taken; of several the two nearest are drawn.
     Cubes(Vec<PackedCube>),
+    /// A sprite with depth.
+    Sprite(Box<PortalSprite>),
 }
 
 /// Why a backdrop could not be made.
@@ -129,6 +163,14 @@ pub enum BackdropError {
         portal: u32,
         /// Why.
         source: PackError,
+    },
+    /// The sprite could not be made.
+    #[error("the sprite of portal {portal} could not be made: {source}")]
+    Sprite {
+        /// Index of the portal.
+        portal: u32,
+        /// Why.
+        source: SpriteError,
     },
 }
 
@@ -187,7 +229,10 @@ impl Backdrop {
         let pack = |result: Result<PackedCube, PackError>| {
             result.map_err(|source| BackdropError::Pack { portal: at.portal, source })
         };
-        let one = |places: &[DVec3]| pack(images::ldi(house, &opening, places, quality));
+        let one = |places: &[DVec3]| pack(images::ldi(house, &opening, places, kind.rule(), quality));
+        let window = |centre: DVec3, face_px: u32| {
+            Ok(Self::Cubes(vec![pack(window::ldi(house, &opening, centre, face_px, quality))?]))
+        };
         Ok(match kind {
             Kind::Texture => Self::Textures(TextureSet::capture(house, &opening, &places[..1], quality)),
             Kind::Textures => Self::Textures(TextureSet::capture(house, &opening, &places, quality)),
@@ -195,13 +240,15 @@ impl Backdrop {
             Kind::TwoImages => {
                 Self::Cubes(places.iter().map(|place| one(std::slice::from_ref(place))).collect::<Result<_, _>>()?)
             }
-            Kind::Ldi => Self::Cubes(vec![one(&places)?]),
-            Kind::WindowLdi => {
-                Self::Cubes(vec![pack(window::ldi(house, &opening, opening.centre, quality.window_face_px, quality))?])
-            }
-            Kind::CellLdi => {
-                let centre = house.middle_of(looking).unwrap_or(places[0]);
-                Self::Cubes(vec![pack(window::ldi(house, &opening, centre, quality.face_px, quality))?])
+            Kind::Ldi | Kind::LdiColorsApart | Kind::LdiAverage => Self::Cubes(vec![one(&places)?]),
+            Kind::WindowLdi => window(opening.centre, quality.window_face_px)?,
+            Kind::CellLdi => window(house.middle_of(looking).unwrap_or(places[0]), quality.face_px)?,
+            Kind::Sprite => {
+                let sprite = PortalSprite::capture(house, &opening, places[0], quality);
+                match sprite.map_err(|source| BackdropError::Sprite { portal: at.portal, source })? {
+                    Some(sprite) => Self::Sprite(Box::new(sprite)),
+                    None => window(opening.centre, quality.window_face_px)?,
+                }
             }
         })
     }
@@ -211,14 +258,16 @@ impl Backdrop {
         match self {
             Self::Textures(set) => set.bytes(),
             Self::Cubes(cubes) => cubes.iter().map(cube_bytes).sum(),
+            Self::Sprite(sprite) => sprite.bytes(),
         }
     }
 
-    /// Depth pixels of all cubes; texels of textures.
+    /// Depth pixels of all cubes; texels of textures; pixels of a sprite.
     pub fn sample_count(&self) -> u64 {
         match self {
             Self::Textures(set) => set.bytes() / 4,
             Self::Cubes(cubes) => cubes.iter().map(|cube| cube.depth_pixel_count() as u64).sum(),
+            Self::Sprite(sprite) => sprite.sample_count(),
         }
     }
 }

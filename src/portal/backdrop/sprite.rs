@@ -1,0 +1,198 @@
+//! A sprite with depth behind a portal, where what lies behind is smooth enough for one (inventory S1, S5; R2).
+
+use super::Quality;
+use crate::capture::trace::Ray;
+use crate::capture::{Camera, DepthKind, srgb8_from_linear};
+use crate::frame::{Coverage, Frame};
+use crate::portal::house::House;
+use crate::portal::opening::Opening;
+use crate::sprite::{
+    DepthImport, DisplacementFormat, PreparedSprite, RenderOptions, SpriteError, SpriteFrame, SpriteRenderer,
+    SpriteWithDepth,
+};
+use glam::{DVec3, Vec3};
+use image::{Rgba, RgbaImage};
+use rayon::prelude::*;
+
+/// How far an eye is from the sprite's for which disocclusion is judged, metres: a step to the side.
+const STEP_M: f64 = 0.75;
+
+/// What disocclusion uncovers after that step, as a share of the sprite, up to which what it shows counts as smooth.
+const SMOOTH_SHARE: f64 = 0.02;
+
+/// Rays a side of each pixel.
+const RAYS_A_SIDE: u32 = 2;
+
+/// Depth of the sky, metres: at a step to the side it moves by a hundredth of a pixel.
+const SKY_M: f32 = 1e5;
+
+/// A sprite of what is seen through an opening from one place.
+#[derive(Clone, Debug)]
+pub struct PortalSprite {
+    prepared: PreparedSprite,
+}
+
+impl PartialEq for PortalSprite {
+    fn eq(&self, other: &Self) -> bool {
+        self.sprite() == other.sprite()
+    }
+}
+
+/// What a ray of a pixel found.
+struct Pixel {
+    color: [u8; 4],
+    /// Eye depth, metres; NaN outside of the opening.
+    depth: f32,
+}
+
+impl PortalSprite {
+    /// Prepares a sprite for drawing.
+    pub(crate) fn new(sprite: SpriteWithDepth) -> Self {
+        Self { prepared: PreparedSprite::new(sprite) }
+    }
+
+    /// The sprite.
+    pub fn sprite(&self) -> &SpriteWithDepth {
+        self.prepared.sprite()
+    }
+
+    /// Captures what shows through an opening from a place in front of it; `None` if it is not smooth.
+    pub(super) fn capture(
+        house: &House,
+        opening: &Opening,
+        place: DVec3,
+        quality: &Quality,
+    ) -> Result<Option<Self>, SpriteError> {
+        let Some(camera) = camera(opening, place, quality.texture_px) else { return Ok(None) };
+        let row = |y: u32| (0..camera.width()).map(move |x| pixel(house, opening, &camera, [x, y])).collect::<Vec<_>>();
+        let rows: Vec<Vec<Pixel>> = (0..camera.height()).into_par_iter().map(row).collect();
+        let depth: Vec<f32> = rows.iter().flatten().map(|pixel| pixel.depth).collect();
+        if depth.iter().all(|depth| depth.is_nan()) || disoccluded_share(&camera, &depth) > SMOOTH_SHARE {
+            return Ok(None);
+        }
+        let color =
+            RgbaImage::from_fn(camera.width(), camera.height(), |x, y| Rgba(rows[y as usize][x as usize].color));
+        let import = DepthImport {
+            color,
+            camera,
+            depth: &depth,
+            depth_kind: DepthKind::EyeDepth,
+            window_range_m: (0.0, 0.0),
+            plane: None,
+            format: DisplacementFormat::I16,
+        };
+        import.build().map(|sprite| Some(Self::new(sprite)))
+    }
+
+    /// Bytes in memory, near enough.
+    pub(super) fn bytes(&self) -> u64 {
+        12 * self.sample_count()
+    }
+
+    /// Pixels.
+    pub(super) fn sample_count(&self) -> u64 {
+        let (width, height) = self.sprite().sprite().color().dimensions();
+        u64::from(width) * u64::from(height)
+    }
+}
+
+/// The buffers that drawing sprites needs.
+#[derive(Default)]
+pub(super) struct SpriteDrawer {
+    renderer: SpriteRenderer,
+    drawn: SpriteFrame,
+}
+
+impl SpriteDrawer {
+    /// Draws a sprite on a frame of the camera's size, which is all holes; pixels that it leaves open stay holes.
+    pub(super) fn draw(&mut self, sprite: &PortalSprite, camera: &Camera, frame: &mut Frame) {
+        self.renderer.render(&sprite.prepared, camera, &RenderOptions::default(), &mut self.drawn);
+        let pixels = frame.color.iter_mut().zip(&mut frame.coverage).zip(self.drawn.pixels());
+        for ((color, coverage), &[r, g, b, alpha]) in pixels {
+            // Premultiplied; what a border's pixel lacks is more of the same.
+            if alpha >= 32 {
+                let whole = u32::from(alpha);
+                let straight = |c: u8| ((u32::from(c) * 255 + whole / 2) / whole).min(255) as u8;
+                (*color, *coverage) = ([straight(r), straight(g), straight(b), 255], Coverage::FULL);
+            }
+        }
+    }
+}
+
+/// A camera at a place that sees the whole opening, which is `texture_px` pixels wide or high or fewer in it.
+fn camera(opening: &Opening, place: DVec3, texture_px: u32) -> Option<Camera> {
+    let up = opening.up;
+    let probe = Camera::look_at(place, opening.centre, up, 90.0, 2, 2).ok()?;
+    // With this focal length of 1 px, positions are tangents.
+    let tangent = opening.corners.iter().try_fold([0.0f64; 2], |[x, y], corner| {
+        let [px, py, _] = probe.project(*corner)?;
+        Some([x.max((px - 1.0).abs()), y.max((py - 1.0).abs())])
+    })?;
+    let largest = tangent[0].max(tangent[1]);
+    let [width, height] = tangent.map(|t| ((t / largest * f64::from(texture_px)).ceil() as u32).max(2));
+    let fov_y_deg = 2.0 * (largest * f64::from(height) / f64::from(texture_px)).atan().to_degrees();
+    Camera::look_at(place, opening.centre, up, fov_y_deg, width, height).ok()
+}
+
+/// The mean of a pixel's rays that pass the opening, and the depth along its middle.
+fn pixel(house: &House, opening: &Opening, camera: &Camera, [x, y]: [u32; 2]) -> Pixel {
+    let (mut sum, mut hits, mut nearest) = (Vec3::ZERO, 0u32, f32::NAN);
+    for i in 0..RAYS_A_SIDE * RAYS_A_SIDE {
+        let at = |pixel: u32, k: u32| f64::from(pixel) + (f64::from(k) + 0.5) / f64::from(RAYS_A_SIDE);
+        let direction = camera.direction(at(x, i % RAYS_A_SIDE), at(y, i / RAYS_A_SIDE));
+        let Some((color, depth)) = radiance(house, opening, camera.eye(), direction) else { continue };
+        sum += color;
+        hits += 1;
+        nearest = nearest.min(depth);
+    }
+    if hits == 0 {
+        return Pixel { color: [0; 4], depth: f32::NAN };
+    }
+    let middle = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
+    let depth = radiance(house, opening, camera.eye(), middle).map_or(nearest, |(_, depth)| depth);
+    let [r, g, b] = (sum / hits as f32).to_array().map(srgb8_from_linear);
+    Pixel { color: [r, g, b, 255], depth }
+}
+
+/// What a ray meets behind the opening, and at which eye depth (directions have an eye depth of 1); `None` for a ray that
+/// misses the opening.
+fn radiance(house: &House, opening: &Opening, place: DVec3, direction: DVec3) -> Option<(Vec3, f32)> {
+    let toward = -opening.normal.dot(direction);
+    if toward <= 1e-9 {
+        return None;
+    }
+    let start = opening.distance_in_front(place) / toward;
+    let at = place + direction * start;
+    if !opening.contains(at) {
+        return None;
+    }
+    let ray = Ray {
+        origin: (at - house.tracer().origin()).as_vec3(),
+        direction: direction.as_vec3(),
+        t_min: 0.0,
+        t_max: f32::INFINITY,
+    };
+    let lighting = house.lighting();
+    Some(match house.tracer().closest(&ray) {
+        Some(hit) => (house.surface(&ray, &hit).0, start as f32 + hit.t),
+        None => {
+            let light = Vec3::from(lighting.miss_radiance(ray.direction.normalize_or_zero())) * lighting.exposure;
+            (light, SKY_M)
+        }
+    })
+}
+
+/// The share of the picture that a step to the side or upward uncovers: gaps between neighbours that move apart by more than
+/// a pixel, counted along rows and columns.
+fn disoccluded_share(camera: &Camera, depth: &[f32]) -> f64 {
+    let width = camera.width() as usize;
+    let inverse = |i: usize| depth.get(i).filter(|depth| depth.is_finite()).map(|&depth| 1.0 / f64::from(depth));
+    let gap = |a: usize, b: usize| match (inverse(a), inverse(b)) {
+        (Some(a), Some(b)) => ((a - b).abs() * camera.focal_px() * STEP_M - 1.0).max(0.0),
+        _ => 0.0,
+    };
+    let along = (0..depth.len()).filter(|i| i % width + 1 < width).map(|i| gap(i, i + 1)).sum::<f64>();
+    let across = (0..depth.len().saturating_sub(width)).map(|i| gap(i, i + width)).sum::<f64>();
+    let known = depth.iter().filter(|depth| depth.is_finite()).count();
+    along.max(across) / known.max(1) as f64
+}

@@ -1,0 +1,124 @@
+//! Exposure errors: pixels whose backdrop shows nothing, or a surface that is not there.
+//!
+//! Surfaces are told apart by colour, in a house without textures and light whose materials have colours far apart, and by
+//! footprints that do not mix ([`SplatKernel::Opaque`]): detail that is only blurred does not count, nor does a silhouette
+//! that is off by up to [`OFF_PX`].
+
+use super::{MeasureError, MeasureSettings, has_depth, share};
+use crate::capture::portal_model::PortalModel;
+use crate::capture::sampler::random4;
+use crate::capture::{Camera, linear_from_srgb8};
+use crate::frame::Frame;
+use crate::ldi::build::Progress;
+use crate::portal::backdrop::Kind;
+use crate::portal::house::{House, HouseError};
+use crate::portal::store::Store;
+use crate::portal::variant::Variant;
+use crate::portal::walk::{WalkSettings, Walker};
+use crate::raster::Seen;
+use crate::splat::SplatKernel;
+use crate::warp::RenderSettings;
+use serde::Serialize;
+
+/// A pixel whose colour differs by more than this (sRGB levels) in a channel shows another surface: materials are 60 apart.
+const WRONG_LEVELS: u8 = 24;
+
+/// How far a surface may be from its place, pixels: about half of a sample of the coarsest backdrop in a frame.
+const OFF_PX: i64 = 1;
+
+/// Exposure errors of one way to draw.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ExposureRow {
+    /// Name of the kind of backdrop.
+    pub name: &'static str,
+    /// Share of the pixels behind portals that show nothing or a wrong surface.
+    pub wrong_share: f64,
+    /// Of these, those that show nothing, as a share of the pixels behind portals.
+    pub hole_share: f64,
+    /// The largest share of wrong pixels of one pose.
+    pub worst_share: f64,
+    /// Samples of one backdrop, mean.
+    pub samples: f64,
+}
+
+/// Exposure errors at some poses, of every kind of backdrop with depth among the variants.
+pub(super) fn errors(
+    house: &House,
+    cameras: &[Camera],
+    settings: &MeasureSettings,
+    progress: &dyn Progress,
+) -> Result<Vec<ExposureRow>, MeasureError> {
+    let house = false_colors(house)?;
+    let kinds: Vec<Kind> = settings.variants.iter().filter_map(|v| v.kind).filter(|kind| has_depth(*kind)).collect();
+    progress.begin("exposure errors", "kinds", kinds.len() as u64);
+    let mut rows: Vec<ExposureRow> = Vec::new();
+    for kind in kinds {
+        if rows.iter().all(|known| known.name != kind.name()) {
+            rows.push(row(&house, cameras, settings, kind)?);
+        }
+        progress.advance(1);
+    }
+    Ok(rows)
+}
+
+fn row(house: &House, cameras: &[Camera], settings: &MeasureSettings, kind: Kind) -> Result<ExposureRow, MeasureError> {
+    let store = Store::new(u64::MAX);
+    let warp = RenderSettings { kernel: SplatKernel::Opaque, ..RenderSettings::default() };
+    let drawn = WalkSettings { backdrops: Some(kind), warp, ..Variant::ALL[0].settings() };
+    let (mut geometry, mut walker) = (Walker::new(), Walker::new());
+    let (mut wrong, mut holes, mut pixels, mut worst) = (0, 0, 0, 0.0f64);
+    for camera in cameras {
+        Walker::prepare(house, &store, camera, &drawn, &settings.quality)?;
+        let truth = geometry.frame(house, &store, camera, &WalkSettings::default()).0;
+        let stats = walker.frame(house, &store, camera, &drawn).1.clone();
+        let shown = walker.last();
+        let behind = |pixel: usize| matches!(shown.seen(pixel), Seen::Marker(_));
+        let of_pose = wrong_pixels(&shown.frame, truth, behind);
+        // Of a sliver of a portal nothing is learned.
+        if stats.backdrop_pixels * 100 > stats.pixels {
+            worst = worst.max(share(of_pose as f64, stats.backdrop_pixels as f64));
+        }
+        (wrong, holes, pixels) = (wrong + of_pose, holes + stats.hole_pixels, pixels + stats.backdrop_pixels);
+    }
+    let all = store.all();
+    let samples: u64 = all.iter().map(|(_, backdrop)| backdrop.sample_count()).sum();
+    Ok(ExposureRow {
+        name: kind.name(),
+        wrong_share: share(wrong as f64, pixels as f64),
+        hole_share: share(holes as f64, pixels as f64),
+        worst_share: worst,
+        samples: share(samples as f64, all.len() as f64),
+    })
+}
+
+/// The same house with a colour for each material, and no light.
+fn false_colors(house: &House) -> Result<House, HouseError> {
+    let mut model = PortalModel { scene: (**house.scene()).clone(), ..house.plan().clone() };
+    for (i, material) in (0u32..).zip(&mut model.scene.materials) {
+        let hash = random4([i, 1, 2, 3]);
+        // Four levels for each channel.
+        material.albedo = [0, 1, 2].map(|c| linear_from_srgb8(60 * (hash[c] >> 30) as u8 + 20));
+        (material.albedo_texture, material.emission, material.emission_texture) = (None, [0.0; 3], None);
+    }
+    model.scene.colors.clear();
+    House::new(model)
+}
+
+/// Pixels that count and show nothing, or a colour that no true pixel nearby has.
+fn wrong_pixels(frame: &Frame, truth: &Frame, counts: impl Fn(usize) -> bool) -> u64 {
+    let (width, height) = (i64::from(frame.width), i64::from(frame.height));
+    let near = || (-OFF_PX..=OFF_PX).flat_map(|dy| (-OFF_PX..=OFF_PX).map(move |dx| (dx, dy)));
+    let is_wrong = |pixel: usize| {
+        let (x, y) = (pixel as i64 % width, pixel as i64 / width);
+        let same = |(dx, dy): (i64, i64)| {
+            let (x, y) = (x + dx, y + dy);
+            let inside = (0..width).contains(&x) && (0..height).contains(&y);
+            inside && {
+                let other = truth.color[(y * width + x) as usize];
+                (0..3).all(|c| other[c].abs_diff(frame.color[pixel][c]) <= WRONG_LEVELS)
+            }
+        };
+        frame.coverage[pixel].is_hole() || !near().any(same)
+    };
+    (0..frame.color.len()).filter(|&pixel| counts(pixel) && is_wrong(pixel)).count() as u64
+}

@@ -1,0 +1,59 @@
+//! A walk whose backdrops are built ahead of need (inventory R3, R16, S24).
+
+use super::backdrop::Quality;
+use super::house::House;
+use super::store::{Builder, Store};
+use super::walk::{WalkSettings, WalkStats, Walker, likely};
+use crate::capture::Camera;
+use crate::frame::Frame;
+use crate::raster::RasterFrame;
+use std::sync::Arc;
+
+/// A house, a walker, a store of backdrops, and a thread that fills it: first with what the last frame lacked, then with what
+/// the next ones are likely to need. Until a backdrop is there, what is behind its portal is geometry.
+pub struct Tour {
+    /// How frames are drawn; may be changed between frames.
+    pub settings: WalkSettings,
+    house: Arc<House>,
+    store: Arc<Store>,
+    builder: Builder,
+    walker: Walker,
+}
+
+impl Tour {
+    /// Starts the thread. The store may hold backdrops already, from a `.house` file for instance.
+    pub fn new(house: Arc<House>, store: Arc<Store>, quality: Quality, settings: WalkSettings) -> Self {
+        let builder = Builder::new(Arc::clone(&house), Arc::clone(&store), quality);
+        Self { settings, house, store, builder, walker: Walker::new() }
+    }
+
+    /// Draws what a camera sees, on the current rayon thread pool, and orders what was missing.
+    pub fn frame(&mut self, camera: &Camera) -> (&Frame, &WalkStats) {
+        let (frame, stats) = self.walker.frame(&self.house, &self.store, camera, &self.settings);
+        if let Some(kind) = self.settings.backdrops {
+            let urgent = stats.missing.iter().map(|at| (*at, kind));
+            self.builder.want(urgent.chain(likely(&self.house, camera.eye(), kind)));
+        }
+        (frame, stats)
+    }
+
+    /// The last frame with what each of its pixels shows.
+    pub fn last(&self) -> &RasterFrame {
+        self.walker.last()
+    }
+
+    /// The house.
+    pub fn house(&self) -> &House {
+        &self.house
+    }
+
+    /// The backdrops.
+    pub fn store(&self) -> &Store {
+        &self.store
+    }
+
+    /// Waits until nothing is ordered that could still be built.
+    pub fn wait(&self) {
+        self.builder.wait();
+    }
+}

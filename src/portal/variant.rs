@@ -1,0 +1,63 @@
+//! Ways to draw a walk, by the names under which the command line and the reports know them.
+
+use super::backdrop::Kind;
+use super::walk::WalkSettings;
+use crate::splat::SplatKernel;
+use crate::warp::RenderSettings;
+
+/// A way to draw a walk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Variant {
+    /// Its name.
+    pub name: &'static str,
+    /// What stands behind portals; `None` for geometry alone.
+    pub kind: Option<Kind>,
+    /// The footprints of layered depth images.
+    pub kernel: SplatKernel,
+    /// Holes keep what the last frame had there (R8).
+    pub persistence: bool,
+}
+
+impl Variant {
+    /// All ways: culled geometry; each backdrop; one warped image over the frame before (R8); and the 13-image LDI with the
+    /// fixed stamps of R7 in place of footprints of the samples' sizes.
+    pub const ALL: [Self; 15] = [
+        Self { name: "geometry", kind: None, ..Self::PLAIN },
+        Self::of(Kind::Texture),
+        Self::of(Kind::Textures),
+        Self::of(Kind::Image),
+        Self { name: "persistence", kind: Some(Kind::Image), persistence: true, ..Self::PLAIN },
+        Self::of(Kind::TwoImages),
+        Self::of(Kind::Ldi),
+        Self::of(Kind::LdiColorsApart),
+        Self::of(Kind::LdiAverage),
+        Self { name: "ldi-plus", kind: Some(Kind::Ldi), kernel: SplatKernel::Plus, ..Self::PLAIN },
+        Self { name: "ldi-2x2", kind: Some(Kind::Ldi), kernel: SplatKernel::Square2, ..Self::PLAIN },
+        Self { name: "ldi-3x3", kind: Some(Kind::Ldi), kernel: SplatKernel::Square3, ..Self::PLAIN },
+        Self::of(Kind::WindowLdi),
+        Self::of(Kind::CellLdi),
+        Self::of(Kind::Sprite),
+    ];
+
+    const PLAIN: Self = Self { name: "", kind: None, kernel: SplatKernel::Tent, persistence: false };
+
+    const fn of(kind: Kind) -> Self {
+        Self { name: kind.name(), kind: Some(kind), ..Self::PLAIN }
+    }
+
+    /// The one with a name.
+    pub fn by_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|variant| variant.name == name)
+    }
+
+    /// The names of all, with commas between them.
+    pub fn names() -> String {
+        Self::ALL.map(|variant| variant.name).join(", ")
+    }
+
+    /// The settings of a walk that is drawn so.
+    pub fn settings(self) -> WalkSettings {
+        let warp = RenderSettings { kernel: self.kernel, ..RenderSettings::default() };
+        WalkSettings { backdrops: self.kind, persistence: self.persistence, warp, ..WalkSettings::default() }
+    }
+}
