@@ -20,14 +20,19 @@ const LABEL_PX: f64 = 9.0;
 /// Surfaces this steep (the cosine of their normal with the vertical below it) are walls and furniture.
 const STEEP: f64 = 0.3;
 
+/// How far below the cut low furniture is cut, metres.
+const LOWER_M: f64 = 0.75;
+/// Colours of the lower cut and of the cut.
+const CUT_COLORS: [[u8; 3]; 2] = [[165; 3], [40; 3]];
+
 /// What is drawn of a portal model; positions are pixels from the upper left corner.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
     width: u32,
     height: u32,
     rooms: Vec<Room>,
-    /// What a cut at a metre's height meets.
-    cut: Vec<[DVec2; 2]>,
+    /// What a cut at the wished height meets, and before it one lower down, which shows low furniture.
+    cuts: [Vec<[DVec2; 2]>; 2],
     openings: Vec<Opening>,
 }
 
@@ -49,7 +54,7 @@ struct Opening {
 
 impl Plan {
     /// Draws up the plan of a model, cut `cut_y` metres above the world's origin (a metre above the floor shows walls,
-    /// windows and furniture). Portals carry their index as a number.
+    /// windows and high furniture; low furniture is shown paler). Portals carry their index as a number.
     pub fn new(model: &PortalModel, cut_y: f64) -> Self {
         let spaces = || model.cells.iter().flat_map(|cell| cell.space.iter().flat_map(|prism| &prism.outline));
         let openings = || model.portals.iter().flat_map(|portal| portal.polygon.iter().map(in_plan));
@@ -66,11 +71,13 @@ impl Plan {
         let to_px = |p: DVec2| (p - low) * scale + MARGIN_PX;
         let whole = |extent: f64| (extent * scale + 2.0 * MARGIN_PX).ceil().clamp(1.0, WIDTH_PX.max(HIGHEST_PX)) as u32;
         let [least, most] = [low - 0.5, high + 0.5];
-        let cut = (0..model.scene.triangles.len() as u32)
-            .filter_map(|triangle| cut_triangle(model.scene.corners(triangle), cut_y))
-            .filter(|ends| ends.iter().all(|p| p.cmpge(least).all() && p.cmple(most).all()))
-            .map(|ends| ends.map(to_px))
-            .collect();
+        let cut = |y: f64| {
+            (0..model.scene.triangles.len() as u32)
+                .filter_map(|triangle| cut_triangle(model.scene.corners(triangle), y))
+                .filter(|ends| ends.iter().all(|p| p.cmpge(least).all() && p.cmple(most).all()))
+                .map(|ends| ends.map(to_px))
+                .collect()
+        };
         Self {
             width: whole(size.x),
             height: whole(size.y),
@@ -80,7 +87,7 @@ impl Plan {
                 .enumerate()
                 .filter_map(|(i, cell)| room(i, &cell.name, &cell.space, to_px))
                 .collect(),
-            cut,
+            cuts: [cut(cut_y - LOWER_M), cut(cut_y)],
             openings: model.portals.iter().enumerate().map(|(i, portal)| opening(model, i, portal, to_px)).collect(),
         }
     }
@@ -102,11 +109,13 @@ impl Plan {
                 add(format_args!("<polygon points=\"{}\" fill=\"rgb({r},{g},{b})\"/>\n", points.join(" ")));
             }
         }
-        add(format_args!("<path fill=\"none\" stroke=\"#333\" stroke-width=\"0.8\" d=\""));
-        for [a, b] in &self.cut {
-            add(format_args!("M{:.1} {:.1}L{:.1} {:.1}", a.x, a.y, b.x, b.y));
+        for (cut, [r, g, b]) in self.cuts.iter().zip(CUT_COLORS) {
+            add(format_args!("<path fill=\"none\" stroke=\"rgb({r},{g},{b})\" stroke-width=\"0.8\" d=\""));
+            for [a, b] in cut {
+                add(format_args!("M{:.1} {:.1}L{:.1} {:.1}", a.x, a.y, b.x, b.y));
+            }
+            add(format_args!("\"/>\n"));
         }
-        add(format_args!("\"/>\n"));
         for opening in &self.openings {
             let ([a, b], color) = (opening.ends, opening.color());
             add(format_args!(
@@ -152,12 +161,14 @@ impl Plan {
                 pixmap.fill_path(&path, &paint(room.color), FillRule::EvenOdd, Transform::identity(), None);
             }
         }
-        let mut lines = PathBuilder::new();
-        for [a, b] in &self.cut {
-            lines.move_to(a.x as f32, a.y as f32);
-            lines.line_to(b.x as f32, b.y as f32);
+        for (cut, color) in self.cuts.iter().zip(CUT_COLORS) {
+            let mut lines = PathBuilder::new();
+            for [a, b] in cut {
+                lines.move_to(a.x as f32, a.y as f32);
+                lines.line_to(b.x as f32, b.y as f32);
+            }
+            stroke(&mut pixmap, lines, color, 0.8);
         }
-        stroke(&mut pixmap, lines, [51; 3], 0.8);
         for opening in &self.openings {
             let mut line = PathBuilder::new();
             let [a, b] = opening.ends;
@@ -244,10 +255,11 @@ fn label_place(outline: &[DVec2]) -> DVec2 {
         low + (high - low) * share
     });
     let inside = points.filter(|p| prism.contains(DVec3::new(p.x, 0.5, p.y)));
-    // Names are wide: distances along x count less.
+    // Names are wide: distances along x count less. Of places as good as each other, the most central.
+    let middle = (low + high) / 2.0;
     let room = |p: &DVec2| {
         let edges = outline.iter().zip(outline.iter().cycle().skip(1));
-        edges.map(|(&a, &b)| distance_to_edge(*p, a, b)).fold(f64::INFINITY, f64::min)
+        edges.map(|(&a, &b)| distance_to_edge(*p, a, b)).fold(f64::INFINITY, f64::min) - 0.05 * p.distance(middle)
     };
     inside.max_by(|a, b| room(a).total_cmp(&room(b))).unwrap_or((low + high) / 2.0)
 }

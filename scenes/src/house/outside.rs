@@ -17,6 +17,8 @@ const SLAB: [f64; 2] = [3.1, 3.25];
 const EAVES: f64 = 0.75;
 /// The garden is this much coarser than the house: grass needs fewer triangles a square metre.
 const COARSER: f64 = 8.0;
+/// And so do trees, which are looked at from afar.
+const PLANTS: f64 = 0.5;
 
 pub(super) fn add(mesh: &mut Mesh, plan: &Plan, palette: &Palette, rng: &Rng, furnished: bool) {
     let heights = [GROUND - 0.15, SLAB[0] + 0.05];
@@ -48,10 +50,11 @@ pub(super) fn add(mesh: &mut Mesh, plan: &Plan, palette: &Palette, rng: &Rng, fu
     mesh.fineness.edge_m *= COARSER;
     let corner = dvec3(-34.0, GROUND, 28.0);
     mesh.add_rectangle(corner, DVec3::X * 68.0, DVec3::NEG_Z * 56.0, 2.5, palette.finishes.lawn);
-    mesh.fineness = fine;
     if furnished {
+        mesh.fineness.round *= PLANTS;
         add_garden(mesh, plan, palette, rng);
     }
+    mesh.fineness = fine;
 }
 
 /// A slab with a hipped roof on it, and a chimney.
