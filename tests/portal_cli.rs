@@ -28,7 +28,7 @@ fn a_house_is_written_described_and_walked() {
     let at = folder.path();
     let made = json(
         at,
-        "house builtin:house --triangles 6000 --rays 0 -o a.house --backdrops texture --walk walk.json --poses 3 --json",
+        "house builtin:house --triangles 6000 --rays 0 -o a.house --edge 4 --light-samples 2 --backdrops texture --walk walk.json --poses 3 --json",
     );
     let portals = made["portals"].as_array().expect("a list").len() as u64;
     assert_eq!(made["file"]["captures"], 2 * portals);
@@ -56,7 +56,20 @@ fn a_house_is_written_described_and_walked() {
         2,
         "there are: texture",
     );
+    refused(at, "house builtin:house --rays 0 --triangles 6000 --edge 0 -o b.house", 2, "--edge 0");
     refused(at, "house builtin:house --rays 0 --triangles 6000 --poses 0 --walk w.json", 2, "poses");
+    let report = json(
+        at,
+        "walk a.house -o measured --poses 2 --size 64x48 --truth-every 1 --pictures 1 --repeat 1 --variants texture,image --json",
+    );
+    let rows = report["rows"].as_array().expect("a list");
+    assert_eq!((rows.len(), &rows[0]["name"], &rows[2]["name"]), (3, &"geometry".into(), &"image".into()));
+    assert!(rows.iter().all(|row| row["frame_ms"]["median"].as_f64() > Some(0.0)), "{report}");
+    assert!(report["exposure"].as_array().map(Vec::len) == Some(1) && report["poses"] == 2, "{report}");
+    let page = std::fs::read_to_string(at.join("measured/walk.md")).expect("a page");
+    assert!(page.contains("| image |") && at.join("measured/pose_000.png").exists(), "{page}");
+    refused(at, "walk a.house -o measured --variants mirrors", 2, "there are: geometry");
+
     let mut bytes = std::fs::read(at.join("a.house")).expect("bytes");
     bytes.truncate(bytes.len() / 2);
     std::fs::write(at.join("a.house"), bytes).expect("written");

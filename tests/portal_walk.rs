@@ -14,6 +14,7 @@ use headbox::portal::file;
 use headbox::portal::house::{House, HouseError};
 use headbox::portal::path::WalkPath;
 use headbox::portal::store::{Builder, Store};
+use headbox::portal::tour::Tour;
 use headbox::portal::walk::{Near, WalkSettings, Walker, likely};
 use headbox::raster::Seen;
 use std::sync::Arc;
@@ -69,6 +70,11 @@ const DOOR_HEIGHT: f64 = 2.0;
 /// Three rooms of 4 by 4 by 2.5 m in a row along x, a door between neighbours, a table in each, and the sky over nothing:
 /// the last room has no end wall.
 fn three_rooms() -> PortalModel {
+    rooms(Some([dvec3(2.2, 0.0, 2.4), dvec3(2.9, 0.7, 3.2)]))
+}
+
+/// With a box in each room, relative to its corner.
+fn rooms(cuboid: Option<[DVec3; 2]>) -> PortalModel {
     let mut build = Build::default();
     let mut cells = Vec::new();
     let colors = [Vec3::new(0.8, 0.5, 0.4), Vec3::new(0.4, 0.7, 0.5), Vec3::new(0.4, 0.5, 0.9)];
@@ -98,7 +104,9 @@ fn three_rooms() -> PortalModel {
                 build.quad(top, color);
             }
         }
-        build.cuboid(at(x0 + 2.2, 0.0, 2.4), at(x0 + 2.9, 0.7, 3.2), Vec3::new(0.7, 0.6, 0.2));
+        if let Some([low, high]) = cuboid {
+            build.cuboid(low + DVec3::X * x0, high + DVec3::X * x0, Vec3::new(0.7, 0.6, 0.2));
+        }
         let corners = [[x0, 0.0], [x1, 0.0], [x1, 4.0], [x0, 4.0]];
         let space = vec![Prism { outline: corners.map(DVec2::from).to_vec(), floor_y: 0.0, ceiling_y: 2.5 }];
         cells.push(Cell { name: format!("room {i}"), space, triangles: first..build.scene.triangles.len() as u32 });
@@ -127,6 +135,7 @@ fn house() -> House {
 const QUALITY: Quality = Quality {
     face_px: 128,
     window_face_px: 128,
+    window_back_m: 0.5,
     images: 3,
     radius_m: 1.5,
     eye_height_m: 1.5,
@@ -393,3 +402,56 @@ fn a_path_enters_every_room() {
     assert_ne!(cameras, other);
     assert!(WalkPath { size: [0, 0], ..path }.cameras(&house).is_err());
 }
+
+#[test]
+fn a_tour_orders_what_it_lacks_and_stays_within_its_budget() {
+    let one =
+        Backdrop::capture(&house(), PortalSide { portal: 0, side: 0 }, Kind::Texture, &QUALITY).expect("a capture");
+    let settings =
+        WalkSettings { backdrops: Some(Kind::Texture), near: Near::Distance(0.5), ..WalkSettings::default() };
+    for (room_for, wanted) in [(1, 1), (2, 2), (100, 3)] {
+        let store = Arc::new(Store::new(one.bytes() * room_for));
+        let mut tour = Tour::new(Arc::new(house()), Arc::clone(&store), QUALITY, settings);
+        let (frame, stats) = tour.frame(&poses()[0]);
+        assert_eq!((frame.hole_count(), stats.portals), (0, 0), "geometry until there is an image");
+        tour.wait();
+        assert_eq!(store.all().len(), wanted, "the likeliest, as far as they fit");
+        for _ in 0..3 {
+            let stats = tour.frame(&poses()[0]).1;
+            assert_eq!((stats.portals, stats.missing.len()), (1, 0), "the door in sight is not thrown out for others");
+            tour.wait();
+        }
+    }
+}
+
+#[test]
+fn an_empty_room_is_a_sprite_and_one_with_a_pillar_is_not() {
+    let empty = House::new(rooms(None)).expect("a valid model");
+    let at = PortalSide { portal: 0, side: 1 };
+    let capture = |house: &House| Backdrop::capture(house, at, Kind::Sprite, &QUALITY).expect("a capture");
+    let pillar = rooms(Some([dvec3(3.4, 0.0, 1.8), dvec3(3.6, 2.4, 2.1)]));
+    let pillar = House::new(pillar).expect("a valid model");
+    assert!(matches!(capture(&pillar), Backdrop::Cubes(_)));
+    let sprite = capture(&empty);
+    assert!(matches!(sprite, Backdrop::Sprite(_)));
+
+    let store = Store::new(1 << 30);
+    assert!(store.insert((at, Kind::Sprite), Arc::new(sprite)));
+    let settings = WalkSettings { backdrops: Some(Kind::Sprite), near: Near::Distance(0.5), ..WalkSettings::default() };
+    let camera = poses()[2];
+    let mut walker = Walker::new();
+    let (frame, stats) = walker.frame(&empty, &store, &camera, &settings);
+    assert!(stats.portals == 1 && stats.hole_pixels * 10 < stats.backdrop_pixels, "{stats:?}");
+    let (frame, shown) = (frame.clone(), walker.last().clone());
+    let behind = |i: usize| matches!(shown.seen(i), Seen::Marker(_));
+    let wrong = wrong_share(&frame, &truth(&empty, &camera), behind);
+    assert!(wrong < SPRITE_WRONG_AT_MOST, "{wrong}");
+
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.house");
+    file::write(&path, &empty, &store, &QUALITY).expect("written");
+    assert_eq!(file::read(&path, 1 << 30).expect("read").1.all(), store.all());
+}
+
+/// As [`WRONG_AT_MOST`]: squares' borders are blurred, and what the door frame hid from the sprite's eye is a hole.
+const SPRITE_WRONG_AT_MOST: f64 = 0.5;

@@ -6,6 +6,7 @@ use super::output::print_json;
 use super::progress::Bar;
 use super::walk::variant_by_name;
 use crate::capture::Camera;
+use crate::capture::bake::{BakeOptions, bake_model};
 use crate::capture::path::{CameraRecord, PathRecord};
 use crate::capture::portal_model::PortalModel;
 use crate::capture::scene::FileFrame;
@@ -23,6 +24,7 @@ use image::RgbImage;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 /// Memory for backdrops, bytes.
@@ -36,6 +38,15 @@ pub(super) struct HouseFileArgs {
     /// What to capture behind both sides of every portal: see the list that a wrong name prints; `none` for nothing
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', default_value = "window-ldi")]
     backdrops: Vec<String>,
+    /// Leave the model's colours as they are instead of baking its light into the vertices
+    #[arg(long)]
+    unlit: bool,
+    /// Edges longer than this are cut before light is baked, metres
+    #[arg(long, value_name = "M", default_value_t = BakeOptions::default().edge_m)]
+    edge: f64,
+    /// Light samples for each vertex
+    #[arg(long, value_name = "N", default_value_t = BakeOptions::default().samples, value_parser = clap::value_parser!(u32).range(1..=4096))]
+    light_samples: u32,
     /// Write a walk through every room to this JSON file
     #[arg(long, value_name = "PATH.json")]
     walk: Option<PathBuf>,
@@ -52,6 +63,9 @@ impl HouseFileArgs {
     /// Whether anything is to be written; names are checked.
     pub(super) fn wanted(&self) -> Result<bool, UsageError> {
         self.kinds()?;
+        if self.edge.is_nan() || self.edge < 0.01 {
+            return Err(UsageError(format!("--edge {}: give a length of at least 0.01 m", self.edge)));
+        }
         Ok(self.output.is_some() || self.walk.is_some())
     }
 
@@ -62,7 +76,7 @@ impl HouseFileArgs {
 
     /// Captures and writes what is wanted.
     pub(super) fn write(&self, model: PortalModel) -> anyhow::Result<Value> {
-        let house = House::new(model)?;
+        let house = House::new(self.lit(model))?;
         if let Some(path) = &self.walk {
             self.write_walk(&house, path)?;
         }
@@ -87,6 +101,26 @@ impl HouseFileArgs {
         Ok(json!({
             "output": path, "bytes": bytes, "captures": keys.len(), "capture_s": capture_s, "walk": self.walk,
         }))
+    }
+
+    /// The model with its light baked in, if it is wanted and there is a file to hold it.
+    fn lit(&self, model: PortalModel) -> PortalModel {
+        if self.unlit || self.output.is_none() || model.scene.validate().is_err() {
+            return model;
+        }
+        let bar = Bar::new();
+        let options = BakeOptions { edge_m: self.edge, samples: self.light_samples, ..BakeOptions::default() };
+        let done = AtomicU64::new(0);
+        let baked = bake_model(model, &options, &|of_all, all| {
+            // Vertices are told of in any order: the bar shows the most.
+            let before = done.fetch_max(of_all as u64, Ordering::Relaxed);
+            if before == 0 {
+                bar.begin("light", "vertices", all as u64);
+            }
+            bar.advance((of_all as u64).saturating_sub(before));
+        });
+        bar.finish();
+        baked
     }
 
     fn write_walk(&self, house: &House, path: &Path) -> anyhow::Result<()> {

@@ -224,8 +224,11 @@ impl Walker {
         let Some([columns, rows]) = touched(output, number, &boundary.window) else { return };
         let Ok(part) = camera.cropped(columns.clone(), rows.clone()) else { return };
         // A band for each thread: a depth pixel near the border of two is warped for both.
-        let bands = rayon::current_num_threads() as u32;
-        let warp = RenderSettings { band_rows: rows.len() as u32 / bands + 1, ..settings.warp };
+        let band_rows = match settings.warp.band_rows {
+            0 => rows.len() as u32 / rayon::current_num_threads() as u32 + 1,
+            asked => asked,
+        };
+        let warp = RenderSettings { band_rows, ..settings.warp };
         let (drawn, took) = self.drawer.draw(&boundary.backdrop, &part, &warp);
         stats.portals += 1;
         stats.backdrop.samples += took.samples;

@@ -1,5 +1,6 @@
 //! Textures with their minified copies.
 
+use super::view::{LANES, Lane};
 use crate::capture::{Texture, linear_from_srgb8, srgb8_from_linear};
 
 /// Sixteen bits of linear light: a step is a twentieth of the darkest step of 8-bit sRGB.
@@ -28,37 +29,55 @@ impl Level {
         Self { width: texture.width(), height: texture.height(), texels }
     }
 
-    /// Bilinear, wrapping around, as [`Texture::sample`] is: linear RGB.
+    /// Multiplies each channel of the first `count` lanes by the texture at (u, v): bilinear, wrapping around, as
+    /// [`Texture::sample`] is, linear light.
     #[inline(always)]
-    pub(super) fn sample(&self, u: f32, v: f32) -> [f32; 3] {
-        let (x0, x1, fx) = neighbours(u, self.width);
-        let (y0, y1, fy) = neighbours(1.0 - v, self.height);
-        let width = self.width as usize;
-        let at = |x: usize, y: usize| self.texels.get(y * width + x).copied().unwrap_or([0; 4]);
-        let (a, b, c, d) = (at(x0, y0), at(x1, y0), at(x0, y1), at(x1, y1));
-        let mut mixed = [0.0; 4];
-        for i in 0..4 {
-            let (a, b, c, d) = (f32::from(a[i]), f32::from(b[i]), f32::from(c[i]), f32::from(d[i]));
-            let (top, bottom) = (a + (b - a) * fx, c + (d - c) * fx);
-            mixed[i] = (top + (bottom - top) * fy) * (1.0 / FULL);
+    pub(super) fn multiply(&self, u: &Lane, v: &Lane, count: usize, channels: &mut [Lane; 3]) {
+        let mut upward = [0.0; LANES];
+        upward.iter_mut().zip(v).for_each(|(upward, v)| *upward = 1.0 - v);
+        let (x, y) = (Neighbours::new(u, self.width), Neighbours::new(&upward, self.height));
+        for i in 0..count.min(LANES) {
+            let [upper, lower] = [y.first[i], y.second[i]].map(|row| row * self.width);
+            let at = |row: u32, column: u32| self.texels.get((row + column) as usize).copied().unwrap_or([0; 4]);
+            let (a, b) = (at(upper, x.first[i]), at(upper, x.second[i]));
+            let (c, d) = (at(lower, x.first[i]), at(lower, x.second[i]));
+            // Four channels, for the compiler to take at once.
+            let mut mixed = [0.0; 4];
+            for (k, mixed) in mixed.iter_mut().enumerate() {
+                let (a, b, c, d) = (f32::from(a[k]), f32::from(b[k]), f32::from(c[k]), f32::from(d[k]));
+                let (top, bottom) = (a + (b - a) * x.share[i], c + (d - c) * x.share[i]);
+                *mixed = (top + (bottom - top) * y.share[i]) * (1.0 / FULL);
+            }
+            channels.iter_mut().zip(mixed).for_each(|(channel, mixed)| channel[i] *= mixed);
         }
-        [mixed[0], mixed[1], mixed[2]]
     }
 }
 
-/// The two texels on either side of the texture coordinate `t` and the weight of the second.
-#[inline(always)]
-fn neighbours(t: f32, size: u32) -> (usize, usize, f32) {
-    let size_f = size as f32;
-    // `t.floor()` without the call into libm; the cast turns NaN and what is out of range into numbers.
-    let truncated = t as i32 as f32;
-    let fraction = t - if truncated > t { truncated - 1.0 } else { truncated };
-    let fraction = if (0.0..=1.0).contains(&fraction) { fraction } else { 0.0 };
-    let x = fraction * size_f - 0.5;
-    let x = if x < 0.0 { x + size_f } else { x };
-    let first = (x as usize).min(size as usize - 1);
-    let second = if first + 1 == size as usize { 0 } else { first + 1 };
-    (first, second, (x - first as f32).clamp(0.0, 1.0))
+/// The two texels on either side of texture coordinates, and the weight of the second.
+struct Neighbours {
+    first: [u32; LANES],
+    second: [u32; LANES],
+    share: Lane,
+}
+
+impl Neighbours {
+    #[inline(always)]
+    fn new(t: &Lane, size: u32) -> Self {
+        let (last, size_f) = (size - 1, size as f32);
+        let mut found = Self { first: [0; LANES], second: [0; LANES], share: [0.0; LANES] };
+        for (i, &t) in t.iter().enumerate() {
+            // `t.floor()` without the call into libm; the cast turns NaN and what is out of range into numbers.
+            let truncated = t as i32 as f32;
+            let fraction = t - if truncated > t { truncated - 1.0 } else { truncated };
+            let fraction = if (0.0..=1.0).contains(&fraction) { fraction } else { 0.0 };
+            let x = fraction * size_f - 0.5;
+            let x = if x < 0.0 { x + size_f } else { x };
+            let first = (x as i32 as u32).min(last);
+            (found.first[i], found.second[i]) = (first, if first == last { 0 } else { first + 1 });
+            found.share[i] = (x - first as f32).clamp(0.0, 1.0);
+        }
+        found
+    }
 }
 
 impl MipTexture {
@@ -111,6 +130,15 @@ mod tests {
     /// Half a step of 16 bits, and rounding in the fractions of a texel.
     const STORED: f32 = 1e-4;
 
+    /// The texture in one lane between others that look elsewhere.
+    fn sample(level: &Level, u: f32, v: f32) -> [f32; 3] {
+        let (mut us, mut vs, mut channels) = ([0.4; LANES], [0.6; LANES], [[1.0; LANES]; 3]);
+        (us[5], vs[5]) = (u, v);
+        level.multiply(&us, &vs, 6, &mut channels);
+        assert!(channels.iter().all(|channel| channel[6] == 1.0), "only as many as asked for");
+        channels.map(|channel| channel[5])
+    }
+
     #[test]
     fn the_first_level_is_the_texture_and_the_last_its_mean() {
         let texture = Texture::from_fn(5, 3, |x, y| if (x + y) % 2 == 0 { [255; 4] } else { [0, 0, 0, 255] });
@@ -119,12 +147,12 @@ mod tests {
         assert_eq!(sizes, [(5, 3), (3, 2), (2, 1), (1, 1)]);
         for (u, v) in [(0.1, 0.2), (0.77, 0.5), (-3.3, 9.9), (1.0, 0.0), (-1.0, 1.0)] {
             for footprint in [0.0, 1.0, f32::NAN] {
-                let (found, expected) = (mips.level(footprint).sample(u, v), texture.sample(u, v));
+                let (found, expected) = (sample(mips.level(footprint), u, v), texture.sample(u, v));
                 assert!((0..3).all(|c| (found[c] - expected[c]).abs() < STORED), "({u}, {v}): {found:?} {expected:?}");
             }
         }
-        assert!(mips.level(2.0).sample(f32::NAN, f32::INFINITY).iter().all(|c| c.is_finite()));
-        let [grey, ..] = mips.level(1e9).sample(0.3, 0.3);
+        assert!(sample(mips.level(2.0), f32::NAN, f32::INFINITY).iter().all(|c| c.is_finite()));
+        let [grey, ..] = sample(mips.level(1e9), 0.3, 0.3);
         assert!((0.3..0.7).contains(&grey), "{grey}");
     }
 }

@@ -1,13 +1,13 @@
 //! From the triangle that a pixel shows to its colour, once per pixel.
 //!
 //! Rows are cut into runs of pixels of one triangle: what holds for the whole triangle is fetched once, and along the run its
-//! weights are linear.
+//! weights are linear, so that sixteen pixels are coloured at once; only texels and sRGB levels are looked up one by one.
 
 use super::encode::SrgbTable;
 use super::mesh::{RasterMesh, Surface, Vertex};
 use super::mip::Level;
 use super::scan::Target;
-use super::view::{View, Weights};
+use super::view::{LANES, Lane, View, Weights};
 use super::{Seen, SurfaceId};
 use crate::capture::Camera;
 use crate::frame::Coverage;
@@ -72,24 +72,29 @@ impl Shader<'_> {
         let corners = self.mesh.corners(face);
         let surface = &self.mesh.surfaces[face.material as usize];
         let weights = self.view.weights(corners, x as f32 + 0.5, y as f32 + 0.5);
-        let of_corners = [corners[0].color, corners[1].color, corners[2].color];
-        let (albedo, emission) = (surface.albedo * self.exposure, surface.emission.max(Vec3::ZERO) * self.exposure);
         let most = Vec3::splat(self.exposure);
-        let encode = |c: Vec3| [table.encode(c.x), table.encode(c.y), table.encode(c.z), 255];
-        let plain = |w: Vec3| of_corners[0] * w.x + of_corners[1] * w.y + of_corners[2] * w.z;
-        let Some(texels) = self.texels(surface, corners, &weights) else {
-            for (k, color) in (0u32..).zip(colors) {
-                let lit = albedo * plain(weights.at(k as f32));
-                *color = encode(lit.clamp(Vec3::ZERO, most) + emission);
+        let (albedo, emission) = (surface.albedo * self.exposure, surface.emission.max(Vec3::ZERO) * self.exposure);
+        let texels = self.texels(surface, corners, &weights);
+        for (colors, first) in colors.chunks_mut(LANES).zip((0u32..).step_by(LANES)) {
+            let weights = weights.lanes(first as f32);
+            let mut lit = [0, 1, 2].map(|c| mixed(&weights, corners.map(|corner| corner.color[c])));
+            lit.iter_mut().zip(albedo.to_array()).for_each(|(lit, albedo)| lit.iter_mut().for_each(|l| *l *= albedo));
+            let mut glow = emission.to_array().map(|c| [c; LANES]);
+            if let Some(texels) = &texels {
+                let [u, v] = [0, 1].map(|axis| mixed(&weights, corners.map(|corner| corner.texcoord[axis])));
+                for (level, channels) in [(texels.albedo, &mut lit), (texels.emission, &mut glow)] {
+                    if let Some(level) = level {
+                        level.multiply(&u, &v, colors.len(), channels);
+                    }
+                }
             }
-            return;
-        };
-        for (k, color) in (0u32..).zip(colors) {
-            let w = weights.at(k as f32);
-            let at = texels.texcoords[0] * w.x + texels.texcoords[1] * w.y + texels.texcoords[2] * w.z;
-            let of = |level: Option<&Level>| level.map_or(Vec3::ONE, |level| Vec3::from(level.sample(at.x, at.y)));
-            let lit = albedo * plain(w) * of(texels.albedo);
-            *color = encode(lit.clamp(Vec3::ZERO, most) + emission * of(texels.emission));
+            for (lit, (glow, most)) in lit.iter_mut().zip(glow.iter().zip(most.to_array())) {
+                lit.iter_mut().zip(glow).for_each(|(lit, glow)| *lit = lit.max(0.0).min(most) + glow);
+            }
+            let [r, g, b] = &lit;
+            for (color, ((r, g), b)) in colors.iter_mut().zip(r.iter().zip(g).zip(b)) {
+                *color = [table.encode(*r), table.encode(*g), table.encode(*b), 255];
+            }
         }
     }
 
@@ -108,14 +113,22 @@ impl Shader<'_> {
             let footprint = ((along_x * size).length_squared() * (along_y * size).length_squared()).sqrt().sqrt();
             Some(texture.level(footprint))
         };
-        Some(Texels { texcoords, albedo: level(surface.albedo_texture), emission: level(surface.emission_texture) })
+        Some(Texels { albedo: level(surface.albedo_texture), emission: level(surface.emission_texture) })
     }
+}
+
+/// What has the given values at the corners, at each lane.
+#[inline(always)]
+fn mixed([a, b, c]: &[Lane; 3], [at_a, at_b, at_c]: [f32; 3]) -> Lane {
+    let mut mixed = [0.0; LANES];
+    for (i, mixed) in mixed.iter_mut().enumerate() {
+        *mixed = (at_a * a[i] + at_b * b[i]) + at_c * c[i];
+    }
+    mixed
 }
 
 /// The textures of a run.
 struct Texels<'a> {
-    /// Of the corners.
-    texcoords: [Vec2; 3],
     albedo: Option<&'a Level>,
     emission: Option<&'a Level>,
 }

@@ -140,6 +140,12 @@ impl View {
     }
 }
 
+/// Pixels that are coloured at once.
+pub(super) const LANES: usize = 16;
+
+/// A number for each of these.
+pub(super) type Lane = [f32; LANES];
+
 /// Perspective-correct weights of a triangle's corners, up to their sum, as linear functions about a position of the frame:
 /// the edge functions of the corners in homogeneous coordinates. They are taken relative to the position so that `f32` keeps
 /// its digits.
@@ -158,6 +164,25 @@ impl Weights {
         let w = (self.here + self.along_x * columns).max(Vec3::ZERO);
         let sum = w.x + w.y + w.z;
         w * if sum > 0.0 { 1.0 / sum } else { 0.0 }
+    }
+
+    /// As [`Self::at`] for [`LANES`] pixels from so many px to the right on, corner by corner.
+    #[inline(always)]
+    pub(super) fn lanes(&self, first: f32) -> [Lane; 3] {
+        let mut weights = [[0.0; LANES]; 3];
+        for (corner, weights) in weights.iter_mut().enumerate() {
+            let (here, along_x) = (self.here[corner], self.along_x[corner]);
+            for (i, weight) in weights.iter_mut().enumerate() {
+                *weight = (here + along_x * (first + i as f32)).max(0.0);
+            }
+        }
+        let [a, b, c] = &mut weights;
+        for i in 0..LANES {
+            let sum = (a[i] + b[i]) + c[i];
+            let per = if sum > 0.0 { 1.0 / sum } else { 0.0 };
+            (a[i], b[i], c[i]) = (a[i] * per, b[i] * per, c[i] * per);
+        }
+        weights
     }
 
     /// The derivatives of something that has the given values at the corners, along x and along y, at the position.

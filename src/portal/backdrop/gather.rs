@@ -87,7 +87,7 @@ impl CubeJob<'_> {
         };
         let mut samples: Vec<Sample> = samples.concat();
         samples.par_sort_unstable_by_key(|sample| sample.key);
-        PackedCube::pack(&self.merge(&samples, environment), SplatIndexLayout::Normal, Split::None)
+        PackedCube::pack(&self.merge(&samples, environment), SplatIndexLayout::Normal, Split::Auto)
     }
 
     /// The samples of a batch, and the environment's texels that its misses reach.

@@ -47,7 +47,7 @@ pub enum Kind {
     LdiColorsApart,
     /// The same; samples at similar depth are averaged (S12).
     LdiAverage,
-    /// A cube LDI about the portal's middle, from rays through the whole opening.
+    /// A cube LDI about a place in front of the portal's middle, from rays through the whole opening.
     WindowLdi,
     /// As [`Self::WindowLdi`], about the middle of the cell that looks: what the cell's cube LDI holds of this portal.
     CellLdi,
@@ -102,8 +102,11 @@ impl Kind {
 pub struct Quality {
     /// Pixels a side of the faces of cubes, and of the images: 90 degrees.
     pub face_px: u32,
-    /// The same for [`Kind::WindowLdi`], half of whose cube holds samples: an image fills a few per cent of its own.
+    /// The same for [`Kind::WindowLdi`], which sees a wider field than an image: about half of a sphere.
     pub window_face_px: u32,
+    /// Distance of the centre of [`Kind::WindowLdi`] in front of the portal's middle, metres. On the portal itself half of the
+    /// samples lie beside what anyone farther away sees; an eye's distance away it would be an image's.
+    pub window_back_m: f64,
     /// Images on a semicircle are twice this and one more (n = 6 in the papers).
     pub images: u32,
     /// Radius of the semicircle, metres.
@@ -124,7 +127,8 @@ impl Default for Quality {
     fn default() -> Self {
         Self {
             face_px: 512,
-            window_face_px: 208,
+            window_face_px: 320,
+            window_back_m: 1.0,
             images: 6,
             radius_m: 2.0,
             eye_height_m: 1.6,
@@ -207,6 +211,7 @@ impl Quality {
             ((8..=2048).contains(&self.face_px), "faces of 8 to 2048 pixels"),
             ((8..=2048).contains(&self.window_face_px), "window faces of 8 to 2048 pixels"),
             (self.images <= 64, "at most 64 images on each side"),
+            ((0.0..=100.0).contains(&self.window_back_m), "a window's centre 0 to 100 m in front of it"),
             (positive(self.radius_m) && self.eye_height_m.is_finite(), "a positive radius and a finite height"),
             ((8..=4096).contains(&self.texture_px), "textures of 8 to 4096 pixels"),
             ((1..=32).contains(&self.strata) && (1..=256).contains(&self.rays), "1 to 32 strata of 1 to 256 rays"),
@@ -230,9 +235,10 @@ impl Backdrop {
             result.map_err(|source| BackdropError::Pack { portal: at.portal, source })
         };
         let one = |places: &[DVec3]| pack(images::ldi(house, &opening, places, kind.rule(), quality));
-        let window = |centre: DVec3, face_px: u32| {
+        let cube = |centre: DVec3, face_px: u32| {
             Ok(Self::Cubes(vec![pack(window::ldi(house, &opening, centre, face_px, quality))?]))
         };
+        let window = || cube(opening.centre + opening.normal * quality.window_back_m, quality.window_face_px);
         Ok(match kind {
             Kind::Texture => Self::Textures(TextureSet::capture(house, &opening, &places[..1], quality)),
             Kind::Textures => Self::Textures(TextureSet::capture(house, &opening, &places, quality)),
@@ -241,13 +247,13 @@ impl Backdrop {
                 Self::Cubes(places.iter().map(|place| one(std::slice::from_ref(place))).collect::<Result<_, _>>()?)
             }
             Kind::Ldi | Kind::LdiColorsApart | Kind::LdiAverage => Self::Cubes(vec![one(&places)?]),
-            Kind::WindowLdi => window(opening.centre, quality.window_face_px)?,
-            Kind::CellLdi => window(house.middle_of(looking).unwrap_or(places[0]), quality.face_px)?,
+            Kind::WindowLdi => window()?,
+            Kind::CellLdi => cube(house.middle_of(looking).unwrap_or(places[0]), quality.face_px)?,
             Kind::Sprite => {
-                let sprite = PortalSprite::capture(house, &opening, places[0], quality);
+                let sprite = PortalSprite::capture(house, &opening, quality);
                 match sprite.map_err(|source| BackdropError::Sprite { portal: at.portal, source })? {
                     Some(sprite) => Self::Sprite(Box::new(sprite)),
-                    None => window(opening.centre, quality.window_face_px)?,
+                    None => window()?,
                 }
             }
         })

@@ -14,11 +14,18 @@ use glam::{DVec3, Vec3};
 use image::{Rgba, RgbaImage};
 use rayon::prelude::*;
 
-/// How far an eye is from the sprite's for which disocclusion is judged, metres: a step to the side.
-const STEP_M: f64 = 0.75;
+/// How far an eye is from the sprite's for which disocclusion is judged, metres: a step to the side, and a nod.
+const STEP_M: [f64; 2] = [0.5, 0.1];
 
-/// What disocclusion uncovers after that step, as a share of the sprite, up to which what it shows counts as smooth.
-const SMOOTH_SHARE: f64 = 0.02;
+/// What disocclusion uncovers after these, as a share of the sprite, up to which what it shows counts as smooth.
+const SMOOTH_SHARE: f64 = 0.1;
+
+/// What is nearer behind the portal's plane than this, metres, is its own frame and has no part in the judgement.
+const REVEAL_M: f32 = 0.3;
+
+/// Distance of the sprite's eye from the portal over half of its longer side: so near, it sees what an eye farther away sees
+/// from the side, too.
+const PLACE: f64 = 0.75;
 
 /// Rays a side of each pixel.
 const RAYS_A_SIDE: u32 = 2;
@@ -43,6 +50,8 @@ struct Pixel {
     color: [u8; 4],
     /// Eye depth, metres; NaN outside of the opening.
     depth: f32,
+    /// Distance from the portal's plane, metres.
+    behind_m: f32,
 }
 
 impl PortalSprite {
@@ -56,18 +65,17 @@ impl PortalSprite {
         self.prepared.sprite()
     }
 
-    /// Captures what shows through an opening from a place in front of it; `None` if it is not smooth.
-    pub(super) fn capture(
-        house: &House,
-        opening: &Opening,
-        place: DVec3,
-        quality: &Quality,
-    ) -> Result<Option<Self>, SpriteError> {
-        let Some(camera) = camera(opening, place, quality.texture_px) else { return Ok(None) };
+    /// Captures what shows through an opening from straight in front; `None` if it is not smooth.
+    pub(super) fn capture(house: &House, opening: &Opening, quality: &Quality) -> Result<Option<Self>, SpriteError> {
+        let place = opening.centre + opening.normal * (opening.half.max_element() * PLACE);
+        // As fine in the middle as a texture is.
+        let Some(camera) = camera(opening, place, 2 * quality.texture_px) else { return Ok(None) };
         let row = |y: u32| (0..camera.width()).map(move |x| pixel(house, opening, &camera, [x, y])).collect::<Vec<_>>();
         let rows: Vec<Vec<Pixel>> = (0..camera.height()).into_par_iter().map(row).collect();
         let depth: Vec<f32> = rows.iter().flatten().map(|pixel| pixel.depth).collect();
-        if depth.iter().all(|depth| depth.is_nan()) || disoccluded_share(&camera, &depth) > SMOOTH_SHARE {
+        let beyond = |pixel: &Pixel| if pixel.behind_m > REVEAL_M { pixel.depth } else { f32::NAN };
+        let judged: Vec<f32> = rows.iter().flatten().map(beyond).collect();
+        if judged.iter().all(|depth| depth.is_nan()) || disoccluded_share(&camera, &judged) > SMOOTH_SHARE {
             return Ok(None);
         }
         let color =
@@ -146,12 +154,15 @@ fn pixel(house: &House, opening: &Opening, camera: &Camera, [x, y]: [u32; 2]) ->
         nearest = nearest.min(depth);
     }
     if hits == 0 {
-        return Pixel { color: [0; 4], depth: f32::NAN };
+        return Pixel { color: [0; 4], depth: f32::NAN, behind_m: 0.0 };
     }
     let middle = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
     let depth = radiance(house, opening, camera.eye(), middle).map_or(nearest, |(_, depth)| depth);
     let [r, g, b] = (sum / hits as f32).to_array().map(srgb8_from_linear);
-    Pixel { color: [r, g, b, 255], depth }
+    // Directions have an eye depth of 1: so many metres of depth make this way along the normal.
+    let toward = -opening.normal.dot(middle);
+    let behind_m = (f64::from(depth) * toward - opening.distance_in_front(camera.eye())) as f32;
+    Pixel { color: [r, g, b, 255], depth, behind_m }
 }
 
 /// What a ray meets behind the opening, and at which eye depth (directions have an eye depth of 1); `None` for a ray that
@@ -182,17 +193,37 @@ fn radiance(house: &House, opening: &Opening, place: DVec3, direction: DVec3) ->
     })
 }
 
-/// The share of the picture that a step to the side or upward uncovers: gaps between neighbours that move apart by more than
+/// The share of the picture that a step to the side and a nod uncover: gaps between neighbours that move apart by more than
 /// a pixel, counted along rows and columns.
 fn disoccluded_share(camera: &Camera, depth: &[f32]) -> f64 {
     let width = camera.width() as usize;
     let inverse = |i: usize| depth.get(i).filter(|depth| depth.is_finite()).map(|&depth| 1.0 / f64::from(depth));
-    let gap = |a: usize, b: usize| match (inverse(a), inverse(b)) {
-        (Some(a), Some(b)) => ((a - b).abs() * camera.focal_px() * STEP_M - 1.0).max(0.0),
+    let gap = |a: usize, b: usize, step: f64| match (inverse(a), inverse(b)) {
+        (Some(a), Some(b)) => ((a - b).abs() * camera.focal_px() * step - 1.0).max(0.0),
         _ => 0.0,
     };
-    let along = (0..depth.len()).filter(|i| i % width + 1 < width).map(|i| gap(i, i + 1)).sum::<f64>();
-    let across = (0..depth.len().saturating_sub(width)).map(|i| gap(i, i + width)).sum::<f64>();
+    let along = (0..depth.len()).filter(|i| i % width + 1 < width).map(|i| gap(i, i + 1, STEP_M[0])).sum::<f64>();
+    let across = (0..depth.len().saturating_sub(width)).map(|i| gap(i, i + width, STEP_M[1])).sum::<f64>();
     let known = depth.iter().filter(|depth| depth.is_finite()).count();
-    along.max(across) / known.max(1) as f64
+    (along + across) / known.max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn planes_are_smooth_and_steps_are_not() {
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, 64, 48).expect("valid");
+        let depth = |of: &dyn Fn(f32, f32) -> f32| -> Vec<f32> {
+            (0..64 * 48).map(|i| of((i % 64) as f32, (i / 64) as f32)).collect()
+        };
+        let wall = depth(&|x, _| 1.0 / (0.2 + x * 0.005));
+        assert_eq!(disoccluded_share(&camera, &wall), 0.0);
+        // A post 2 m away before a wall 8 m away: both of its sides uncover f * 0.5 * (1/2 - 1/8) px of each row, less one.
+        let post = depth(&|x, _| if (20.0..30.0).contains(&x) { 2.0 } else { 8.0 });
+        let expected = 2.0 * (camera.focal_px() * 0.5 * 0.375 - 1.0) / 64.0;
+        assert!((disoccluded_share(&camera, &post) - expected).abs() < 1e-6);
+        assert_eq!(disoccluded_share(&camera, &[f32::NAN; 64 * 48]), 0.0);
+    }
 }

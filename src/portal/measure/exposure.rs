@@ -1,20 +1,21 @@
 //! Exposure errors: pixels whose backdrop shows nothing, or a surface that is not there.
 //!
-//! Surfaces are told apart by colour, in a house without textures and light whose materials have colours far apart, and by
-//! footprints that do not mix ([`SplatKernel::Opaque`]): detail that is only blurred does not count, nor does a silhouette
-//! that is off by up to [`OFF_PX`].
+//! Surfaces are told apart by colour, in a house without textures and light whose materials have colours far apart. A mixture
+//! of the surfaces that are there is no error, and what is only coarse does not count: frames are [`SMALLER`] times
+//! smaller than those of the walk, so that a pixel is no smaller than the samples of the coarsest backdrop, and a silhouette
+//! may be off by [`OFF_PX`].
 
 use super::{MeasureError, MeasureSettings, has_depth, share};
 use crate::capture::portal_model::PortalModel;
 use crate::capture::sampler::random4;
-use crate::capture::{Camera, linear_from_srgb8};
+use crate::capture::{Camera, CameraError, linear_from_srgb8};
 use crate::frame::Frame;
 use crate::ldi::build::Progress;
 use crate::portal::backdrop::Kind;
 use crate::portal::house::{House, HouseError};
 use crate::portal::store::Store;
 use crate::portal::variant::Variant;
-use crate::portal::walk::{WalkSettings, Walker};
+use crate::portal::walk::{Near, WalkSettings, Walker};
 use crate::raster::Seen;
 use crate::splat::SplatKernel;
 use crate::warp::RenderSettings;
@@ -23,7 +24,10 @@ use serde::Serialize;
 /// A pixel whose colour differs by more than this (sRGB levels) in a channel shows another surface: materials are 60 apart.
 const WRONG_LEVELS: u8 = 24;
 
-/// How far a surface may be from its place, pixels: about half of a sample of the coarsest backdrop in a frame.
+/// Times by which frames are smaller than those of the walk.
+const SMALLER: u32 = 4;
+
+/// How far a surface may be from its place, pixels.
 const OFF_PX: i64 = 1;
 
 /// Exposure errors of one way to draw.
@@ -67,7 +71,10 @@ fn row(house: &House, cameras: &[Camera], settings: &MeasureSettings, kind: Kind
     let drawn = WalkSettings { backdrops: Some(kind), warp, ..Variant::ALL[0].settings() };
     let (mut geometry, mut walker) = (Walker::new(), Walker::new());
     let (mut wrong, mut holes, mut pixels, mut worst) = (0, 0, 0, 0.0f64);
-    for camera in cameras {
+    for of_walk in cameras {
+        // The same portals show backdrops as in the walk.
+        let drawn = WalkSettings { near: Near::Distance(drawn.near.distance_m(of_walk)), ..drawn };
+        let camera = &smaller(of_walk)?;
         Walker::prepare(house, &store, camera, &drawn, &settings.quality)?;
         let truth = geometry.frame(house, &store, camera, &WalkSettings::default()).0;
         let stats = walker.frame(house, &store, camera, &drawn).1.clone();
@@ -91,6 +98,13 @@ fn row(house: &House, cameras: &[Camera], settings: &MeasureSettings, kind: Kind
     })
 }
 
+/// The same view in a smaller frame.
+fn smaller(camera: &Camera) -> Result<Camera, CameraError> {
+    let [width, height] = [camera.width(), camera.height()].map(|pixels| (pixels / SMALLER).max(1));
+    let focal_px = camera.focal_px() / f64::from(SMALLER);
+    Camera::from_parts(camera.eye(), camera.world_from_eye(), focal_px, width, height)
+}
+
 /// The same house with a colour for each material, and no light.
 fn false_colors(house: &House) -> Result<House, HouseError> {
     let mut model = PortalModel { scene: (**house.scene()).clone(), ..house.plan().clone() };
@@ -104,21 +118,48 @@ fn false_colors(house: &House) -> Result<House, HouseError> {
     House::new(model)
 }
 
-/// Pixels that count and show nothing, or a colour that no true pixel nearby has.
+/// Pixels that count and show nothing, or a colour that no mixture of true pixels nearby can have: in a channel it lies beyond
+/// all of them.
 fn wrong_pixels(frame: &Frame, truth: &Frame, counts: impl Fn(usize) -> bool) -> u64 {
     let (width, height) = (i64::from(frame.width), i64::from(frame.height));
-    let near = || (-OFF_PX..=OFF_PX).flat_map(|dy| (-OFF_PX..=OFF_PX).map(move |dx| (dx, dy)));
+    let near = |x: i64, y: i64| {
+        let around = (-OFF_PX..=OFF_PX).flat_map(move |dy| (-OFF_PX..=OFF_PX).map(move |dx| (x + dx, y + dy)));
+        around.filter(|(x, y)| (0..width).contains(x) && (0..height).contains(y))
+    };
     let is_wrong = |pixel: usize| {
-        let (x, y) = (pixel as i64 % width, pixel as i64 / width);
-        let same = |(dx, dy): (i64, i64)| {
-            let (x, y) = (x + dx, y + dy);
-            let inside = (0..width).contains(&x) && (0..height).contains(&y);
-            inside && {
-                let other = truth.color[(y * width + x) as usize];
-                (0..3).all(|c| other[c].abs_diff(frame.color[pixel][c]) <= WRONG_LEVELS)
-            }
+        let color = frame.color[pixel];
+        let (mut least, mut most) = ([255; 3], [0; 3]);
+        for (x, y) in near(pixel as i64 % width, pixel as i64 / width) {
+            let other = truth.color[(y * width + x) as usize];
+            (0..3).for_each(|c| (least[c], most[c]) = (other[c].min(least[c]), other[c].max(most[c])));
+        }
+        let beyond = |c: usize| {
+            color[c] < u8::saturating_sub(least[c], WRONG_LEVELS)
+                || color[c] > u8::saturating_add(most[c], WRONG_LEVELS)
         };
-        frame.coverage[pixel].is_hole() || !near().any(same)
+        frame.coverage[pixel].is_hole() || (0..3).any(beyond)
     };
     (0..frame.color.len()).filter(|&pixel| counts(pixel) && is_wrong(pixel)).count() as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mixtures_of_neighbours_are_right_and_other_colours_and_holes_are_wrong() {
+        let mut truth = Frame::default();
+        truth.reset(8, 3, [20, 20, 20]);
+        truth.color.iter_mut().skip(4).step_by(8).for_each(|color| *color = [200, 20, 20, 255]);
+        let mut frame = truth.clone();
+        frame.coverage.fill(crate::frame::Coverage::FULL);
+        assert_eq!(wrong_pixels(&frame, &truth, |_| true), 0);
+        frame.color[8 + 3] = [110, 30, 20, 255];
+        assert_eq!(wrong_pixels(&frame, &truth, |_| true), 0, "between its neighbours");
+        frame.color[8 + 1] = [110, 30, 20, 255];
+        frame.color[8 + 4] = [200, 80, 20, 255];
+        frame.coverage[0] = crate::frame::Coverage::HOLE;
+        assert_eq!(wrong_pixels(&frame, &truth, |_| true), 3);
+        assert_eq!(wrong_pixels(&frame, &truth, |pixel| pixel > 0), 2);
+    }
 }

@@ -31,6 +31,7 @@ use crate::frame::Frame;
 use crate::ldi::build::{Progress, Silent};
 use crate::raster::Seen;
 use crate::truth;
+use crate::warp::RenderSettings;
 use image::{Rgb, RgbImage};
 use serde::Serialize;
 use std::sync::Arc;
@@ -204,6 +205,8 @@ struct Course {
     squared_error: Vec<f64>,
     behind_error: f64,
     behind_pixels: u64,
+    samples: u64,
+    samples_in: u64,
     capture_s: Vec<f64>,
 }
 
@@ -274,6 +277,8 @@ fn courses(variants: &[Variant]) -> Vec<Course> {
             squared_error: Vec::new(),
             behind_error: 0.0,
             behind_pixels: 0,
+            samples: 0,
+            samples_in: 0,
             capture_s: Vec::new(),
         })
         .collect()
@@ -330,7 +335,13 @@ fn errors_of_pose(
     let mut behind: Vec<bool> = Vec::new();
     let mut frames = vec![("truth", truth.clone())];
     for course in courses.iter_mut().rev() {
-        let frame = course.walker.frame(house, store, camera, &course.settings).0.clone();
+        // The same frame in one band: what clipping lets through is then counted once.
+        let warp = RenderSettings { band_rows: camera.height(), ..course.settings.warp };
+        let settings = WalkSettings { warp, ..course.settings };
+        let (frame, stats) = course.walker.frame(house, store, camera, &settings);
+        let frame = frame.clone();
+        course.samples += stats.backdrop.samples;
+        course.samples_in += stats.backdrop.depth_pixels_in;
         if behind.is_empty() {
             let seen = |i| matches!(course.walker.last().seen(i), Seen::Marker(_));
             behind = (0..frame.color.len()).map(seen).collect();
@@ -384,8 +395,6 @@ impl Course {
             captured.iter().map(|(_, backdrop)| number(backdrop) as f64).sum::<f64>() / captured.len().max(1) as f64
         };
         let pixels = sum(&|s| s.backdrop_pixels as f64);
-        let samples = sum(&|s| s.backdrop.samples as f64);
-        let entered = sum(&|s| s.backdrop.depth_pixels_in as f64);
         VariantRow {
             name: self.variant.name,
             frame_ms: spread(&|s| s.frame_ms),
@@ -399,7 +408,10 @@ impl Course {
             backdrop_share: share(pixels, sum(&|s| s.pixels as f64)),
             hole_share: share(sum(&|s| s.hole_pixels as f64), pixels),
             portals: share(sum(&|s| f64::from(s.portals)), self.stats.len() as f64),
-            clipped_share: if entered > 0.0 { 1.0 - share(entered, samples) } else { 0.0 },
+            clipped_share: match self.samples_in {
+                0 => 0.0,
+                entered => 1.0 - share(entered as f64, self.samples as f64),
+            },
             capture_s: Spread::of(&self.capture_s),
             captures: self.capture_s.len(),
             samples: of_captures(&Backdrop::sample_count),
