@@ -19,6 +19,7 @@ pub mod frame;
 pub mod ldi;
 pub mod metrics;
 pub mod packed;
+pub mod portal;
 pub mod report;
 pub mod scene_source;
 pub mod splat;

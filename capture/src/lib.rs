@@ -26,6 +26,7 @@
 //! assert!((x - 3.0).abs() < 1e-12 && (y - 0.5).abs() < 1e-12 && (eye_depth - 1.0).abs() < 1e-12);
 //! ```
 
+pub mod bake;
 mod camera;
 mod depth_image;
 pub mod light;

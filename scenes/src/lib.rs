@@ -9,7 +9,10 @@
 //! ```
 
 mod bump;
+mod finishes;
+mod furniture;
 mod hard;
+mod house;
 mod interior;
 mod mesh;
 mod rng;
@@ -18,6 +21,8 @@ mod texture;
 mod tree;
 
 use headbox_capture::Scene;
+
+pub use house::{HOUSE_TRIANGLES, house};
 
 /// A scene that a generator makes.
 #[derive(Clone, Copy, Debug)]
@@ -44,6 +49,7 @@ pub fn all() -> &'static [BuiltinScene] {
     const ALL: &[BuiltinScene] = &[
         scene("tree", tree::build, "broad-leaved tree with 440,000 leaf triangles on a meadow"),
         scene("interior", interior::build, "furnished room with textures, lamps, and sun through its windows"),
+        scene("house", house::build_scene, "furnished one-storey house of 18 rooms with 52 doors and windows"),
         scene("bump", bump::build, "textured plane with a hemisphere and a pyramid, for sprites"),
         scene("sprites", sprites::build, "mountains, hills, balloons and boulders: four layers for sprites with depth"),
         scene("poles", hard::poles, "hard case: 240 poles, 1 mm to 4 cm thick, at 2 to 90 m"),

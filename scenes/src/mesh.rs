@@ -21,13 +21,53 @@ impl Vertex {
     }
 }
 
+/// How finely shapes are divided into triangles.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Fineness {
+    /// Flat faces and tubes are cut so that no cell is longer than this, metres.
+    pub(crate) edge_m: f64,
+    /// Multiplies the number of sides of round shapes.
+    pub(crate) round: f64,
+}
+
+impl Default for Fineness {
+    /// As coarse as the shapes allow, round shapes as they ask to be.
+    fn default() -> Self {
+        Self { edge_m: f64::INFINITY, round: 1.0 }
+    }
+}
+
 /// A scene under construction.
 #[derive(Debug, Default)]
 pub(crate) struct Mesh {
     scene: Scene,
+    /// How finely the shapes to come are divided.
+    pub(crate) fineness: Fineness,
+    /// Triangles that [`Self::add_grid`] would have made, where only their number is wanted.
+    counted: Option<usize>,
 }
 
 impl Mesh {
+    /// A mesh that keeps no triangles and only counts those of its grids.
+    pub(crate) fn counting(fineness: Fineness) -> Self {
+        Self { fineness, counted: Some(0), ..Self::default() }
+    }
+
+    /// Number of triangles so far.
+    pub(crate) fn triangle_count(&self) -> usize {
+        self.counted.unwrap_or(self.scene.triangles.len())
+    }
+
+    /// Number of cells along a flat edge of the given length.
+    pub(crate) fn cells(&self, length: f64) -> usize {
+        (length / self.fineness.edge_m).ceil().clamp(1.0, 4096.0) as usize
+    }
+
+    /// Number of sides of a round shape that asks for `sides`.
+    pub(crate) fn rounds(&self, sides: usize) -> usize {
+        (sides as f64 * self.fineness.round).round().max(3.0) as usize
+    }
+
     pub(crate) fn add_texture(&mut self, texture: Texture) -> u32 {
         self.scene.textures.push(texture);
         self.scene.textures.len() as u32 - 1
@@ -76,6 +116,10 @@ impl Mesh {
         material: u32,
         vertex: impl Fn(usize, usize) -> Vertex,
     ) {
+        if let Some(counted) = &mut self.counted {
+            *counted += 2 * columns * rows;
+            return;
+        }
         let mut indices = Vec::with_capacity((columns + 1) * (rows + 1));
         for row in 0..=rows {
             for column in 0..=columns {
@@ -102,8 +146,9 @@ impl Mesh {
     pub(crate) fn add_rectangle(&mut self, corner: DVec3, right: DVec3, up: DVec3, tile: f64, material: u32) {
         let normal = right.cross(up).normalize_or_zero();
         let size = if tile > 0.0 { DVec2::new(right.length(), up.length()) / tile } else { DVec2::ONE };
-        self.add_grid(1, 1, material, |column, row| {
-            let at = DVec2::new(column as f64, row as f64);
+        let (columns, rows) = (self.cells(right.length()), self.cells(up.length()));
+        self.add_grid(columns, rows, material, |column, row| {
+            let at = DVec2::new(column as f64 / columns as f64, row as f64 / rows as f64);
             Vertex::new(corner + right * at.x + up * at.y, normal, at * size)
         });
     }
@@ -132,6 +177,8 @@ impl Mesh {
     /// repeats every `tile` metres along.
     pub(crate) fn add_tube(&mut self, path: &[(DVec3, f64)], sides: usize, tile: f64, material: u32) {
         let Some(&(start, _)) = path.first() else { return };
+        let sides = self.rounds(sides);
+        let path = self.cut_path(path);
         let direction =
             |i: usize| (path[(i + 1).min(path.len() - 1)].0 - path[i.saturating_sub(1)].0).normalize_or_zero();
         // A frame carried along, so that the tube does not twist.
@@ -154,6 +201,42 @@ impl Mesh {
         });
     }
 
+    /// A path with its steps cut to the fineness.
+    fn cut_path(&self, path: &[(DVec3, f64)]) -> Vec<(DVec3, f64)> {
+        let mut cut: Vec<_> = path.first().copied().into_iter().collect();
+        for step in path.windows(2) {
+            let [(a, thin), (b, thick)] = [step[0], step[1]];
+            let cells = self.cells(a.distance(b));
+            cut.extend((1..cells).map(|i| i as f64 / cells as f64).map(|s| (a.lerp(b, s), thin + (thick - thin) * s)));
+            cut.push((b, thick));
+        }
+        cut
+    }
+
+    /// A box with soft edges, as a cushion or a mattress: a superellipsoid of exponent 8 over the cells of a box.
+    pub(crate) fn add_cushion(&mut self, centre: DVec3, half: DVec3, world_from_box: DMat3, tile: f64, material: u32) {
+        const EXPONENT: i32 = 8;
+        let cells = half.to_array().map(|h| self.cells(2.0 * h).max(self.rounds(8)));
+        for axis in 0..3 {
+            for side in [-1.0, 1.0] {
+                let (right, up) = ((axis + 1) % 3, (axis + 2) % 3);
+                let (columns, rows) = (cells[right], cells[up]);
+                self.add_grid(columns, rows, material, |column, row| {
+                    // Columns run backwards on the far side, so that the front is outward on both.
+                    let across = side * (2.0 * column as f64 / columns as f64 - 1.0);
+                    let along = 2.0 * row as f64 / rows as f64 - 1.0;
+                    let mut on_box = DVec3::ZERO;
+                    (on_box[axis], on_box[right], on_box[up]) = (side, across, along);
+                    let norm = on_box.to_array().map(|c| c.powi(EXPONENT)).iter().sum::<f64>();
+                    let place = on_box / norm.powf(1.0 / f64::from(EXPONENT));
+                    let normal = world_from_box * (DVec3::from(place.to_array().map(|c| c.powi(EXPONENT - 1))) / half);
+                    let texcoord = DVec2::new(across * half[right], along * half[up]) / tile;
+                    Vertex::new(centre + world_from_box * (place * half), normal.normalize_or_zero(), texcoord)
+                });
+            }
+        }
+    }
+
     /// An upright cylinder with a lid at each end.
     pub(crate) fn add_cylinder(&mut self, base: DVec3, radius: f64, height: f64, sides: usize, material: u32) {
         let top = base + DVec3::Y * height;
@@ -165,6 +248,7 @@ impl Mesh {
 
     /// A horizontal disk whose front is on the side of `normal` (up or down).
     pub(crate) fn add_disk(&mut self, centre: DVec3, radius: f64, normal: DVec3, sides: usize, material: u32) {
+        let sides = self.rounds(sides);
         self.add_grid(sides, 1, material, |column, row| {
             let turn = column as f64 / sides as f64 * std::f64::consts::TAU * normal.y.signum();
             let rim = DVec3::new(turn.cos(), 0.0, -turn.sin()) * radius * (1 - row) as f64;
@@ -174,6 +258,7 @@ impl Mesh {
 
     /// A patch of a sphere: `from` and `to` are heights above the equator in radians.
     pub(crate) fn add_sphere(&mut self, centre: DVec3, radius: f64, from: f64, to: f64, sides: usize, material: u32) {
+        let sides = self.rounds(sides);
         let rows = (sides / 2).max(1);
         self.add_grid(sides, rows, material, |column, row| {
             let place = DVec2::new(column as f64 / sides as f64, row as f64 / rows as f64);

@@ -5,6 +5,7 @@ mod capture;
 mod compare;
 mod demo;
 mod demo_sprites;
+mod house;
 mod info;
 mod merge;
 mod output;
@@ -42,6 +43,8 @@ enum Command {
     Merge(merge::Merge),
     /// Make sprites with depth of a scene, or of a picture and its depth
     Sprite(Box<sprite::SpriteCommand>),
+    /// Cells and portals of a house: what it has, what is wrong with it, its plan
+    House(house::House),
     /// Show what a file holds; check every promise of its layout
     Info(info::Info),
     /// Render a frame of a cube LDI, of sprites or of both, or a frame per pose of a path
@@ -82,6 +85,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Capture(command) => command.run(),
         Command::Merge(command) => command.run(),
         Command::Sprite(command) => command.run(),
+        Command::House(command) => command.run(),
         Command::Info(command) => command.run(),
         Command::Render(command) => command.run(),
         Command::Truth(command) => command.run(),

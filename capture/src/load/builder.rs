@@ -6,6 +6,7 @@ use crate::material::{Material, Texture};
 use crate::scene::{FileFrame, Scene, Sky, Sun, Triangle};
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
+use std::ops::Range;
 use std::path::Path;
 
 /// A triangle whose doubled area is below this share of its longest edge squared has no area: its corners coincide or
@@ -30,11 +31,45 @@ pub(super) struct Builder {
     pub(super) frame: FileFrame,
     pub(super) notes: Notes,
     scene: Scene,
+    groups: Vec<Group>,
+}
+
+/// A scene and the groups that its file divides it into.
+#[derive(Clone, Debug)]
+pub struct GroupedScene {
+    /// The scene.
+    pub scene: Scene,
+    /// Runs of its triangles that belong to a group, in ascending order; a name may come back.
+    pub groups: Vec<Group>,
+}
+
+/// A run of triangles under a name: a group or object of an OBJ, a node of a glTF.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Group {
+    /// The name in the file.
+    pub name: String,
+    /// Indices into [`Scene::triangles`].
+    pub triangles: Range<u32>,
 }
 
 impl Builder {
     pub(super) fn new(frame: FileFrame, notes: Notes) -> Self {
-        Self { frame, notes, scene: Scene::default() }
+        Self { frame, notes, ..Self::default() }
+    }
+
+    /// The triangles to come belong to a group of this name.
+    pub(super) fn begin_group(&mut self, name: &str) {
+        let first = self.end_group();
+        self.groups.push(Group { name: name.to_owned(), triangles: first..first });
+    }
+
+    /// Ends the run of the group that was begun last; the number of triangles so far.
+    fn end_group(&mut self) -> u32 {
+        let end = self.scene.triangles.len() as u32;
+        if let Some(last) = self.groups.last_mut() {
+            last.triangles.end = end;
+        }
+        end
     }
 
     /// Index that the first of the next `count` vertices will get, or `None` when 32 bits do not hold the last.
@@ -83,7 +118,9 @@ impl Builder {
         path: &Path,
         materials: Vec<Material>,
         textures: Vec<Texture>,
-    ) -> Result<Scene, LoadError> {
+    ) -> Result<GroupedScene, LoadError> {
+        self.end_group();
+        self.groups.retain(|group| !group.triangles.is_empty());
         self.notes.add(Note::Duplicate, duplicate_count(&self.scene));
         discard_unused_vertices(&mut self.scene);
         let mut scene = Scene {
@@ -100,7 +137,7 @@ impl Builder {
         clear_if_all(&mut scene.texcoords, Vec2::ZERO);
         clear_if_all(&mut scene.colors, Vec3::ONE);
         match scene.validate() {
-            Ok(()) => Ok(scene),
+            Ok(()) => Ok(GroupedScene { scene, groups: self.groups }),
             Err(cause) => {
                 let survived = scene.summary.notes.join("; ");
                 Err(LoadError::Unusable { path: path.to_path_buf(), cause, survived })

@@ -1,4 +1,4 @@
-//! Scene files: OBJ with MTL, glTF and GLB.
+//! Scene files: OBJ with MTL, glTF and GLB; portal models: Sweet Home 3D and TOML.
 //!
 //! Real files are dirty. What can be survived is survived, counted by kind and told once in
 //! [`Scene::summary`]; a file that cannot be read, or that holds nothing to see, is a [`LoadError`] that names the
@@ -7,12 +7,16 @@
 mod builder;
 mod gltf;
 mod lines;
+mod model;
 mod mtl;
 mod notes;
 mod obj;
 mod obj_lines;
 mod polygon;
 mod textures;
+
+pub use builder::{Group, GroupedScene};
+pub use model::{LoadedModel, ModelOptions, load_model};
 
 use crate::scene::{FileFrame, Scene, SceneError, UpAxis};
 use std::path::{Path, PathBuf};
@@ -40,6 +44,12 @@ pub enum LoadError {
     /// The file's ending is not one of those that are read.
     #[error("{}: unknown kind of scene file; expected .obj, .gltf or .glb", path.display())]
     UnknownFormat {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file's ending is not one of the portal models that are read.
+    #[error("{}: unknown kind of portal model; expected .toml, Home.xml or .sh3d", path.display())]
+    UnknownModel {
         /// The file.
         path: PathBuf,
     },
@@ -87,18 +97,38 @@ pub enum LoadError {
 /// # Errors
 /// See [`LoadError`].
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
+    load_file(path, options, false).map(|grouped| grouped.scene)
+}
+
+/// As [`load`], and keeps the groups and objects of an OBJ, and the nodes of a glTF, apart. Vertices are not shared
+/// between groups.
+///
+/// # Errors
+/// See [`LoadError`].
+pub fn load_grouped(path: &Path, options: &LoadOptions) -> Result<GroupedScene, LoadError> {
+    load_file(path, options, true)
+}
+
+fn load_file(path: &Path, options: &LoadOptions, groups: bool) -> Result<GroupedScene, LoadError> {
     let frame = FileFrame { up: options.up.unwrap_or_default(), unit_m: options.unit_m.unwrap_or(1.0) };
     if !(frame.unit_m.is_finite() && frame.unit_m > 0.0) {
         return Err(LoadError::Unit { path: path.to_path_buf(), unit_m: frame.unit_m });
     }
-    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
-    let loader = match extension.as_deref() {
-        Some("obj") => obj::load,
-        Some("gltf" | "glb") => gltf::load,
+    let loader = match extension_of(path).as_str() {
+        "obj" => obj::load,
+        "gltf" | "glb" => gltf::load,
         _ => return Err(LoadError::UnknownFormat { path: path.to_path_buf() }),
     };
-    let bytes = std::fs::read(path).map_err(|cause| LoadError::Io { path: path.to_path_buf(), cause })?;
-    loader(path, &bytes, frame)
+    loader(path, &read(path)?, frame, groups)
+}
+
+/// The ending of a path in lower case; empty if it has none.
+fn extension_of(path: &Path) -> String {
+    path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default()
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, LoadError> {
+    std::fs::read(path).map_err(|cause| LoadError::Io { path: path.to_path_buf(), cause })
 }
 
 /// The folder that a file lies in.

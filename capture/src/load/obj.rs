@@ -8,7 +8,7 @@
 //! the widespread file of the Cornell box, unless there is a `Ke`. Opacity (`d`, `Tr`) below one half without a map of
 //! opacity leaves the triangles out, as clear glass that a diffuse scene cannot show; at or above, it is opaque.
 
-use super::builder::{Builder, Vertex};
+use super::builder::{Builder, GroupedScene, Vertex};
 use super::lines::decode;
 use super::mtl::{self, Map, MtlMaterial};
 use super::notes::{Note, Notes};
@@ -17,19 +17,19 @@ use super::polygon::triangulate;
 use super::textures::{DecodedTextures, Handle, Role, TextureSet, find_file};
 use super::{LoadError, folder_of};
 use crate::material::{Cutout, Material, linear_from_srgb};
-use crate::scene::{FileFrame, Scene};
+use crate::scene::FileFrame;
 use glam::{Affine2, DVec3, Vec2, Vec3};
 use std::path::Path;
 
 /// Alpha below this is a hole; OBJ has no statement for it.
 const CUTOUT_THRESHOLD: f32 = 0.5;
 
-pub(super) fn load(path: &Path, bytes: &[u8], frame: FileFrame) -> Result<Scene, LoadError> {
+pub(super) fn load(path: &Path, bytes: &[u8], frame: FileFrame, groups: bool) -> Result<GroupedScene, LoadError> {
     let text = decode(bytes);
     let survey = Survey::of(&text);
     let mut notes = Notes::default();
     let mtl_materials = read_libraries(&survey, folder_of(path), &mut notes);
-    let (models, mended_notes) = parse(path, &text, &survey, &mtl_materials)?;
+    let (models, mended_notes) = parse(path, &text, &survey, &mtl_materials, groups)?;
     notes.merge(mended_notes);
     let undefined = survey.used_materials.iter().filter(|&name| mtl_materials.iter().all(|m| m.name != *name));
     undefined.for_each(|name| notes.add_named(Note::MaterialUndefined, name));
@@ -37,6 +37,9 @@ pub(super) fn load(path: &Path, bytes: &[u8], frame: FileFrame) -> Result<Scene,
     let surfaces = Surfaces::new(&mtl_materials, &models, folder_of(path), &mut notes);
     let mut builder = Builder::new(frame, notes);
     for model in &models {
+        if groups {
+            builder.begin_group(&model.name);
+        }
         surfaces.push_mesh(&model.mesh, &mut builder).map_err(|TooManyVertices| LoadError::Malformed {
             path: path.to_path_buf(),
             cause: "it has more than 2^32 vertices".into(),
@@ -51,10 +54,11 @@ fn parse(
     text: &str,
     survey: &Survey,
     materials: &[MtlMaterial],
+    groups: bool,
 ) -> Result<(Vec<tobj::Model>, Notes), LoadError> {
     let options =
         tobj::LoadOptions { single_index: true, ignore_points: true, ignore_lines: true, ..Default::default() };
-    let mut mended = MendedObj::new(text, survey);
+    let mut mended = MendedObj::new(text, survey, groups);
     let parsed = tobj::load_obj_buf(&mut mended, &options, |_| {
         let named = |m: &MtlMaterial| tobj::Material { name: m.name.clone(), ..Default::default() };
         // Of two materials of one name the later wins, as in `tobj` itself.

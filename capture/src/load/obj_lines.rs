@@ -89,13 +89,15 @@ pub(super) struct MendedObj<'a> {
     so_far: Counts,
     /// `o` or `g` of a group that has no face yet.
     faceless_group: Option<char>,
+    /// Whether `g` and `o` lines are handed on, each as a `g`.
+    keep_groups: bool,
     out: Vec<u8>,
     read: usize,
     pub(super) notes: Notes,
 }
 
 impl<'a> MendedObj<'a> {
-    pub(super) fn new(text: &'a str, survey: &'a Survey) -> Self {
+    pub(super) fn new(text: &'a str, survey: &'a Survey, keep_groups: bool) -> Self {
         Self {
             text,
             survey,
@@ -105,6 +107,7 @@ impl<'a> MendedObj<'a> {
             line: Cow::Borrowed(""),
             so_far: Counts::default(),
             faceless_group: None,
+            keep_groups,
             out: Vec::new(),
             read: 0,
             notes: Notes::default(),
@@ -186,12 +189,20 @@ impl<'a> MendedObj<'a> {
         match word {
             "f" | "fo" => self.mend_face(rest),
             "usemtl" => self.emit(&format!("usemtl {}", if rest.is_empty() { NO_MATERIAL } else { rest })),
-            "o" => self.begin_group(Some('o')),
+            "o" => self.begin_named_group('o', rest),
             // Maya puts the vertices of every mesh into a group of this name, which is not a defect.
             "g" if rest == "default" => {}
-            "g" => self.begin_group(Some('g')),
+            "g" => self.begin_named_group('g', rest),
             "l" | "p" | "curv" | "curv2" | "surf" => self.notes.add(Note::NonTriangles, 1),
             _ => {}
+        }
+    }
+
+    /// Counts the group that ends here, and hands on the name of the next where groups are wanted.
+    fn begin_named_group(&mut self, keyword: char, name: &str) {
+        self.begin_group(Some(keyword));
+        if self.keep_groups {
+            self.emit(&format!("g {name}"));
         }
     }
 

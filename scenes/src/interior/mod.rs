@@ -1,11 +1,9 @@
 //! `interior`: a furnished room of 6 m by 5 m by 2.8 m, with sun and sky through three windows.
 
-mod finishes;
-mod furniture;
-
+use crate::finishes::Finishes;
+use crate::furniture;
 use crate::mesh::Mesh;
 use crate::rng::Rng;
-use finishes::Finishes;
 use glam::{DVec2, DVec3, dvec3};
 use headbox_capture::scene::Scene;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -160,13 +158,13 @@ fn add_garden(mesh: &mut Mesh, finishes: &Finishes) {
 /// Sofa, low table, rug, shelf, lamp and pictures.
 fn add_lounge(mesh: &mut Mesh, finishes: &Finishes, rng: &Rng) {
     mesh.add_block(dvec3(-2.2, 0.0, -0.9), dvec3(-0.4, 0.012, 1.5), 0.0, finishes.rug);
-    furniture::sofa(mesh, dvec3(-2.5, 0.0, 0.3), finishes);
-    furniture::table(mesh, dvec3(-1.3, 0.012, 0.3), dvec3(0.6, 0.4, 1.0), finishes.walnut, finishes.walnut);
+    furniture::sofa(mesh, dvec3(-2.5, 0.0, 0.3), 0.0, finishes);
+    furniture::table(mesh, dvec3(-1.3, 0.012, 0.3), 0.0, dvec3(0.6, 0.4, 1.0), [finishes.walnut, finishes.walnut]);
     mesh.add_block(dvec3(-1.45, 0.412, 0.1), dvec3(-1.25, 0.435, 0.38), 1.0, finishes.books[0]);
     mesh.add_block(dvec3(-1.43, 0.435, 0.13), dvec3(-1.27, 0.452, 0.36), 1.0, finishes.books[4]);
-    furniture::shelf(mesh, dvec3(-1.3, 0.0, -ROOM.z + 0.016), finishes, &rng.fork(0));
+    furniture::shelf(mesh, dvec3(-1.3, 0.0, -ROOM.z + 0.016), 0.0, finishes, &rng.fork(0));
     furniture::floor_lamp(mesh, dvec3(-2.6, 0.0, -1.5), finishes);
-    furniture::plant(mesh, dvec3(2.5, 0.0, 2.0), finishes, &rng.fork(1));
+    furniture::plant(mesh, dvec3(2.5, 0.0, 2.0), 1.0, finishes, &rng.fork(1));
     let left_wall = -ROOM.x + 0.016;
     let hang = |mesh: &mut Mesh, z: f64, size: DVec2, canvas: u32| {
         furniture::picture(mesh, dvec3(left_wall, 1.6, z), DVec3::NEG_Z, size, canvas, finishes.walnut);
@@ -180,7 +178,7 @@ fn add_lounge(mesh: &mut Mesh, finishes: &Finishes, rng: &Rng) {
 /// Table, four chairs, fruit and a hanging lamp.
 fn add_dining(mesh: &mut Mesh, finishes: &Finishes) {
     let place = dvec3(1.45, 0.0, -1.0);
-    furniture::table(mesh, place, dvec3(1.5, 0.74, 0.85), finishes.oak, finishes.oak);
+    furniture::table(mesh, place, 0.0, dvec3(1.5, 0.74, 0.85), [finishes.oak, finishes.oak]);
     for (x, z, turn) in [(-0.38, -0.62, 0.05), (0.38, -0.66, -0.08), (-0.38, 0.62, PI - 0.1), (0.4, 0.7, PI + 0.3)] {
         furniture::chair(mesh, place + dvec3(x, 0.0, z), turn, finishes);
     }

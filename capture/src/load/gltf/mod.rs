@@ -8,10 +8,10 @@ mod accessor;
 mod material;
 mod uri;
 
-use super::builder::{Builder, Vertex};
+use super::builder::{Builder, GroupedScene, Vertex};
 use super::notes::{Note, Notes};
 use super::{LoadError, folder_of};
-use crate::scene::{FileFrame, Scene};
+use crate::scene::FileFrame;
 use ::gltf::json::mesh::{Mode, Primitive, Semantic};
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{Node, Root};
@@ -27,7 +27,7 @@ const KNOWN_EXTENSIONS: [&str; 4] =
 /// Extensions of materials change the looks at most.
 const MATERIAL_EXTENSIONS: &str = "KHR_materials_";
 
-pub(super) fn load(path: &Path, bytes: &[u8], frame: FileFrame) -> Result<Scene, LoadError> {
+pub(super) fn load(path: &Path, bytes: &[u8], frame: FileFrame, groups: bool) -> Result<GroupedScene, LoadError> {
     let (root, blob) = parse(path, bytes)?;
     let mut notes = Notes::default();
     for required in &root.extensions_required {
@@ -41,7 +41,7 @@ pub(super) fn load(path: &Path, bytes: &[u8], frame: FileFrame) -> Result<Scene,
     let buffers = Buffers::read(&root, blob, folder_of(path), &mut notes);
     let surfaces = Surfaces::read(&root, &buffers, path, &mut notes);
     let mut builder = Builder::new(frame, notes);
-    push_nodes(&root, &buffers, &surfaces, &mut builder).map_err(|TooManyVertices| LoadError::Malformed {
+    push_nodes(&root, &buffers, &surfaces, &mut builder, groups).map_err(|TooManyVertices| LoadError::Malformed {
         path: path.to_path_buf(),
         cause: "it has more than 2^32 vertices".into(),
     })?;
@@ -76,6 +76,7 @@ fn push_nodes(
     buffers: &Buffers,
     surfaces: &Surfaces,
     builder: &mut Builder,
+    groups: bool,
 ) -> Result<(), TooManyVertices> {
     let children = |node: &Node| node.children.iter().flatten().map(|child| child.value()).collect::<Vec<_>>();
     let scene = root.scene.map_or(0, |scene| scene.value());
@@ -105,6 +106,10 @@ fn push_nodes(
         open.extend(children(node).into_iter().rev().map(|child| (child, world_from_node)));
         if let Some(mesh) = node.mesh {
             builder.notes.add(Note::SkinAtRest, usize::from(node.skin.is_some()));
+            if groups {
+                let mesh_name = || root.meshes.get(mesh.value()).and_then(|mesh| mesh.name.as_deref());
+                builder.begin_group(node.name.as_deref().or_else(mesh_name).unwrap_or_default());
+            }
             let primitives = root.meshes.get(mesh.value()).map(|mesh| mesh.primitives.as_slice());
             builder.notes.add(Note::AccessorUnreadable, usize::from(primitives.is_none()));
             for primitive in primitives.unwrap_or_default() {

@@ -6,31 +6,31 @@ use crate::texture::{fractal, mix, noise, paint, shade};
 use headbox_capture::Texture;
 
 /// Indices of the room's materials.
-pub(super) struct Finishes {
-    pub(super) parquet: u32,
-    pub(super) tiles: u32,
-    pub(super) wallpaper: u32,
-    pub(super) plaster: u32,
-    pub(super) oak: u32,
-    pub(super) walnut: u32,
-    pub(super) fabric: u32,
-    pub(super) cushion: u32,
-    pub(super) rug: u32,
-    pub(super) curtain: u32,
-    pub(super) lacquer: u32,
-    pub(super) metal: u32,
-    pub(super) clay: u32,
-    pub(super) foliage: u32,
-    pub(super) bulb: u32,
-    pub(super) shade: u32,
-    pub(super) lawn: u32,
-    pub(super) pictures: [u32; 3],
-    pub(super) books: [u32; 6],
-    pub(super) fruit: [u32; 3],
+pub(crate) struct Finishes {
+    pub(crate) parquet: u32,
+    pub(crate) tiles: u32,
+    pub(crate) wallpaper: u32,
+    pub(crate) plaster: u32,
+    pub(crate) oak: u32,
+    pub(crate) walnut: u32,
+    pub(crate) fabric: u32,
+    pub(crate) cushion: u32,
+    pub(crate) rug: u32,
+    pub(crate) curtain: u32,
+    pub(crate) lacquer: u32,
+    pub(crate) metal: u32,
+    pub(crate) clay: u32,
+    pub(crate) foliage: u32,
+    pub(crate) bulb: u32,
+    pub(crate) shade: u32,
+    pub(crate) lawn: u32,
+    pub(crate) pictures: [u32; 3],
+    pub(crate) books: [u32; 6],
+    pub(crate) fruit: [u32; 3],
 }
 
 impl Finishes {
-    pub(super) fn new(mesh: &mut Mesh, seed: u64) -> Self {
+    pub(crate) fn new(mesh: &mut Mesh, seed: u64) -> Self {
         let books = [
             [0.45, 0.08, 0.07],
             [0.07, 0.15, 0.35],

@@ -6,6 +6,13 @@
 //! * A **portal** is a planar convex polygon shared by exactly two cells. Nothing but a portal lets light pass from one
 //!   cell to another: what is seen of another cell is seen through portals.
 
+mod check;
+mod leaks;
+mod polygon;
+
+pub use check::{Finding, Flaw, Severity};
+pub use polygon::Shape;
+
 use crate::scene::Scene;
 use glam::{DVec2, DVec3};
 use std::ops::Range;

@@ -1,6 +1,16 @@
-//! What stands in the room.
+//! What stands in rooms. Pieces are built in axes of their own: +x along the wall behind them, +z into the room.
 
-use super::finishes::Finishes;
+mod bath;
+mod door;
+mod kitchen;
+mod sleep;
+
+pub(crate) use bath::{basin, bath, toilet};
+pub(crate) use door::{DoorLeaf, door_leaf};
+pub(crate) use kitchen::{counter, fridge, rack, washer, workbench};
+pub(crate) use sleep::{bed, cabinet, desk, wardrobe};
+
+use crate::finishes::Finishes;
 use crate::mesh::{Mesh, Vertex};
 use crate::rng::Rng;
 use glam::{DMat3, DVec2, DVec3, dvec3};
@@ -18,10 +28,33 @@ impl<'a> Piece<'a> {
         Self { mesh, place, world_from_piece: DMat3::from_rotation_y(turn) }
     }
 
+    /// A point of the piece's own axes, in the world.
+    fn at(&self, p: DVec3) -> DVec3 {
+        self.place + self.world_from_piece * p
+    }
+
     /// A box between two corners in the piece's own axes.
     fn block(&mut self, low: DVec3, high: DVec3, tile: f64, material: u32) {
-        let centre = self.place + self.world_from_piece * ((low + high) / 2.0);
+        let centre = self.at((low + high) / 2.0);
         self.mesh.add_box(centre, (high - low) / 2.0, self.world_from_piece, tile, material);
+    }
+
+    /// A stuffed cushion between two corners in the piece's own axes.
+    fn cushion(&mut self, low: DVec3, high: DVec3, material: u32) {
+        let centre = self.at((low + high) / 2.0);
+        self.mesh.add_cushion(centre, (high - low) / 2.0, self.world_from_piece, 0.3, material);
+    }
+
+    /// A knob, or the head of a tap.
+    fn ball(&mut self, centre: DVec3, radius: f64, material: u32) {
+        let centre = self.at(centre);
+        self.mesh.add_sphere(centre, radius, -FRAC_PI_2, FRAC_PI_2, 10, material);
+    }
+
+    /// A bar or pipe of one thickness along a path in the piece's own axes.
+    fn pipe<const N: usize>(&mut self, path: [DVec3; N], radius: f64, material: u32) {
+        let path = path.map(|p| (self.at(p), radius));
+        self.mesh.add_tube(&path, 8, 1.0, material);
     }
 
     /// Four legs of `thickness` under a rectangle of half-sizes `half_x`, `half_z`.
@@ -34,9 +67,9 @@ impl<'a> Piece<'a> {
     }
 }
 
-/// A table of the given size, its legs under the corners.
-pub(super) fn table(mesh: &mut Mesh, place: DVec3, size: DVec3, top: u32, legs: u32) {
-    let mut piece = Piece::new(mesh, place, 0.0);
+/// A table of the given size, of the materials of its top and its legs, which stand under the corners.
+pub(crate) fn table(mesh: &mut Mesh, place: DVec3, turn: f64, size: DVec3, [top, legs]: [u32; 2]) {
+    let mut piece = Piece::new(mesh, place, turn);
     let (half_x, half_z) = (size.x / 2.0, size.z / 2.0);
     piece.block(dvec3(-half_x, size.y - 0.035, -half_z), dvec3(half_x, size.y, half_z), 1.0, top);
     piece.legs(half_x, half_z, size.y - 0.035, 0.06, legs);
@@ -45,7 +78,7 @@ pub(super) fn table(mesh: &mut Mesh, place: DVec3, size: DVec3, top: u32, legs: 
 }
 
 /// A chair that looks along +z before it is turned.
-pub(super) fn chair(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes) {
+pub(crate) fn chair(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes) {
     let mut piece = Piece::new(mesh, place, turn);
     piece.legs(0.23, 0.23, 0.44, 0.045, finishes.walnut);
     piece.block(dvec3(-0.23, 0.44, -0.23), dvec3(0.23, 0.47, 0.23), 0.6, finishes.walnut);
@@ -56,9 +89,9 @@ pub(super) fn chair(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishe
     piece.block(dvec3(-0.23, 0.88, -0.225), dvec3(0.23, 0.97, -0.19), 0.6, finishes.walnut);
 }
 
-/// A sofa whose back is at -x.
-pub(super) fn sofa(mesh: &mut Mesh, place: DVec3, finishes: &Finishes) {
-    let mut piece = Piece::new(mesh, place, 0.0);
+/// A sofa whose back is at -x before it is turned.
+pub(crate) fn sofa(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes) {
+    let mut piece = Piece::new(mesh, place, turn);
     piece.legs(0.42, 1.0, 0.12, 0.06, finishes.walnut);
     piece.block(dvec3(-0.45, 0.12, -1.05), dvec3(0.45, 0.28, 1.05), 0.3, finishes.fabric);
     piece.block(dvec3(-0.45, 0.28, -1.05), dvec3(-0.25, 0.82, 1.05), 0.3, finishes.fabric);
@@ -70,17 +103,18 @@ pub(super) fn sofa(mesh: &mut Mesh, place: DVec3, finishes: &Finishes) {
     }
     // Two cushions lean in the corners.
     for (z, turn) in [(-0.6, 0.3), (0.55, -0.25)] {
-        let lean = DMat3::from_rotation_y(turn) * DMat3::from_rotation_z(0.35);
-        piece.mesh.add_box(place + dvec3(-0.08, 0.66, z), dvec3(0.06, 0.2, 0.2), lean, 0.3, finishes.cushion);
+        let lean = piece.world_from_piece * DMat3::from_rotation_y(turn) * DMat3::from_rotation_z(0.35);
+        let centre = piece.at(dvec3(-0.08, 0.66, z));
+        piece.mesh.add_box(centre, dvec3(0.06, 0.2, 0.2), lean, 0.3, finishes.cushion);
     }
 }
 
-/// A shelf with its back at -z, five boards of books.
-pub(super) fn shelf(mesh: &mut Mesh, place: DVec3, finishes: &Finishes, rng: &Rng) {
+/// A shelf of five boards of books; `place` is the middle of its back on the floor.
+pub(crate) fn shelf(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes, rng: &Rng) {
     const HALF: f64 = 0.9;
     const DEPTH: f64 = 0.3;
     const STEP: f64 = 0.4;
-    let mut piece = Piece::new(mesh, place, 0.0);
+    let mut piece = Piece::new(mesh, place, turn);
     piece.block(dvec3(-HALF, 0.0, 0.0), dvec3(HALF, 2.1, 0.015), 0.8, finishes.oak);
     for x in [-HALF, HALF - 0.03] {
         piece.block(dvec3(x, 0.0, 0.015), dvec3(x + 0.03, 2.1, DEPTH), 0.8, finishes.oak);
@@ -106,7 +140,7 @@ pub(super) fn shelf(mesh: &mut Mesh, place: DVec3, finishes: &Finishes, rng: &Rn
 }
 
 /// A picture in a frame; `right` (unit) runs along the wall, and `right x up` points into the room.
-pub(super) fn picture(mesh: &mut Mesh, centre: DVec3, right: DVec3, size: DVec2, canvas: u32, frame: u32) {
+pub(crate) fn picture(mesh: &mut Mesh, centre: DVec3, right: DVec3, size: DVec2, canvas: u32, frame: u32) {
     let out = right.cross(DVec3::Y);
     let world_from_wall = DMat3::from_cols(right, DVec3::Y, out);
     mesh.add_box(centre, dvec3(size.x / 2.0 + 0.03, size.y / 2.0 + 0.03, 0.015), world_from_wall, 0.6, frame);
@@ -115,14 +149,14 @@ pub(super) fn picture(mesh: &mut Mesh, centre: DVec3, right: DVec3, size: DVec2,
 }
 
 /// A lamp on a foot, with an open shade around a glowing bulb.
-pub(super) fn floor_lamp(mesh: &mut Mesh, place: DVec3, finishes: &Finishes) {
+pub(crate) fn floor_lamp(mesh: &mut Mesh, place: DVec3, finishes: &Finishes) {
     mesh.add_cylinder(place, 0.16, 0.025, 32, finishes.metal);
     mesh.add_cylinder(place + DVec3::Y * 0.025, 0.012, 1.43, 10, finishes.metal);
     bulb_in_shade(mesh, place + DVec3::Y * 1.5, 0.3, 0.2, finishes);
 }
 
 /// A lamp that hangs from the ceiling at height `ceiling`.
-pub(super) fn pendant(mesh: &mut Mesh, place: DVec3, ceiling: f64, finishes: &Finishes) {
+pub(crate) fn pendant(mesh: &mut Mesh, place: DVec3, ceiling: f64, finishes: &Finishes) {
     let cord = [(place + DVec3::Y * 0.2, 0.004), (dvec3(place.x, ceiling, place.z), 0.004)];
     mesh.add_tube(&cord, 6, 1.0, finishes.metal);
     bulb_in_shade(mesh, place, 0.22, 0.05, finishes);
@@ -134,21 +168,22 @@ fn bulb_in_shade(mesh: &mut Mesh, centre: DVec3, wide: f64, narrow: f64, finishe
     mesh.add_tube(&shade, 40, 1.0, finishes.shade);
 }
 
-/// A pot with a plant of long, arching leaves.
-pub(super) fn plant(mesh: &mut Mesh, place: DVec3, finishes: &Finishes, rng: &Rng) {
+/// A pot with a plant of long, arching leaves that reach up to `reach` times 0.83 m away.
+pub(crate) fn plant(mesh: &mut Mesh, place: DVec3, reach: f64, finishes: &Finishes, rng: &Rng) {
     let pot = [(place, 0.13), (place + DVec3::Y * 0.3, 0.19), (place + DVec3::Y * 0.34, 0.2)];
     mesh.add_tube(&pot, 32, 1.0, finishes.clay);
     mesh.add_disk(place + DVec3::Y * 0.002, 0.13, DVec3::Y, 32, finishes.clay);
     mesh.add_disk(place + DVec3::Y * 0.29, 0.185, DVec3::Y, 32, finishes.walnut);
+    let steps = mesh.rounds(10);
     for leaf in 0..44_u64 {
         let mut draw = rng.fork(leaf);
         let around = leaf as f64 * 2.399_963;
         let outward = dvec3(around.cos(), 0.0, around.sin());
         let side = outward.cross(DVec3::Y);
-        let (length, rise) = (draw.between(0.4, 0.75), draw.between(0.9, 1.5));
+        let (length, rise) = (reach * draw.between(0.4, 0.75), draw.between(0.9, 1.5));
         let base = place + DVec3::Y * 0.29 + outward * draw.between(0.0, 0.08);
-        mesh.add_grid(2, 10, finishes.foliage, |column, row| {
-            let (s, across) = (row as f64 / 10.0, column as f64 - 1.0);
+        mesh.add_grid(2, steps, finishes.foliage, |column, row| {
+            let (s, across) = (row as f64 / steps as f64, column as f64 - 1.0);
             // Up at first, then over and down.
             let rib = base + (outward * s * (0.25 + 0.75 * s) + DVec3::Y * (s * rise - 1.05 * s * s)) * length;
             let width = 0.045 * (s * PI * 0.92 + 0.25).sin();
@@ -162,7 +197,7 @@ pub(super) fn plant(mesh: &mut Mesh, place: DVec3, finishes: &Finishes, rng: &Rn
 }
 
 /// A bowl of fruit.
-pub(super) fn fruit_bowl(mesh: &mut Mesh, place: DVec3, finishes: &Finishes) {
+pub(crate) fn fruit_bowl(mesh: &mut Mesh, place: DVec3, finishes: &Finishes) {
     mesh.add_cylinder(place, 0.07, 0.012, 32, finishes.lacquer);
     mesh.add_sphere(place + DVec3::Y * 0.17, 0.16, -1.3, -0.35, 48, finishes.lacquer);
     for (i, material) in finishes.fruit.into_iter().cycle().take(6).enumerate() {
@@ -174,11 +209,11 @@ pub(super) fn fruit_bowl(mesh: &mut Mesh, place: DVec3, finishes: &Finishes) {
 }
 
 /// A curtain in folds that hangs from `top` along `along` to `height` below.
-pub(super) fn curtain(mesh: &mut Mesh, top: DVec3, along: DVec3, height: f64, material: u32) {
-    const FOLDS: usize = 72;
+pub(crate) fn curtain(mesh: &mut Mesh, top: DVec3, along: DVec3, height: f64, material: u32) {
+    let (columns, rows) = (mesh.rounds(72), mesh.rounds(12));
     let out = along.cross(DVec3::Y).normalize_or_zero();
-    mesh.add_grid(FOLDS, 12, material, |column, row| {
-        let (s, t) = (column as f64 / FOLDS as f64, row as f64 / 12.0);
+    mesh.add_grid(columns, rows, material, |column, row| {
+        let (s, t) = (column as f64 / columns as f64, row as f64 / rows as f64);
         let fold = (s * 9.0 * TAU).sin() * (0.025 + 0.015 * (1.0 - t));
         let position = top + along * s + out * fold - DVec3::Y * height * (1.0 - t);
         Vertex::new(position, DVec3::ZERO, DVec2::new(s * along.length(), t * height) / 0.3)

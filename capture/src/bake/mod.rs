@@ -1,0 +1,117 @@
+//! Light baked into vertices: a scene that shows, without any light of its own, what capture and truth show with it.
+//!
+//! # What a baked scene is
+//! * Its vertex colours are the source's times irradiance / pi times the exposure, by the estimator of
+//!   [`crate::light`]; textures and albedos stay, so what a surface shows is its albedo (vertex colour included) plus
+//!   its emission: what `truth --unlit` and a capture with no light samples show, and what a rasteriser interpolates.
+//! * Emission and sky are multiplied by the exposure, and there is no sun, so its own exposure is 1: values are stored
+//!   as they are. [`crate::light::Lighting::of_scene`] with no bounces is its light: the sky, for rays that leave.
+//!
+//! Geometry, images and truth of one baked scene therefore agree by construction. What is lost against the unbaked one
+//! is light between vertices (the shorter the edges, the less) and the difference between the two sides of a thin
+//! surface: each vertex has the light of the brighter side, so that the winding of a file does not matter.
+
+mod light;
+mod subdivide;
+
+use crate::light::Lighting;
+use crate::portal_model::PortalModel;
+use crate::scene::{Scene, Sky};
+use crate::trace::Tracer;
+use light::VertexLight;
+use std::sync::Arc;
+use subdivide::subdivide;
+
+/// How finely light is baked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BakeOptions {
+    /// Edges longer than this are cut, metres.
+    pub edge_m: f64,
+    /// More triangles than this are not made: edges stay longer instead.
+    pub max_triangles: usize,
+    /// Light samples per vertex.
+    pub samples: u32,
+    /// How often soft light (all but the sun's) is averaged with that of the neighbouring vertices of the same smooth
+    /// surface, against the noise of few samples.
+    pub smoothing: u32,
+    /// Diffuse bounces of light.
+    pub bounces: u32,
+}
+
+impl Default for BakeOptions {
+    /// Shadows resolved to a hand's breadth; the noise that is left is about that of a capture's 64 samples.
+    fn default() -> Self {
+        Self { edge_m: 0.2, max_triangles: 6_000_000, samples: 32, smoothing: 2, bounces: 1 }
+    }
+}
+
+/// A scene with its light in its vertices.
+#[derive(Clone, Debug)]
+pub struct Baked {
+    /// The scene; see the [module](self) for how to show it.
+    pub scene: Scene,
+    /// Triangle `i` of the source became the triangles `pieces[i]..pieces[i + 1]`.
+    pub pieces: Vec<u32>,
+    /// The longest edge that was left uncut on purpose, metres: more than asked for where there would have been too many
+    /// triangles.
+    pub edge_m: f64,
+    /// The exposure that is baked in.
+    pub exposure: f32,
+}
+
+/// Bakes the light of a valid scene ([`Scene::validate`]). `progress` is told now and then how many vertices, of how
+/// many, are done. The same bytes on any number of threads.
+pub fn bake(source: &Arc<Scene>, options: &BakeOptions, progress: &(dyn Fn(usize, usize) + Sync)) -> Baked {
+    let [low, high] = source.bounds();
+    let tracer = Tracer::new(Arc::clone(source), (low + high) / 2.0);
+    let lighting = Lighting::measure(&tracer, options.bounces);
+    let (mut scene, pieces, edge_m) = cut(source, options);
+    let sources = owners(&pieces);
+    let light = VertexLight { tracer: &tracer, lighting: &lighting, options };
+    light.bake(&mut scene, &sources, progress);
+
+    let exposure = lighting.exposure;
+    for material in &mut scene.materials {
+        material.emission = material.emission.map(|c| c * exposure);
+    }
+    let exposed = |color: [f32; 3]| color.map(|c| c * exposure);
+    scene.sun = None;
+    scene.sky = scene.sky.map(|sky| Sky {
+        zenith: exposed(sky.zenith),
+        horizon: exposed(sky.horizon),
+        ground: exposed(sky.ground),
+    });
+    Baked { scene, pieces, edge_m, exposure }
+}
+
+/// Bakes the light of a portal model's scene (see [`bake`]); each cell keeps its surfaces.
+pub fn bake_model(model: PortalModel, options: &BakeOptions, progress: &(dyn Fn(usize, usize) + Sync)) -> PortalModel {
+    let baked = bake(&Arc::new(model.scene), options, progress);
+    let piece = |triangle: u32| baked.pieces.get(triangle as usize).copied().unwrap_or_default();
+    let mut cells = model.cells;
+    for cell in &mut cells {
+        cell.triangles = piece(cell.triangles.start)..piece(cell.triangles.end);
+    }
+    PortalModel { scene: baked.scene, cells, portals: model.portals, outside: model.outside }
+}
+
+/// A scene cut to the wished edge length, or as near to it as the number of triangles allows.
+fn cut(source: &Scene, options: &BakeOptions) -> (Scene, Vec<u32>, f64) {
+    /// Each attempt allows edges longer by this factor.
+    const COARSER: f64 = 1.5;
+    let most = options.max_triangles.max(source.triangles.len());
+    let mut edge_m = if options.edge_m > 0.0 { options.edge_m } else { f64::INFINITY };
+    loop {
+        let mut scene = source.clone();
+        if let Some(pieces) = subdivide(&mut scene, edge_m, most) {
+            return (scene, pieces, edge_m);
+        }
+        edge_m *= COARSER;
+    }
+}
+
+/// For each piece, the triangle of the source that it is of.
+fn owners(pieces: &[u32]) -> Vec<u32> {
+    let runs = pieces.windows(2).enumerate();
+    runs.flat_map(|(source, run)| (run[0]..run[1]).map(move |_| source as u32)).collect()
+}

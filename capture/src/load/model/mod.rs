@@ -1,0 +1,83 @@
+//! Portal models from files: Sweet Home 3D homes, and TOML models that point at scene files.
+
+mod assign;
+mod home;
+mod leaves;
+mod split;
+mod sweethome;
+mod toml;
+
+use super::{LoadError, extension_of};
+use crate::portal_model::{Finding, PortalModel};
+use std::path::Path;
+
+/// What the user says about a portal model.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ModelOptions {
+    /// Keep the leaves that close doors and windows.
+    pub keep_doors: bool,
+}
+
+/// A portal model as loaded.
+#[derive(Clone, Debug)]
+pub struct LoadedModel {
+    /// The model, mended ([`PortalModel::mend`]). What was met and survived on the way is in its scene's summary.
+    pub model: PortalModel,
+    /// What is, or was, wrong with its cells and portals; those that were left out are numbered on from the last portal.
+    pub findings: Vec<Finding>,
+}
+
+impl LoadedModel {
+    fn new(mut model: PortalModel) -> Self {
+        let findings = model.mend();
+        Self { model, findings }
+    }
+}
+
+/// Loads a portal model: the `Home.xml` of a Sweet Home 3D home or its `.sh3d` archive, with the home's OBJ export
+/// beside it, or a `.toml` model. The formats are described below.
+///
+/// # Sweet Home 3D
+/// The geometry is the home's OBJ export in the same folder: `home.obj`, an OBJ of the plan's own name, or the only OBJ
+/// there is. Each room with a ceiling becomes a cell; a balcony or terrace open to the sky is outside. Each door and
+/// window becomes a portal in the middle of its wall, between the rooms on its two sides or a room and the outside; the
+/// space in the wall belongs to the room on its side. Leaves and panes that close an opening are left out with their
+/// handles, open ones stay. Furniture goes as a whole to the cell that it stands in; walls and floors go, triangle by
+/// triangle, to the cell that they face, cut where they face several; the rest is outside.
+///
+/// # TOML
+/// ```toml
+/// name = "flat"                # optional
+/// up = "z"                     # "y" (default) or "z": axis of the scene file and of all coordinates below
+/// unit = 0.01                  # metres to a unit; 1 if absent
+/// scene = "flat.obj"           # .obj, .gltf or .glb, relative to this file
+///
+/// [[cell]]
+/// name = "hall"
+/// groups = ["hall_*"]          # groups of an OBJ, nodes of a glTF; * stands for anything
+/// [[cell.prism]]               # its space: one or more upright prisms
+/// outline = [[0, 0], [400, 0], [400, 300], [0, 300]]   # corners in plan: (x, z) with Y up, (x, y) with Z up
+/// floor = 0
+/// ceiling = 250
+///
+/// [[cell]]
+/// name = "garden"
+/// outside = true               # at most one cell: all space outside the others
+///
+/// [[portal]]
+/// name = "front door"
+/// cells = ["hall", "garden"]
+/// polygon = [[100, 0, 0], [200, 0, 0], [200, 0, 210], [100, 0, 210]]
+/// ```
+/// Groups that no cell names are dealt out as those of a home are. Without an outside cell of the file's own, one
+/// called "Outside" is added.
+///
+/// # Errors
+/// See [`LoadError`].
+pub fn load_model(path: &Path, options: &ModelOptions) -> Result<LoadedModel, LoadError> {
+    match extension_of(path).as_str() {
+        "xml" | "sh3d" => sweethome::load(path, options),
+        "toml" => toml::load(path),
+        _ => Err(LoadError::UnknownModel { path: path.to_path_buf() }),
+    }
+}

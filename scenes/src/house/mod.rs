@@ -1,0 +1,164 @@
+//! `house`: a furnished one-storey house of 18 rooms in a garden, as cells and portals; after the Brooks House of
+//! Rafferty et al. 1998 (19 cells, 52 portals and 1,744,000 polygons; inventory R-N3).
+
+mod furnish;
+mod outside;
+mod palette;
+mod plan;
+mod shell;
+
+use crate::mesh::{Fineness, Mesh};
+use crate::rng::Rng;
+use furnish::{Furnishing, hang_lamps};
+use glam::{DVec2, DVec3};
+use headbox_capture::portal_model::{Cell, Portal, PortalModel, Prism};
+use headbox_capture::scene::Scene;
+use palette::{Palette, TILE_M};
+use plan::{Plan, Purpose};
+use shell::{add_slab, walls};
+
+/// Triangles of the paper's house, near enough: what [`house`] makes by default.
+pub const HOUSE_TRIANGLES: usize = 1_744_000;
+
+/// How far a cell's space reaches below its floor and above its ceiling, metres: into the slabs, so that a point on
+/// the floor is in the room.
+const SLAB_DEPTH: f64 = 0.05;
+
+/// Height of the eye in the suggested headbox, metres.
+const EYE: f64 = 1.5;
+
+/// A furnished one-storey house of 18 rooms and corridors with doors and windows, in a garden: 19 cells (the last is
+/// the outside) and 52 portals. The seed moves walls and doors, mirrors the plan, and chooses furniture and finishes.
+///
+/// Portals lie in the middle of their wall's thickness; each cell's half of the wall, reveals included, belongs to that
+/// cell, so that a cell's own triangles and its portals close it. No triangle crosses a portal.
+///
+/// The house has at most `triangle_budget` triangles, and as many as whole steps of fineness allow (a few per cent
+/// less; a fifth less where there are few), by dividing walls and furniture more finely. A small budget leaves out
+/// furniture, and the bare walls (some 4,600 triangles) stand whatever the budget.
+pub fn house(seed: u64, triangle_budget: usize) -> PortalModel {
+    let plan = Plan::new(&Rng::new(seed));
+    let mut mesh = Mesh::default();
+    let palette = Palette::new(&mut mesh, seed);
+    // The finest step within the budget, by bisection over their numbers: finer steps have no fewer triangles.
+    let (mut fits, mut too_many) = (Detail::COARSEST, Detail::FINEST + 1);
+    while too_many - fits > 1 {
+        let middle = (fits + too_many) / 2;
+        let detail = Detail::new(middle);
+        let mut count = Mesh::counting(detail.fineness);
+        build(&mut count, &plan, &detail, &palette, seed);
+        if count.triangle_count() <= triangle_budget {
+            fits = middle;
+        } else {
+            too_many = middle;
+        }
+    }
+    let detail = Detail::new(fits);
+    mesh.fineness = detail.fineness;
+    let runs = build(&mut mesh, &plan, &detail, &palette, seed);
+    assemble(mesh, &plan, &runs)
+}
+
+/// The house as a scene.
+pub(crate) fn build_scene(seed: u64) -> Scene {
+    house(seed, HOUSE_TRIANGLES).scene
+}
+
+/// One step of fineness.
+struct Detail {
+    fineness: Fineness,
+    /// Share of the furniture that is there, 0 to 1.
+    furniture: f64,
+}
+
+impl Detail {
+    /// Bare walls.
+    const COARSEST: i32 = -80;
+    /// Cells of 4 mm.
+    const FINEST: i32 = 240;
+    /// Steps to a factor of two in the length of a cell.
+    const STEPS: f64 = 32.0;
+
+    fn new(step: i32) -> Self {
+        let scale = (f64::from(step) / Self::STEPS).exp2();
+        let round = scale.sqrt().clamp(0.25, 8.0);
+        let fineness = Fineness { edge_m: 0.7 / scale, round };
+        Self { fineness, furniture: (1.0 + f64::from(step) / f64::from(-Self::COARSEST)).clamp(0.0, 1.0) }
+    }
+}
+
+/// Builds all cells one after another; the number of triangles after each.
+fn build(mesh: &mut Mesh, plan: &Plan, detail: &Detail, palette: &Palette, seed: u64) -> Vec<u32> {
+    let rng = Rng::new(seed);
+    let mut ends = Vec::new();
+    for cell in 0..plan.rooms.len() {
+        add_room(mesh, plan, cell, detail, palette, &rng.fork(1000 + cell as u64));
+        ends.push(mesh.triangle_count() as u32);
+    }
+    outside::add(mesh, plan, palette, &rng.fork(999), detail.furniture > 0.3);
+    ends.push(mesh.triangle_count() as u32);
+    ends
+}
+
+fn add_room(mesh: &mut Mesh, plan: &Plan, cell: usize, detail: &Detail, palette: &Palette, rng: &Rng) {
+    let room = &plan.rooms[cell];
+    let finishes = &palette.finishes;
+    let mut draw = rng.fork(0);
+    let (wall_material, floor) = (palette.walls_of(room.purpose, &mut draw), palette.floor_of(room.purpose, &mut draw));
+    add_slab(mesh, plan, cell, 0.0, true, TILE_M, floor);
+    add_slab(mesh, plan, cell, room.ceiling, false, 2.0, finishes.plaster);
+    let walls = walls(plan, cell, [0.0, room.ceiling]);
+    for wall in &walls {
+        wall.add_face(mesh, &[], TILE_M, wall_material);
+        for hole in &wall.holes {
+            wall.add_reveals(mesh, hole, hole.heights[0] > 0.0, 1.0, finishes.plaster);
+        }
+    }
+    if detail.furniture <= 0.0 {
+        return;
+    }
+    for wall in &walls {
+        for hole in &wall.holes {
+            if hole.heights[0] == 0.0 {
+                wall.add_casing(mesh, hole, finishes.lacquer);
+            }
+            wall.add_filling(mesh, hole, cell, finishes);
+        }
+        if room.purpose != Purpose::Bathroom {
+            wall.add_skirting(mesh, finishes.lacquer);
+        }
+    }
+    hang_lamps(mesh, plan, cell, palette);
+    let mut furnishing = Furnishing::new(plan, cell, &walls);
+    if room.purpose == Purpose::Living {
+        furnishing.keep_free(headbox_centre(plan, cell), 0.6, [0.9, 2.1]);
+    }
+    furnishing.furnish(mesh, room.purpose, detail.furniture, palette, rng);
+}
+
+fn headbox_centre(plan: &Plan, cell: usize) -> DVec2 {
+    (plan.rooms[cell].low + plan.rooms[cell].high) / 2.0
+}
+
+fn assemble(mesh: Mesh, plan: &Plan, ends: &[u32]) -> PortalModel {
+    let living = plan.rooms.iter().position(|room| room.purpose == Purpose::Living).unwrap_or(0);
+    let centre = headbox_centre(plan, living);
+    let scene = mesh.finish("house", DVec3::new(centre.x, EYE, centre.y), 0.4);
+    let space = |room: &plan::Room| {
+        let ([x0, z0], [x1, z1]) = (room.low.to_array(), room.high.to_array());
+        let outline = vec![DVec2::new(x0, z0), DVec2::new(x1, z0), DVec2::new(x1, z1), DVec2::new(x0, z1)];
+        Prism { outline, floor_y: -SLAB_DEPTH, ceiling_y: room.ceiling + SLAB_DEPTH }
+    };
+    let names = plan.rooms.iter().map(|room| (room.name, vec![space(room)])).chain([("Outside", Vec::new())]);
+    let begins = std::iter::once(0).chain(ends.iter().copied());
+    let cells = names.zip(begins.zip(ends));
+    let cells =
+        cells.map(|((name, space), (from, &to))| Cell { name: name.into(), space, triangles: from..to }).collect();
+    let portal = |opening: &plan::Opening| Portal {
+        name: opening.name.clone(),
+        cells: opening.cells.map(|cell| cell as u32),
+        polygon: opening.polygon(plan),
+    };
+    let portals = plan.openings.iter().map(portal).collect();
+    PortalModel { scene, cells, portals, outside: Some(plan.outside() as u32) }
+}

@@ -1,0 +1,3 @@
+//! Portal models for people and for walking.
+
+pub mod plan;
