@@ -4,12 +4,24 @@ use crate::capture::light::Lighting;
 use crate::capture::rig::Face;
 use crate::capture::srgb8_from_linear;
 use crate::ldi::Environment;
+use fearless_simd::{Simd, SimdCvtTruncate, f32x16, prelude::*, u32x16};
 use glam::{DVec3, Vec3};
 
 /// Four bytes, 16 bits each, so that one multiplication serves all.
 #[inline(always)]
 fn spread([r, g, b, a]: [u8; 4]) -> u64 {
     u64::from(r) | u64::from(g) << 16 | u64::from(b) << 32 | u64::from(a) << 48
+}
+
+/// [`Environment::between_four`] of the texels that a miss reached, if there are any.
+fn mean_of_known(texels: [[u8; 4]; 4], [u, v]: [u32; 2]) -> Option<[u8; 3]> {
+    let weights = [(256 - u) * (256 - v), u * (256 - v), (256 - u) * v, u * v];
+    let (mut sum, mut total) = ([0; 3], 0);
+    for (texel, weight) in texels.iter().zip(weights).filter(|(texel, _)| texel[3] == 255) {
+        total += weight;
+        sum.iter_mut().zip(texel).for_each(|(sum, c)| *sum += weight * u32::from(*c));
+    }
+    (total > 0).then(|| sum.map(|s| ((s + total / 2) / total) as u8))
 }
 
 impl Environment {
@@ -33,12 +45,6 @@ impl Environment {
         if self.size_px == 0 || !direction.is_finite() || direction == Vec3::ZERO {
             return None;
         }
-        self.sample_inside(direction).or_else(|| self.sample_anywhere(direction.as_dvec3()))
-    }
-
-    /// The sample where all four texels lie on one face and are known, which is nearly everywhere.
-    #[inline]
-    fn sample_inside(&self, direction: Vec3) -> Option<[u8; 3]> {
         let (face, [right, up, depth]) = Face::locate(direction);
         let half = self.size_px as f32 / 2.0;
         let per_depth = half / depth;
@@ -47,15 +53,69 @@ impl Environment {
         let inside = x >= 0.0 && y >= 0.0 && left + 1 < self.size_px && top + 1 < self.size_px;
         let size = self.size_px as usize;
         let first = (face.index() * size + top as usize) * size + left as usize;
-        let upper = self.texels.get(first..first + 2).filter(|_| inside)?;
-        let lower = self.texels.get(first + size..first + size + 2)?;
+        let within = [((x - left as f32) * 256.0) as u32, ((y - top as f32) * 256.0) as u32];
+        if inside { self.between_four(first, within) } else { self.sample_anywhere(direction.as_dvec3()) }
+    }
+
+    /// The samples in the directions `start + i * step` for i from 0 to 15, as [`Self::sample`] finds them.
+    #[inline(always)]
+    pub(crate) fn sample_sixteen<S: Simd>(&self, simd: S, start: Vec3, step: Vec3) -> [Option<[u8; 3]>; 16] {
+        if self.size_px == 0 {
+            return [None; 16];
+        }
+        let k = f32x16::load_array(simd, std::array::from_fn(|i| i as f32));
+        let splat = |v: f32| f32x16::splat(simd, v);
+        let [x, y, z] = [0, 1, 2].map(|axis| k * step[axis] + start[axis]);
+        // As `Face::locate`: of a face, its number without the sign; right, up and depth.
+        let (ax, ay, az) = (x.abs(), y.abs(), z.abs());
+        let on_x = ax.simd_ge(ay) & ax.simd_ge(az);
+        let on_z = az.simd_gt(ay) & !on_x;
+        let of_axis = |on_x_: f32x16<S>, on_y_, on_z_| on_x.select(on_x_, on_z.select(on_z_, on_y_));
+        let signed_depth = of_axis(x, y, z);
+        let negative = signed_depth.simd_lt(splat(0.0));
+        let flip = |v: f32x16<S>| negative.select(-v, v);
+        let right = of_axis(flip(z), x, flip(-x));
+        let up = of_axis(y, flip(z), y);
+        let number = of_axis(splat(0.0), splat(2.0), splat(4.0)) + negative.select(splat(1.0), splat(0.0));
+
+        let (size, half) = (self.size_px as f32, self.size_px as f32 / 2.0);
+        let per_depth = splat(half) / signed_depth.abs();
+        let (x_px, y_px) = (right * per_depth + (half - 0.5), up * -per_depth + (half - 0.5));
+        let (left, top) = (x_px.floor(), y_px.floor());
+        // False for NaN.
+        let inside = left.simd_ge(splat(0.0))
+            & top.simd_ge(splat(0.0))
+            & left.simd_lt(splat(size - 1.0))
+            & top.simd_lt(splat(size - 1.0));
+        let whole = |v: f32x16<S>| u32x16::truncate_from(inside.select(v, splat(0.0))).to_array();
+        let (left_px, top_px, number) = (whole(left), whole(top), whole(number));
+        let (u, v) = (whole((x_px - left) * 256.0), whole((y_px - top) * 256.0));
+        let inside = inside.to_bitmask();
+        let mut found = [None; 16];
+        for (i, found) in found.iter_mut().enumerate() {
+            *found = if inside >> i & 1 == 0 {
+                self.sample(start + step * i as f32)
+            } else {
+                let first = (number[i] * self.size_px + top_px[i]) * self.size_px + left_px[i];
+                self.between_four(first as usize, [u[i], v[i]])
+            };
+        }
+        found
+    }
+
+    /// Between the texels of index `first` and right of it, and the two below, at distances in 1/256 from the first. All four
+    /// lie on one face.
+    #[inline(always)]
+    fn between_four(&self, first: usize, [u, v]: [u32; 2]) -> Option<[u8; 3]> {
+        let size = self.size_px as usize;
+        let (upper, lower) = (self.texels.get(first..first + 2)?, self.texels.get(first + size..first + size + 2)?);
         let [a, b, c, d] = [upper[0], upper[1], lower[0], lower[1]];
         if a[3] & b[3] & c[3] & d[3] != 255 {
-            return None;
+            return mean_of_known([a, b, c, d], [u, v]);
         }
-        // In 1/256; rounding of either step is at most half a level.
-        let (u, v) = (((x - left as f32) * 256.0) as u64, ((y - top as f32) * 256.0) as u64);
-        let mix = |a: u64, b: u64, share: u64| {
+        // Rounding of either step is at most half a level.
+        let mix = |a: u64, b: u64, share: u32| {
+            let share = u64::from(share);
             ((a * (256 - share) + b * share + 0x0080_0080_0080_0080) >> 8) & 0x00ff_00ff_00ff_00ff
         };
         let [r, _, g, _, b, ..] = mix(mix(spread(a), spread(b), u), mix(spread(c), spread(d), u), v).to_le_bytes();
@@ -136,6 +196,34 @@ mod tests {
                 assert!((i32::from(found[c]) - i32::from(expected[c])).abs() <= LEVELS, "{d}: {found:?} {expected:?}");
             }
         }
+    }
+
+    /// One step of the 8-bit weights on either axis, on a ramp of 16 levels a texel, and rounding.
+    const WEIGHT_LEVELS: u8 = 2;
+
+    #[test]
+    fn sixteen_samples_are_those_of_one_by_one() {
+        let patchy = by_direction(16, |d| {
+            let c = |v: f64| (127.5 + 127.0 * v).round() as u8;
+            [c(d.x), c(d.y), c(d.z), if (d.x * 7.0 + d.y * 5.0).sin() > -0.6 { 255 } else { 0 }]
+        });
+        let (mut found_any, mut lacked_any) = (false, false);
+        for i in 0..400 {
+            let a = i as f32 * 0.31;
+            let (start, step) = (Vec3::new(a.sin(), (a * 1.7).cos(), (a * 0.6).cos()), Vec3::new(0.03, -0.05, 0.11));
+            let sixteen = fearless_simd::dispatch!(fearless_simd::Level::new(), simd => {
+                patchy.sample_sixteen(simd, start, step)
+            });
+            for (k, found) in sixteen.into_iter().enumerate() {
+                let expected = patchy.sample(start + step * k as f32);
+                assert_eq!(found.is_some(), expected.is_some(), "{i} {k}");
+                let levels =
+                    found.zip(expected).map_or(0, |(f, e)| (0..3).map(|c| f[c].abs_diff(e[c])).fold(0, u8::max));
+                assert!(levels <= WEIGHT_LEVELS, "{i} {k}: {found:?} {expected:?}");
+                (found_any, lacked_any) = (found_any || found.is_some(), lacked_any || found.is_none());
+            }
+        }
+        assert!(found_any && lacked_any);
     }
 
     #[test]

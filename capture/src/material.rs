@@ -94,12 +94,23 @@ impl Texture {
     }
 }
 
+/// `t.floor()` without the call into libm that it is on processors before SSE4.1.
+#[inline]
+fn floor(t: f32) -> f32 {
+    if t.abs() >= 8_388_608.0 {
+        return t; // no room for a fraction
+    }
+    let truncated = t as i32 as f32;
+    if truncated > t { truncated - 1.0 } else { truncated }
+}
+
 /// The two texels on either side of the texture coordinate `t` and the weight of the second.
+#[inline]
 fn neighbours(t: f32, size: u32) -> (usize, usize, f32) {
     let size_f = size as f32;
     let t = if t.is_finite() { t } else { 0.0 };
     // `t - floor(t)` may round up to 1, and half a texel may be missing on the left: both wrap.
-    let x = (t - t.floor()) * size_f - 0.5;
+    let x = (t - floor(t)) * size_f - 0.5;
     let x = if x < 0.0 { x + size_f } else { x };
     let first = (x as usize).min(size as usize - 1);
     let second = if first + 1 == size as usize { 0 } else { first + 1 };

@@ -222,6 +222,8 @@ pub(super) fn place_headbox(
 pub(super) fn budget(memory_mb: Option<u64>, output: &Path) -> Option<(u64, PathBuf)> {
     /// Room for thread buffers, the heads of tiles, and what a tile needs while it is sorted.
     const RESERVE: u64 = 96 << 20;
+    /// The rest is shared with the LDI that grows at the end, while the allocator still holds what accumulators have freed.
+    const SHARE: u64 = 2;
     let limit = memory_mb? << 20;
     let used = memory_bytes().map_or(0, |(_, now)| now) + RESERVE;
     if used >= limit {
@@ -231,7 +233,7 @@ pub(super) fn budget(memory_mb: Option<u64>, output: &Path) -> Option<(u64, Path
         Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
         _ => PathBuf::from("."),
     };
-    Some((limit.saturating_sub(used).max(16 << 20), folder))
+    Some(((limit.saturating_sub(used) / SHARE).max(16 << 20), folder))
 }
 
 /// Warns if geometry hides part of the headbox from its centre.

@@ -53,8 +53,13 @@ pub struct Resources {
 }
 
 impl CaptureJob {
-    /// Default of [`Self::novelty`].
-    pub const DEFAULT_NOVELTY: f64 = 0.25;
+    /// Default of [`Self::novelty`]. PSNR lost to it, unlit, mean over four eyes, and rays saved, at 100.7 M rays:
+    ///
+    /// | novelty | `builtin:tree`  | `builtin:interior` |
+    /// |---------|-----------------|--------------------|
+    /// | 0.15    | 0.05 dB, 51.7 % | 0.07 dB, 46.8 %    |
+    /// | 0.2     | 0.19 dB, 55.7 % | 0.12 dB, 52.6 %    |
+    pub const DEFAULT_NOVELTY: f64 = 0.15;
 
     /// The settings of one part of the job.
     pub fn settings(&self, resources: &Resources, shard: (u32, u32)) -> CaptureSettings {

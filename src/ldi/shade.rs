@@ -3,8 +3,10 @@
 //! The alternative is one light sample per ray. What decides is that a depth pixel is met by anything from one to
 //! hundreds of rays. Light per ray spends most samples where they are least needed and leaves depth pixels that few rays
 //! reach (the disoccluded ones, and all of them once novelty stopping saves rays) with a single noisy sample. Light per
-//! depth pixel gives each the same error, and can be pooled over a surface ([`super::pool`]). Albedo, which costs
-//! nothing to look up, is averaged over all rays.
+//! depth pixel gives each the same error, and can be pooled over a surface ([`super::pool`]).
+//!
+//! Albedo is averaged over all rays, and, where a triangle has a texture, over a grid of points in its part of the pixel.
+//! Without the grid an LDI with half of the rays aliases more: on `builtin:interior` novelty stopping cost 0.3 dB.
 
 use super::EncodedNormal;
 use super::accumulate::Accumulator;
@@ -12,7 +14,7 @@ use crate::capture::light::{LightSample, Lighting, LitPoint, extent_of};
 use crate::capture::rig::Face;
 use crate::capture::sampler::{RayKey, random4, unit_float};
 use crate::capture::trace::Tracer;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// Lights accumulators of one capture.
 pub struct Shader<'a> {
@@ -80,7 +82,8 @@ impl Shader<'_> {
         for index in 0..samples {
             let [jx, jy, ..] = random4([stream, index, 0x5eed, 0]).map(unit_float);
             let through = face.direction(f64::from(x) + f64::from(jx), f64::from(y) + f64::from(jy), self.face_size_px);
-            let position = on_triangle(through.as_vec3(), triangle).unwrap_or(representative);
+            let position =
+                on_triangle(through.as_vec3(), triangle).map_or(representative, |[u, v]| a + (b - a) * u + (c - a) * v);
             let point = LitPoint { position, normal, shading_normal, extent };
             let sample = LightSample { stream, index, count: samples };
             sun += self.lighting.sun_radiosity(self.tracer, &point, &sample);
@@ -88,7 +91,7 @@ impl Shader<'_> {
         }
         let (sun, soft) =
             if samples == 0 { (Vec3::ZERO, Vec3::ONE) } else { (sun / samples as f32, soft / samples as f32) };
-        let albedo = acc.albedo_sum.map(|sum| (sum / u64::from(acc.count.max(1))) as u16);
+        let albedo = self.filtered_albedo(acc, face, x, y, triangle);
         let exposure = self.lighting.exposure;
         let lit = Vec3::from_array(albedo.map(|c| f32::from(c) / 65_535.0)) * sun;
         Part {
@@ -107,10 +110,62 @@ impl Shader<'_> {
             plane_distance: normal.dot(a),
         }
     }
+
+    /// Albedo over a pixel: the mean over the rays, or, where they are few and the triangle has a texture, the mean over 3x3
+    /// points of the pixel, of which those beside the triangle or in a hole of it count as the rays' mean.
+    fn filtered_albedo(&self, acc: &Accumulator, face: Face, x: u32, y: u32, triangle: [Vec3; 3]) -> [u16; 3] {
+        const SIDE: u32 = 3;
+        /// As many random rays err about as much as the grid does.
+        const ENOUGH_RAYS: u32 = 16;
+        let mean = acc.albedo_sum.map(|sum| (sum / u64::from(acc.count.max(1))) as u16);
+        let scene = self.tracer.scene();
+        if acc.count >= ENOUGH_RAYS || !scene.is_textured(acc.primitive) {
+            return mean;
+        }
+        let pixel = PixelOnTriangle::new(face, [x, y], self.face_size_px, triangle);
+        let mut sum = [0; 3];
+        for i in 0..SIDE * SIDE {
+            let at = [i % SIDE, i / SIDE].map(|i| (f64::from(i) + 0.5) / f64::from(SIDE));
+            let on_it = pixel.weights(at).filter(|&[u, v]| scene.is_solid(acc.primitive, u, v));
+            let sixteen_bits = |c: f32| (c * 65_535.0 + 0.5) as u16;
+            let albedo = on_it.map_or(mean, |[u, v]| scene.albedo(acc.primitive, u, v).map(sixteen_bits));
+            sum.iter_mut().zip(albedo).for_each(|(sum, c)| *sum += u32::from(c));
+        }
+        sum.map(|sum| (sum / (SIDE * SIDE)) as u16)
+    }
 }
 
-/// Where the ray from the local origin along `direction` meets a triangle, if it does.
-fn on_triangle(direction: Vec3, [a, b, c]: [Vec3; 3]) -> Option<Vec3> {
+/// A pixel, seen from the centre, on a triangle's plane. Homogeneous barycentric weights are linear in the pixel; in f64, for
+/// small triangles far away.
+struct PixelOnTriangle {
+    /// Weights of the three corners at the pixel's upper left corner.
+    first: DVec3,
+    /// Their change over the pixel to the right, and downward.
+    steps: [DVec3; 2],
+}
+
+impl PixelOnTriangle {
+    fn new(face: Face, [x, y]: [u32; 2], size_px: u32, triangle: [Vec3; 3]) -> Self {
+        let [a, b, c] = triangle.map(|corner| corner.as_dvec3());
+        let planes = [b.cross(c), c.cross(a), a.cross(b)];
+        let side = a.dot(planes[0]).signum(); // of the plane, on which the centre lies
+        let weights = |direction: DVec3| DVec3::from(planes.map(|plane| plane.dot(direction))) * side;
+        let at = |dx: u32, dy: u32| weights(face.direction(f64::from(x + dx), f64::from(y + dy), size_px));
+        let first = at(0, 0);
+        Self { first, steps: [at(1, 0) - first, at(0, 1) - first] }
+    }
+
+    /// Barycentric weights of the second and third corner at a position in the pixel, 0..1; `None` beside the triangle.
+    fn weights(&self, [x, y]: [f64; 2]) -> Option<[f32; 2]> {
+        let weights = self.first + self.steps[0] * x + self.steps[1] * y;
+        let sum = weights.element_sum();
+        (weights.min_element() >= 0.0 && sum > 0.0).then(|| [(weights.y / sum) as f32, (weights.z / sum) as f32])
+    }
+}
+
+/// Where the ray from the local origin along `direction` meets a triangle, if it does: the weights of its second and third
+/// corner.
+fn on_triangle(direction: Vec3, [a, b, c]: [Vec3; 3]) -> Option<[f32; 2]> {
     let (e1, e2) = (b - a, c - a);
     let p = direction.cross(e2);
     let det = e1.dot(p);
@@ -120,7 +175,7 @@ fn on_triangle(direction: Vec3, [a, b, c]: [Vec3; 3]) -> Option<Vec3> {
     let v = direction.dot(q) / det;
     let t = e2.dot(q) / det;
     // A NaN from an edge-on triangle (det = 0) fails every comparison.
-    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0).then(|| a + e1 * u + e2 * v)
+    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0).then_some([u, v])
 }
 
 #[cfg(test)]
@@ -128,10 +183,29 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_pixel_finds_its_points_on_a_triangle() {
+        let triangle = [Vec3::new(-1.0, -1.0, -2.0), Vec3::new(1.0, -1.0, -2.0), Vec3::new(0.0, 2.0, -2.0)];
+        for triangle in [triangle, [triangle[0], triangle[2], triangle[1]]] {
+            let (mut inside, size_px) = (0, 64);
+            for i in 0..size_px * size_px {
+                let (pixel, at) = ([i % size_px, i / size_px], [0.3, 0.8]);
+                let found = PixelOnTriangle::new(Face::NegZ, pixel, size_px, triangle).weights(at);
+                let [x, y] = [0, 1].map(|axis| f64::from(pixel[axis]) + at[axis]);
+                let expected = on_triangle(Face::NegZ.direction(x, y, size_px).as_vec3(), triangle);
+                assert_eq!(found.is_some(), expected.is_some());
+                let difference = found.zip(expected).map_or(0.0, |(f, e)| (f[0] - e[0]).abs().max((f[1] - e[1]).abs()));
+                assert!(difference < 1e-6, "{found:?} {expected:?}: rounding of f32");
+                inside += u32::from(found.is_some());
+            }
+            assert!((inside.cast_signed() - 768).abs() < 32, "{inside}: 3 of 16 square metres at depth 2");
+        }
+    }
+
+    #[test]
     fn light_is_sampled_on_the_triangle_itself() {
         let triangle = [Vec3::new(-1.0, -1.0, -2.0), Vec3::new(1.0, -1.0, -2.0), Vec3::new(0.0, 2.0, -2.0)];
         let hit = on_triangle(Vec3::new(0.1, 0.0, -1.0), triangle).unwrap();
-        assert!((hit - Vec3::new(0.2, 0.0, -2.0)).length() < 1e-6);
+        assert!((hit[0] - 13.0 / 30.0).abs() < 1e-6 && (hit[1] - 1.0 / 3.0).abs() < 1e-6, "at (0.2, 0, -2)");
         assert_eq!(on_triangle(Vec3::new(2.0, 0.0, -1.0), triangle), None, "beside it");
         assert_eq!(on_triangle(Vec3::new(0.1, 0.0, 1.0), triangle), None, "behind the centre");
         assert_eq!(on_triangle(Vec3::X, triangle), None, "edge-on");

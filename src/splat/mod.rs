@@ -69,53 +69,52 @@ impl SplatKernel {
     }
 }
 
-/// Splats that are ready to be drawn, in drawing order.
+/// Splats that are ready to be drawn, in drawing order; each part in an array of its own, so that loops over them are
+/// vectorised.
 pub(crate) struct Splats {
     /// Number of entries in use.
     pub(crate) len: usize,
+    /// How many are about 1, 3, 5, and 7 or more pixels wide.
+    pub(crate) by_footprint: [u64; 4],
     /// Position in frame pixels.
-    pub(crate) x: [f32; Splats::CAPACITY],
+    pub(crate) x: [f32; Splats::ROOM],
     /// Position in frame pixels, row 0 on top.
-    pub(crate) y: [f32; Splats::CAPACITY],
+    pub(crate) y: [f32; Splats::ROOM],
     /// 1 / eye depth in the frame, 1/m.
-    pub(crate) inverse_depth: [f32; Splats::CAPACITY],
-    /// Size and weight.
-    pub(crate) footprint: [Footprint; Splats::CAPACITY],
-    /// sRGB, straight alpha.
-    pub(crate) color: [[u8; 4]; Splats::CAPACITY],
+    pub(crate) inverse_depth: [f32; Splats::ROOM],
+    /// Half of the width, px.
+    pub(crate) radius_x: [f32; Splats::ROOM],
+    /// Half of the height, px.
+    pub(crate) radius_y: [f32; Splats::ROOM],
+    /// Weight at the middle, 0..1: such that the weights of a whole surface add up to 1 everywhere.
+    pub(crate) weight: [f32; Splats::ROOM],
+    /// The four bytes of the depth pixel's colour (sRGB, straight alpha), as they lie in memory.
+    pub(crate) color: [u32; Splats::ROOM],
 }
 
 impl Splats {
-    /// As many as a batch of depth pixels can make.
-    pub(crate) const CAPACITY: usize = crate::warp::BATCH_CAPACITY;
+    /// As many as a batch of depth pixels can make, and room to write a whole register behind the last.
+    pub(crate) const ROOM: usize = crate::warp::BATCH_CAPACITY + size::LANES;
 
     pub(crate) fn new() -> Self {
+        let zero = [0.0; Self::ROOM];
         Self {
             len: 0,
-            x: [0.0; Self::CAPACITY],
-            y: [0.0; Self::CAPACITY],
-            inverse_depth: [0.0; Self::CAPACITY],
-            footprint: [Footprint::default(); Self::CAPACITY],
-            color: [[0; 4]; Self::CAPACITY],
+            by_footprint: [0; 4],
+            x: zero,
+            y: zero,
+            inverse_depth: zero,
+            radius_x: zero,
+            radius_y: zero,
+            weight: zero,
+            color: [0; Self::ROOM],
         }
     }
-}
 
-/// How large a splat is.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Footprint {
-    /// Half of its width, px.
-    pub(crate) radius_x: f32,
-    /// Half of its height, px.
-    pub(crate) radius_y: f32,
-    /// Weight at its middle, 0..1: such that the weights of a whole surface add up to 1 everywhere.
-    pub(crate) weight: f32,
-}
-
-impl Footprint {
-    /// 0 to 3 for a footprint that is about 1, 3, 5, or 7 and more pixels wide.
-    pub(crate) fn class(self) -> usize {
-        (self.radius_x.max(self.radius_y) as usize).min(3)
+    /// The number of entries, never more than fit.
+    #[inline(always)]
+    fn count(&self) -> usize {
+        self.len.min(Self::ROOM)
     }
 }
 
@@ -127,30 +126,21 @@ pub(crate) trait Canvas {
     /// Draws splats, in their order, with the instructions of a SIMD level.
     fn draw(&mut self, splats: &Splats, level: Level);
 
-    /// Colour of a pixel, counted from its first row on, and the share of it, of 255, that splats cover; 0 if none touched it.
-    fn pixel(&self, index: usize) -> ([u8; 3], u8);
+    /// Colour of a pixel, `row` counted from its first row on, and the share of it, of 255, that splats cover; 0 if none
+    /// touched it.
+    fn pixel(&self, column: usize, row: usize) -> ([u8; 3], u8);
 }
 
-/// A straight colour over another, each with the share of 255 that it covers.
-fn over(front: [u8; 4], behind: [u8; 4]) -> [u8; 4] {
-    let share = u32::from(front[3]);
-    let rest = ((255 - share) * u32::from(behind[3]) + 127) / 255;
-    let total = (share + rest).max(1);
-    let mix = |c: usize| ((u32::from(front[c]) * share + u32::from(behind[c]) * rest + total / 2) / total) as u8;
-    [mix(0), mix(1), mix(2), (share + rest) as u8]
-}
-
-/// The pixels from `position - radius` to `position + radius` whose centres lie inside, clipped to `bounds`.
+/// The pixels from `position - radius` to `position + radius` whose centres lie inside, clipped to `bounds`: the first, and
+/// the one after the last.
 #[inline(always)]
-fn covered(position: f32, radius: f32, bounds: &Range<u32>) -> Range<u32> {
-    let start = ceil_to_u32(position - radius - 0.5);
-    let end = ceil_to_u32(position + radius - 0.5);
-    start.clamp(bounds.start, bounds.end)..end.clamp(bounds.start, bounds.end)
+fn covered(position: f32, radius: f32, [start, end]: [f32; 2]) -> [i32; 2] {
+    [position - radius, position + radius].map(|border| ceil_to_i32((border - 0.5).max(start).min(end)))
 }
 
-/// `v.ceil() as u32` (negative and NaN: 0) without the call into libm that `ceil` is on processors before SSE4.1.
+/// `v.ceil() as i32` for |v| < 2^24, without the call into libm that `ceil` is on processors before SSE4.1.
 #[inline(always)]
-fn ceil_to_u32(v: f32) -> u32 {
-    let truncated = v as u32;
-    truncated.saturating_add(u32::from((truncated as f32) < v))
+fn ceil_to_i32(v: f32) -> i32 {
+    let truncated = v as i32;
+    truncated + i32::from((truncated as f32) < v)
 }

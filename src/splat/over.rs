@@ -1,90 +1,191 @@
 //! Each splat over what is there, in 8-bit integers (inventory S21, C12).
 
-use super::{Canvas, Splats, covered, over};
-use fearless_simd::{Level, dispatch};
+use super::{Canvas, Splats, ceil_to_i32, covered};
+use fearless_simd::{Level, Simd, dispatch, prelude::*, u8x16, u16x16};
 use std::ops::Range;
 
 /// An image in which every splat is blended over the ones before it.
 ///
-/// A pixel keeps its straight colour and the share of it that is covered, so that the environment can be put *under* the
-/// finished image, where it shows, instead of being drawn first, everywhere.
+/// A pixel keeps its colour times the share of it that is covered, so that one blend serves all four bytes, and the
+/// environment can be put *under* the finished image, where it shows, instead of being drawn first, everywhere.
 #[derive(Default)]
 pub(crate) struct OverCanvas {
     width: u32,
     /// Rows of the frame that it holds.
     rows: Range<u32>,
-    color: Vec<[u8; 4]>,
+    /// Red, green and blue times coverage, and coverage; rows of `stride` pixels, of which [`MARGIN`] lie to the left of
+    /// the frame and as many to the right, for stamps that reach out of it.
+    pixels: Vec<[u8; 4]>,
     /// False for rectangles of alpha 1, true for the paper's kernels.
     pub(crate) soft: bool,
 }
 
-/// Alphas of the paper's footprints as shifts, 2^-shift, for 1, 3, 5 and 7 pixels, by distance from the middle row and
-/// column. A Gaussian of sigma = width / 4, rounded to 1, 1/2 and 1/4 in the logarithm (C12); the 3x3 one is the
-/// centre 1, edges 1/2, corners 1/4.
-const SHIFTS: [[[u8; 4]; 4]; 4] = [
-    [[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
-    [[0, 1, 0, 0], [1, 2, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
-    [[0, 0, 2, 0], [0, 1, 2, 0], [2, 2, 2, 0], [0, 0, 0, 0]],
-    [[0, 0, 1, 2], [0, 0, 1, 2], [1, 1, 2, 2], [2, 2, 2, 2]],
-];
+/// Pixels beside the frame: half of the widest stamp on both sides of the farthest splat that touches the frame, and what a
+/// blend of whole registers adds to it.
+const MARGIN: usize = 16;
 
-/// `d + (s - d) * 2^-shift`, rounded to the nearest, ties toward `s`. That is the rounding that neither darkens nor
+/// Pixels that are blended at once.
+const PIXELS: usize = 4;
+
+/// A coverage that is taken for whole: blends by a quarter come to rest at 254.
+const WHOLE: u8 = 252;
+
+/// Weights of the paper's footprints in 1/128, for 1, 3, 5 and 7 pixels, by distance from the middle row, from the left
+/// column on, each four times for the channels. A Gaussian of sigma = width / 4, rounded to 1, 1/2 and 1/4 in the
+/// logarithm (C12); the 3x3 one is the centre 1, edges 1/2, corners 1/4.
+static STAMPS: [[[[u16; 4 * PIXELS]; 2]; 4]; 4] = {
+    const SHIFTS: [[[u8; 4]; 4]; 4] = [
+        [[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
+        [[0, 1, 0, 0], [1, 2, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
+        [[0, 0, 2, 0], [0, 1, 2, 0], [2, 2, 2, 0], [0, 0, 0, 0]],
+        [[0, 0, 1, 2], [0, 0, 1, 2], [1, 1, 2, 2], [2, 2, 2, 2]],
+    ];
+    let mut stamps = [[[[0; 4 * PIXELS]; 2]; 4]; 4];
+    let mut i = 0;
+    while i < 4 * 4 * 2 * PIXELS {
+        let (class, row, column) = (i / 32, i / 8 % 4, i % 8);
+        if row <= class && column <= 2 * class {
+            let from_middle = column.abs_diff(class);
+            let weight = 128 >> SHIFTS[class][row][from_middle];
+            let mut channel = 0;
+            while channel < 4 {
+                stamps[class][row][column / PIXELS][column % PIXELS * 4 + channel] = weight;
+                channel += 1;
+            }
+        }
+        i += 1;
+    }
+    stamps
+};
+
+/// `d + (s - d) * weight / 256`, rounded to the nearest, ties toward `s`. That is the rounding that neither darkens nor
 /// brightens: over many blends, rounding down darkens by 1.6 levels, and ties that go up brighten by 0.5 (see the test).
 #[inline(always)]
-fn blend_by_shift(d: u8, s: u8, shift: u8) -> u8 {
-    let step = ((u16::from(d.abs_diff(s)) + ((1 << shift) >> 1)) >> shift) as u8;
-    if s >= d { d + step } else { d - step }
+fn blend<S: Simd>(simd: S, pixels: &mut [[u8; 4]; PIXELS], source: u16x16<S>, weight: u16x16<S>) {
+    let splat = |v: u16| u16x16::splat(simd, v);
+    let (low, high) = u8x16::load_array(simd, bytemuck::cast(*pixels)).widen();
+    let there = simd.combine_u16x8(low, high);
+    let half = source.simd_gt(there).select(splat(128), splat(127));
+    let (low, high) = simd.split_u16x16((there * (splat(256) - weight) + source * weight + half) >> 8);
+    *pixels = bytemuck::cast(simd.narrow_u16x8(low, high).to_array());
 }
 
 impl OverCanvas {
+    fn stride(&self) -> usize {
+        self.width as usize + 2 * MARGIN
+    }
+
     #[inline(always)]
-    fn draw_all(&mut self, splats: &Splats) {
-        for i in 0..splats.len {
-            let footprint = splats.footprint[i];
-            let [r, g, b, alpha] = splats.color[i];
-            let source = [r, g, b, 255];
-            // The paper's squares are centred on the pixel that holds the sample.
-            let (x, y) = match self.soft {
-                true => (splats.x[i].floor() + 0.5, splats.y[i].floor() + 0.5),
-                false => (splats.x[i], splats.y[i]),
-            };
-            let shifts = &SHIFTS[if self.soft { footprint.class() } else { 0 }];
-            let columns = covered(x, footprint.radius_x, &(0..self.width));
-            for py in covered(y, footprint.radius_y, &self.rows) {
-                let row_shifts = &shifts[((py as f32 + 0.5 - y).abs() as usize).min(3)];
-                let start = (py - self.rows.start) as usize * self.width as usize;
-                let row = &mut self.color[start + columns.start as usize..start + columns.end as usize];
-                for (px, pixel) in columns.clone().zip(row) {
-                    let shift = row_shifts[((px as f32 + 0.5 - x).abs() as usize).min(3)];
-                    *pixel = match (alpha, pixel[3]) {
-                        (255, _) if shift == 0 => source,
-                        (255, 255) => std::array::from_fn(|c| blend_by_shift(pixel[c], source[c], shift)),
-                        _ => over([r, g, b, alpha >> shift], *pixel),
-                    };
+    fn draw_all<S: Simd>(&mut self, simd: S, splats: &Splats) {
+        if self.soft {
+            self.draw_stamps(simd, splats);
+        } else {
+            self.draw_rectangles(simd, splats);
+        }
+    }
+
+    /// Blends a splat over [`PIXELS`] pixels from an index on.
+    #[inline(always)]
+    fn blend_at<S: Simd>(&mut self, simd: S, at: usize, source: u16x16<S>, weight: u16x16<S>) {
+        if let Some(pixels) = self.pixels.get_mut(at..).and_then(|pixels| pixels.first_chunk_mut()) {
+            blend(simd, pixels, source, weight);
+        }
+    }
+
+    /// The paper's squares, centred on the pixels that hold the samples.
+    #[inline(always)]
+    fn draw_stamps<S: Simd>(&mut self, simd: S, splats: &Splats) {
+        let (stride, rows) = (self.stride(), self.rows.start as i32..self.rows.end as i32);
+        let (mut columns, mut middles) = ([0; Splats::ROOM], [0; Splats::ROOM]);
+        for i in 0..splats.count() {
+            // Rounded down.
+            (columns[i], middles[i]) = (-ceil_to_i32(-splats.x[i]), -ceil_to_i32(-splats.y[i]));
+        }
+        for i in 0..splats.count() {
+            let class = (splats.radius_x[i] as usize).min(3);
+            let reach = class as i32;
+            let (source, alpha) = source_of(simd, splats.color[i]);
+            let first = (columns[i] - reach + MARGIN as i32) as usize;
+            let (top, bottom) = ((middles[i] - reach).max(rows.start), (middles[i] + reach + 1).min(rows.end));
+            for row in top..bottom {
+                let start = (row - rows.start) as usize * stride + first;
+                if class == 0 && alpha == 256 {
+                    if let Some(pixel) = self.pixels.get_mut(start) {
+                        *pixel = splats.color[i].to_ne_bytes();
+                    }
+                    continue;
+                }
+                let weights = &STAMPS[class][((row - middles[i]).unsigned_abs() as usize).min(3)];
+                // In 1/256: at most 128 * 256 / 128.
+                let weight = |half: usize| (u16x16::load_array(simd, weights[half]) * alpha) >> 7;
+                self.blend_at(simd, start, source, weight(0));
+                if class > 1 {
+                    self.blend_at(simd, start + PIXELS, source, weight(1));
+                }
+            }
+        }
+    }
+
+    /// Rectangles that cover the pixels whose centres they contain.
+    #[inline(always)]
+    fn draw_rectangles<S: Simd>(&mut self, simd: S, splats: &Splats) {
+        let (stride, first_row) = (self.stride(), self.rows.start as i32);
+        let (mut columns, mut rows) = ([[0; 2]; Splats::ROOM], [[0; 2]; Splats::ROOM]);
+        for i in 0..splats.count() {
+            columns[i] = covered(splats.x[i], splats.radius_x[i], [0.0, self.width as f32]);
+            rows[i] = covered(splats.y[i], splats.radius_y[i], [self.rows.start as f32, self.rows.end as f32]);
+        }
+        for i in 0..splats.count() {
+            let ([left, right], [top, bottom]) = (columns[i], rows[i]);
+            let width = (right - left) as usize;
+            let (source, alpha) = source_of(simd, splats.color[i]);
+            for row in top..bottom {
+                let start = (row - first_row) as usize * stride + left as usize + MARGIN;
+                if alpha == 256 {
+                    if let Some(pixels) = self.pixels.get_mut(start..start + width) {
+                        pixels.fill(splats.color[i].to_ne_bytes());
+                    }
+                    continue;
+                }
+                for at in (0..width).step_by(PIXELS) {
+                    let inside = |lane: usize| if at + lane / 4 < width { alpha } else { 0 };
+                    let weight = u16x16::load_array(simd, std::array::from_fn(inside));
+                    self.blend_at(simd, start + at, source, weight);
                 }
             }
         }
     }
 }
 
+/// What a splat of a colour blends in: the colour as if it were opaque, for [`PIXELS`] pixels, and its alpha in 1/256.
+#[inline(always)]
+fn source_of<S: Simd>(simd: S, color: u32) -> (u16x16<S>, u16) {
+    let [r, g, b, alpha] = color.to_ne_bytes().map(u16::from);
+    let four = [r, g, b, 255];
+    (u16x16::load_array(simd, std::array::from_fn(|lane| four[lane % 4])), alpha + (alpha >> 7))
+}
+
 impl Canvas for OverCanvas {
     fn clear(&mut self, width: u32, rows: Range<u32>) {
-        self.width = width;
-        self.rows = rows;
-        self.color.clear();
-        self.color.resize(width as usize * self.rows.len(), [0; 4]);
+        (self.width, self.rows) = (width, rows);
+        let pixels = self.stride() * self.rows.len();
+        self.pixels.clear();
+        self.pixels.resize(pixels, [0; 4]);
     }
 
     fn draw(&mut self, splats: &Splats, level: Level) {
-        dispatch!(level, simd => {
-            let _ = simd; // the code is plain; the level decides what it is compiled to
-            self.draw_all(splats);
-        });
+        dispatch!(level, simd => self.draw_all(simd, splats));
     }
 
-    fn pixel(&self, index: usize) -> ([u8; 3], u8) {
-        let [r, g, b, share] = self.color[index];
-        ([r, g, b], share)
+    #[inline(always)]
+    fn pixel(&self, column: usize, row: usize) -> ([u8; 3], u8) {
+        let [r, g, b, share] = self.pixels[row * self.stride() + MARGIN + column];
+        if share == 255 || share == 0 {
+            return ([r, g, b], share);
+        }
+        let whole = u32::from(share);
+        let straight = |c: u8| ((u32::from(c) * 255 + whole / 2) / whole).min(255) as u8;
+        ([r, g, b].map(straight), if share >= WHOLE { 255 } else { share })
     }
 }
 
@@ -92,23 +193,36 @@ impl Canvas for OverCanvas {
 mod tests {
     use super::*;
 
+    /// One pixel blended by a weight in 1/256, and the same pixel by every SIMD level of this machine.
+    fn blended(there: [u8; 4], source: [u8; 4], weight: u16) -> [u8; 4] {
+        let level = Level::new();
+        dispatch!(level, simd => {
+            let mut pixels = [there; PIXELS];
+            let (source, alpha) = source_of(simd, u32::from_ne_bytes(source));
+            assert_eq!(alpha, 256);
+            blend(simd, &mut pixels, source, u16x16::splat(simd, weight));
+            assert!(pixels.iter().all(|pixel| *pixel == pixels[0]));
+            pixels[0]
+        })
+    }
+
     /// Levels by which many random blends may lie above or below exact ones, on average: a tenth of the smallest step.
     const MEAN_BIAS_LEVELS: f64 = 0.1;
 
     #[test]
-    fn shifted_blends_do_not_drift() {
+    fn blends_do_not_drift() {
         let mut state = 1u32;
         let mut random = || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             state >> 16
         };
-        let (mut exact, mut found, mut bias) = (128.0, 128u8, 0.0);
+        let (mut exact, mut found, mut bias) = (128.0, [128, 128, 128, 255], 0.0);
         const BLENDS: u32 = 100_000;
         for _ in 0..BLENDS {
-            let (source, shift) = (60 + (random() % 120) as u8, 1 + (random() % 2) as u8);
-            found = blend_by_shift(found, source, shift);
+            let (source, shift) = (60 + (random() % 120) as u8, 1 + (random() % 2) as u16);
+            found = blended(found, [source, source, source, 255], 256 >> shift);
             exact += (f64::from(source) - exact) / f64::from(1 << shift);
-            bias += f64::from(found) - exact;
+            bias += f64::from(found[0]) - exact;
         }
         let bias = bias / f64::from(BLENDS);
         assert!(bias.abs() < MEAN_BIAS_LEVELS, "{bias}");
@@ -117,12 +231,26 @@ mod tests {
     #[test]
     fn blending_a_colour_over_itself_changes_nothing() {
         for c in 0..=255 {
-            for shift in 0..=2 {
-                assert_eq!(blend_by_shift(c, c, shift), c);
+            for weight in [0, 1, 64, 128, 200, 255, 256] {
+                assert_eq!(blended([c, c, c, 255], [c, c, c, 255], weight), [c, c, c, 255]);
             }
-            assert_eq!(blend_by_shift(255 - c, c, 0), c);
-            for (front, behind) in [(0, 1), (1, 0), (77, 13), (254, 255), (3, 200)] {
-                assert_eq!(over([c, c, c, front], [c, c, c, behind])[..3], [c; 3]);
+            assert_eq!(blended([255 - c, 0, c, 77], [c, c, c, 255], 256), [c, c, c, 255]);
+            assert_eq!(blended([255 - c, 0, c, 77], [c, c, c, 255], 0), [255 - c, 0, c, 77]);
+        }
+    }
+
+    #[test]
+    fn a_stamp_is_symmetric_and_its_middle_is_opaque() {
+        for (class, rows) in STAMPS.iter().enumerate() {
+            let at = |row: usize, column: usize| rows[row][column / PIXELS][column % PIXELS * 4];
+            assert_eq!(at(0, class), 128);
+            for row in 0..=class {
+                for column in 0..=2 * class {
+                    assert_eq!(at(row, column), at(row, 2 * class - column));
+                    assert_eq!(at(row, class + row), at(row, class - row));
+                    assert!(at(row, column) >= 32);
+                }
+                assert!(2 * class == 7 || at(row, 2 * class + 1) == 0, "nothing beyond it");
             }
         }
     }

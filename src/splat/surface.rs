@@ -151,6 +151,7 @@ pub(crate) struct SurfaceCanvas {
     /// Rows of the frame that it holds.
     rows: Range<u32>,
     cells: Vec<Cell>,
+    prepared: Box<Prepared>,
     /// Relative difference of inverse depth up to which two splats of one pixel are of one surface.
     pub(crate) tolerance: f32,
     /// The least difference: the width of a depth bin of the capture, 1/m. A grazing, far surface puts several samples
@@ -170,27 +171,73 @@ impl SurfaceCanvas {
     }
 }
 
+/// What drawing needs of each splat, made for all of a batch in loops that are vectorised.
+struct Prepared {
+    /// The first pixel inside along x, and the one after the last.
+    columns: [[i32; 2]; Splats::ROOM],
+    /// The same along y.
+    rows: [[i32; 2]; Splats::ROOM],
+    across: [Tent; Splats::ROOM],
+    down: [Tent; Splats::ROOM],
+    /// A peak of up to 128 * 2^9, times 2^15 for each of the two distances: the tent in integers.
+    peak: [u32; Splats::ROOM],
+    /// The inverse depths below and above which another surface lies behind and in front of the splat's.
+    one_surface: [[f32; 2]; Splats::ROOM],
+}
+
+impl Default for Prepared {
+    fn default() -> Self {
+        let zero = [[0; 2]; Splats::ROOM];
+        let tents = [Tent::default(); Splats::ROOM];
+        Self {
+            columns: zero,
+            rows: zero,
+            across: tents,
+            down: tents,
+            peak: [0; Splats::ROOM],
+            one_surface: [[0.0; 2]; Splats::ROOM],
+        }
+    }
+}
+
+impl Prepared {
+    #[inline(always)]
+    fn fill(&mut self, splats: &Splats, [width, height]: [[f32; 2]; 2], tolerance: f32, bin: f32) {
+        for i in 0..splats.count() {
+            self.columns[i] = covered(splats.x[i], splats.radius_x[i], width);
+            self.across[i] = Tent::new(splats.x[i], splats.radius_x[i], self.columns[i][0]);
+        }
+        for i in 0..splats.count() {
+            self.rows[i] = covered(splats.y[i], splats.radius_y[i], height);
+            self.down[i] = Tent::new(splats.y[i], splats.radius_y[i], self.rows[i][0]);
+        }
+        for i in 0..splats.count() {
+            let inverse_depth = splats.inverse_depth[i];
+            let apart = (inverse_depth * tolerance).max(bin);
+            self.one_surface[i] = [inverse_depth - apart, inverse_depth + apart];
+            let alpha = f32::from(splats.color[i].to_ne_bytes()[3]);
+            self.peak[i] = (splats.weight[i].max(MIN_PEAK) * alpha * (ONE as f32 * 512.0 / 255.0)) as u32;
+        }
+    }
+}
+
 impl SurfaceCanvas {
     #[inline(always)]
     fn draw_all(&mut self, splats: &Splats) {
         let light = LinearLight::tables();
-        for i in 0..splats.len {
-            let (x, y, footprint) = (splats.x[i], splats.y[i], splats.footprint[i]);
-            let (color, alpha) = (lanes(splats.color[i]), splats.color[i][3]);
-            let inverse_depth = splats.inverse_depth[i];
-            let apart = (inverse_depth * self.tolerance).max(self.bin);
-            let one_surface = [inverse_depth - apart, inverse_depth + apart];
-            // The tent in integers: a peak of up to 128 * 2^9, times 2^15 for each of the two distances.
-            let peak = (footprint.weight.max(MIN_PEAK) * f32::from(alpha) * (ONE as f32 * 512.0 / 255.0)) as u32;
-            let columns = covered(x, footprint.radius_x, &(0..self.width));
-            let rows = covered(y, footprint.radius_y, &self.rows);
-            let across = Tent::new(x, footprint.radius_x, columns.start);
-            for (py, height) in rows.clone().zip(Tent::new(y, footprint.radius_y, rows.start)) {
-                let peak = (peak * height) >> 15;
-                let start = (py - self.rows.start) as usize * self.width as usize;
-                let row = &mut self.cells[start + columns.start as usize..start + columns.end as usize];
-                for (cell, height) in row.iter_mut().zip(across) {
-                    // At most ONE, as 2^9 * 2^15 = 2^24.
+        let bounds = [[0.0, self.width as f32], [self.rows.start as f32, self.rows.end as f32]];
+        let prepared = &mut self.prepared;
+        prepared.fill(splats, bounds, self.tolerance, self.bin);
+        for i in 0..splats.count() {
+            let (color, inverse_depth) = (lanes(splats.color[i].to_ne_bytes()), splats.inverse_depth[i]);
+            let one_surface = prepared.one_surface[i];
+            let ([left, right], [top, bottom]) = (prepared.columns[i], prepared.rows[i]);
+            for (row, height) in (top..bottom).zip(prepared.down[i]) {
+                let peak = (prepared.peak[i] * height) >> 15;
+                let start = (row - self.rows.start as i32) as usize * self.width as usize;
+                let row = &mut self.cells[start + left as usize..start + right as usize];
+                for (cell, height) in row.iter_mut().zip(prepared.across[i]) {
+                    // At most ONE, as 2^16 * 2^15 = 2^31.
                     let weight = u64::from((peak * height + (1 << 23)) >> 24);
                     if weight > 0 {
                         cell.add(color, weight, inverse_depth, one_surface, light);
@@ -202,7 +249,7 @@ impl SurfaceCanvas {
 }
 
 /// Heights of a tent, 0 to 2^15 = 1, at the centres of pixels one after the other.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Tent {
     /// Distance from the middle over the radius, in 2^-15.
     at: i32,
@@ -212,12 +259,12 @@ struct Tent {
 impl Tent {
     /// About a position, from pixel `first` on.
     #[inline(always)]
-    fn new(position: f32, radius: f32, first: u32) -> Self {
+    fn new(position: f32, radius: f32, first: i32) -> Self {
         let scale = 32_768.0 / radius;
         // Rounded at the middle, not at `first`, which depends on the band.
         let middle = position as i32;
         let (at, step) = (((middle as f32 + 0.5 - position) * scale) as i32, scale as i32);
-        Self { at: at + (first as i32 - middle) * step, step }
+        Self { at: at + (first - middle) * step, step }
     }
 }
 
@@ -248,8 +295,8 @@ impl Canvas for SurfaceCanvas {
     }
 
     #[inline(always)]
-    fn pixel(&self, index: usize) -> ([u8; 3], u8) {
-        let [r, g, b, share] = self.cells[index].flattened(LinearLight::tables());
+    fn pixel(&self, column: usize, row: usize) -> ([u8; 3], u8) {
+        let [r, g, b, share] = self.cells[row * self.width as usize + column].flattened(LinearLight::tables());
         ([r, g, b], share)
     }
 }

@@ -13,6 +13,8 @@ use crate::splat::over::OverCanvas;
 use crate::splat::size::{Size, TangentSize};
 use crate::splat::surface::SurfaceCanvas;
 use crate::splat::{Canvas, SplatKernel, Splats};
+use fearless_simd::{Level, Simd, dispatch};
+use glam::Vec3;
 use std::time::Instant;
 
 /// The buffers of a thread.
@@ -88,7 +90,8 @@ impl Pass<'_> {
             }
         }
         let drawn = Instant::now();
-        self.stats.hole_pixels += finish(canvas, &self.cube.environment, self.camera, self.band, pixels);
+        self.stats.hole_pixels +=
+            finish(self.plan.level, canvas, &self.cube.environment, self.camera, self.band, pixels);
         self.stats.clear_ms += (cleared - started).as_secs_f64() * 1e3;
         self.stats.warp_ms += (drawn - cleared).as_secs_f64() * 1e3;
         self.stats.finish_ms += drawn.elapsed().as_secs_f64() * 1e3;
@@ -126,48 +129,75 @@ impl Pass<'_> {
             stats.depth_pixels_in += batch.len as u64;
             stats.splatted += splats.len as u64;
             stats.behind_or_outside += (batch.len - splats.len) as u64;
-            for footprint in &splats.footprint[..splats.len] {
-                stats.by_footprint[footprint.class()] += 1;
-            }
+            stats.by_footprint.iter_mut().zip(splats.by_footprint).for_each(|(sum, count)| *sum += count);
         });
     }
 }
 
 /// Writes a canvas to the band's pixels, over the environment where it shows, and returns how many are holes.
 fn finish(
+    level: Level,
     canvas: &impl Canvas,
     environment: &Environment,
     camera: &Camera,
     band: &Band,
     (colors, coverages): (&mut [[u8; 4]], &mut [Coverage]),
 ) -> u64 {
-    let light = LinearLight::tables();
     let rows = colors.chunks_mut(band.width as usize).zip(coverages.chunks_mut(band.width as usize));
     let mut holes = 0;
-    for ((y, first), (colors, coverages)) in band.rows.clone().zip((0..).step_by(band.width as usize)).zip(rows) {
+    for ((row, y), (colors, coverages)) in band.rows.clone().enumerate().zip(rows) {
         let start = camera.direction(0.5, f64::from(y) + 0.5);
         let step = camera.direction(1.5, f64::from(y) + 0.5) - start;
-        for (x, (color, coverage)) in colors.iter_mut().zip(coverages).enumerate() {
-            let ([r, g, b], share) = canvas.pixel(first + x);
-            if share == 255 {
-                (*color, *coverage) = ([r, g, b, 255], Coverage::FULL);
-                continue;
+        let chunks = colors.chunks_mut(CHUNK).zip(coverages.chunks_mut(CHUNK)).zip((0..).step_by(CHUNK));
+        for (pixels, first) in chunks {
+            let directions = [start + step * first as f64, step].map(|v| v.as_vec3());
+            dispatch!(level, simd => {
+                holes += finish_chunk(simd, canvas, environment, directions, pixels, [first, row]);
+            });
+        }
+    }
+    holes
+}
+
+/// Pixels that are finished at a time.
+const CHUNK: usize = 16;
+
+/// Finishes the [`CHUNK`] pixels from (column, row) on, or as many as there are.
+#[inline(always)]
+fn finish_chunk<S: Simd>(
+    simd: S,
+    canvas: &impl Canvas,
+    environment: &Environment,
+    [start, step]: [Vec3; 2],
+    (colors, coverages): (&mut [[u8; 4]], &mut [Coverage]),
+    [column, row]: [usize; 2],
+) -> u64 {
+    let mut all_share = 255;
+    for (i, (color, coverage)) in colors.iter_mut().zip(&mut *coverages).enumerate() {
+        let ([r, g, b], share) = canvas.pixel(column + i, row);
+        all_share &= share;
+        if share > 0 {
+            (*color, *coverage) = ([r, g, b, 255], Coverage::of_splats(share));
+        }
+    }
+    if all_share == 255 {
+        return 0;
+    }
+    let (light, mut holes) = (LinearLight::tables(), 0);
+    let seen = environment.sample_sixteen(simd, start, step);
+    for ((color, coverage), seen) in colors.iter_mut().zip(coverages).zip(seen) {
+        let Some(seen) = seen else {
+            holes += u64::from(coverage.is_hole());
+            continue;
+        };
+        match coverage.splat_share() {
+            255 => {}
+            0 => (*color, *coverage) = ([seen[0], seen[1], seen[2], 255], Coverage::ENVIRONMENT),
+            share => {
+                let [r, g, b, _] = *color;
+                let [r, g, b] = light.mix([[r, g, b], seen], [u32::from(share), u32::from(255 - share)]);
+                *color = [r, g, b, 255];
             }
-            let seen = environment.sample((start + step * x as f64).as_vec3());
-            let (rgb, found) = match (seen, share) {
-                (None, 0) => {
-                    holes += 1;
-                    continue;
-                }
-                (None, _) => ([r, g, b], Coverage::of_splats(share)),
-                (Some(seen), 0) => (seen, Coverage::ENVIRONMENT),
-                (Some(seen), _) => {
-                    let shares = [u32::from(share), u32::from(255 - share)];
-                    (light.mix([[r, g, b], seen], shares), Coverage::of_splats(share))
-                }
-            };
-            let [r, g, b] = rgb;
-            (*color, *coverage) = ([r, g, b, 255], found);
         }
     }
     holes

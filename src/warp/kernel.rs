@@ -9,7 +9,7 @@ use super::traverse::{BATCH_CAPACITY, Batch};
 use crate::packed::{INVERSE_DEPTH_CODE_MAX, PackedSegment};
 use crate::splat::Splats;
 use crate::splat::size::{LANES, Lanes, Size};
-use fearless_simd::{Level, Simd, SimdCvtFloat, dispatch, f32x16, prelude::*, u32x16};
+use fearless_simd::{Level, Simd, SimdCvtFloat, dispatch, f32x16, mask32x16, prelude::*, u32x16};
 
 /// What the warp of one segment needs.
 pub(crate) struct SegmentWarp<'a> {
@@ -44,7 +44,7 @@ impl<'a> SegmentWarp<'a> {
     fn warp_at<S: Simd>(&self, simd: S, batch: &Batch, size: &impl Size, splats: &mut Splats) {
         let row =
             self.transfer.anchored(batch.anchor_column, batch.row, self.inverse_depth_min, self.inverse_depth_step);
-        splats.len = 0;
+        (splats.len, splats.by_footprint) = (0, [0; 4]);
         for start in (0..batch.len.min(BATCH_CAPACITY)).step_by(LANES) {
             self.warp_lanes(simd, &row, batch, start, size, splats);
         }
@@ -62,9 +62,10 @@ impl<'a> SegmentWarp<'a> {
         splats: &mut Splats,
     ) {
         let splat = |v: f32| f32x16::splat(simd, v);
-        let geometry: [u32; LANES] = std::array::from_fn(|i| batch.depth_pixels[start + i].geometry);
         let columns: [f32; LANES] = std::array::from_fn(|i| f32::from(batch.columns[start + i]));
-        let geometry = u32x16::load_array(simd, geometry);
+        let words: &[u32] = bytemuck::cast_slice(&batch.depth_pixels[start..start + LANES]);
+        let (first, second) = (u32x16::from_slice(simd, &words[..LANES]), u32x16::from_slice(simd, &words[LANES..]));
+        let (geometry, color) = simd.deinterleave_u32x16(first, second);
         let code = f32x16::float_from(geometry & INVERSE_DEPTH_CODE_MAX);
         let k = f32x16::load_array(simd, columns);
 
@@ -93,21 +94,25 @@ impl<'a> SegmentWarp<'a> {
             & (px - rx).simd_lt(splat(width))
             & (py + ry).simd_gt(splat(self.rows[0]))
             & (py - ry).simd_lt(splat(self.rows[1]));
-        let there = (1u64 << (batch.len - start).min(LANES)) - 1;
-        let mut shown = (in_front & touches).to_bitmask() & there;
-        // Not `[...].map(to_array)`, which the compiler does not inline.
-        let (px, py, q) = (px.to_array(), py.to_array(), (inverse_depth * reciprocal_w).to_array());
-        let (rx, ry, weight) = (rx.to_array(), ry.to_array(), footprints.weight.to_array());
-        while shown != 0 {
-            let i = shown.trailing_zeros() as usize % LANES;
-            shown &= shown - 1;
-            let n = splats.len;
-            splats.x[n] = px[i];
-            splats.y[n] = py[i];
-            splats.inverse_depth[n] = q[i];
-            splats.footprint[n] = crate::splat::Footprint { radius_x: rx[i], radius_y: ry[i], weight: weight[i] };
-            splats.color[n] = batch.depth_pixels[start + i].color_srgb;
-            splats.len += 1;
-        }
+        let there = mask32x16::from_bitmask(simd, (1u64 << (batch.len - start).min(LANES)) - 1);
+        let shown = in_front & touches & there;
+        let n = splats.len;
+        let keep = |values: f32x16<S>, to: &mut [f32; Splats::ROOM]| {
+            simd.compress_f32x16(values, shown).store_slice(&mut to[n..n + LANES]);
+        };
+        keep(px, &mut splats.x);
+        keep(py, &mut splats.y);
+        keep(inverse_depth * reciprocal_w, &mut splats.inverse_depth);
+        keep(rx, &mut splats.radius_x);
+        keep(ry, &mut splats.radius_y);
+        keep(footprints.weight, &mut splats.weight);
+        simd.compress_u32x16(color, shown).store_slice(&mut splats.color[n..n + LANES]);
+        let count = |mask: mask32x16<S>| u64::from(mask.to_bitmask().count_ones());
+        let larger = rx.max_precise(ry);
+        let at_least = |radius: f32| count(shown & larger.simd_ge(splat(radius)));
+        let (all, three, five, seven) = (count(shown), at_least(1.0), at_least(2.0), at_least(3.0));
+        let counts = [all - three, three - five, five - seven, seven];
+        splats.by_footprint.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
+        splats.len += all as usize;
     }
 }

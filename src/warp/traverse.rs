@@ -10,6 +10,9 @@ use std::ops::Range;
 /// Depth pixels of a full batch.
 pub(crate) const BATCH_CAPACITY: usize = 256;
 
+/// Columns that are written at once.
+const COLUMNS_ROOM: usize = 8;
+
 /// Depth pixels of one row within one block of columns, in drawing order.
 pub(crate) struct Batch {
     /// Row on the face.
@@ -19,7 +22,7 @@ pub(crate) struct Batch {
     /// Number of entries in use.
     pub(crate) len: usize,
     /// Columns from the anchor, 0 to `BLOCK_COLUMNS - 1`.
-    pub(crate) columns: [u8; BATCH_CAPACITY],
+    pub(crate) columns: [u8; BATCH_CAPACITY + COLUMNS_ROOM],
     /// The depth pixels.
     pub(crate) depth_pixels: [PackedDepthPixel; BATCH_CAPACITY],
 }
@@ -27,16 +30,31 @@ pub(crate) struct Batch {
 impl Batch {
     pub(crate) fn new() -> Self {
         let nothing = PackedDepthPixel { geometry: 0, color_srgb: [0; 4] };
-        Self { row: 0, anchor_column: 0, len: 0, columns: [0; BATCH_CAPACITY], depth_pixels: [nothing; BATCH_CAPACITY] }
+        Self {
+            row: 0,
+            anchor_column: 0,
+            len: 0,
+            columns: [0; BATCH_CAPACITY + COLUMNS_ROOM],
+            depth_pixels: [nothing; BATCH_CAPACITY],
+        }
     }
 
     /// Fills the empty batch with the samples of neighbouring pixels, in their order in memory. `counts`: running counts of
     /// the pixels from `column` on.
     fn extend(&mut self, column: u8, counts: &[u32], samples: &[PackedDepthPixel]) {
         self.depth_pixels[..samples.len()].copy_from_slice(samples);
-        for (column, ends) in (column..).zip(counts.windows(2)) {
-            let [start, end] = [ends[0], ends[1]].map(|end| (end - counts[0]) as usize);
-            self.columns.get_mut(start..end).into_iter().flatten().for_each(|c| *c = column);
+        let starts = counts.iter().map(|start| (start - counts[0]) as usize);
+        if samples.len() + 1 == counts.len() && starts.clone().zip(0..).all(|(start, i): (usize, usize)| start == i) {
+            // One sample in each pixel, as over most of a simple scene.
+            self.columns[..samples.len()].iter_mut().zip(column..).for_each(|(c, column)| *c = column);
+        } else {
+            // Eight bytes at a time, of which the next pixel overwrites those that it needs.
+            for (column, (start, end)) in (column..).zip(starts.clone().zip(starts.skip(1))) {
+                for eight in (start..end).step_by(COLUMNS_ROOM) {
+                    let room = self.columns.get_mut(eight..eight + COLUMNS_ROOM);
+                    room.into_iter().for_each(|room| room.fill(column));
+                }
+            }
         }
         self.len = samples.len();
     }

@@ -33,27 +33,40 @@ impl Scene {
             if smooth.dot(normal) < 0.0 { -smooth } else { smooth }
         };
 
-        let [s, t] = self.texcoord(corners, weights);
-        let texel = |texture: Option<u32>| match texture {
-            Some(index) => {
-                let [r, g, b, _alpha] = self.textures[index as usize].sample(s, t);
-                Vec3::new(r, g, b)
-            }
-            None => Vec3::ONE,
-        };
-        let color = if self.colors.is_empty() { Vec3::ONE } else { blend(corners.map(|c| self.colors[c]), weights) };
-        let albedo = Vec3::from(material.albedo) * texel(material.albedo_texture) * color;
         let emission = if material.emission == [0.0; 3] {
             Vec3::ZERO
         } else {
-            Vec3::from(material.emission) * texel(material.emission_texture)
+            Vec3::from(material.emission) * self.texel(material.emission_texture, corners, weights)
         };
         Surface {
             normal,
             shading_normal,
-            albedo: albedo.clamp(Vec3::ZERO, Vec3::ONE).into(),
+            albedo: self.albedo(primitive, u, v),
             emission: emission.max(Vec3::ZERO).into(),
         }
+    }
+
+    /// The albedo alone: [`Surface::albedo`], under the conditions of [`Scene::surface`].
+    pub fn albedo(&self, primitive: u32, u: f32, v: f32) -> [f32; 3] {
+        let triangle = self.triangles[primitive as usize];
+        let material = &self.materials[triangle.material as usize];
+        let (corners, weights) = (triangle.vertices.map(|vertex| vertex as usize), [1.0 - u - v, u, v]);
+        let color = if self.colors.is_empty() { Vec3::ONE } else { blend(corners.map(|c| self.colors[c]), weights) };
+        let albedo = Vec3::from(material.albedo) * self.texel(material.albedo_texture, corners, weights) * color;
+        albedo.clamp(Vec3::ZERO, Vec3::ONE).into()
+    }
+
+    /// Whether the albedo of a triangle comes from a texture.
+    pub fn is_textured(&self, primitive: u32) -> bool {
+        self.materials[self.triangles[primitive as usize].material as usize].albedo_texture.is_some()
+    }
+
+    /// A texture's colour at the given weights of three corners; white without a texture.
+    fn texel(&self, texture: Option<u32>, corners: [usize; 3], weights: [f32; 3]) -> Vec3 {
+        let Some(index) = texture else { return Vec3::ONE };
+        let [s, t] = self.texcoord(corners, weights);
+        let [r, g, b, _alpha] = self.textures[index as usize].sample(s, t);
+        Vec3::new(r, g, b)
     }
 
     /// Whether the surface is really there at barycentric weights `u`, `v` of triangle `primitive`: false in the
