@@ -17,9 +17,14 @@ use headbox::ldi::merge::MergeRule;
 use headbox::ldi::shard::{self, ShardInfo};
 use headbox::packed::{BlockIndex, PackedCube, PackedSegment, SplatIndexLayout, Split};
 use headbox::path;
+use headbox::report::figures::figures;
+use headbox::report::row::Report;
+use headbox::report::{results, summary};
 use headbox::scene_source::{SceneSource, fingerprint};
 use headbox::splat::SplatKernel;
-use headbox::sprite::{DisplacementFormat, SlabCapture, SpriteFrame, SpriteRenderer, SpriteSet, capture_slabs};
+use headbox::sprite::{
+    DepthPicture, DisplacementFormat, SlabCapture, SpriteFrame, SpriteRenderer, SpriteSet, capture_slabs,
+};
 use headbox::warp::{RenderSettings, Renderer};
 use mutated::{Dice, LARGEST, Parts, Watched, mutate};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -244,6 +249,56 @@ fn glb_files() {
     try_mutations("a.glb", &[corpus("a.glb")], false, read_scene);
 }
 
+fn read_depth(path: &Path) -> bool {
+    DepthPicture::read(path, 0.001).is_ok_and(|depth| {
+        assert_eq!(depth.values.len(), depth.width as usize * depth.height as usize);
+        true
+    })
+}
+
+#[test]
+fn depth_pictures() {
+    let depth = DepthPicture { width: 9, height: 7, values: (0..63).map(|i| 1.0 + i as f32).collect() };
+    let exr = bytes_of(|path| depth.write_exr(path).expect("written"));
+    try_mutations("a.exr", &[exr], false, read_depth);
+    let grey = image::ImageBuffer::<image::Luma<u16>, _>::from_fn(9, 7, |x, y| image::Luma([(x * 300 + y) as u16]));
+    let png = bytes_of(|path| grey.save_with_format(path, image::ImageFormat::Png).expect("written"));
+    try_mutations("a.png", &[png], false, read_depth);
+}
+
+#[test]
+fn textures() {
+    let picture =
+        image::RgbaImage::from_fn(6, 5, |x, y| image::Rgba([x as u8 * 40, y as u8 * 40, 9, 255 - x as u8 * 50]));
+    let originals =
+        [image::ImageFormat::Png, image::ImageFormat::Bmp, image::ImageFormat::Tga, image::ImageFormat::Tiff];
+    let originals = originals.map(|format| bytes_of(|path| picture.save_with_format(path, format).expect("written")));
+    for (name, original) in ["a.png", "a.bmp", "a.tga", "a.tiff"].into_iter().zip(originals) {
+        let obj = "mtllib t.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n";
+        let mtl = format!("newmtl m\nmap_Kd {name}\n");
+        try_mutations(name, &[original], false, |path| {
+            std::fs::write(path.with_file_name("t.mtl"), &mtl).expect("written");
+            std::fs::write(path.with_file_name("t.obj"), obj).expect("written");
+            // Without its texture, a scene is still a scene.
+            read_scene(&path.with_file_name("t.obj"))
+        });
+    }
+}
+
+/// Reads a report and makes all that is made of one.
+fn read_report(path: &Path) -> bool {
+    let Ok(report) = serde_json::from_slice::<Report>(&std::fs::read(path).expect("written")) else { return false };
+    results::page(&report);
+    summary::summary(&report);
+    figures(&report).iter().for_each(|figure| drop(figure.chart.draw().to_svg()));
+    true
+}
+
+#[test]
+fn reports() {
+    try_mutations("a.report", &[corpus("a.report")], false, read_report);
+}
+
 #[test]
 fn packed_cubes_that_break_their_promises() {
     let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
@@ -312,6 +367,8 @@ fn the_corpus_is_replayed() {
             Some("shard") => drop(read_shard(&path)),
             Some("sprite") => drop(read_sprite(&path)),
             Some("json") => drop(read_path(&path)),
+            Some("report") => drop(read_report(&path)),
+            Some("exr") => drop(read_depth(&path)),
             Some("obj" | "gltf" | "glb") => drop(read_scene(&path)),
             _ => continue,
         }

@@ -79,7 +79,9 @@ fn two_runs_agree_on_errors_to_the_last_digit() {
 fn every_group_has_one_baseline_and_rows_that_make_sense() {
     let report = &*REPORT;
     let groups = report.groups("builtin:bump");
-    for expected in ["representation", "footprints", "clipping", "threads", "near/far split", "sampler", "rays"] {
+    for expected in
+        ["representation", "footprints", "clipping", "threads", "near/far split", "sampler", "rays", "layers"]
+    {
         assert!(groups.contains(&expected), "{expected}: {groups:?}");
     }
     for group in groups {
@@ -96,6 +98,16 @@ fn every_group_has_one_baseline_and_rows_that_make_sense() {
     }
     let find = |group: &str, variant: &str| report.find("builtin:bump", group, variant).expect(variant);
     assert!(find("clipping", "off").psnr_to_baseline_db.is_infinite(), "clipping changes no bit");
+    assert!(
+        find("layers", "the nearest of each pixel (a depth image a face)").depth_pixels
+            <= find("layers", "all").depth_pixels
+    );
+    let warp = report.group("builtin:bump", "incremental warp (single pixels, 1 thread)");
+    // Where rounding moves a pixel over a border it shows its neighbour: few pixels of 24x18.
+    assert!(warp.into_iter().all(|row| row.psnr_to_baseline_db > 25.0));
+    let (rays, raster) =
+        (find("representation", "1 ray/px, baked light"), find("representation", "rasterised, baked light"));
+    assert!((rays.psnr_db - raster.psnr_db).abs() < 0.5, "{} {}", rays.psnr_db, raster.psnr_db);
     assert!(find("threads", "1 thread").psnr_to_baseline_db.is_infinite());
     assert!(find("depth bins", "8 px of parallax").depth_pixels <= find("depth bins", "1 px of parallax").depth_pixels);
     assert!(

@@ -15,7 +15,8 @@ use std::time::Instant;
 
 /// The groups for which the default capture stands, its name in each, and whether it is the one that others are compared
 /// with.
-pub(super) const DEFAULT: [(&str, &str, bool); 6] = [
+pub(super) const DEFAULT: [(&str, &str, bool); 7] = [
+    ("layers", "all", true),
     ("near/far split", "by each face's depths", true),
     ("normal in the splat index", "11 bits", true),
     ("novelty stopping", "on", true),
@@ -80,11 +81,11 @@ impl Captures<'_> {
         Ok(PackedCube::pack(&made.ldi, SplatIndexLayout::Normal, split)?)
     }
 
-    /// Captures that differ from the default in one thing each.
+    /// Captures that differ from the default, `made`, in one thing each.
     ///
     /// # Errors
     /// [`ReportError::Capture`].
-    pub fn variations(&self, progress: &dyn Progress) -> Result<Vec<(Vec<Role>, Made)>, ReportError> {
+    pub fn variations(&self, default: &Made, progress: &dyn Progress) -> Result<Vec<(Vec<Role>, Made)>, ReportError> {
         let (strata, rays) = (self.plan.quality.strata, self.plan.quality.rays);
         let mut made = Vec::new();
         let mut add = |roles, change: &dyn Fn(&mut CaptureJob)| -> Result<(), ReportError> {
@@ -124,12 +125,29 @@ impl Captures<'_> {
                 add(vec![Role::other("light samples", name)], &|job| job.light_samples = samples)?;
             }
         }
+        let mut edit = |role, change: &dyn Fn(&mut CubeLdi)| {
+            let mut ldi = default.ldi.clone();
+            change(&mut ldi);
+            made.push((vec![role], Made { ldi, seconds: default.seconds }));
+        };
         for parallax in [2.0, 4.0, 8.0] {
-            let mut coarse = self.make(|_| {}, progress)?;
-            coarsen(&mut coarse.ldi, parallax);
-            made.push((vec![Role::other("depth bins", format!("{parallax} px of parallax"))], coarse));
+            let role = Role::other("depth bins", format!("{parallax} px of parallax"));
+            edit(role, &|ldi| coarsen(ldi, parallax));
         }
+        edit(Role::other("layers", "the nearest of each pixel (a depth image a face)"), &keep_nearest);
         Ok(made)
+    }
+}
+
+/// Leaves of each pixel the sample that is nearest to the centre: six depth images.
+fn keep_nearest(ldi: &mut CubeLdi) {
+    for face in &mut ldi.faces {
+        let mut nearest = LayeredDepthImage::empty(face.face, face.size_px);
+        for (pixel, ends) in face.offsets.windows(2).enumerate() {
+            nearest.samples.extend(face.samples[ends[0] as usize..ends[1] as usize].last());
+            nearest.offsets[pixel + 1] = nearest.samples.len() as u32;
+        }
+        *face = nearest;
     }
 }
 

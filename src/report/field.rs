@@ -2,7 +2,8 @@
 
 use super::captures::{Captures, DEFAULT, Made};
 use super::contender::{
-    BakedRays, Contender, CubeMapDraw, LdiDraw, OracleDraw, PathTraced, PointCloud, Role, SpriteDraw, sprite_bytes,
+    BakedLight, BakedRays, Contender, CubeMapDraw, LdiDraw, OracleDraw, PathTraced, PointCloud, RasterDraw, Role,
+    SpriteDraw, WarpArithmetic, WarpOnly, sprite_bytes,
 };
 use super::cube_map::CubeMap;
 use super::plan::{Place, Plan};
@@ -14,8 +15,8 @@ use crate::ldi::build::{Progress, Silent};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
 use crate::splat::SplatKernel;
 use crate::sprite::{
-    Displacement, DisplacementFormat, PreparedSprite, RenderOptions, SlabCapture, SpriteSet, SpriteWithDepth, Variant,
-    capture_slabs, slabs_at_gaps,
+    Displacement, DisplacementFormat, PreparedSprite, RenderOptions, Sampling, SlabCapture, SpriteSet, SpriteWithDepth,
+    Variant, capture_slabs, slabs_at_gaps,
 };
 use crate::warp::RenderSettings;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -53,7 +54,7 @@ impl<'a> Field<'a> {
                 self.add_renderings(&cube, Some(made.seconds), &DEFAULT);
                 self.add_repacked(&captures, &made)?;
                 self.add_quantised(&made.ldi, &cube);
-                self.add_captures(&captures, progress)?;
+                self.add_captures(&captures, &made, progress)?;
                 cube
             }
         };
@@ -114,6 +115,17 @@ impl<'a> Field<'a> {
             let like = self.ldi(vec![Role::other("representation", name)], cube, default, capture_s);
             self.contenders.push(Contender { bytes: points.bytes(), draw: Box::new(points), ..like });
         }
+        for (arithmetic, name) in [
+            (WarpArithmetic::Direct, "direct, in f64"),
+            (WarpArithmetic::RunningSum, "a running sum along each row, in f32 (paper)"),
+            (WarpArithmetic::Anchored, "from an anchor every 64 columns, in f32"),
+        ] {
+            let baseline = arithmetic == WarpArithmetic::Direct;
+            let role = Role { group: "incremental warp (single pixels, 1 thread)", variant: name.into(), baseline };
+            let like = self.ldi(vec![role], cube, default, capture_s);
+            let draw = Box::new(WarpOnly::new(Arc::clone(cube), arithmetic));
+            self.contenders.push(Contender { pool: Arc::clone(&self.one), draw, ..like });
+        }
     }
 
     /// The default capture, packed otherwise.
@@ -142,8 +154,13 @@ impl<'a> Field<'a> {
     }
 
     /// Other captures of the scene.
-    fn add_captures(&mut self, captures: &Captures, progress: &dyn Progress) -> Result<(), ReportError> {
-        for (roles, made) in captures.variations(progress)? {
+    fn add_captures(
+        &mut self,
+        captures: &Captures,
+        default: &Made,
+        progress: &dyn Progress,
+    ) -> Result<(), ReportError> {
+        for (roles, made) in captures.variations(default, progress)? {
             let cube = Arc::new(captures.pack(&made, Split::Auto)?);
             self.contenders.push(self.ldi(roles, &cube, RenderSettings::default(), Some(made.seconds)));
         }
@@ -184,10 +201,16 @@ impl<'a> Field<'a> {
         found.push(Contender { bytes, capture_s, draw: Box::new(CubeMapDraw::new(Arc::new(map))), ..like("cube map") });
         if self.subject.lit {
             let start = Instant::now();
-            let rays = BakedRays::bake(Arc::clone(tracer), lighting.clone(), &cameras, face_px, samples);
-            let bytes = scene_bytes(tracer.scene()) + rays.light_bytes();
-            let (capture_s, draw) = (Some(start.elapsed().as_secs_f64()), Box::new(rays));
-            found.push(Contender { traces: true, bytes, capture_s, draw, ..like("1 ray/px, baked light") });
+            let mut baked = BakedLight::new(Arc::clone(tracer), lighting.clone(), face_px, samples);
+            cameras.iter().for_each(|camera| baked.bake_view(camera));
+            let capture_s = Some(start.elapsed().as_secs_f64());
+            cameras.iter().for_each(|camera| RasterDraw::bake_view(&mut baked, camera));
+            let bytes = scene_bytes(tracer.scene()) + baked.bytes();
+            let baked = Arc::new(baked);
+            let rays = Box::new(BakedRays::new(Arc::clone(&baked)));
+            found.push(Contender { traces: true, bytes, capture_s, draw: rays, ..like("1 ray/px, baked light") });
+            let raster = Box::new(RasterDraw::new(baked));
+            found.push(Contender { traces: true, bytes, capture_s, draw: raster, ..like("rasterised, baked light") });
         }
         self.contenders.extend(found);
     }
@@ -231,8 +254,17 @@ impl<'a> Field<'a> {
             if variant == Variant::TwoPass {
                 roles.push(Role::baseline("sprite displacement", "8 bits"));
                 roles.push(Role::baseline("sprite gap filling", "3 steps"));
+                roles.push(Role::baseline("sprite sampling", "bilinear"));
             }
             found.push(contender(roles, &default, RenderOptions { variant, ..options }));
+        }
+        for variant in [Variant::Homography, Variant::OnePass, Variant::TwoPass] {
+            let baseline = variant == Variant::Homography;
+            let mut roles = vec![Role { group: "sprites, nearest sampling", variant: variant.name().into(), baseline }];
+            if variant == Variant::TwoPass {
+                roles.push(Role::other("sprite sampling", "nearest"));
+            }
+            found.push(contender(roles, &default, RenderOptions { variant, sampling: Sampling::Nearest, ..options }));
         }
         for steps in [0, 1, 8] {
             let role = Role::other("sprite gap filling", format!("{steps} step{}", if steps == 1 { "" } else { "s" }));

@@ -78,7 +78,11 @@ fn cost_chart(report: &Report, scene: &str, cost: Cost) -> Option<Chart> {
         .enumerate()
         .map(|(i, row)| Series {
             name: String::new(),
-            points: vec![ChartPoint { at: at[i], name: row.variant.clone() }],
+            points: vec![ChartPoint {
+                at: at[i],
+                name: row.variant.clone(),
+                spread: (cost == Cost::Time).then_some(row.ms_quartiles),
+            }],
             joined: false,
             hollow: !front.contains(&i),
             color: family(row),
@@ -87,7 +91,7 @@ fn cost_chart(report: &Report, scene: &str, cost: Cost) -> Option<Chart> {
     let (title, note, name) = match cost {
         Cost::Time => (
             "time against error",
-            "lower left is better; nothing beats the filled dots on the grey front",
+            "lower left is better; nothing beats the filled dots on the grey front; thin lines: quartiles over eyes and rounds",
             format!("time per frame of {width}x{height} px, ms, {} threads", report.machine.threads),
         ),
         Cost::Bytes => (
@@ -123,7 +127,7 @@ const LINES: [(&str, &str, &str); 6] = [
 fn displacement_chart(report: &Report, scene: &str) -> Option<Chart> {
     let lines = LINES.iter().filter_map(|(group, variant, name)| {
         let row = report.find(scene, group, variant)?;
-        let point = |d: &super::row::Displaced| ChartPoint { at: [d.share, d.flip], name: String::new() };
+        let point = |d: &super::row::Displaced| ChartPoint { at: [d.share, d.flip], name: String::new(), spread: None };
         let color = match *group {
             "sprites" => 3 + usize::from(*variant == "homography"),
             _ => family(row),
@@ -150,7 +154,8 @@ fn displacement_chart(report: &Report, scene: &str) -> Option<Chart> {
 fn rays_chart(report: &Report, scene: &str) -> Option<Chart> {
     let mut rows: Vec<&Row> = report.group(scene, "rays").filter(|row| row.capture_s.is_some()).collect();
     rows.sort_by_key(|row| row.rays);
-    let point = |row: &Row, name: String| ChartPoint { at: [row.capture_s.unwrap_or(f64::NAN), row.flip], name };
+    let point =
+        |row: &Row, name: String| ChartPoint { at: [row.capture_s.unwrap_or(f64::NAN), row.flip], name, spread: None };
     let millions = |row: &Row| format!("{} ({} rays)", row.variant, count(row.rays.unwrap_or(0)));
     let more = rows.iter().map(|row| point(row, millions(row))).collect();
     let mut series = vec![Series { name: String::new(), points: more, joined: true, hollow: false, color: 0 }];

@@ -4,6 +4,7 @@ use super::row::Machine;
 use fearless_simd::Level;
 use std::path::Path;
 use std::process::Command;
+use std::time::UNIX_EPOCH;
 
 impl Machine {
     /// This one.
@@ -33,8 +34,8 @@ fn first_line_after(path: &str, key: &str) -> Option<String> {
     Some(line.split_once(':')?.1.trim().to_owned())
 }
 
-/// The commit of the repository that holds the running program, with `+` if its tracked files have been changed; `unknown`
-/// if it lies in none, or there is no git.
+/// The commit of the repository that holds the running program, with `+` if its tracked files have been changed or the
+/// program was built before it; `unknown` if it lies in none, or there is no git.
 pub fn commit() -> String {
     let found = || {
         let program = std::env::current_exe().ok()?;
@@ -42,7 +43,9 @@ pub fn commit() -> String {
         let commit = git(folder, &["rev-parse", "--short=12", "HEAD"])?;
         // A dirty work tree is one in which this program's own sources may differ.
         let changed = git(folder, &["status", "--porcelain", "--untracked-files=no"])?;
-        Some(if changed.is_empty() { commit } else { commit + "+" })
+        let built = program.metadata().ok()?.modified().ok()?.duration_since(UNIX_EPOCH).ok()?.as_secs();
+        let committed: u64 = git(folder, &["log", "-1", "--format=%ct"])?.parse().ok()?;
+        Some(if changed.is_empty() && built >= committed { commit } else { commit + "+" })
     };
     found().unwrap_or_else(|| "unknown".into())
 }

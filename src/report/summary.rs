@@ -45,6 +45,7 @@ pub(super) fn scene(report: &Report, facts: &SceneFacts) -> String {
     text += &choice(&rows);
     text += &against_the_rest(&rows);
     text += &displacement(report, &facts.scene);
+    text += &short_of(report, &facts.scene);
     text += &steadiness(&rows, facts);
     text += "\nEach approximation against the same without it:\n\n";
     for group in report.groups(&facts.scene).into_iter().filter(|group| *group != "representation") {
@@ -59,8 +60,9 @@ fn truth_sentence(facts: &SceneFacts) -> String {
     let samples = judged.iter().map(|eye| eye.truth_samples);
     let (least, most) = (samples.clone().min().unwrap_or(0), samples.max().unwrap_or(0));
     let [width, height] = facts.frame_px;
+    let samples = if least == most { most.to_string() } else { format!("{least} to {most}") };
     format!(
-        "{} triangles; faces of {} px; {} eyes, frames of {width}x{height} px. Truth has {least} to {most} rays per pixel; its \
+        "{} triangles; faces of {} px; {} eyes, frames of {width}x{height} px. Truth has {samples} rays per pixel; its \
          standard error lies {:.1} dB or more below every error that is measured with it.\n",
         facts.triangles,
         facts.face_size_px,
@@ -139,11 +141,55 @@ fn displacement(report: &Report, scene: &str) -> String {
     match (of("LDI"), of("cube map")) {
         (Some(ldi), Some(map)) => format!(
             "\nFrom the centre to a corner of the headbox the LDI's FLIP goes from {:.3} to {:.3}, a cube map's from {:.3} to \
-             {:.3}.\n",
-            ldi.0, ldi.1, map.0, map.1
+             {:.3}.{}\n",
+            ldi.0,
+            ldi.1,
+            map.0,
+            map.1,
+            crossing(report, scene).map_or(String::new(), |share| format!(
+                " If the eye stays within {:.0} % of the way, a cube map will do; beyond, use the LDI.",
+                share * 100.0
+            ))
         ),
         _ => String::new(),
     }
+}
+
+/// How far from the centre (0) to a corner (1) a cube map is more exact than the LDI; `None` unless it is so at first and not
+/// at last.
+fn crossing(report: &Report, scene: &str) -> Option<f64> {
+    let line = |variant: &str| Some(&report.find(scene, "representation", variant)?.displacement);
+    let (ldi, map) = (line("LDI")?, line("cube map")?);
+    let lead: Vec<(f64, f64)> = map.iter().zip(ldi).map(|(m, l)| (m.share, m.flip - l.flip)).collect();
+    let cross = lead.windows(2).find(|pair| pair[0].1 < 0.0 && pair[1].1 >= 0.0)?;
+    let ((near, before), (far, after)) = (cross[0], cross[1]);
+    Some(near + (far - near) * before / (before - after))
+}
+
+/// What to use where something else than time is short: memory, capture time.
+fn short_of(report: &Report, scene: &str) -> String {
+    let mut text = String::new();
+    let rows: Vec<&Row> = report.group(scene, "representation").collect();
+    let at: Vec<[f64; 2]> = rows.iter().map(|row| [row.bytes as f64, row.flip]).collect();
+    let front = pareto_front(&at).into_iter().map(|i| format!("**{}** ({})", rows[i].variant, bytes(rows[i].bytes)));
+    let front: Vec<String> = front.collect();
+    if !front.is_empty() {
+        let _ = writeln!(text, "Where memory is short: nothing is both smaller and more exact than {}.", list(front));
+    }
+    let rays: Vec<&Row> = report.group(scene, "rays").chain(report.find(scene, "novelty stopping", "on")).collect();
+    let least = rays.iter().map(|row| row.flip).fold(f64::INFINITY, f64::min);
+    let close = rays.iter().filter(|row| row.flip <= least * 1.1);
+    let quickest = close.filter_map(|row| Some((row, row.capture_s?))).min_by(|a, b| a.1.total_cmp(&b.1));
+    if let Some((row, seconds)) = quickest {
+        let name = if row.group == "rays" { format!("**{}** rays", row.variant) } else { "the **default**".into() };
+        let _ = writeln!(
+            text,
+            "Where capture time is short, capture with {name}: {seconds:.1} s, and within 10 % of the least error that more \
+             rays reach (FLIP {:.3} for {least:.3}).",
+            row.flip
+        );
+    }
+    text
 }
 
 fn steadiness(rows: &[&Row], facts: &SceneFacts) -> String {

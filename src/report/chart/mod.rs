@@ -29,6 +29,8 @@ pub struct ChartPoint {
     pub at: [f64; 2],
     /// Written beside it.
     pub name: String,
+    /// How far it scatters along x: drawn as a thin line.
+    pub spread: Option<[f64; 2]>,
 }
 
 /// Points that belong together.
@@ -108,7 +110,12 @@ impl Chart {
                 labels.avoid_line(&line);
                 marks.push(Mark::Line { points: line.clone(), color, width: 2.0, dashed: false });
             }
-            for at in line {
+            for (point, at) in &placed {
+                if let Some(ends) = point.spread {
+                    let ends = ends.map(|x| frame.place([x, point.at[1]]));
+                    marks.push(Mark::Line { points: ends.into(), color, width: 1.5, dashed: false });
+                }
+                let at = *at;
                 labels.avoid_dot(at, DOT_PX);
                 marks.push(Mark::Dot { at, radius: DOT_PX, color, filled: !series.hollow });
             }
@@ -184,7 +191,7 @@ mod tests {
 
     fn chart() -> Chart {
         let axis = |name: &str, spacing| Axis { name: name.into(), spacing };
-        let point = |x: f64, y: f64, name: &str| ChartPoint { at: [x, y], name: name.into() };
+        let point = |x: f64, y: f64, name: &str| ChartPoint { at: [x, y], name: name.into(), spread: None };
         let points = vec![point(1.0, 0.1, "left"), point(100.0, 0.05, "right & <low>"), point(0.0, 0.2, "nowhere")];
         Chart {
             title: "title".into(),

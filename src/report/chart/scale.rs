@@ -9,6 +9,9 @@ pub enum Spacing {
     Logarithmic,
 }
 
+/// Figures have at most this size, and on a logarithmic axis at least its reciprocal; what is beyond does not count.
+const LARGEST: f64 = 1e15;
+
 /// The range of an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Scale {
@@ -25,11 +28,11 @@ pub(super) struct Tick {
 }
 
 impl Scale {
-    /// A range that holds all `values` (those that are not finite, and on a logarithmic axis not positive, do not count),
-    /// with some air; a linear one begins at 0 if nothing is negative.
+    /// A range that holds all `values` (those that are no figures, and on a logarithmic axis not positive, do not count), with
+    /// some air; a linear one begins at 0 if nothing is negative.
     pub(super) fn around(values: impl IntoIterator<Item = f64>, spacing: Spacing) -> Self {
         let logarithmic = spacing == Spacing::Logarithmic;
-        let counts = |v: &f64| v.is_finite() && (!logarithmic || *v > 0.0);
+        let counts = |v: &f64| v.abs() <= LARGEST && (!logarithmic || *v >= LARGEST.recip());
         let [mut low, mut high] = values
             .into_iter()
             .filter(counts)
@@ -43,7 +46,7 @@ impl Scale {
             Self { spacing, low: low * (-air).exp(), high: high * air.exp() }
         } else {
             let low = if low >= 0.0 { 0.0 } else { low * 1.05 };
-            let high = if high > low { high + (high - low) * 0.08 } else { low + 1.0 };
+            let high = if high - low >= LARGEST.recip() { high + (high - low) * 0.08 } else { low + 1.0 };
             Self { spacing, low, high }
         }
     }
@@ -107,7 +110,9 @@ mod tests {
         assert_eq!(labels(&Scale::around([0.7, 30.0], Spacing::Logarithmic)), ["1", "2", "5", "10", "20"]);
         assert_eq!(labels(&Scale::around([0.5, 20_000.0], Spacing::Logarithmic)), ["1", "10", "100", "1000", "10k"]);
         for spacing in [Spacing::Linear, Spacing::Logarithmic] {
-            for values in [vec![], vec![3.0], vec![f64::NAN, 5.0], vec![1e-9, 1e12], vec![0.0, 0.0]] {
+            for values in
+                [vec![], vec![3.0], vec![f64::NAN, 5.0], vec![1e-9, 1e12], vec![0.0, 0.0], vec![-1e308, 1e-308, 1e308]]
+            {
                 let scale = Scale::around(values, spacing);
                 for tick in scale.ticks() {
                     assert!((-1e-9..=1.0 + 1e-9).contains(&scale.place(tick.value)), "{scale:?} {tick:?}");

@@ -1,5 +1,6 @@
-//! One ray per pixel with baked light: geometry and textures as they are, light looked up in a light map of small cells
-//! on the triangles. What a renderer without any representation but the scene's own can do for a static scene.
+//! Baked light: geometry and textures as they are, light looked up in a light map of small cells on the triangles. What a
+//! renderer without any representation but the scene's own can do for a static scene, with one ray per pixel
+//! ([`BakedRays`]) or with a rasteriser ([`super::RasterDraw`]).
 
 use super::{Draw, Picture, Shown};
 use crate::capture::light::{LightSample, Lighting, LitPoint};
@@ -15,8 +16,8 @@ use std::sync::Arc;
 /// A cell of the light map: triangle, place on a grid over it (with its side in the lowest bit), fineness of the grid.
 type Cell = (u32, u32, u32);
 
-/// Traces one ray per pixel, through its centre.
-pub struct BakedRays {
+/// The light map.
+pub struct BakedLight {
     tracer: Arc<Tracer>,
     lighting: Lighting,
     /// Irradiance / pi by cell.
@@ -24,43 +25,52 @@ pub struct BakedRays {
     light_samples: u32,
     /// Edge of a cell over its distance from the centre of the headbox.
     cell_angle: f32,
-    color: RgbImage,
 }
 
-impl BakedRays {
-    /// Bakes where `cameras` look, with cells about as large as a face pixel of a cube LDI of `face_size_px`, and
-    /// `light_samples` per cell.
-    pub fn bake(
-        tracer: Arc<Tracer>,
-        lighting: Lighting,
-        cameras: &[Camera],
-        face_size_px: u32,
-        light_samples: u32,
-    ) -> Self {
+impl BakedLight {
+    /// No light yet; cells will be about as large as a face pixel of a cube LDI of `face_size_px`, with `light_samples` each.
+    pub fn new(tracer: Arc<Tracer>, lighting: Lighting, face_size_px: u32, light_samples: u32) -> Self {
         let cell_angle = 2.0 / face_size_px as f32;
-        let (light, color) = (HashMap::new(), RgbImage::new(0, 0));
-        let mut rays = Self { tracer, lighting, light, light_samples: light_samples.max(1), cell_angle, color };
-        for camera in cameras {
-            let mut found: Vec<(Cell, Ray, Hit)> = Vec::new();
-            for y in 0..camera.height() {
-                rays.row_hits(camera, y, |_, ray, hit| {
-                    found.extend(hit.map(|hit| (rays.cell(&ray, &hit), ray, hit)));
-                });
-            }
-            // The first hit in a cell, in the order of pixels, is where its light is measured.
-            found.sort_by_key(|(cell, ..)| *cell);
-            found.dedup_by_key(|(cell, ..)| *cell);
-            found.retain(|(cell, ..)| !rays.light.contains_key(cell));
-            let lit: Vec<(Cell, Vec3)> =
-                found.par_iter().map(|(cell, ray, hit)| (*cell, rays.radiosity(*cell, ray, hit))).collect();
-            rays.light.extend(lit);
+        Self { tracer, lighting, light: HashMap::new(), light_samples: light_samples.max(1), cell_angle }
+    }
+
+    /// Bakes where a camera looks.
+    pub fn bake_view(&mut self, camera: &Camera) {
+        let mut hits = Vec::new();
+        for y in 0..camera.height() {
+            self.row_hits(camera, y, |_, ray, hit| hits.extend(hit.map(|hit| (ray, hit))));
         }
-        rays
+        self.bake(hits);
+    }
+
+    /// Bakes the cells of some hits that are still dark.
+    pub fn bake(&mut self, hits: impl IntoIterator<Item = (Ray, Hit)>) {
+        let with_cell = |(ray, hit): (Ray, Hit)| (self.cell(&ray, &hit), ray, hit);
+        let mut found: Vec<(Cell, Ray, Hit)> = hits.into_iter().map(with_cell).collect();
+        // The first hit in a cell, in the order of pixels, is where its light is measured.
+        found.sort_by_key(|(cell, ..)| *cell);
+        found.dedup_by_key(|(cell, ..)| *cell);
+        found.retain(|(cell, ..)| !self.light.contains_key(cell));
+        let lit: Vec<(Cell, Vec3)> =
+            found.par_iter().map(|(cell, ray, hit)| (*cell, self.radiosity(*cell, ray, hit))).collect();
+        self.light.extend(lit);
     }
 
     /// Bytes of the light map; the scene's own come on top.
-    pub fn light_bytes(&self) -> u64 {
+    pub fn bytes(&self) -> u64 {
         (self.light.len() * size_of::<(Cell, Vec3)>()) as u64
+    }
+
+    /// The scene that is lit.
+    pub(super) fn tracer(&self) -> &Tracer {
+        &self.tracer
+    }
+
+    /// The ray through a pixel's centre, in the tracer's frame; its direction has eye depth 1.
+    pub(super) fn pixel_ray(&self, camera: &Camera, x: u32, y: u32) -> Ray {
+        let origin = (camera.eye() - self.tracer.origin()).as_vec3();
+        let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5).as_vec3();
+        Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY }
     }
 
     fn cell(&self, ray: &Ray, hit: &Hit) -> Cell {
@@ -92,14 +102,9 @@ impl BakedRays {
 
     /// Traces a row; `visit` gets each pixel's column, ray and hit.
     fn row_hits(&self, camera: &Camera, y: u32, mut visit: impl FnMut(u32, Ray, Option<Hit>)) {
-        let origin = (camera.eye() - self.tracer.origin()).as_vec3();
         for start in (0..camera.width()).step_by(PACKET) {
             let columns = start..camera.width().min(start + PACKET as u32);
-            let ray = |x: u32| {
-                let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5).as_vec3();
-                Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY }
-            };
-            let rays: Vec<Ray> = columns.clone().map(ray).collect();
+            let rays: Vec<Ray> = columns.clone().map(|x| self.pixel_ray(camera, x, y)).collect();
             let hits: HitPacket = self.tracer.closest_packet(&RayPacket::from_rays(&rays));
             for (lane, x) in columns.enumerate() {
                 visit(x, rays[lane], hits.hit(lane));
@@ -107,7 +112,8 @@ impl BakedRays {
         }
     }
 
-    fn shade(&self, ray: &Ray, hit: Option<Hit>) -> [u8; 3] {
+    /// The colour of what a ray meets, sRGB.
+    pub(super) fn shade(&self, ray: &Ray, hit: Option<Hit>) -> [u8; 3] {
         let linear = match hit {
             Some(hit) => {
                 let surface = self.tracer.scene().surface(hit.primitive, hit.u, hit.v);
@@ -120,13 +126,26 @@ impl BakedRays {
     }
 }
 
+/// Traces one ray per pixel, through its centre.
+pub struct BakedRays {
+    baked: Arc<BakedLight>,
+    color: RgbImage,
+}
+
+impl BakedRays {
+    /// Draws with this light.
+    pub fn new(baked: Arc<BakedLight>) -> Self {
+        Self { baked, color: RgbImage::new(0, 0) }
+    }
+}
+
 impl Draw for BakedRays {
     fn draw(&mut self, camera: &Camera) -> u64 {
         let width = camera.width();
         let mut pixels = vec![0u8; 3 * width as usize * camera.height() as usize];
         pixels.par_chunks_mut(3 * width as usize).enumerate().for_each(|(y, row)| {
-            self.row_hits(camera, y as u32, |x, ray, hit| {
-                row[3 * x as usize..3 * x as usize + 3].copy_from_slice(&self.shade(&ray, hit));
+            self.baked.row_hits(camera, y as u32, |x, ray, hit| {
+                row[3 * x as usize..3 * x as usize + 3].copy_from_slice(&self.baked.shade(&ray, hit));
             });
         });
         self.color = RgbImage::from_raw(width, camera.height(), pixels).unwrap_or_default();
@@ -137,7 +156,7 @@ impl Draw for BakedRays {
         self.draw(camera);
         let mut shown = Vec::with_capacity(self.color.len() / 3);
         for y in 0..camera.height() {
-            self.row_hits(camera, y, |_, _, hit| {
+            self.baked.row_hits(camera, y, |_, _, hit| {
                 shown.push(if hit.is_some() { Shown::Surface } else { Shown::Environment });
             });
         }

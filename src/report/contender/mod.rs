@@ -5,14 +5,18 @@
 mod baked;
 mod ldi;
 mod points;
+mod raster;
 mod sprites;
 mod traced;
+mod warp_only;
 
-pub use baked::BakedRays;
+pub use baked::{BakedLight, BakedRays};
 pub use ldi::{LdiDraw, OracleDraw};
 pub use points::PointCloud;
+pub use raster::RasterDraw;
 pub use sprites::{SpriteDraw, bytes_of as sprite_bytes};
 pub use traced::{CubeMapDraw, PathTraced};
+pub use warp_only::{WarpArithmetic, WarpOnly};
 
 use super::row::EyeSet;
 use crate::capture::Camera;

@@ -9,7 +9,7 @@ use crate::capture::{Camera, DepthKind, Material};
 use crate::packed::INVERSE_DEPTH_CODE_MAX;
 use crate::sprite::{DepthImport, Displacement, DisplacementFormat, Plane};
 use crate::warp::transfer::Transfer;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use image::{Rgba, RgbaImage};
 use std::sync::Arc;
 
@@ -90,7 +90,15 @@ pub(super) fn cases() -> Vec<Case> {
             unit: "steps",
             bound: 2.0,
             reason: "C1: a step of a buffer is Z^2 / near * (far - near) / far / 2^24; f32 between 0.5 and 1 has that step, and the displacement, off a plane in the middle of the range, is rounded to f32 once more.",
-            measure: window_depths,
+            measure: |seed| window_depths(seed, None),
+        },
+        Case {
+            name: "depth buffers of 16 bits",
+            what: "The same, window depths rounded to 16 bits first, error over one step of such a buffer.",
+            unit: "steps",
+            bound: 0.52,
+            reason: "Half a step is lost when the buffer is written, and not more when it is read: 1 % for f32 on the way.",
+            measure: |seed| window_depths(seed, Some(16)),
         },
         Case {
             name: "background in depth buffers",
@@ -118,6 +126,14 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 0.0,
             reason: "Two triangles that share an edge decide by the same arithmetic on which side a ray passes: no leak (watertight).",
             measure: leaking_rays,
+        },
+        Case {
+            name: "rays parallel to the axes",
+            what: "Rays with two components 0 or -0, from points exactly in the planes in which the boxes of the tree meet: how many leave the same cube.",
+            unit: "rays of 2,000",
+            bound: 0.0,
+            reason: "0 / 0 and 0 * infinity in box tests are decided for the box, and triangles decide the rest.",
+            measure: parallel_rays,
         },
         Case {
             name: "metrics of nearly equal images",
@@ -181,46 +197,57 @@ fn window_import(camera: Camera, depth: &[f32], window_range_m: (f64, f64)) -> O
     DepthImport { color, camera, depth, depth_kind, window_range_m, plane, format }.build().ok()
 }
 
-fn window_depths(seed: u64) -> Option<f64> {
+/// Error of eye depths over a step of a buffer of so many bits, 24 if it is not said; in that case nothing is rounded but to
+/// f32.
+fn window_depths(seed: u64, bits: Option<u32>) -> Option<f64> {
+    let steps = f64::from((1u32 << bits.unwrap_or(24)) - 1);
     let mut dice = Dice::new(seed, 44);
     let camera = look(DVec3::ZERO, DVec3::NEG_Z, 60.0, [8, 8]).ok()?;
     largest([(0.5, 0.500_1), (0.001, 1e5), (0.1, f64::INFINITY), (1.0, 20.0)].map(|(near, far)| {
         let share = |z: f64| (1.0 - near / z) / (1.0 - near / far);
         let depths: Vec<f64> = (0..64).map(|_| near / dice.between(near / far.min(1e6), 1.0).max(1e-6)).collect();
-        let window: Vec<f32> = depths.iter().map(|&z| (share(z) as f32).clamp(0.0, 0.999_999_94)).collect();
+        let stored =
+            |z: f64| if bits.is_some() { (share(z) * steps).round().min(steps - 1.0) / steps } else { share(z) };
+        let window: Vec<f32> = depths.iter().map(|&z| (stored(z) as f32).clamp(0.0, 0.999_999_94)).collect();
         let sprite = window_import(camera, &window, (near, far))?;
         largest(depths.iter().enumerate().map(|(i, &z)| {
-            // In inverse depth, where a step is the same everywhere: (1 - near / far) / near / 2^24.
-            let step = (1.0 - near / far) / near / 16_777_216.0;
+            // In inverse depth, where a step is the same everywhere: (1 - near / far) / near / 2^bits.
+            let step = (1.0 - near / far) / near / steps;
             let found = sprite.eye_depth(i as u32 % 8, i as u32 / 8)?;
             Some((1.0 / found - 1.0 / z).abs() / step)
         }))
     }))
 }
 
-/// A cube of `2 * 6 * SIDE^2` triangles, and rays from inside exactly through its vertices and edges.
-fn leaking_rays(seed: u64) -> Option<f64> {
-    const SIDE: u32 = 12;
-    let mut dice = Dice::new(seed, 46);
-    let half = dice.between(0.5, 50.0);
+/// Cells along an edge of [`finely_cut_cube`].
+const CELLS: u32 = 12;
+
+/// A closed cube of `2 * 6 * CELLS^2` triangles.
+fn finely_cut_cube(half: f64) -> Scene {
     let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
     for face in Face::ALL {
         let first = scene.positions.len() as u32;
-        for i in 0..(SIDE + 1) * (SIDE + 1) {
-            let at = |k: u32| f64::from(k) / f64::from(SIDE) * 2.0;
-            scene.positions.push(face.direction(at(i % (SIDE + 1)), at(i / (SIDE + 1)), 2) * half);
+        for i in 0..(CELLS + 1) * (CELLS + 1) {
+            let at = |k: u32| f64::from(k) / f64::from(CELLS) * 2.0;
+            scene.positions.push(face.direction(at(i % (CELLS + 1)), at(i / (CELLS + 1)), 2) * half);
         }
-        for (x, y) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (x, y))) {
-            let corner = |dx: u32, dy: u32| first + (y + dy) * (SIDE + 1) + x + dx;
+        for (x, y) in (0..CELLS).flat_map(|y| (0..CELLS).map(move |x| (x, y))) {
+            let corner = |dx: u32, dy: u32| first + (y + dy) * (CELLS + 1) + x + dx;
             let [a, b, c, d] = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
             for vertices in [[a, b, c], [a, c, d]] {
                 scene.triangles.push(Triangle { vertices, material: 0 });
             }
         }
     }
-    let positions = scene.positions.clone();
-    let triangles = scene.triangles.clone();
-    let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
+    scene
+}
+
+/// Rays from inside a cube exactly through its vertices and edges.
+fn leaking_rays(seed: u64) -> Option<f64> {
+    let mut dice = Dice::new(seed, 46);
+    let half = dice.between(0.5, 50.0);
+    let tracer = Tracer::new(Arc::new(finely_cut_cube(half)), DVec3::ZERO);
+    let (positions, triangles) = (&tracer.scene().positions, &tracer.scene().triangles);
     let mut leaks = 0;
     for _ in 0..20_000 {
         let triangle = &triangles[dice.below(triangles.len() as u32) as usize];
@@ -230,6 +257,26 @@ fn leaking_rays(seed: u64) -> Option<f64> {
         let origin = dice.in_cube(half * 0.9);
         let direction = (target - origin).as_vec3();
         let ray = Ray { origin: origin.as_vec3(), direction, t_min: 0.0, t_max: f32::INFINITY };
+        leaks += u32::from(tracer.closest(&ray).is_none());
+    }
+    Some(f64::from(leaks))
+}
+
+/// Rays along the axes from inside a cube, in the planes of its vertices.
+fn parallel_rays(seed: u64) -> Option<f64> {
+    let mut dice = Dice::new(seed, 48);
+    let half = dice.between(0.5, 50.0);
+    let tracer = Tracer::new(Arc::new(finely_cut_cube(half)), DVec3::ZERO);
+    let mut leaks = 0;
+    for _ in 0..2_000 {
+        // As vertices are computed, but for those on the cube's own faces.
+        let plane =
+            |dice: &mut Dice| ((f64::from(1 + dice.below(CELLS - 1)) / f64::from(CELLS) * 2.0 - 1.0) * half) as f32;
+        let origin = Vec3::new(plane(&mut dice), plane(&mut dice), plane(&mut dice));
+        let zero = |dice: &mut Dice| if dice.below(2) == 0 { 0.0 } else { -0.0f32 };
+        let mut direction = Vec3::new(zero(&mut dice), zero(&mut dice), zero(&mut dice));
+        direction[dice.below(3) as usize] = if dice.below(2) == 0 { 1.0 } else { -1.0 };
+        let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
         leaks += u32::from(tracer.closest(&ray).is_none());
     }
     Some(f64::from(leaks))

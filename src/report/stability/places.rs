@@ -97,8 +97,8 @@ pub(super) fn cases() -> Vec<Case> {
             name: "geometry 1 mm from the headbox",
             what: "Panels 1 mm before every face (scene contact), eyes on the face in the middle of a panel that fills the view: share of pixels that show the wall behind it, or nothing.",
             unit: "%",
-            bound: 100.0,
-            reason: "A known limit, and no bound that is good for anything: at 1 mm a sample is 1,300 px wide, footprints end at 32 px, and one looks through between them.",
+            bound: f64::INFINITY,
+            reason: "At 1 mm a sample is 1,300 px wide, footprints end at 32 px, and one looks through between them. More arithmetic would not help: the capture has no such detail.",
             measure: |seed| near_contact(seed, 1e-9),
         },
         Case {
