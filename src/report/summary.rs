@@ -118,12 +118,15 @@ fn against_the_rest(rows: &[&Row]) -> String {
     let Some(ldi) = rows.iter().find(|row| row.baseline) else { return String::new() };
     let mut text = String::new();
     for row in rows.iter().filter(|row| !row.variant.starts_with("LDI")) {
-        let error = if row.flip < ldi.flip { "smaller" } else { "larger" };
-        let ratio = if row.flip < ldi.flip { ldi.flip / row.flip } else { row.flip / ldi.flip };
+        let ratio = row.flip / ldi.flip;
+        let error = match ratio {
+            r if (0.995..1.005).contains(&r) => "the same error".to_owned(),
+            r if r < 1.0 => format!("a smaller error by a factor of {:.2}", 1.0 / r),
+            r => format!("a larger error by a factor of {r:.2}"),
+        };
         let _ = writeln!(
             text,
-            "- Against the LDI, {} takes {} and has a {error} error by a factor of {ratio:.2} (FLIP {:.3} for {:.3}, PSNR \
-             {:.1} for {:.1} dB).",
+            "- Against the LDI, {} takes {} and has {error} (FLIP {:.3} for {:.3}, PSNR {:.1} for {:.1} dB).",
             row.variant,
             times(row.time_ratio),
             row.flip,

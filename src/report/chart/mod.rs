@@ -85,9 +85,10 @@ impl Chart {
 
     /// The chart, drawn.
     pub fn draw(&self) -> Drawing {
-        let points = || self.series.iter().flat_map(|series| &series.points).map(|point| point.at);
-        let x = Scale::around(points().map(|p| p[0]), self.x.spacing);
-        let y = Scale::around(points().map(|p| p[1]), self.y.spacing);
+        let points = || self.series.iter().flat_map(|series| &series.points);
+        let spreads = points().filter_map(|point| point.spread).flatten();
+        let x = Scale::around(points().map(|point| point.at[0]).chain(spreads), self.x.spacing);
+        let y = Scale::around(points().map(|point| point.at[1]), self.y.spacing);
         let frame = Frame { x, y };
         let mut marks = Vec::new();
         self.draw_axes(&frame, &mut marks);
@@ -111,8 +112,9 @@ impl Chart {
                 marks.push(Mark::Line { points: line.clone(), color, width: 2.0, dashed: false });
             }
             for (point, at) in &placed {
-                if let Some(ends) = point.spread {
-                    let ends = ends.map(|x| frame.place([x, point.at[1]]));
+                let ends = point.spread.map(|ends| ends.map(|x| frame.place([x, point.at[1]])));
+                if let Some(ends) = ends.filter(|ends| ends.as_flattened().iter().all(|c| c.is_finite())) {
+                    labels.avoid_line(&ends);
                     marks.push(Mark::Line { points: ends.into(), color, width: 1.5, dashed: false });
                 }
                 let at = *at;
