@@ -40,7 +40,7 @@ static WATCHED: Watched = Watched;
 /// the largest allowed face (8,192 px), some tens of MiB. A count that is believed would ask for gigabytes.
 const MOST_BYTES: usize = 256 << 20;
 /// Mutations of each kind of file.
-const CASES: u64 = 600;
+const CASES: u64 = 400;
 
 /// Tests share the watch over allocations.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());

@@ -41,9 +41,12 @@ impl Scale {
             [low, high] = if logarithmic { [1.0, 10.0] } else { [0.0, 1.0] };
         }
         if logarithmic {
-            // At least two octaves, so that the axis has ticks.
-            let air = ((high / low).ln() * 0.07).max(0.18);
-            Self { spacing, low: low * (-air).exp(), high: high * air.exp() }
+            let span = (high / low).ln();
+            let with_air = |air: f64| Self { spacing, low: low * (-air).exp(), high: high * air.exp() };
+            let scale = with_air((span * 0.07).max(0.18));
+            // An axis needs two ticks, which are at most a factor of 2.5 apart.
+            let least_span = 6.26f64.ln();
+            if scale.logarithmic_ticks().len() < 2 { with_air((least_span - span) / 2.0) } else { scale }
         } else {
             let low = if low >= 0.0 { 0.0 } else { low * 1.05 };
             let high = if high - low >= LARGEST.recip() { high + (high - low) * 0.08 } else { low + 1.0 };
