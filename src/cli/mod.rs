@@ -11,6 +11,7 @@ mod merge;
 mod output;
 mod progress;
 mod render;
+mod report;
 mod scenes;
 mod sprite;
 mod truth;
@@ -53,6 +54,8 @@ enum Command {
     Truth(truth::Truth),
     /// Compare two images: FLIP, PSNR, SSIM
     Compare(compare::Compare),
+    /// Measure speed against error: rows, charts, sentences
+    Report(report::ReportCommand),
     /// Look around in a cube LDI, in a window
     #[cfg(feature = "viewer")]
     View(view::View),
@@ -90,6 +93,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Render(command) => command.run(),
         Command::Truth(command) => command.run(),
         Command::Compare(command) => command.run(),
+        Command::Report(command) => command.run(),
         #[cfg(feature = "viewer")]
         Command::View(command) => command.run(),
     }
