@@ -284,3 +284,26 @@ fn an_unlit_capture_shows_albedo() {
         assert!(corner[c].abs_diff(wall[c]) <= 1, "{corner:?} for {wall:?}");
     }
 }
+
+#[test]
+fn no_wall_has_a_gap_of_one_pixel() {
+    let mut boxes = Boxes::default();
+    let wall = boxes.material([0.7, 0.6, 0.5], [0.0; 3]);
+    let scene = Arc::new(boxes.add(DVec3::ZERO, dvec3(2.0, 1.5, 2.0), wall).0);
+    // So few rays that one pixel in two hundred stays empty.
+    let job = CaptureJob { face_size_px: 96, strata: 4, rays: 192, novelty: 0.0, light_samples: 1, ..job() };
+    let ldi = capture(&job, &scene, &Resources::default());
+    let (mut gaps, mut covered) = (0, 0);
+    for face in &ldi.faces {
+        let normal = |x: u32, y: u32| face.pixel(x, y).first().map(|sample| sample.normal);
+        for (x, y) in (1..95).flat_map(|y| (1..95).map(move |x| (x, y))) {
+            let between_same = |[a, b]: [Option<_>; 2]| a.is_some() && a == b;
+            let pairs = [[normal(x - 1, y), normal(x + 1, y)], [normal(x, y - 1), normal(x, y + 1)]];
+            gaps += u32::from(normal(x, y).is_none() && pairs.into_iter().all(between_same));
+            covered += u32::from(normal(x, y).is_some());
+        }
+    }
+    let share = f64::from(covered) / (6.0 * 94.0 * 94.0);
+    // A neighbour that was mended itself is no reason to mend the next, so that a few stay. Without mending: 566.
+    assert!(share > 0.999 && gaps < 20, "{gaps} gaps; {share} of all pixels covered");
+}

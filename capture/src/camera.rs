@@ -63,6 +63,8 @@ impl Camera {
         let up = up.try_normalize().filter(|up| up.cross(forward).length() > 1e-6);
         let up = up.unwrap_or_else(|| if forward.y.abs() < 0.9 { DVec3::Y } else { DVec3::Z });
         let right = forward.cross(up).normalize();
+        // With `up` nearly along the view, the product cancels down to its last digits and is no longer perpendicular.
+        let right = (right - forward * forward.dot(right)).normalize();
         let world_from_eye = DMat3::from_cols(right, right.cross(forward), -forward);
         let focal_px = f64::from(height) / 2.0 / (fov_y_deg.to_radians() / 2.0).tan();
         Self::from_parts(eye, world_from_eye, focal_px, width, height)

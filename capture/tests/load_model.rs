@@ -326,6 +326,28 @@ fn a_toml_model_points_at_groups() {
     assert!((model.portals[0].polygon[1] - glam::DVec3::new(4.0, 2.0, -2.0)).length() < 1e-12);
 }
 
+/// A triangle in each of two nodes.
+const GLTF: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0,1]}],
+    "nodes":[{"name":"left floor","mesh":0},{"name":"right floor","mesh":0,"translation":[4,0,0]}],
+    "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
+    "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,-1],"max":[1,0,0]}],
+    "bufferViews":[{"buffer":0,"byteLength":36}],
+    "buffers":[{"byteLength":36,"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAAAAAAAAAAAAAIC/AACAPwAAAAAAAAAA"}]}"#;
+
+#[test]
+fn a_toml_model_points_at_nodes_of_a_gltf() {
+    let text = r#"
+        scene = "flat.gltf"
+        cell = [{ name = "left", groups = ["left*"] }, { name = "right", groups = ["right floor"] }]
+    "#;
+    let LoadedModel { model, findings } = load(&folder(&[("flat.toml", text), ("flat.gltf", GLTF)]), "flat.toml");
+    assert_eq!(cells(&model), [("left", 1), ("right", 1), ("Outside", 0)]);
+    let right = model.scene.corners(model.cells[1].triangles.start);
+    assert!(right.iter().all(|p| p.x >= 4.0), "{right:?}");
+    assert!(findings.contains(&Finding::NoPortals), "{findings:?}");
+    assert!(findings.contains(&Finding::NoSpace { cell: 0, name: "left".into() }), "{findings:?}");
+}
+
 #[test]
 fn mistakes_in_a_toml_model_are_named() {
     let error = |from: &str, to: &str| error_of(&toml_folder(&TOML.replace(from, to)), "flat.toml");

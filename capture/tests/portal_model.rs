@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3, dvec3};
 use headbox_capture::Material;
-use headbox_capture::portal_model::{Cell, Finding, Portal, PortalModel, Prism, Severity, Shape};
+use headbox_capture::portal_model::{Cell, Finding, Flaw, Portal, PortalModel, Prism, Severity, Shape};
 use headbox_capture::scene::{Scene, Triangle};
 use headbox_capture::trace::Tracer;
 use std::sync::Arc;
@@ -126,6 +126,39 @@ fn mending_turns_a_portal_round() {
     model.portals[0].polygon.reverse();
     assert!(matches!(model.mend().as_slice(), [Finding::WrongWay { portal: 0, .. }, ..]));
     assert_eq!(model.portals[0].polygon, polygon);
+}
+
+/// What is said of portals carries the numbers that they have afterwards; a way that was left out leads nowhere.
+#[test]
+fn portals_that_are_left_out_are_numbered_last() {
+    let mut model = two_rooms();
+    let sound = model.portals[0].clone();
+    let bent = Portal { name: "bent".into(), cells: [1, 2], polygon: sound.polygon[..2].to_vec() };
+    let reversed = Portal { polygon: sound.polygon.iter().rev().copied().collect(), ..sound.clone() };
+    model.portals = vec![bent, sound.clone(), reversed];
+    let found: Vec<(Option<usize>, Severity)> = model.mend().iter().map(|f| (f.portal(), f.severity())).collect();
+    let expected = [(Some(1), Severity::Warning), (Some(2), Severity::Error), (None, Severity::Warning)];
+    assert_eq!(found, expected, "turned round, left out, and the outside is out of reach");
+    assert!(model.portals.len() == 2 && model.portals.iter().all(|portal| *portal == sound));
+}
+
+#[test]
+fn spaces_that_are_no_rooms_are_named() {
+    let flaws = |change: fn(&mut Prism)| {
+        let mut model = two_rooms();
+        change(&mut model.cells[0].space[0]);
+        let flaw = |finding: Finding| match finding {
+            Finding::Space { cell: 0, part: 0, flaw, .. } => Some(flaw),
+            _ => None,
+        };
+        model.check().into_iter().find_map(flaw)
+    };
+    assert_eq!(flaws(|_| {}), None);
+    assert_eq!(flaws(|prism| prism.outline.truncate(2)), Some(Flaw::NoOutline));
+    assert_eq!(flaws(|prism| prism.outline[1].x = f64::INFINITY), Some(Flaw::NoOutline));
+    assert_eq!(flaws(|prism| prism.ceiling_y = prism.floor_y), Some(Flaw::NoHeight));
+    assert_eq!(flaws(|prism| prism.ceiling_y = f64::NAN), Some(Flaw::NoHeight));
+    assert_eq!(flaws(|prism| prism.outline.swap(1, 2)), Some(Flaw::CrossesItself));
 }
 
 #[test]

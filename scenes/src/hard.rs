@@ -69,7 +69,7 @@ pub(crate) fn contact(_seed: u64) -> Scene {
     for axis in 0..3 {
         for side in [-1.0, 1.0] {
             let (right, up) = (DVec3::AXES[(axis + 1) % 3], DVec3::AXES[(axis + 2) % 3]);
-            let corner = DVec3::AXES[axis] * side * (HALF + GAP) - up * HALF * side;
+            let corner = DVec3::AXES[axis] * side * (HALF + GAP) - up * HALF;
             mesh.add_rectangle(corner, right * HALF * side, up * HALF, 0.25, panel);
         }
     }

@@ -36,7 +36,7 @@ fn runs_of_triangles_cover_the_scene_without_overlap() {
 #[test]
 fn the_budget_is_kept_down_to_the_bare_walls() {
     let bare = house(1, 0).scene.triangles.len();
-    assert!((2_000..5_000).contains(&bare), "{bare}");
+    assert!((2_000..8_000).contains(&bare), "{bare}");
     let mut previous = bare;
     for budget in [20_000, 60_000, 300_000] {
         let count = house(1, budget).scene.triangles.len();

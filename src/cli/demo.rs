@@ -268,7 +268,8 @@ fn print_cube_map_row(
     rows: &[Row],
 ) -> anyhow::Result<()> {
     let camera = camera(cube, EYES[0].1, sizes)?;
-    let map = CubeMap::trace_for(tracer, lighting, &camera, cube.face_size_px, sizes.light_samples, &Silent);
+    let (centre, face_px) = (cube.info.centre, cube.face_size_px);
+    let map = CubeMap::trace_for(tracer, lighting, centre, &[camera], face_px, sizes.light_samples, &Silent);
     let c = metrics::compare(&rows[0].truth.color, &map.resample(&camera))?;
     println!("cube map of equal face size, bilinear, from the centre: FLIP {:.4}, PSNR {:.2} dB", c.flip, c.psnr_db);
     Ok(())

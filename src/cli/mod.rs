@@ -12,6 +12,7 @@ mod merge;
 mod output;
 mod progress;
 mod render;
+mod report;
 mod scenes;
 mod sprite;
 mod truth;
@@ -57,6 +58,8 @@ enum Command {
     Truth(truth::Truth),
     /// Compare two images: FLIP, PSNR, SSIM
     Compare(compare::Compare),
+    /// Measure speed against error: rows, charts, sentences
+    Report(report::ReportCommand),
     /// Look around in a cube LDI, in a window
     #[cfg(feature = "viewer")]
     View(view::View),
@@ -95,6 +98,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Walk(command) => command.run(),
         Command::Truth(command) => command.run(),
         Command::Compare(command) => command.run(),
+        Command::Report(command) => command.run(),
         #[cfg(feature = "viewer")]
         Command::View(command) => command.run(),
     }

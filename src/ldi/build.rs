@@ -232,9 +232,9 @@ impl Router<'_> {
         let pixel = |c: f32| ((half * (1.0 + c * inverse_depth)) as u32).min(self.size_px - 1) as u16;
         let (bin, offset) = self.bins.place(inverse_depth);
         let scene = self.tracer.scene();
-        let surface = scene.surface(hit.primitive, hit.u, hit.v);
-        let cos = surface.normal.dot(ray.direction);
-        let normal = if cos > 0.0 { -surface.normal } else { surface.normal };
+        let normal = scene.geometric_normal(hit.primitive);
+        let cos = normal.dot(ray.direction);
+        let normal = if cos > 0.0 { -normal } else { normal };
         let material = scene.triangles[hit.primitive as usize].material;
         Some(Sample {
             face,
@@ -243,7 +243,7 @@ impl Router<'_> {
             bin,
             offset,
             class: Accumulator::class(material, cos > 0.0, normal),
-            albedo: surface.albedo.map(|c| (c * 65_535.0 + 0.5) as u16),
+            albedo: scene.paint(hit.primitive).albedo(hit.u, hit.v).map(|c| (c * 65_535.0 + 0.5) as u16),
             primitive: hit.primitive,
             barycentric: [hit.u, hit.v].map(|w| (w * 65_535.0 + 0.5) as u16),
             area: hit.t * hit.t / cos.abs().max(1e-6),

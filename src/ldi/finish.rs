@@ -3,6 +3,7 @@
 use super::accumulate::{Accumulator, DepthBins};
 use super::build::{CaptureSettings, Progress, Sampler, Tracing, check_cancelled};
 use super::coverage::{BinSpan, Coverage};
+use super::mend::Mender;
 use super::merge::depth_pixels_of;
 use super::pool::{self, FaceParts};
 use super::shade::{Part, Shader};
@@ -41,6 +42,10 @@ pub fn finish(
     let mut faces = Vec::with_capacity(6);
     for face in Face::ALL {
         let mut parts = lit_face(run, face, &shader, progress)?;
+        if settings.sampler != Sampler::CentreRays {
+            let half_size_m = settings.half_size_m as f32;
+            Mender { face, shader: &shader, bins: &bins, half_size_m }.mend(&mut parts);
+        }
         parts.pool_soft_light(pool::radius_for(settings.light_samples));
         let (mut merged, spans) = merge_face(face, &parts, settings, &bins);
         drop(parts);

@@ -14,6 +14,7 @@ pub(crate) mod coverage;
 pub mod file;
 pub mod finish;
 pub mod job;
+pub mod mend;
 pub mod merge;
 pub mod misses;
 pub mod plan;

@@ -74,7 +74,7 @@ const MAX_RADIUS_PX: u32 = 6;
 
 /// True if two parts lie on one plane of one kind of surface: normals within 4 degrees, planes no farther apart than a
 /// thousandth of their distance from the centre.
-fn same_surface(a: &Part, b: &Part) -> bool {
+pub(super) fn same_surface(a: &Part, b: &Part) -> bool {
     const MIN_COS: f32 = 0.9976;
     let apart = (a.plane_distance - b.plane_distance).abs();
     a.class == b.class

@@ -71,9 +71,10 @@ impl Shader<'_> {
     /// triangle that the pixel shows (as seen from the centre), so that edges of shadows are smooth.
     pub fn shade(&self, acc: &Accumulator, face: Face, x: u32, y: u32, samples: u32) -> Part {
         let [u, v] = acc.barycentric.map(|c| f32::from(c) / 65_535.0);
-        let surface = self.tracer.scene().surface(acc.primitive, u, v);
+        let scene = self.tracer.scene();
         let side = if acc.is_back() { -1.0 } else { 1.0 };
-        let (normal, shading_normal) = (surface.normal * side, surface.shading_normal * side);
+        let front = scene.geometric_normal(acc.primitive);
+        let (normal, shading_normal) = (front * side, scene.shading_normal(acc.primitive, front, u, v) * side);
         let triangle @ [a, b, c] = self.tracer.triangle(acc.primitive);
         let representative = a + (b - a) * u + (c - a) * v;
         let extent = extent_of(triangle);
@@ -103,7 +104,7 @@ impl Shader<'_> {
             position: (f64::from(acc.bin) + acc.offset_sum as f64 / 65_536.0 / f64::from(acc.count)) as f32,
             light_samples: samples as u16,
             albedo,
-            sharp: (lit + Vec3::from_array(surface.emission)) * exposure,
+            sharp: (lit + Vec3::from_array(scene.emission(acc.primitive, u, v))) * exposure,
             soft: soft * exposure,
             normal: EncodedNormal::new(shading_normal),
             plane_normal: normal,
@@ -111,27 +112,27 @@ impl Shader<'_> {
         }
     }
 
-    /// Albedo over a pixel: the mean over the rays, or, where they are few and the triangle has a texture, the mean over 3x3
+    /// Albedo over a pixel: the mean over the rays, and, where they are few and the triangle has a texture, over a grid of
     /// points of the pixel, of which those beside the triangle or in a hole of it count as the rays' mean.
     fn filtered_albedo(&self, acc: &Accumulator, face: Face, x: u32, y: u32, triangle: [Vec3; 3]) -> [u16; 3] {
         const SIDE: u32 = 3;
         /// As many random rays err about as much as the grid does.
-        const ENOUGH_RAYS: u32 = 16;
+        const WORTH_OF_GRID: u32 = 8;
         let mean = acc.albedo_sum.map(|sum| (sum / u64::from(acc.count.max(1))) as u16);
-        let scene = self.tracer.scene();
-        if acc.count >= ENOUGH_RAYS || !scene.is_textured(acc.primitive) {
+        let paint = self.tracer.scene().paint(acc.primitive);
+        if acc.count >= 2 * WORTH_OF_GRID || !paint.is_textured() {
             return mean;
         }
         let pixel = PixelOnTriangle::new(face, [x, y], self.face_size_px, triangle);
-        let mut sum = [0; 3];
+        let mut sum = mean.map(|c| acc.count * SIDE * SIDE * u32::from(c));
         for i in 0..SIDE * SIDE {
             let at = [i % SIDE, i / SIDE].map(|i| (f64::from(i) + 0.5) / f64::from(SIDE));
-            let on_it = pixel.weights(at).filter(|&[u, v]| scene.is_solid(acc.primitive, u, v));
+            let on_it = pixel.weights(at).filter(|&[u, v]| paint.is_solid(u, v));
             let sixteen_bits = |c: f32| (c * 65_535.0 + 0.5) as u16;
-            let albedo = on_it.map_or(mean, |[u, v]| scene.albedo(acc.primitive, u, v).map(sixteen_bits));
-            sum.iter_mut().zip(albedo).for_each(|(sum, c)| *sum += u32::from(c));
+            let albedo = on_it.map_or(mean, |[u, v]| paint.albedo(u, v).map(sixteen_bits));
+            sum.iter_mut().zip(albedo).for_each(|(sum, c)| *sum += WORTH_OF_GRID * u32::from(c));
         }
-        sum.map(|sum| (sum / (SIDE * SIDE)) as u16)
+        sum.map(|sum| (sum / (SIDE * SIDE * (acc.count + WORTH_OF_GRID))) as u16)
     }
 }
 

@@ -17,6 +17,10 @@ const HIGHEST_PX: f64 = 2400.0;
 /// Half of the side of the square that carries a portal's number, pixels.
 const LABEL_PX: f64 = 9.0;
 
+/// Size of a room's name, pixels: from character to character, and from line to line.
+const CHARACTER_PX: f64 = 12.0;
+const LINE_PX: f64 = 22.0;
+
 /// Surfaces this steep (the cosine of their normal with the vertical below it) are walls and furniture.
 const STEEP: f64 = 0.3;
 
@@ -38,7 +42,8 @@ pub struct Plan {
 
 #[derive(Clone, Debug, PartialEq)]
 struct Room {
-    name: String,
+    /// Its name in lines that fit into it.
+    name: Vec<String>,
     outlines: Vec<Vec<DVec2>>,
     label: DVec2,
     color: [u8; 3],
@@ -124,12 +129,13 @@ impl Plan {
             ));
         }
         for room in &self.rooms {
-            let name = escape(&room.name);
-            let (x, y) = (room.label.x, room.label.y);
-            add(format_args!(
-                "<text x=\"{x:.1}\" y=\"{y:.1}\" font-size=\"16\" text-anchor=\"middle\" stroke=\"white\" \
-                 stroke-width=\"4\" paint-order=\"stroke\">{name}</text>\n"
-            ));
+            for (name, at) in room.lines() {
+                let (x, y, name) = (at.x, at.y + 5.0, escape(name));
+                add(format_args!(
+                    "<text x=\"{x:.1}\" y=\"{y:.1}\" font-size=\"16\" text-anchor=\"middle\" stroke=\"white\" \
+                     stroke-width=\"4\" paint-order=\"stroke\">{name}</text>\n"
+                ));
+            }
         }
         for opening in &self.openings {
             let (p, color) = (opening.label, opening.color());
@@ -191,7 +197,9 @@ impl Plan {
             Rgb([r, g, b])
         });
         for room in &self.rooms {
-            draw_centred(&mut image, &TextStyle { scale: 2, color: Rgb([20; 3]) }, room.label, &room.name);
+            for (name, at) in room.lines() {
+                draw_centred(&mut image, &TextStyle { scale: 2, color: Rgb([20; 3]) }, at, name);
+            }
         }
         for opening in &self.openings {
             draw_centred(
@@ -210,6 +218,15 @@ fn draw_centred(image: &mut RgbImage, style: &TextStyle, at: DVec2, text: &str) 
     let width = text.chars().count() as f64 * f64::from(style.advance_px());
     let (x, y) = (at.x - width / 2.0, at.y - f64::from(style.line_height_px()) / 2.0 + 3.0);
     style.draw(image, x.max(0.0) as u32, y.max(0.0) as u32, text);
+}
+
+impl Room {
+    /// The lines of its name, and the middle of each.
+    fn lines(&self) -> impl Iterator<Item = (&str, DVec2)> {
+        let middle = (self.name.len() as f64 - 1.0) / 2.0;
+        let place = move |line: usize| self.label + DVec2::Y * (line as f64 - middle) * LINE_PX;
+        self.name.iter().enumerate().map(move |(line, name)| (name.as_str(), place(line)))
+    }
 }
 
 impl Opening {
@@ -238,10 +255,32 @@ fn room(index: usize, name: &str, space: &[Prism], to_px: impl Fn(DVec2) -> DVec
     let outlines: Vec<Vec<DVec2>> =
         space.iter().map(|prism| prism.outline.iter().map(|&p| to_px(p)).collect()).collect();
     let label = label_place(outlines.first()?);
+    let [left, right] = [f64::min, f64::max].map(|pick| outlines[0].iter().map(|p| p.x).reduce(pick).unwrap_or(0.0));
     // Pale colours that differ between neighbours in the list: hues by the golden angle.
     let hue = index as f64 * 2.399_963;
     let channel = |shift: f64| (228.0 + 24.0 * (hue + shift).cos()) as u8;
-    Some(Room { name: name.to_owned(), outlines, label, color: [channel(0.0), channel(2.1), channel(4.2)] })
+    Some(Room {
+        name: in_lines(name, right - left),
+        outlines,
+        label,
+        color: [channel(0.0), channel(2.1), channel(4.2)],
+    })
+}
+
+/// A name in as few lines as fit into a width, pixels, broken at spaces.
+fn in_lines(name: &str, width: f64) -> Vec<String> {
+    let fits = |line: &str| line.chars().count() as f64 * CHARACTER_PX <= width - CHARACTER_PX;
+    let mut lines: Vec<String> = Vec::new();
+    for word in name.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if fits(&format!("{line} {word}")) => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
 }
 
 /// A place for a name: of a lattice of points in an outline, the one farthest from its border.

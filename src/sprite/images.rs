@@ -2,6 +2,7 @@
 
 use super::SpriteWithDepth;
 use crate::files::write_atomically;
+use exr::meta::MetaData;
 use exr::prelude::{Image, ReadChannels, ReadLayers, SpecificChannels, WritableImage, read};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -26,6 +27,10 @@ pub enum ImageFileError {
         message: String,
     },
 }
+
+/// Pixels of the largest depth picture that is read, 8,192 x 8,192. A header that promises more is not believed: memory is
+/// taken before the first pixel is read.
+const MAX_PIXELS: usize = 1 << 26;
 
 /// A depth per pixel, whatever it means.
 #[derive(Clone, Debug, PartialEq)]
@@ -91,6 +96,10 @@ impl SpriteWithDepth {
 
 fn read_exr(path: &Path, unit: f32) -> Result<DepthPicture, ImageFileError> {
     let bad = |message: String| ImageFileError::Format { path: path.into(), message };
+    let meta = MetaData::read_from_file(path, false).map_err(|error| bad(error.to_string()))?;
+    if meta.headers.iter().any(|header| header.layer_size.area() > MAX_PIXELS) {
+        return Err(bad(format!("has more than {MAX_PIXELS} pixels")));
+    }
     let image = read()
         .no_deep_data()
         .largest_resolution_level()
@@ -111,7 +120,12 @@ fn read_exr(path: &Path, unit: f32) -> Result<DepthPicture, ImageFileError> {
 
 fn read_grey(path: &Path, unit: f32) -> Result<DepthPicture, ImageFileError> {
     let bad = |message: String| ImageFileError::Format { path: path.into(), message };
-    let image = image::open(path).map_err(|error| bad(error.to_string()))?;
+    let mut reader =
+        image::ImageReader::open(path).map_err(|source| ImageFileError::Io { path: path.into(), source })?;
+    let mut limits = image::Limits::default();
+    limits.max_alloc = Some(2 * MAX_PIXELS as u64);
+    reader.limits(limits);
+    let image = reader.decode().map_err(|error| bad(error.to_string()))?;
     let values: Vec<u16> = match &image {
         image::DynamicImage::ImageLuma8(grey) => grey.as_raw().iter().map(|&v| u16::from(v)).collect(),
         image::DynamicImage::ImageLuma16(grey) => grey.as_raw().clone(),

@@ -1,7 +1,7 @@
 //! What can be wrong with a portal model, each as a sentence, and the mending of what would break a walkthrough.
 
-use super::polygon::{Polygon, Shape};
-use super::{Portal, PortalModel};
+use super::polygon::{Polygon, Shape, crosses_itself};
+use super::{Portal, PortalModel, Prism};
 use glam::DVec3;
 use std::fmt;
 
@@ -89,6 +89,18 @@ pub enum Finding {
         /// Its name.
         name: String,
     },
+    /// A part of a cell's space is not what it should be.
+    #[error("cell {cell} ({name}): part {part} of its space {flaw}")]
+    Space {
+        /// Index of the cell.
+        cell: u32,
+        /// Its name.
+        name: String,
+        /// Index of the prism.
+        part: usize,
+        /// What is wrong with it.
+        flaw: Flaw,
+    },
     /// No way leads to a cell.
     #[error("cell {cell} ({name}) cannot be reached through portals from {from}")]
     Unreachable {
@@ -119,6 +131,34 @@ pub enum Finding {
     },
 }
 
+/// What can be wrong with a prism.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Flaw {
+    /// Fewer than three corners, or one that is not finite.
+    #[error("has no outline of three or more corners; no eye can be in it")]
+    NoOutline,
+    /// The ceiling is not above the floor.
+    #[error("has no height; no eye can be in it")]
+    NoHeight,
+    /// Two edges of the outline cross.
+    #[error("has an outline that crosses itself; places enclosed twice are taken as outside it")]
+    CrossesItself,
+}
+
+impl Flaw {
+    fn of(prism: &Prism) -> Option<Self> {
+        if prism.outline.len() < 3 || !prism.outline.iter().all(|corner| corner.is_finite()) {
+            return Some(Self::NoOutline);
+        }
+        let height = prism.ceiling_y - prism.floor_y;
+        if height.is_nan() || height <= 0.0 {
+            return Some(Self::NoHeight);
+        }
+        let outline: Vec<DVec3> = prism.outline.iter().map(|corner| DVec3::new(corner.x, 0.0, corner.y)).collect();
+        crosses_itself(&outline, DVec3::Y).then_some(Self::CrossesItself)
+    }
+}
+
 impl Finding {
     /// How bad it is.
     pub fn severity(&self) -> Severity {
@@ -126,6 +166,10 @@ impl Finding {
             Self::NoCells | Self::MissingCell { .. } | Self::SameCell { .. } | Self::Shape { .. } => Severity::Error,
             _ => Severity::Warning,
         }
+    }
+
+    fn is_error(&self) -> bool {
+        self.severity() == Severity::Error
     }
 
     /// The portal that it is about, if it is about one.
@@ -154,13 +198,20 @@ impl PortalModel {
         } else if self.portals.is_empty() {
             findings.push(Finding::NoPortals);
         }
-        findings.extend(self.portals.iter().enumerate().filter_map(|(index, portal)| self.check_portal(index, portal)));
-        for (cell, it) in (0_u32..).zip(&self.cells).filter(|(cell, it)| it.space.is_empty() && !self.is_outside(*cell))
-        {
-            findings.push(Finding::NoSpace { cell, name: it.name.clone() });
+        let of_portals: Vec<Option<Finding>> =
+            self.portals.iter().enumerate().map(|(index, portal)| self.check_portal(index, portal)).collect();
+        let usable: Vec<bool> =
+            of_portals.iter().map(|finding| finding.as_ref().is_none_or(|f| !f.is_error())).collect();
+        findings.extend(of_portals.into_iter().flatten());
+        for (cell, it) in (0_u32..).zip(&self.cells) {
+            if it.space.is_empty() && !self.is_outside(cell) {
+                findings.push(Finding::NoSpace { cell, name: it.name.clone() });
+            }
+            let flaws = it.space.iter().enumerate().filter_map(|(part, prism)| Some((part, Flaw::of(prism)?)));
+            findings.extend(flaws.map(|(part, flaw)| Finding::Space { cell, name: it.name.clone(), part, flaw }));
         }
-        if let Some(from) = self.first_cell() {
-            let reached = self.reachable(from);
+        if let Some(from) = self.first_cell(&usable) {
+            let reached = self.reachable_by(from, &usable);
             let name = |cell: u32| self.cells[cell as usize].name.clone();
             let unreached = (0_u32..).zip(reached).filter(|(_, reached)| !reached);
             findings.extend(unreached.map(|(cell, _)| Finding::Unreachable {
@@ -174,42 +225,49 @@ impl PortalModel {
 
     /// Leaves out the portals that cannot be used and turns round those whose corners run the wrong way.
     ///
-    /// Returns what [`Self::check`] had to say before, its portal indices as they were.
+    /// Returns what [`Self::check`] had to say before. Its portal indices are those of the mended model; what was left
+    /// out is numbered on from there.
     pub fn mend(&mut self) -> Vec<Finding> {
+        let unusable: Vec<bool> = (self.portals.iter().enumerate())
+            .map(|(index, portal)| self.check_portal(index, portal).is_some_and(|finding| finding.is_error()))
+            .collect();
+        let portals = std::mem::take(&mut self.portals).into_iter().zip(unusable);
+        let (left_out, kept): (Vec<_>, Vec<_>) = portals.partition(|(_, unusable)| *unusable);
+        let count = kept.len();
+        self.portals = kept.into_iter().chain(left_out).map(|(portal, _)| portal).collect();
         let findings = self.check();
-        let unusable =
-            |index: usize| findings.iter().any(|f| f.portal() == Some(index) && f.severity() == Severity::Error);
         for finding in &findings {
             if let Finding::WrongWay { portal, .. } = finding {
                 self.portals[*portal].polygon.reverse();
             }
         }
-        let mut index = 0;
-        self.portals.retain(|_| {
-            index += 1;
-            !unusable(index - 1)
-        });
+        self.portals.truncate(count);
         findings
     }
 
     /// Which cells can be reached from a cell through portals, by index; none if there is no such cell.
     pub fn reachable(&self, from: u32) -> Vec<bool> {
+        self.reachable_by(from, &vec![true; self.portals.len()])
+    }
+
+    /// As [`Self::reachable`], through those portals alone that are marked.
+    fn reachable_by(&self, from: u32, usable: &[bool]) -> Vec<bool> {
         let mut reached = vec![false; self.cells.len()];
         let mut next: Vec<u32> = reached.get(from as usize).map(|_| from).into_iter().collect();
         while let Some(cell) = next.pop() {
             if std::mem::replace(&mut reached[cell as usize], true) {
                 continue;
             }
-            let behind = self.portals_of(cell).map(|(_, behind)| behind);
+            let behind = self.portals_of(cell).filter(|(portal, _)| usable[*portal]).map(|(_, behind)| behind);
             next.extend(behind.filter(|&behind| reached.get(behind as usize) == Some(&false)));
         }
         reached
     }
 
-    /// Where a search begins: the first cell that a portal leads out of, else the first.
-    fn first_cell(&self) -> Option<u32> {
+    /// Where a search begins: the first cell that a marked portal leads out of, else the first.
+    fn first_cell(&self, usable: &[bool]) -> Option<u32> {
         let count = self.cells.len() as u32;
-        let with_a_way_out = (0..count).find(|&cell| self.portals_of(cell).any(|(_, behind)| behind != cell));
+        let with_a_way_out = (0..count).find(|&cell| self.portals_of(cell).any(|(portal, _)| usable[portal]));
         with_a_way_out.or((count > 0).then_some(0))
     }
 

@@ -10,7 +10,7 @@ mod check;
 mod leaks;
 mod polygon;
 
-pub use check::{Finding, Severity};
+pub use check::{Finding, Flaw, Severity};
 pub use polygon::Shape;
 
 use crate::scene::Scene;

@@ -102,8 +102,8 @@ impl<'a> Polygon<'a> {
     }
 }
 
-/// Whether two edges that are not neighbours cross, seen along `normal`.
-fn crosses_itself(corners: &[DVec3], normal: DVec3) -> bool {
+/// Whether two edges of a closed outline that are not neighbours cross, seen along `normal`.
+pub(super) fn crosses_itself(corners: &[DVec3], normal: DVec3) -> bool {
     let count = corners.len();
     let side = |a: DVec3, b: DVec3, p: DVec3| (b - a).cross(p - a).dot(normal);
     let edge = |i: usize| (corners[i], corners[(i + 1) % count]);

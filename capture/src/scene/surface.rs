@@ -1,7 +1,8 @@
 //! What a ray finds where it hits a triangle.
 
 use super::Scene;
-use glam::Vec3;
+use crate::material::Texture;
+use glam::{Vec2, Vec3};
 
 /// A point on a triangle as the shading needs it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,64 +21,56 @@ impl Scene {
     /// The surface at barycentric weights `u` and `v` (of vertices 1 and 2) of triangle `primitive`. The scene must be
     /// valid ([`Scene::validate`]) and `primitive` one of its triangles.
     pub fn surface(&self, primitive: u32, u: f32, v: f32) -> Surface {
-        let triangle = self.triangles[primitive as usize];
-        let material = &self.materials[triangle.material as usize];
-        let corners = triangle.vertices.map(|vertex| vertex as usize);
-        let weights = [1.0 - u - v, u, v];
-
         let normal = self.geometric_normal(primitive);
-        let shading_normal = if self.normals.is_empty() {
-            normal
-        } else {
-            let smooth = blend(corners.map(|c| self.normals[c]), weights).try_normalize().unwrap_or(normal);
-            if smooth.dot(normal) < 0.0 { -smooth } else { smooth }
-        };
-
-        let emission = if material.emission == [0.0; 3] {
-            Vec3::ZERO
-        } else {
-            Vec3::from(material.emission) * self.texel(material.emission_texture, corners, weights)
-        };
         Surface {
             normal,
-            shading_normal,
-            albedo: self.albedo(primitive, u, v),
-            emission: emission.max(Vec3::ZERO).into(),
+            shading_normal: self.shading_normal(primitive, normal, u, v),
+            albedo: self.paint(primitive).albedo(u, v),
+            emission: self.emission(primitive, u, v),
         }
     }
 
-    /// The albedo alone: [`Surface::albedo`], under the conditions of [`Scene::surface`].
-    pub fn albedo(&self, primitive: u32, u: f32, v: f32) -> [f32; 3] {
+    /// [`Surface::shading_normal`] of a triangle with the given geometric normal.
+    pub fn shading_normal(&self, primitive: u32, normal: Vec3, u: f32, v: f32) -> Vec3 {
+        if self.normals.is_empty() {
+            return normal;
+        }
+        let corners = self.triangles[primitive as usize].vertices.map(|vertex| self.normals[vertex as usize]);
+        let smooth = blend(corners, [1.0 - u - v, u, v]).try_normalize().unwrap_or(normal);
+        if smooth.dot(normal) < 0.0 { -smooth } else { smooth }
+    }
+
+    /// [`Surface::emission`].
+    pub fn emission(&self, primitive: u32, u: f32, v: f32) -> [f32; 3] {
+        let material = &self.materials[self.triangles[primitive as usize].material as usize];
+        if material.emission == [0.0; 3] {
+            return [0.0; 3];
+        }
+        let texture = material.emission_texture.map(|index| &self.textures[index as usize]);
+        let texel = self.paint(primitive).texel(texture, [1.0 - u - v, u, v]);
+        (Vec3::from(material.emission) * texel).max(Vec3::ZERO).into()
+    }
+
+    /// What colours triangle `primitive`, for looking at many points of it. Same conditions as [`Scene::surface`].
+    #[inline]
+    pub fn paint(&self, primitive: u32) -> Paint<'_> {
         let triangle = self.triangles[primitive as usize];
         let material = &self.materials[triangle.material as usize];
-        let (corners, weights) = (triangle.vertices.map(|vertex| vertex as usize), [1.0 - u - v, u, v]);
-        let color = if self.colors.is_empty() { Vec3::ONE } else { blend(corners.map(|c| self.colors[c]), weights) };
-        let albedo = Vec3::from(material.albedo) * self.texel(material.albedo_texture, corners, weights) * color;
-        albedo.clamp(Vec3::ZERO, Vec3::ONE).into()
-    }
-
-    /// Whether the albedo of a triangle comes from a texture.
-    pub fn is_textured(&self, primitive: u32) -> bool {
-        self.materials[self.triangles[primitive as usize].material as usize].albedo_texture.is_some()
-    }
-
-    /// A texture's colour at the given weights of three corners; white without a texture.
-    fn texel(&self, texture: Option<u32>, corners: [usize; 3], weights: [f32; 3]) -> Vec3 {
-        let Some(index) = texture else { return Vec3::ONE };
-        let [s, t] = self.texcoord(corners, weights);
-        let [r, g, b, _alpha] = self.textures[index as usize].sample(s, t);
-        Vec3::new(r, g, b)
+        let corners = triangle.vertices.map(|vertex| vertex as usize);
+        let texture = |index: u32| &self.textures[index as usize];
+        Paint {
+            albedo: Vec3::from(material.albedo),
+            colors: (!self.colors.is_empty()).then(|| corners.map(|c| self.colors[c])),
+            texcoords: if self.texcoords.is_empty() { [Vec2::ZERO; 3] } else { corners.map(|c| self.texcoords[c]) },
+            texture: material.albedo_texture.map(texture),
+            cutout: material.cutout.map(|cutout| (texture(cutout.texture), cutout.threshold)),
+        }
     }
 
     /// Whether the surface is really there at barycentric weights `u`, `v` of triangle `primitive`: false in the
     /// holes of a cut-out (see [`crate::Cutout`]). Same conditions as [`Scene::surface`].
     pub fn is_solid(&self, primitive: u32, u: f32, v: f32) -> bool {
-        let triangle = self.triangles[primitive as usize];
-        let Some(cutout) = self.materials[triangle.material as usize].cutout else {
-            return true;
-        };
-        let [s, t] = self.texcoord(triangle.vertices.map(|vertex| vertex as usize), [1.0 - u - v, u, v]);
-        self.textures[cutout.texture as usize].sample(s, t)[3] >= cutout.threshold
+        self.paint(primitive).is_solid(u, v)
     }
 
     /// Unit geometric normal of a triangle; straight up if it has no area. In `f64`, because edges of a millimetre in
@@ -86,13 +79,50 @@ impl Scene {
         let [a, b, c] = self.corners(primitive);
         (b - a).cross(c - a).try_normalize().map_or(Vec3::Y, |normal| normal.as_vec3())
     }
+}
 
-    /// The texture coordinate at the given weights; (0, 0) if the scene has none.
-    fn texcoord(&self, corners: [usize; 3], weights: [f32; 3]) -> [f32; 2] {
-        if self.texcoords.is_empty() {
-            return [0.0; 2];
-        }
-        let [a, b, c] = corners.map(|corner| self.texcoords[corner]);
+/// The colour and the holes of one triangle. Points are given by the barycentric weights of vertices 1 and 2.
+pub struct Paint<'a> {
+    albedo: Vec3,
+    colors: Option<[Vec3; 3]>,
+    texcoords: [Vec2; 3],
+    texture: Option<&'a Texture>,
+    cutout: Option<(&'a Texture, f32)>,
+}
+
+impl Paint<'_> {
+    /// Whether the albedo comes from a texture.
+    pub fn is_textured(&self) -> bool {
+        self.texture.is_some()
+    }
+
+    /// As [`Surface::albedo`].
+    #[inline]
+    pub fn albedo(&self, u: f32, v: f32) -> [f32; 3] {
+        let weights = [1.0 - u - v, u, v];
+        let color = self.colors.map_or(Vec3::ONE, |colors| blend(colors, weights));
+        (self.albedo * self.texel(self.texture, weights) * color).clamp(Vec3::ZERO, Vec3::ONE).into()
+    }
+
+    /// As [`Scene::is_solid`].
+    #[inline]
+    pub fn is_solid(&self, u: f32, v: f32) -> bool {
+        self.cutout.is_none_or(|(texture, threshold)| {
+            let [s, t] = self.texcoord([1.0 - u - v, u, v]);
+            texture.sample(s, t)[3] >= threshold
+        })
+    }
+
+    /// A texture's colour at the given weights of three corners; white without a texture.
+    fn texel(&self, texture: Option<&Texture>, weights: [f32; 3]) -> Vec3 {
+        let Some(texture) = texture else { return Vec3::ONE };
+        let [s, t] = self.texcoord(weights);
+        let [r, g, b, _alpha] = texture.sample(s, t);
+        Vec3::new(r, g, b)
+    }
+
+    fn texcoord(&self, weights: [f32; 3]) -> [f32; 2] {
+        let [a, b, c] = self.texcoords;
         (a * weights[0] + b * weights[1] + c * weights[2]).into()
     }
 }

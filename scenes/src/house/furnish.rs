@@ -45,7 +45,7 @@ impl Kind {
             Self::Shelf => dvec3(1.85, 2.15, 0.35),
             Self::Sofa => dvec3(2.2, 0.9, 1.0),
             Self::LowTable => dvec3(1.1, 0.5, 0.7),
-            Self::Table { length, .. } => dvec3(length + 0.2, 1.0, 2.3),
+            Self::Table { length, .. } => dvec3(length + 0.2, 1.0, 2.2),
             Self::Rug(width, depth) => dvec3(width, 0.0, depth),
             Self::Counter(width) => dvec3(width + 0.02, 1.06, 0.65),
             Self::Fridge => dvec3(0.75, 1.95, 0.75),
@@ -192,7 +192,11 @@ impl<'a> Furnishing<'a> {
         for wall in walls {
             for hole in &wall.holes {
                 let is_door = hole.fill != Fill::Window;
-                let (aside, depth) = if is_door { (0.12, 1.0) } else { (0.0, 0.3) };
+                let (aside, depth) = match hole.fill {
+                    Fill::Leaf => (0.12, 1.0),
+                    Fill::Free => (0.12, 0.7),
+                    Fill::Window => (0.0, 0.3),
+                };
                 let bottom = if is_door { 0.0 } else { hole.heights[0] - 0.03 };
                 furnishing.take(wall, [hole.span[0] - aside, hole.span[1] + aside], depth, [bottom, 9.0]);
             }

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 const STEP_M: [f64; 2] = [0.5, 0.1];
 
 /// What disocclusion uncovers after these, as a share of the sprite, up to which what it shows counts as smooth.
-const SMOOTH_SHARE: f64 = 0.1;
+const SMOOTH_SHARE: f64 = 0.03;
 
 /// What is nearer behind the portal's plane than this, metres, is its own frame and has no part in the judgement.
 const REVEAL_M: f32 = 0.3;

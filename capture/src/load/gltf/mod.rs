@@ -1,11 +1,12 @@
 //! glTF 2.0, as `.gltf` and as `.glb`.
 //!
-//! Node transforms are composed in `f64`; a mirroring one turns the winding of its triangles. Skins and morph targets
+//! Node transforms are read and composed in `f64`; a mirroring one turns the winding of its triangles. Skins and morph targets
 //! stay at rest. Metallic surfaces are shown as diffuse ones of their base colour; a surface that lets more than half of
 //! the light through (blended alpha, transmission) is left out.
 
 mod accessor;
 mod material;
+mod transform;
 mod uri;
 
 use super::builder::{Builder, GroupedScene, Vertex};
@@ -16,9 +17,10 @@ use ::gltf::json::mesh::{Mode, Primitive, Semantic};
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{Node, Root};
 use accessor::Buffers;
-use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, Vec2, Vec3};
+use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3};
 use material::{Surface, Surfaces};
 use std::path::Path;
+use transform::NodeTransforms;
 
 /// Extensions that a file may require: read here, or of no consequence for a diffuse surface.
 const KNOWN_EXTENSIONS: [&str; 4] =
@@ -28,7 +30,7 @@ const KNOWN_EXTENSIONS: [&str; 4] =
 const MATERIAL_EXTENSIONS: &str = "KHR_materials_";
 
 pub(super) fn load(path: &Path, bytes: &[u8], frame: FileFrame, groups: bool) -> Result<GroupedScene, LoadError> {
-    let (root, blob) = parse(path, bytes)?;
+    let (root, transforms, blob) = parse(path, bytes)?;
     let mut notes = Notes::default();
     for required in &root.extensions_required {
         if required.starts_with(MATERIAL_EXTENSIONS) {
@@ -41,20 +43,23 @@ pub(super) fn load(path: &Path, bytes: &[u8], frame: FileFrame, groups: bool) ->
     let buffers = Buffers::read(&root, blob, folder_of(path), &mut notes);
     let surfaces = Surfaces::read(&root, &buffers, path, &mut notes);
     let mut builder = Builder::new(frame, notes);
-    push_nodes(&root, &buffers, &surfaces, &mut builder, groups).map_err(|TooManyVertices| LoadError::Malformed {
-        path: path.to_path_buf(),
-        cause: "it has more than 2^32 vertices".into(),
+    push_nodes(&root, &transforms, &buffers, &surfaces, &mut builder, groups).map_err(|TooManyVertices| {
+        LoadError::Malformed { path: path.to_path_buf(), cause: "it has more than 2^32 vertices".into() }
     })?;
     builder.finish(path, surfaces.materials, surfaces.textures.textures)
 }
 
-/// The JSON part, and the binary chunk of a GLB.
-fn parse(path: &Path, bytes: &[u8]) -> Result<(Root, Option<Vec<u8>>), LoadError> {
+/// The JSON part, where its nodes stand, and the binary chunk of a GLB.
+fn parse(path: &Path, bytes: &[u8]) -> Result<(Root, NodeTransforms, Option<Vec<u8>>), LoadError> {
     let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };
     if !bytes.starts_with(b"glTF") {
-        return ::gltf::json::deserialize::from_slice(bytes).map(|root| (root, None)).map_err(|cause| {
-            LoadError::Line { path: path.to_path_buf(), line: cause.line(), cause: cause.to_string() }
-        });
+        let at_line = |cause: ::gltf::json::Error| LoadError::Line {
+            path: path.to_path_buf(),
+            line: cause.line(),
+            cause: cause.to_string(),
+        };
+        let root = ::gltf::json::deserialize::from_slice(bytes).map_err(at_line)?;
+        return Ok((root, NodeTransforms::read(bytes).map_err(at_line)?, None));
     }
     // The `gltf` crate subtracts the length of the header from the length in it, unchecked.
     let length = bytes.get(8..12).map_or(0, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
@@ -64,8 +69,9 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Root, Option<Vec<u8>>), LoadError
     }
     let glb = ::gltf::binary::Glb::from_slice(bytes).map_err(|cause| malformed(cause.to_string()))?;
     let root = ::gltf::json::deserialize::from_slice(&glb.json);
-    let root = root.map_err(|cause| malformed(format!("its JSON chunk does not parse: {cause}")))?;
-    Ok((root, glb.bin.map(Into::into)))
+    let no_json = |cause| malformed(format!("its JSON chunk does not parse: {cause}"));
+    let (root, transforms) = (root.map_err(no_json)?, NodeTransforms::read(&glb.json).map_err(no_json)?);
+    Ok((root, transforms, glb.bin.map(Into::into)))
 }
 
 struct TooManyVertices;
@@ -73,6 +79,7 @@ struct TooManyVertices;
 /// Walks the nodes of the default scene (without scenes: of every tree of nodes) and adds their meshes.
 fn push_nodes(
     root: &Root,
+    transforms: &NodeTransforms,
     buffers: &Buffers,
     surfaces: &Surfaces,
     builder: &mut Builder,
@@ -102,7 +109,7 @@ fn push_nodes(
             builder.notes.add(Note::NodeCycle, 1);
             continue;
         }
-        let world_from_node = world_from_parent * parent_from_node(node);
+        let world_from_node = world_from_parent * transforms.parent_from_node(index);
         open.extend(children(node).into_iter().rev().map(|child| (child, world_from_node)));
         if let Some(mesh) = node.mesh {
             builder.notes.add(Note::SkinAtRest, usize::from(node.skin.is_some()));
@@ -119,19 +126,6 @@ fn push_nodes(
         }
     }
     Ok(())
-}
-
-fn parent_from_node(node: &Node) -> DAffine3 {
-    if let Some(columns) = node.matrix {
-        return DAffine3::from_mat4(DMat4::from_cols_array(&columns.map(f64::from)));
-    }
-    let vector = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
-    let rotation = DQuat::from_array(node.rotation.unwrap_or_default().0.map(f64::from));
-    DAffine3::from_scale_rotation_translation(
-        vector(node.scale.unwrap_or([1.0; 3])),
-        if rotation.length_squared() > 0.0 { rotation.normalize() } else { DQuat::IDENTITY },
-        vector(node.translation.unwrap_or_default()),
-    )
 }
 
 /// The vertex attributes of a primitive; those that are damaged are left out and counted.

@@ -23,7 +23,7 @@ pub struct ModelOptions {
 pub struct LoadedModel {
     /// The model, mended ([`PortalModel::mend`]). What was met and survived on the way is in its scene's summary.
     pub model: PortalModel,
-    /// What is, or was, wrong with its cells and portals; portal indices are those in the file.
+    /// What is, or was, wrong with its cells and portals; those that were left out are numbered on from the last portal.
     pub findings: Vec<Finding>,
 }
 

@@ -1,0 +1,199 @@
+//! `headbox report`.
+
+use super::UsageError;
+use super::args::FrameArgs;
+use super::capture::place_headbox;
+use super::output::{print_notes, save_png};
+use super::progress::Bar;
+use super::render::write_text;
+use crate::capture::light::Lighting;
+use crate::capture::scene::UpAxis;
+use crate::capture::trace::Tracer;
+use crate::container::Container;
+use crate::ldi::file::CUBE_LDI;
+use crate::packed::PackedCube;
+use crate::report::figures::figures;
+use crate::report::machine::commit;
+use crate::report::plan::{Plan, Quality, most_to_see};
+use crate::report::row::{Machine, Report};
+use crate::report::scene::{self, Subject};
+use crate::report::{results, stability, summary, truths};
+use crate::scene_source::SceneSource;
+use crate::sprite::{SPRITE_FILE, SpriteSet};
+use anyhow::{Context, bail};
+use clap::Args;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+#[derive(Args)]
+pub(super) struct ReportCommand {
+    /// Scenes (.obj, .gltf, .glb, builtin:NAME) to capture, or .ldi and .sprite files whose scenes are still there
+    #[arg(value_name = "SCENE|FILE", required_unless_present_any = ["results", "stability"])]
+    subjects: Vec<String>,
+    /// Folder for report.json, report.csv, summary.md and charts, headbox-report if absent; with --results and --stability the
+    /// page to write, results.md and STABILITY.md if absent
+    #[arg(short, long)]
+    output: Option<PathBuf>,
+    /// Small sizes: less than two minutes a scene on two cores
+    #[arg(long)]
+    quick: bool,
+    /// Seed of eyes and captures
+    #[arg(long, value_name = "K", default_value_t = 0)]
+    seed: u64,
+    /// Diffuse bounces of light beyond direct light
+    #[arg(long, value_name = "B", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64))]
+    bounces: u32,
+    /// Folder in which ray-traced truth is kept from run to run; headbox/truth in the user's cache folder if absent
+    #[arg(long, value_name = "DIR")]
+    cache: Option<PathBuf>,
+    /// Measure nothing: make a page and its charts from the report.json of an earlier run
+    #[arg(long, value_name = "report.json", conflicts_with_all = ["subjects", "quick"])]
+    results: Option<PathBuf>,
+    /// Measure hard numerical cases instead, and write the page of their bounds
+    #[arg(long, conflicts_with_all = ["subjects", "quick", "results"])]
+    stability: bool,
+    /// Seeds of each hard case
+    #[arg(long, value_name = "N", default_value_t = 20, requires = "stability", value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    seeds: u64,
+    #[command(flatten)]
+    frame: FrameArgs,
+}
+
+impl ReportCommand {
+    pub(super) fn run(&self) -> anyhow::Result<()> {
+        match &self.results {
+            Some(json) => self.write_page(json),
+            None if self.stability => self.measure_stability(),
+            None => self.measure(),
+        }
+    }
+
+    /// The output, or what it is if the user did not say.
+    fn output_or<'a>(&'a self, otherwise: &'a str) -> &'a Path {
+        self.output.as_deref().unwrap_or(Path::new(otherwise))
+    }
+
+    fn measure_stability(&self) -> anyhow::Result<()> {
+        let output = self.output_or("STABILITY.md");
+        let (page, all_hold) =
+            stability::page(self.seed..self.seed.saturating_add(self.seeds), |name| eprintln!("{name}"));
+        write_text(output, &page)?;
+        println!("{}: {} seeds a case", output.display(), self.seeds);
+        if all_hold { Ok(()) } else { bail!("a bound is exceeded; see {}", output.display()) }
+    }
+
+    fn measure(&self) -> anyhow::Result<()> {
+        let output = self.output_or("headbox-report");
+        make_folder(output)?;
+        let cache = self.cache.clone().or_else(truths::default_folder).unwrap_or_else(|| output.join("truth"));
+        make_folder(&cache)?;
+        let mut report = Report {
+            version: Report::VERSION,
+            machine: Machine::here(),
+            commit: commit(),
+            program: env!("CARGO_PKG_VERSION").into(),
+            seed: self.seed,
+            quick: self.quick,
+            scenes: Vec::new(),
+            rows: Vec::new(),
+        };
+        let bar = Bar::new();
+        for name in &self.subjects {
+            let (subject, plan) = self.open(name)?;
+            let (facts, rows) = scene::run(&subject, &plan, Some(cache.clone()), &bar)?;
+            report.scenes.push(facts);
+            report.rows.extend(rows);
+        }
+        bar.finish();
+        write_text(&output.join("report.json"), &(serde_json::to_string_pretty(&report)? + "\n"))?;
+        write_text(&output.join("report.csv"), &report.to_csv())?;
+        let summary = summary::summary(&report);
+        write_text(&output.join("summary.md"), &summary)?;
+        save_charts(&report, output, true)?;
+        print!("{summary}");
+        eprintln!("truth is kept in {}", cache.display());
+        Ok(())
+    }
+
+    fn write_page(&self, json: &Path) -> anyhow::Result<()> {
+        let text = std::fs::read_to_string(json).with_context(|| format!("{} could not be read", json.display()))?;
+        let report: Report = serde_json::from_str(&text)
+            .with_context(|| format!("{} is not a report of this program's version", json.display()))?;
+        if report.version != Report::VERSION {
+            bail!(
+                "{}: version {} of reports; this program reads version {}",
+                json.display(),
+                report.version,
+                Report::VERSION
+            );
+        }
+        let output = self.output_or("results.md");
+        write_text(output, &results::page(&report))?;
+        let folder = output.with_file_name("results");
+        make_folder(&folder)?;
+        save_charts(&report, &folder, false)
+    }
+
+    /// A scene or a file, ready to be measured, and the plan for it.
+    fn open(&self, name: &str) -> anyhow::Result<(Subject, Plan)> {
+        let path = Path::new(name);
+        let kind = if path.is_file() { Container::peek_kind(path)? } else { None };
+        let quality = if self.quick { Quality::QUICK } else { Quality::FULL };
+        let (mut cube, mut sprites) = (None, None);
+        let source = if kind == Some(CUBE_LDI.tag) {
+            let read = PackedCube::read(path)?;
+            let source = SceneSource {
+                name: read.info.scene.clone(),
+                z_up: Some(read.info.z_up),
+                unit_m: Some(read.info.unit_m),
+            };
+            cube = Some(read);
+            source
+        } else if kind == Some(SPRITE_FILE.tag) {
+            let read = SpriteSet::read(path)?;
+            let frame = read.info.frame();
+            let z_up = Some(frame.up == UpAxis::Z);
+            let source = SceneSource { name: read.info.source.clone(), z_up, unit_m: Some(frame.unit_m) };
+            sprites = Some(read);
+            source
+        } else {
+            self.frame.source(name)
+        };
+        let scene = source.open().with_context(|| format!("the scene of {name} is needed for truth"))?;
+        let scene = Arc::new(scene);
+        print_notes(&scene);
+        let (mut centre, mut half_size_m) = place_headbox(&scene, None, None)?;
+        let (mut bounces, mut lit, mut ahead) = (self.bounces, true, None);
+        if let Some(cube) = &cube {
+            (centre, half_size_m) = (cube.info.centre, cube.info.half_size_m);
+            (bounces, lit) = (cube.info.bounces, cube.info.light_samples > 0);
+        }
+        if let Some(set) = &sprites {
+            let Some(first) = set.sprites().first() else { bail!("{name}: holds no sprites") };
+            let camera = first.sprite().sprite().camera();
+            (centre, ahead) = (camera.eye(), Some(camera.forward()));
+        }
+        let tracer = Arc::new(Tracer::new(Arc::clone(&scene), centre));
+        let lighting = Lighting::measure(&tracer, bounces);
+        let ahead = ahead.unwrap_or_else(|| most_to_see(&tracer, centre));
+        let plan = Plan::new(quality, centre, half_size_m, ahead, self.seed);
+        let plan = plan.map_err(|error| UsageError(error.to_string()))?;
+        Ok((Subject { name: name.to_owned(), tracer, lighting, lit, cube, sprites }, plan))
+    }
+}
+
+fn make_folder(folder: &Path) -> anyhow::Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| format!("{} could not be made", folder.display()))
+}
+
+/// Writes every chart as SVG, and as PNG too if asked.
+fn save_charts(report: &Report, folder: &Path, as_png: bool) -> anyhow::Result<()> {
+    for figure in figures(report) {
+        let drawing = figure.chart.draw();
+        write_text(&folder.join(format!("{}.svg", figure.name)), &drawing.to_svg())?;
+        if as_png && let Some(image) = drawing.to_image() {
+            save_png(&folder.join(format!("{}.png", figure.name)), &image)?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,102 @@
+//! Medians, quartiles and means of decibels.
+
+use serde::{Deserialize, Serialize};
+
+/// The middle of some values and how far they spread.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Spread {
+    /// Median.
+    pub median: f64,
+    /// First and third quartile.
+    pub quartiles: [f64; 2],
+}
+
+impl Spread {
+    /// Of any number of values in any order; `None` if there are none.
+    pub fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
+        let mut sorted: Vec<f64> = values.into_iter().collect();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let at = |share| quantile(&sorted, share);
+        Some(Self { median: at(0.5)?, quartiles: [at(0.25)?, at(0.75)?] })
+    }
+}
+
+/// The value below which `share` (0..=1) of ascending values lie, interpolated linearly between neighbours.
+fn quantile(ascending: &[f64], share: f64) -> Option<f64> {
+    let last = ascending.len().checked_sub(1)?;
+    let place = share * last as f64;
+    let below = (place as usize).min(last);
+    let above = (below + 1).min(last);
+    Some(ascending[below] + (ascending[above] - ascending[below]) * (place - below as f64))
+}
+
+/// Mean squared error of values in 0..=1 that a PSNR stands for; 0 for an infinite one.
+pub fn mse_of_psnr(psnr_db: f64) -> f64 {
+    10f64.powf(-psnr_db / 10.0)
+}
+
+/// PSNR of a mean squared error of values in 0..=1, dB.
+pub fn psnr_of_mse(mse: f64) -> f64 {
+    -10.0 * mse.log10()
+}
+
+/// The PSNR of several images taken as one, dB: the mean is over squared errors, not over decibels.
+pub fn pooled_psnr_db(psnr_db: impl IntoIterator<Item = f64>) -> f64 {
+    psnr_of_mse(mean(psnr_db.into_iter().map(mse_of_psnr)))
+}
+
+/// Arithmetic mean; NaN of nothing.
+pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
+    let (sum, count) = values.into_iter().fold((0.0, 0u32), |(sum, count), v| (sum + v, count + 1));
+    sum / f64::from(count)
+}
+
+/// Which of some (cost, error) pairs nothing beats: those for which no other costs at most as much and errs at most as
+/// much, one of the two by less. In order of cost; pairs that are not finite never belong.
+pub fn pareto_front(points: &[[f64; 2]]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..points.len()).filter(|&i| points[i].iter().all(|c| c.is_finite())).collect();
+    order.sort_by(|&a, &b| points[a][0].total_cmp(&points[b][0]).then(points[a][1].total_cmp(&points[b][1])));
+    let mut least_error = f64::INFINITY;
+    let mut last = [f64::NAN; 2];
+    order.retain(|&i| {
+        let better = points[i][1] < least_error || points[i] == last;
+        least_error = least_error.min(points[i][1]);
+        if better {
+            last = points[i];
+        }
+        better
+    });
+    order
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn medians_and_quartiles_interpolate() {
+        assert_eq!(Spread::of([]), None);
+        assert_eq!(Spread::of([7.0]), Some(Spread { median: 7.0, quartiles: [7.0, 7.0] }));
+        assert_eq!(Spread::of([4.0, 1.0, 2.0, 3.0]), Some(Spread { median: 2.5, quartiles: [1.75, 3.25] }));
+        assert_eq!(Spread::of([9.0, 1.0, 5.0]), Some(Spread { median: 5.0, quartiles: [3.0, 7.0] }));
+    }
+
+    #[test]
+    fn decibels_are_pooled_as_errors() {
+        assert!((pooled_psnr_db([20.0, 20.0]) - 20.0).abs() < 1e-12);
+        // Half of the squared error of one of two.
+        assert!((pooled_psnr_db([20.0, f64::INFINITY]) - (20.0 + 10.0 * 2f64.log10())).abs() < 1e-12);
+        assert!(pooled_psnr_db([30.0, 10.0]) < 13.1, "the worse frame decides");
+    }
+
+    #[test]
+    fn the_front_is_what_nothing_beats() {
+        let points = [[1.0, 0.5], [2.0, 0.3], [3.0, 0.4], [2.0, 0.9], [9.0, 0.1], [0.5, f64::NAN], [1.0, 0.5]];
+        assert_eq!(pareto_front(&points), [0, 6, 1, 4], "equals belong together");
+        for (i, p) in points.iter().enumerate().filter(|(_, p)| p[1].is_finite()) {
+            let beats = |q: &[f64; 2]| q[0] <= p[0] && q[1] <= p[1] && q != p;
+            assert_eq!(pareto_front(&points).contains(&i), !points.iter().any(beats), "{p:?}");
+        }
+        assert!(pareto_front(&[]).is_empty());
+    }
+}
