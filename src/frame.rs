@@ -34,7 +34,7 @@ impl Coverage {
 }
 
 /// An image, row 0 on top, and where it came from.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Frame {
     /// Width in pixels.
     pub width: u32,
@@ -44,6 +44,8 @@ pub struct Frame {
     pub color: Vec<[u8; 4]>,
     /// One for each pixel.
     pub coverage: Vec<Coverage>,
+    /// Eye depth in metres of what covers each pixel, infinite where no splat does; empty unless it was asked for.
+    pub depth_m: Vec<f32>,
 }
 
 /// Why a frame could not be encoded.
@@ -67,6 +69,7 @@ impl Frame {
         self.color.resize(count, [r, g, b, 255]);
         self.coverage.clear();
         self.coverage.resize(count, Coverage::HOLE);
+        self.depth_m.clear();
     }
 
     /// Number of hole pixels.

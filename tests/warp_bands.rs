@@ -7,7 +7,7 @@ use common::capture::quick;
 use fearless_simd::Level;
 use glam::{DVec3, dvec3};
 use headbox::capture::Camera;
-use headbox::frame::Frame;
+use headbox::frame::{Coverage, Frame};
 use headbox::packed::{PackedCube, SplatIndexLayout, Split};
 use headbox::splat::SplatKernel;
 use headbox::warp::{RenderSettings, Renderer};
@@ -54,10 +54,24 @@ fn no_setting_changes_a_bit() {
             let fov = [1.0, 40.0, 90.0, 170.0][i % 4];
             let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, fov, 97, 61).expect("valid");
             for kernel in KERNELS {
-                let settings =
-                    |unclipped, band_rows| RenderSettings { kernel, unclipped, band_rows, ..Default::default() };
+                let settings = |unclipped, band_rows| RenderSettings {
+                    kernel,
+                    unclipped,
+                    band_rows,
+                    depth: true,
+                    ..Default::default()
+                };
                 let (expected, warped) = draw(&cube, &camera, settings(true, 61), 1);
                 all += warped;
+                let has_depth =
+                    |(coverage, depth_m): (&Coverage, &f32)| depth_m.is_finite() == (coverage.splat_share() > 0);
+                let pixels = expected.coverage.iter().zip(&expected.depth_m);
+                assert_eq!(
+                    pixels.clone().filter(|&pixel| !has_depth(pixel)).count(),
+                    0,
+                    "{kernel:?}: covered and no depth"
+                );
+                assert!(pixels.len() == 97 * 61, "as many depths as pixels");
                 for (unclipped, band_rows, threads) in [(false, 61, 1), (true, 7, 3), (false, 1, 2), (false, 20, 2)] {
                     let (found, warped) = draw(&cube, &camera, settings(unclipped, band_rows), threads);
                     assert!(

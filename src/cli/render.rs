@@ -13,7 +13,7 @@ use crate::packed::PackedCube;
 use crate::path;
 use crate::portal::file::HOUSE_FILE;
 use crate::splat::SplatKernel;
-use crate::sprite::{RenderOptions, SPRITE_FILE, Sampling, SpriteFrame, SpriteSet, Variant};
+use crate::sprite::{DepthPicture, RenderOptions, SPRITE_FILE, Sampling, SpriteFrame, SpriteSet, Variant};
 use crate::warp::{RenderSettings, Renderer};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
@@ -44,6 +44,12 @@ pub(super) struct Render {
     /// Pixels by which gaps inside sprites are filled; 3 if absent
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     fill_steps: Option<u32>,
+    /// EXR to write the eye depth of each pixel to, metres, infinite where nothing is drawn; for a single frame of one .ldi
+    #[arg(long, value_name = "FILE.exr", conflicts_with = "path")]
+    depth: Option<PathBuf>,
+    /// PNG to write the share of each pixel to that depth pixels cover, 0 to 255; for a single frame of one .ldi
+    #[arg(long, value_name = "FILE.png", conflicts_with = "path")]
+    coverage: Option<PathBuf>,
     /// Render each frame so many times and report the median
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     repeat: u32,
@@ -178,8 +184,16 @@ impl Render {
     }
 
     fn render_one(&self, content: &mut Content, camera: &Camera) -> anyhow::Result<()> {
+        if let Content::Cube { settings, .. } = content {
+            settings.depth = self.depth.is_some();
+        } else if self.depth.is_some() || self.coverage.is_some() {
+            return Err(UsageError("--depth and --coverage are for a single .ldi file".into()).into());
+        }
         let rendered = content.render(camera, self.repeat)?;
         save_png(&self.output, &rendered.image)?;
+        if let Content::Cube { renderer, .. } = content {
+            self.save_planes(renderer.frame())?;
+        }
         let ms_median = rendered.ms_median();
         if self.json {
             print_json(&json!({
@@ -191,6 +205,19 @@ impl Render {
         } else {
             let (file, holes) = (self.output.display(), rendered.hole_fraction() * 100.0);
             println!("{file}: {ms_median:.2} ms, {}, {holes:.3} % holes", content.summary(&rendered));
+        }
+        Ok(())
+    }
+
+    /// Writes what was asked for beside the colours.
+    fn save_planes(&self, frame: &Frame) -> anyhow::Result<()> {
+        let &Frame { width, height, .. } = frame;
+        if let Some(path) = &self.depth {
+            DepthPicture { width, height, values: frame.depth_m.clone() }.write_exr(path)?;
+        }
+        if let Some(path) = &self.coverage {
+            let grey = |x: u32, y: u32| frame.coverage[y as usize * width as usize + x as usize].splat_share();
+            save_png(path, &RgbImage::from_fn(width, height, |x, y| image::Rgb([grey(x, y); 3])))?;
         }
         Ok(())
     }

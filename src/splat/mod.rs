@@ -5,7 +5,9 @@
 //! * `over`: the canvas of the kernels that blend each footprint *over* what is there.
 //! * `surface`: the canvas that averages the footprints of one surface before it blends surfaces.
 //! * `linear`: blending in linear light.
+//! * `depth`: beside any canvas, how far what it shows is.
 
+pub(crate) mod depth;
 pub(crate) mod linear;
 pub(crate) mod over;
 pub(crate) mod size;
@@ -82,6 +84,14 @@ impl SplatKernel {
             Self::Plus => "plus",
             Self::Square2 => "2x2",
             Self::Square3 => "3x3",
+        }
+    }
+
+    /// The part of a footprint's radius that is the sample's share of its surface alone.
+    pub(crate) fn own_share(self) -> f32 {
+        match self {
+            Self::Tent => 0.5,
+            Self::Paper | Self::Opaque | Self::Plus | Self::Square2 | Self::Square3 => 1.0,
         }
     }
 

@@ -8,6 +8,7 @@ use crate::capture::Camera;
 use crate::frame::Coverage;
 use crate::ldi::Environment;
 use crate::packed::{PackedCube, PackedSegment};
+use crate::splat::depth::DepthCanvas;
 use crate::splat::linear::LinearLight;
 use crate::splat::over::{OverCanvas, Shape};
 use crate::splat::size::{FixedSize, Size, TangentSize};
@@ -25,32 +26,48 @@ pub(super) struct Worker {
     surfaces: SurfaceCanvas,
 }
 
+/// The pixels of a band, row by row.
+pub(super) struct BandPixels<'a> {
+    /// They hold the hole colour.
+    pub(super) colors: &'a mut [[u8; 4]],
+    /// They say that all are holes.
+    pub(super) coverages: &'a mut [Coverage],
+    /// Eye depths, infinite; or none if nobody wants them.
+    pub(super) depths_m: &'a mut [f32],
+}
+
 /// What lies between the LDI and a canvas.
 struct Strokes {
     batch: Box<Batch>,
     splats: Box<Splats>,
     visible: Vec<bool>,
+    depth: DepthCanvas,
 }
 
 impl Default for Worker {
     fn default() -> Self {
-        let strokes = Strokes { batch: Box::new(Batch::new()), splats: Box::new(Splats::new()), visible: Vec::new() };
+        let strokes = Strokes {
+            batch: Box::new(Batch::new()),
+            splats: Box::new(Splats::new()),
+            visible: Vec::new(),
+            depth: DepthCanvas::default(),
+        };
         Self { stats: FrameStats::default(), strokes, over: OverCanvas::default(), surfaces: SurfaceCanvas::default() }
     }
 }
 
 impl Worker {
-    /// Draws a band on its pixels, which hold the hole colour.
+    /// Draws a band on its pixels.
     pub(super) fn draw(
         &mut self,
         plan: &FramePlan,
         cube: &PackedCube,
         camera: &Camera,
         band: &Band,
-        pixels: (&mut [[u8; 4]], &mut [Coverage]),
+        pixels: BandPixels,
     ) {
         let Self { stats, strokes, over, surfaces } = self;
-        let mut pass = Pass { plan, cube, camera, band, stats, strokes };
+        let mut pass = Pass { plan, cube, camera, band, stats, strokes, wants_depth: !pixels.depths_m.is_empty() };
         match plan.kernel {
             SplatKernel::Tent => {
                 (surfaces.tolerance, surfaces.bin) = (plan.tolerance, plan.bin);
@@ -76,12 +93,16 @@ struct Pass<'a> {
     band: &'a Band,
     stats: &'a mut FrameStats,
     strokes: &'a mut Strokes,
+    wants_depth: bool,
 }
 
 impl Pass<'_> {
-    fn draw(&mut self, canvas: &mut impl Canvas, pixels: (&mut [[u8; 4]], &mut [Coverage])) {
+    fn draw(&mut self, canvas: &mut impl Canvas, mut pixels: BandPixels) {
         let started = Instant::now();
         canvas.clear(self.band.width, self.band.rows.clone());
+        if self.wants_depth {
+            self.strokes.depth.clear(self.band.width, self.band.rows.clone());
+        }
         let cleared = Instant::now();
         for (i, of_frame) in self.plan.segments.iter().enumerate() {
             let segment = &self.cube.segments[of_frame.index];
@@ -97,7 +118,13 @@ impl Pass<'_> {
         }
         let drawn = Instant::now();
         self.stats.hole_pixels +=
-            finish(self.plan.level, canvas, &self.cube.environment, self.camera, self.band, pixels);
+            finish(self.plan.level, canvas, &self.cube.environment, self.camera, self.band, &mut pixels);
+        let drawn_depths = pixels.coverages.iter().zip(self.strokes.depth.inverse_depths());
+        for (depth_m, (coverage, &inverse_depth)) in pixels.depths_m.iter_mut().zip(drawn_depths) {
+            if coverage.splat_share() > 0 && inverse_depth > 0.0 {
+                *depth_m = 1.0 / inverse_depth;
+            }
+        }
         self.stats.clear_ms += (cleared - started).as_secs_f64() * 1e3;
         self.stats.warp_ms += (drawn - cleared).as_secs_f64() * 1e3;
         self.stats.finish_ms += drawn.elapsed().as_secs_f64() * 1e3;
@@ -111,7 +138,7 @@ impl Pass<'_> {
         canvas: &mut impl Canvas,
     ) {
         let (band, face_px, transfer) = (self.band, self.plan.face_px, &of_frame.transfer);
-        let Strokes { batch, splats, visible } = &mut *self.strokes;
+        let Strokes { batch, splats, visible, depth } = &mut *self.strokes;
         let whole = Part::whole(segment, face_px);
         let rectangle = match self.plan.unclipped {
             true => Some(whole),
@@ -128,10 +155,14 @@ impl Pass<'_> {
         let [columns, rows] = rectangle;
         let part = Part { segment, columns, rows, visible };
         let warp = SegmentWarp::new(transfer, segment, band, self.plan.level);
-        let (stats, level) = (&mut *self.stats, self.plan.level);
+        let (stats, level, wants_depth) = (&mut *self.stats, self.plan.level, self.wants_depth);
+        let own = self.plan.kernel.own_share();
         traverse::traverse(&part, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
             warp.warp(batch, size, splats);
             canvas.draw(splats, level);
+            if wants_depth {
+                depth.draw(splats, own);
+            }
             stats.depth_pixels_in += batch.len as u64;
             stats.splatted += splats.len as u64;
             stats.behind_or_outside += (batch.len - splats.len) as u64;
@@ -147,9 +178,10 @@ fn finish(
     environment: &Environment,
     camera: &Camera,
     band: &Band,
-    (colors, coverages): (&mut [[u8; 4]], &mut [Coverage]),
+    pixels: &mut BandPixels,
 ) -> u64 {
-    let rows = colors.chunks_mut(band.width as usize).zip(coverages.chunks_mut(band.width as usize));
+    let width = band.width as usize;
+    let rows = pixels.colors.chunks_mut(width).zip(pixels.coverages.chunks_mut(width));
     let mut holes = 0;
     for ((row, y), (colors, coverages)) in band.rows.clone().enumerate().zip(rows) {
         let start = camera.direction(0.5, f64::from(y) + 0.5);

@@ -26,7 +26,7 @@ use crate::packed::PackedCube;
 use crate::splat::SplatKernel;
 use crate::splat::size::{PaperSize, TangentTable};
 use crate::splat::surface::SurfaceCanvas;
-use band::Worker;
+use band::{BandPixels, Worker};
 use clip::Band;
 use fearless_simd::Level;
 use order::{EyeInFace, LayerOrder};
@@ -47,6 +47,8 @@ pub struct RenderSettings {
     pub unclipped: bool,
     /// Rows of a band, or 0 for the default. Any number gives the same frame.
     pub band_rows: u32,
+    /// Fills [`Frame::depth_m`].
+    pub depth: bool,
 }
 
 /// What a frame took. Times of the stages are summed over threads.
@@ -152,6 +154,11 @@ impl Renderer {
         }
     }
 
+    /// The last frame that was drawn.
+    pub fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
     /// Draws what `camera` sees, on the current rayon thread pool. The cube should be valid ([`PackedCube::validate`]); of
     /// one that is not, rows whose tables point nowhere are left out.
     pub fn render(&mut self, cube: &PackedCube, camera: &Camera, settings: &RenderSettings) -> (&Frame, &FrameStats) {
@@ -170,15 +177,27 @@ impl Renderer {
         let (plan, workers) = (&self.plan, &self.workers);
         let rows = if settings.band_rows > 0 { settings.band_rows } else { BAND_ROWS };
         let pixels = width as usize * rows.min(height) as usize;
-        let colors = self.frame.color.par_chunks_mut(pixels);
-        colors.zip(self.frame.coverage.par_chunks_mut(pixels)).enumerate().with_max_len(1).for_each(|(i, pixels)| {
+        let draw_band = |i: usize, pixels: BandPixels| {
             let start = i as u32 * rows;
             let principal_px = camera.principal_px();
             let band = Band { width, height, principal_px, rows: start..start.saturating_add(rows).min(height) };
             // No other thread of the pool uses this one's worker, so that the lock is free.
             let worker = &workers[rayon::current_thread_index().unwrap_or(0) % workers.len()];
             worker.lock().unwrap_or_else(PoisonError::into_inner).draw(plan, cube, camera, &band, pixels);
-        });
+        };
+        let Frame { color, coverage, depth_m, .. } = &mut self.frame;
+        let bands = color.par_chunks_mut(pixels).zip(coverage.par_chunks_mut(pixels));
+        if settings.depth {
+            depth_m.resize(width as usize * height as usize, f32::INFINITY);
+            let bands = bands.zip(depth_m.par_chunks_mut(pixels)).enumerate().with_max_len(1);
+            bands.for_each(|(i, ((colors, coverages), depths_m))| {
+                draw_band(i, BandPixels { colors, coverages, depths_m });
+            });
+        } else {
+            bands.enumerate().with_max_len(1).for_each(|(i, (colors, coverages))| {
+                draw_band(i, BandPixels { colors, coverages, depths_m: &mut [] });
+            });
+        }
 
         self.stats = FrameStats { clear_ms: prepared_ms, ..FrameStats::default() };
         let (mut slowest, mut sum, mut busy) = (0.0f64, 0.0, 0);

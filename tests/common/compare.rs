@@ -21,7 +21,7 @@ fn mean_radiance(scene: &Scene, o: DVec3, n: u32, x: u32, y: u32, direction: imp
 fn frame(camera: &Camera, color: impl Fn(u32, u32) -> [u8; 4]) -> Frame {
     let (width, height) = (camera.width(), camera.height());
     let color = (0..width * height).map(|i| color(i % width, i / width)).collect();
-    Frame { width, height, color, coverage: vec![] }
+    Frame { width, height, color, ..Frame::default() }
 }
 
 /// Truth: `n * n` rays a pixel.

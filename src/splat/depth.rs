@@ -1,0 +1,61 @@
+//! How far what a frame shows is, for what is to be put into it: geometry, sprites, overlays.
+
+use super::{Splats, covered};
+use std::ops::Range;
+
+/// 1 / eye depth of the splat that was drawn last on each pixel.
+///
+/// Splats arrive in occlusion-compatible order, so that the last one is the one in front, and no comparison of depths, which
+/// could go wrong where surfaces touch, is needed. A splat owns its sample's share of the surface; beyond it, where its rim
+/// is blended with its neighbours', it only fills what nothing else has touched.
+#[derive(Default)]
+pub(crate) struct DepthCanvas {
+    width: u32,
+    /// Rows of the frame that it holds.
+    rows: Range<u32>,
+    /// 1/m; 0 where there is nothing.
+    inverse_depth: Vec<f32>,
+}
+
+/// Pixels by which a footprint may reach beyond its radius, because a canvas centres it on a pixel: rounding. (Where it does
+/// not reach, the pixel's coverage says so. Half a pixel and more would depend on the bands, which leave out splats by
+/// their radius.)
+const BORDER: f32 = 0.25;
+
+impl DepthCanvas {
+    /// Makes it empty, for these rows of a frame that is `width` pixels wide, keeping the memory it has.
+    pub(crate) fn clear(&mut self, width: u32, rows: Range<u32>) {
+        self.inverse_depth.clear();
+        self.inverse_depth.resize(width as usize * rows.len(), 0.0);
+        (self.width, self.rows) = (width, rows);
+    }
+
+    /// Draws splats, in their order; `own` is the part of a radius that belongs to the sample alone.
+    pub(crate) fn draw(&mut self, splats: &Splats, own: f32) {
+        let (columns, rows) = ([0.0, self.width as f32], [self.rows.start as f32, self.rows.end as f32]);
+        for i in 0..splats.count() {
+            let (x, y) = (splats.x[i], splats.y[i]);
+            let [rx, ry] = [splats.radius_x[i], splats.radius_y[i]];
+            let (own_x, own_y) = ((rx * own).max(0.5), (ry * own).max(0.5));
+            let [left, right] = covered(x, rx + BORDER, columns);
+            let [own_left, own_right] = covered(x, own_x, columns);
+            let [top, bottom] = covered(y, ry + BORDER, rows);
+            let [own_top, own_bottom] = covered(y, own_y, rows);
+            for row in top..bottom {
+                let start = (row - self.rows.start.cast_signed()) as usize * self.width as usize;
+                let is_own_row = (own_top..own_bottom).contains(&row);
+                for column in left..right {
+                    let Some(pixel) = self.inverse_depth.get_mut(start + column as usize) else { continue };
+                    if *pixel == 0.0 || is_own_row && (own_left..own_right).contains(&column) {
+                        *pixel = splats.inverse_depth[i];
+                    }
+                }
+            }
+        }
+    }
+
+    /// 1 / eye depth of each pixel, row by row.
+    pub(crate) fn inverse_depths(&self) -> &[f32] {
+        &self.inverse_depth
+    }
+}
