@@ -446,8 +446,11 @@ fn a_wall_is_a_sprite_and_a_room_or_a_pillar_is_not() {
     assert!(stats.portals == 1 && stats.hole_pixels * 10 < stats.backdrop_pixels, "{stats:?}");
     let (frame, shown) = (frame.clone(), walker.last().clone());
     let behind = |i: usize| matches!(shown.seen(i), Seen::Marker(_));
-    let wrong = wrong_share(&frame, &truth(&wall, &camera), behind);
-    assert!(wrong < SPRITE_WRONG_AT_MOST, "{wrong}");
+    let expected = truth(&wall, &camera);
+    let shown: Vec<usize> = (0..frame.color.len()).filter(|&i| behind(i) && !frame.coverage[i].is_hole()).collect();
+    let off: u32 = shown.iter().map(|&i| u32::from(expected[i][1].abs_diff(frame.color[i][1]))).sum();
+    let mean = f64::from(off) / shown.len() as f64;
+    assert!(mean < SPRITE_OFF_LEVELS, "{mean}");
 
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.house");
@@ -455,5 +458,6 @@ fn a_wall_is_a_sprite_and_a_room_or_a_pillar_is_not() {
     assert_eq!(file::read(&path, 1 << 30).expect("read").1.all(), store.all());
 }
 
-/// As [`WRONG_AT_MOST`].
-const SPRITE_WRONG_AT_MOST: f64 = 0.45;
+/// Mean difference of a sprite from truth, levels of green: in a frame this small the renderer's reduced copies of the picture
+/// blur the squares of the wall, which lie 7 to 38 levels apart.
+const SPRITE_OFF_LEVELS: f64 = 16.0;
