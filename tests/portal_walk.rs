@@ -182,7 +182,7 @@ const SAME_SQUARE_LEVELS: u8 = 4;
 
 /// Share of the pixels that `counts` whose colour is that of no truth pixel within one pixel.
 fn wrong_share(frame: &Frame, truth: &[[u8; 3]], counts: impl Fn(usize) -> bool) -> f64 {
-    let (width, height) = (frame.width as i64, frame.height as i64);
+    let (width, height) = (i64::from(frame.width), i64::from(frame.height));
     let (mut wrong, mut all) = (0, 0);
     for i in (0..frame.color.len()).filter(|&i| counts(i)) {
         let (x, y) = (i as i64 % width, i as i64 / width);
@@ -425,14 +425,16 @@ fn a_tour_orders_what_it_lacks_and_stays_within_its_budget() {
 }
 
 #[test]
-fn an_empty_room_is_a_sprite_and_one_with_a_pillar_is_not() {
-    let empty = House::new(rooms(None)).expect("a valid model");
+fn a_wall_is_a_sprite_and_a_room_or_a_pillar_is_not() {
+    let wall = rooms(Some([dvec3(3.45, 0.0, 0.1), dvec3(3.65, 2.45, 3.9)]));
+    let wall = House::new(wall).expect("a valid model");
     let at = PortalSide { portal: 0, side: 1 };
     let capture = |house: &House| Backdrop::capture(house, at, Kind::Sprite, &QUALITY).expect("a capture");
     let pillar = rooms(Some([dvec3(3.4, 0.0, 1.8), dvec3(3.6, 2.4, 2.1)]));
     let pillar = House::new(pillar).expect("a valid model");
     assert!(matches!(capture(&pillar), Backdrop::Cubes(_)));
-    let sprite = capture(&empty);
+    assert!(matches!(capture(&House::new(rooms(None)).expect("a valid model")), Backdrop::Cubes(_)), "too deep");
+    let sprite = capture(&wall);
     assert!(matches!(sprite, Backdrop::Sprite(_)));
 
     let store = Store::new(1 << 30);
@@ -440,18 +442,22 @@ fn an_empty_room_is_a_sprite_and_one_with_a_pillar_is_not() {
     let settings = WalkSettings { backdrops: Some(Kind::Sprite), near: Near::Distance(0.5), ..WalkSettings::default() };
     let camera = poses()[2];
     let mut walker = Walker::new();
-    let (frame, stats) = walker.frame(&empty, &store, &camera, &settings);
+    let (frame, stats) = walker.frame(&wall, &store, &camera, &settings);
     assert!(stats.portals == 1 && stats.hole_pixels * 10 < stats.backdrop_pixels, "{stats:?}");
     let (frame, shown) = (frame.clone(), walker.last().clone());
     let behind = |i: usize| matches!(shown.seen(i), Seen::Marker(_));
-    let wrong = wrong_share(&frame, &truth(&empty, &camera), behind);
-    assert!(wrong < SPRITE_WRONG_AT_MOST, "{wrong}");
+    let expected = truth(&wall, &camera);
+    let shown: Vec<usize> = (0..frame.color.len()).filter(|&i| behind(i) && !frame.coverage[i].is_hole()).collect();
+    let off: u32 = shown.iter().map(|&i| u32::from(expected[i][1].abs_diff(frame.color[i][1]))).sum();
+    let mean = f64::from(off) / shown.len() as f64;
+    assert!(mean < SPRITE_OFF_LEVELS, "{mean}");
 
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.house");
-    file::write(&path, &empty, &store, &QUALITY).expect("written");
+    file::write(&path, &wall, &store, &QUALITY).expect("written");
     assert_eq!(file::read(&path, 1 << 30).expect("read").1.all(), store.all());
 }
 
-/// As [`WRONG_AT_MOST`]: squares' borders are blurred, and what the door frame hid from the sprite's eye is a hole.
-const SPRITE_WRONG_AT_MOST: f64 = 0.8;
+/// Mean difference of a sprite from truth, levels of green: in a frame this small the renderer's reduced copies of the picture
+/// blur the squares of the wall, which lie 7 to 38 levels apart.
+const SPRITE_OFF_LEVELS: f64 = 16.0;

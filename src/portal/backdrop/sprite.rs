@@ -20,6 +20,10 @@ const STEP_M: [f64; 2] = [0.5, 0.1];
 /// What disocclusion uncovers after these, as a share of the sprite, up to which what it shows counts as smooth.
 const SMOOTH_SHARE: f64 = 0.03;
 
+/// How far surfaces may move against the sprite's plane at a step to the side for two passes to draw them well, over the focal
+/// length, root of the mean square: S1's measure, the step times the spread of inverse depth.
+const MOST_PARALLAX: f64 = 0.04;
+
 /// What is nearer behind the portal's plane than this, metres, is its own frame and has no part in the judgement.
 const REVEAL_M: f32 = 0.3;
 
@@ -65,7 +69,8 @@ impl PortalSprite {
         self.prepared.sprite()
     }
 
-    /// Captures what shows through an opening from straight in front; `None` if it is not smooth.
+    /// Captures what shows through an opening from straight in front; `None` if it is not smooth, or so deep that a picture on
+    /// a plane is a poor stand-in.
     pub(super) fn capture(house: &House, opening: &Opening, quality: &Quality) -> Result<Option<Self>, SpriteError> {
         let place = opening.centre + opening.normal * (opening.half.max_element() * PLACE);
         // As fine in the middle as a texture is.
@@ -89,7 +94,8 @@ impl PortalSprite {
             plane: None,
             format: DisplacementFormat::I16,
         };
-        import.build().map(|sprite| Some(Self::new(sprite)))
+        let sprite = import.build()?;
+        Ok((parallax(&sprite, &judged) <= MOST_PARALLAX).then(|| Self::new(sprite)))
     }
 
     /// Bytes in memory, near enough.
@@ -206,6 +212,18 @@ fn disoccluded_share(camera: &Camera, depth: &[f32]) -> f64 {
     let across = (0..depth.len().saturating_sub(width)).map(|i| gap(i, i + width, STEP_M[1])).sum::<f64>();
     let known = depth.iter().filter(|depth| depth.is_finite()).count();
     (along + across) / known.max(1) as f64
+}
+
+/// How far surfaces move against the sprite's plane at a step to the side, over the focal length, root of the mean square.
+fn parallax(sprite: &SpriteWithDepth, depth: &[f32]) -> f64 {
+    let (camera, plane) = (sprite.sprite().camera(), sprite.sprite().plane());
+    let columns = camera.width() as usize;
+    let known = || depth.iter().enumerate().filter(|(_, depth)| depth.is_finite());
+    let squares = known().map(|(i, &depth)| {
+        let on_plane = plane.inverse_depth(camera, (i % columns) as f64 + 0.5, (i / columns) as f64 + 0.5);
+        (1.0 / f64::from(depth) - on_plane).powi(2)
+    });
+    (squares.sum::<f64>() / known().count().max(1) as f64).sqrt() * STEP_M[0]
 }
 
 #[cfg(test)]
