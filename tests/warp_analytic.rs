@@ -92,7 +92,7 @@ fn a_slanted_plane_warps_to_its_homography() {
             let [r, g, b] = ramp(meet(eye, direction));
             [r, g, b, 255]
         });
-        let expected = Frame { width: 101, height: 83, color: color.collect(), coverage: vec![] };
+        let expected = Frame { width: 101, height: 83, color: color.collect(), ..Frame::default() };
         for layout in LAYOUTS {
             let mut renderer = Renderer::new();
             let (frame, stats) = renderer.render(&pack(&ldi, layout), &camera, &RenderSettings::default());
