@@ -17,7 +17,8 @@
 //!    closer one, whatever the traversal;
 //! 4. a cut-out texture, where there is one, is opaque there.
 //!
-//! The closest hit is the least (t, primitive index). No operation is contracted or approximated.
+//! The closest hit is the least (t, primitive index), told of the right one of triangles in the same place (`twins`). No
+//! operation is contracted or approximated.
 
 mod build;
 mod cutout;
@@ -26,6 +27,7 @@ mod prepared;
 mod single;
 mod tree;
 mod triangle;
+mod twins;
 
 pub use packet::{HitPacket, PACKET, RayPacket};
 
@@ -35,6 +37,7 @@ use fearless_simd::{Level, dispatch};
 use glam::{DVec3, Vec3};
 use std::sync::Arc;
 use tree::Tree;
+use twins::Twins;
 
 /// A ray in the tracer's local frame (world axes, metres, relative to the tracer's origin).
 ///
@@ -83,6 +86,7 @@ pub struct Tracer {
     origin: DVec3,
     tree: Tree,
     cutouts: Cutouts,
+    twins: Twins,
     level: Level,
 }
 
@@ -97,7 +101,8 @@ impl Tracer {
     pub fn with_level(scene: Arc<Scene>, origin: DVec3, level: Level) -> Self {
         let cutouts = Cutouts::new(&scene);
         let tree = build::build(&scene, origin, &cutouts);
-        Self { scene, origin, tree, cutouts, level }
+        let twins = Twins::find(&scene, origin);
+        Self { scene, origin, tree, cutouts, twins, level }
     }
 
     /// The scene.
@@ -115,11 +120,12 @@ impl Tracer {
         build::local_triangle(&self.scene, self.origin, primitive).unwrap_or([Vec3::NAN; 3])
     }
 
-    /// The closest hit of a ray, the least (t, primitive) of all its hits.
+    /// The closest hit of a ray, the least (t, primitive) of all its hits; of triangles in exactly the same place, the first
+    /// that turns its front to the ray, or else the first.
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         let mut found = single::Closest::new(ray.t_max);
         dispatch!(self.level, simd => single::search(simd, self, ray, &mut found));
-        found.hit()
+        found.hit().map(|hit| self.twins.facing(ray.direction, hit, |primitive| self.triangle(primitive)))
     }
 
     /// Whether anything lies on the ray between `t_min` and `t_max`.
@@ -147,6 +153,16 @@ impl Tracer {
     /// shorter slice.
     pub fn closest_packets(&self, rays: &[RayPacket], hits: &mut [HitPacket]) {
         dispatch!(self.level, simd => packet::closest(simd, self, rays, hits));
+        if self.twins.is_empty() {
+            return;
+        }
+        for (rays, hits) in rays.iter().zip(hits) {
+            for k in 0..PACKET {
+                let (Some(ray), Some(hit)) = (rays.ray(k), hits.hit(k)) else { continue };
+                let hit = self.twins.facing(ray.direction, hit, |primitive| self.triangle(primitive));
+                (hits.primitive[k], hits.u[k], hits.v[k]) = (hit.primitive, hit.u, hit.v);
+            }
+        }
     }
 
     /// Which active rays of a packet are blocked: bit k belongs to ray k, as [`Self::occluded`] says of it.
