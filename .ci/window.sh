@@ -98,6 +98,10 @@ if "$headbox" sprite --help >/dev/null 2>&1; then
     show sprite "$out/layers.sprite" --frames 3
 fi
 
+# Its backdrops are built while the window is open.
+"$headbox" house builtin:house --triangles 12000 --rays 0 --unlit -o "$out/small.house" --backdrops none >"$out/house.txt"
+show house "$out/small.house" --when-refined --set variant=texture
+
 echo "window: a file that is none"
 echo "not an LDI" >"$out/damaged.ldi"
 if timeout 60 "$headbox" view "$out/damaged.ldi" 2>"$out/damaged.txt"; then

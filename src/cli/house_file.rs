@@ -165,10 +165,9 @@ impl HouseContent {
     /// Opens a file. The variant is one of [`Variant::ALL`], or the first kind that the file holds.
     pub(super) fn open(path: &Path, variant: Option<&str>) -> anyhow::Result<(Self, FileFrame, DefaultCamera)> {
         let (house, store, quality) = file::read(path, BUDGET)?;
-        let held = store.all().first().map(|((_, kind), _)| *kind);
         let variant = match variant {
             Some(name) => variant_by_name(name)?,
-            None => variant_by_name(held.map_or("geometry", Kind::name))?,
+            None => Variant::of_store(&store),
         };
         let settings = variant.settings();
         let first = WalkPath { poses: 1, ..WalkPath::default() }.cameras(&house)?;

@@ -11,8 +11,8 @@ use std::time::Instant;
 
 #[derive(Args)]
 pub(super) struct View {
-    /// A .ldi or .sprite file, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the start
-    /// page if absent
+    /// A .ldi, .sprite or .house file, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the
+    /// start page if absent
     file: Option<String>,
     /// Replay this path or camera file
     #[arg(long, value_name = "PATH.json")]

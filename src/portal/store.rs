@@ -143,6 +143,12 @@ struct Orders {
     stop: bool,
 }
 
+impl Orders {
+    fn in_hand(&self) -> bool {
+        self.busy || !self.wanted.is_empty()
+    }
+}
+
 impl Builder {
     /// Starts the thread.
     pub fn new(house: Arc<House>, store: Arc<Store>, quality: Quality) -> Self {
@@ -160,10 +166,15 @@ impl Builder {
         self.desk.changed.notify_all();
     }
 
+    /// Whether something is wanted that could still be built.
+    pub fn is_busy(&self) -> bool {
+        lock(&self.desk.orders).in_hand()
+    }
+
     /// Waits until nothing is wanted that could still be built.
     pub fn wait(&self) {
         let mut orders = lock(&self.desk.orders);
-        while orders.busy || !orders.wanted.is_empty() {
+        while orders.in_hand() {
             orders = self.desk.changed.wait(orders).unwrap_or_else(PoisonError::into_inner);
         }
     }

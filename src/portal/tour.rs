@@ -52,6 +52,14 @@ impl Tour {
         &self.store
     }
 
+    /// Whether the last frame would be better by now or soon: a backdrop that it lacked is there, or one is being built.
+    pub fn can_improve(&self) -> bool {
+        let Some(kind) = self.settings.backdrops else { return false };
+        let missing = &self.walker.stats().missing;
+        // In this order: what is not being built any more is in the store, if it ever will be.
+        !missing.is_empty() && (self.builder.is_busy() || missing.iter().any(|at| self.store.contains((*at, kind))))
+    }
+
     /// Waits until nothing is ordered that could still be built.
     pub fn wait(&self) {
         self.builder.wait();

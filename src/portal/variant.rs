@@ -1,6 +1,7 @@
 //! Ways to draw a walk, by the names under which the command line and the reports know them.
 
 use super::backdrop::Kind;
+use super::store::Store;
 use super::walk::WalkSettings;
 use crate::splat::SplatKernel;
 use crate::warp::RenderSettings;
@@ -43,6 +44,11 @@ impl Variant {
 
     const fn of(kind: Kind) -> Self {
         Self { name: kind.name(), kind: Some(kind), ..Self::PLAIN }
+    }
+
+    /// The one that draws what a store holds (of several kinds, the first), or geometry alone if it is empty.
+    pub fn of_store(store: &Store) -> Self {
+        store.all().first().map_or(Self::ALL[0], |((_, kind), _)| Self::of(*kind))
     }
 
     /// The one with a name.

@@ -206,6 +206,11 @@ impl Walker {
         (&output.frame, &self.stats)
     }
 
+    /// What the last frame took.
+    pub fn stats(&self) -> &WalkStats {
+        &self.stats
+    }
+
     /// The last frame with what each of its pixels shows.
     pub fn last(&self) -> &RasterFrame {
         self.rasterizer.output()

@@ -1,5 +1,6 @@
 //! Thread pools: some that take what others leave of the processor, some to draw frames with fewer threads.
 
+use headbox_viewer::{Setting, SettingValues};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -29,11 +30,22 @@ fn yield_to_others() {}
 pub(super) struct FewerThreads(BTreeMap<usize, ThreadPool>);
 
 impl FewerThreads {
-    /// Does `work` on `count` threads; on those of the program if they are not more.
+    /// The control that says how many threads draw a frame.
+    pub(super) fn setting() -> Setting {
+        let cores = rayon::current_num_threads() as u32;
+        Setting::count("threads", "Threads", "Number of threads that draw a frame.", cores, 1..=cores)
+    }
+
+    /// Does `work` on as many threads as [`Self::setting`] is set to; on those of the program if they are not more.
     ///
     /// # Errors
-    /// One sentence, if threads cannot be started.
-    pub(super) fn install<R: Send>(&mut self, count: usize, work: impl FnOnce() -> R + Send) -> Result<R, String> {
+    /// One sentence, if there is no such setting or threads cannot be started.
+    pub(super) fn install<R: Send>(
+        &mut self,
+        values: &SettingValues,
+        work: impl FnOnce() -> R + Send,
+    ) -> Result<R, String> {
+        let count = values.number("threads")? as usize;
         if count >= rayon::current_num_threads() {
             return Ok(work());
         }

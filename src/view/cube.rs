@@ -165,7 +165,6 @@ impl FrameSource for CubeSource {
     fn settings(&self) -> Vec<Setting> {
         let kernels = SplatKernel::ALL.map(|(name, _)| name);
         let overlays = Overlay::ALL.map(|(name, _)| name);
-        let cores = rayon::current_num_threads() as u32;
         let mut settings = vec![
             Setting::choice("kernel", "Footprints", "How samples become pixels (no unit).", &kernels),
             Setting::choice(
@@ -183,7 +182,7 @@ impl FrameSource for CubeSource {
                 "Leaves out what is known to be outside the view; without it every depth pixel is warped, for the same frame.",
                 true,
             ),
-            Setting::count("threads", "Threads", "Number of threads that draw a frame.", cores, 1..=cores),
+            FewerThreads::setting(),
             Setting::toggle(
                 "epipole",
                 "Epipole",
@@ -220,9 +219,9 @@ impl FrameSource for CubeSource {
         }
         let scene = self.scene();
         let cube = self.variations.of(&self.cube, &variation(&request.settings, overlay)?);
-        let threads = request.settings.number("threads")? as usize;
         let renderer = &mut self.renderer;
-        let (frame, stats) = self.threads.install(threads, || renderer.render(&cube, &request.camera, &settings))?;
+        let (frame, stats) =
+            self.threads.install(&request.settings, || renderer.render(&cube, &request.camera, &settings))?;
         let (stages, mut figures) = (stages(stats), figures(stats, &cube));
         let (judged, mut refinement) = paint(&mut self.judge, frame, request, overlay, scene, pixels)?;
         // What was asked for stands on top.

@@ -2,6 +2,7 @@
 
 use super::cube::CubeSource;
 use super::growth::headbox_of;
+use super::house::HouseSource;
 use super::sprite::SpriteSource;
 use crate::capture::Camera;
 use crate::capture::light::Lighting;
@@ -9,6 +10,7 @@ use crate::capture::trace::Tracer;
 use crate::container::FileError;
 use crate::ldi::build::Silent;
 use crate::packed::PackedCube;
+use crate::portal::file::HouseFileError;
 use crate::scene_source::SceneSource;
 use crate::sprite::SpriteSet;
 use crate::{scenes, truth};
@@ -25,7 +27,8 @@ const SCENES: [&str; 3] = ["obj", "gltf", "glb"];
 pub enum OpenError {
     /// It is no file of a kind that can be shown.
     #[error(
-        "{name}: only cube LDIs (.ldi), sprites (.sprite), scenes (.obj, .gltf, .glb) and builtin:NAME can be shown"
+        "{name}: only cube LDIs (.ldi), sprites (.sprite), houses (.house), scenes (.obj, .gltf, .glb) and builtin:NAME can \
+         be shown"
     )]
     Kind {
         /// What was to be opened.
@@ -34,6 +37,9 @@ pub enum OpenError {
     /// The file cannot be read.
     #[error(transparent)]
     File(#[from] FileError),
+    /// The house cannot be read or walked.
+    #[error(transparent)]
+    House(#[from] HouseFileError),
     /// There are no sprites in the file.
     #[error("{}: there are no sprites in it", path.display())]
     NoSprites {
@@ -60,6 +66,7 @@ pub fn open(name: &str, output_dir: &Path) -> Result<Box<dyn FrameSource>, OpenE
             let source = SpriteSource::new(SpriteSet::read(path)?, path);
             Box::new(source.ok_or_else(|| OpenError::NoSprites { path: path.into() })?)
         }
+        Some("house") => Box::new(HouseSource::read(path)?),
         Some(extension) if SCENES.contains(&extension) => Box::new(capture(name, output_dir)?),
         _ => return Err(OpenError::Kind { name: name.into() }),
     };
@@ -111,7 +118,7 @@ impl Library for SceneLibrary {
     }
 
     fn extensions(&self) -> Vec<String> {
-        ["ldi", "sprite"].into_iter().chain(SCENES).map(str::to_owned).collect()
+        ["ldi", "sprite", "house"].into_iter().chain(SCENES).map(str::to_owned).collect()
     }
 
     fn open_entry(&mut self, id: &str) -> Result<Box<dyn FrameSource>, String> {
@@ -153,6 +160,7 @@ mod tests {
         assert!(message("notes.txt").contains("notes.txt: only"), "{}", message("notes.txt"));
         assert!(message("no/such.ldi").contains("no/such.ldi"));
         assert!(message("no/such.sprite").contains("no/such.sprite"));
+        assert!(message("no/such.house").contains("no/such.house"));
         assert!(message("no/such.obj").contains("no/such.obj"));
         assert!(message("builtin:nonsense").contains("nonsense"));
     }

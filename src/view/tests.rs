@@ -4,10 +4,15 @@ use super::open;
 use crate::capture::Camera;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
+use crate::portal::backdrop::Quality;
+use crate::portal::house::House;
+use crate::portal::path::WalkPath;
+use crate::portal::store::Store;
+use crate::portal::variant::Variant;
 use crate::scene_source::SceneSource;
 use crate::sprite::{DisplacementFormat, SlabCapture, SpriteSet, capture_slabs, slabs_at_gaps};
 use glam::DVec3;
-use headbox_viewer::{FrameReport, FrameRequest, FrameSource, Navigation, Pose, Refinement, SettingValues};
+use headbox_viewer::{Control, FrameReport, FrameRequest, FrameSource, Navigation, Pose, Refinement, SettingValues};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -103,4 +108,91 @@ fn write_sprites(file: &Path) {
     let capture = SlabCapture { tracer: &tracer, lighting: &lighting, lit: false, samples: 4, format };
     let sprites = capture_slabs(&capture, &camera, &slabs, &crate::ldi::build::Silent).unwrap();
     SpriteSet::new(sprites).write(file).unwrap();
+}
+
+/// A bare house without backdrops, in a file that asks for the coarsest ones.
+fn write_house(file: &Path) -> House {
+    let house = House::new(crate::scenes::house(3, 0)).unwrap();
+    let quality = Quality {
+        face_px: 16,
+        window_face_px: 16,
+        texture_px: 16,
+        images: 1,
+        strata: 3,
+        rays: 2,
+        ..Quality::default()
+    };
+    crate::portal::file::write(file, &house, &Store::new(0), &quality).unwrap();
+    house
+}
+
+fn pose_of(camera: &Camera) -> Pose {
+    Pose::looking_at(camera.eye(), camera.eye() + camera.forward(), 60.0)
+}
+
+#[test]
+fn a_house_is_walked_from_room_to_room() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("bare.house");
+    let house = write_house(&file);
+    let mut source = open(file.to_str().unwrap(), dir.path()).unwrap();
+    assert_eq!((source.navigation(), source.bounds()), (Navigation::Walk, None));
+    let start = source.start_pose();
+    let first = house.cell_of_eye(start.eye).unwrap();
+    let model = house.plan();
+    let floor = model.cells[first as usize].space[0].floor_y;
+    assert!(Some(first) != model.outside && (start.eye.y - floor - 1.6).abs() < 1e-9, "{start:?} in cell {first}");
+    let plan = source.plan().unwrap();
+    let here = plan.room_at(start.eye).map(|room| plan.rooms[room].name.as_str());
+    assert_eq!((here, plan.openings.len()), (Some(model.cells[first as usize].name.as_str()), model.portals.len()));
+
+    let mut cells = std::collections::BTreeSet::new();
+    for camera in (WalkPath { poses: 24, ..WalkPath::default() }).cameras(&house).unwrap() {
+        let (pixels, report) = render(&mut *source, pose_of(&camera), &[]);
+        let cell = figure(&report, "cell of the eye").map(|cell| cell as u32);
+        assert_eq!((cell, report.refinement), (house.cell_of_eye(camera.eye()), Refinement::Done));
+        let colors: std::collections::BTreeSet<_> = pixels.iter().collect();
+        assert!(colors.len() > 20, "{camera:?} sees {} colours", colors.len());
+        assert!(pixels.iter().all(|pixel| pixel[3] == 255), "a closed house has no holes");
+        cells.insert(cell);
+    }
+    assert!(cells.len() > 5, "{cells:?}");
+}
+
+#[test]
+fn every_way_to_draw_a_house_shows_backdrops_once_they_are_built() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("bare.house");
+    write_house(&file);
+    let mut source = open(file.to_str().unwrap(), dir.path()).unwrap();
+    let start = source.start_pose();
+    let Control::Choice { options, selected } = source.settings().remove(0).control else { panic!("a choice") };
+    assert_eq!((options.len(), selected), (Variant::ALL.len(), 0), "geometry first: the file has nothing else");
+    let (geometry, _) = render(&mut *source, start, &[("variant", "geometry")]);
+    for variant in &options {
+        let settings = [("variant", variant.as_str())];
+        let (mut pixels, mut report) = render(&mut *source, start, &settings);
+        while report.refinement != Refinement::Done {
+            std::thread::yield_now();
+            (pixels, report) = render(&mut *source, start, &settings);
+        }
+        let [portals, missing] = ["portals as backdrops", "backdrops missing"].map(|name| figure(&report, name));
+        assert_eq!((portals > Some(0.0), missing), (variant != "geometry", Some(0.0)), "{variant}");
+        assert_eq!(pixels != geometry, variant != "geometry", "{variant}");
+        let holes = figure(&report, "hole pixels").unwrap();
+        assert!(holes < 0.2 * pixels.len() as f64, "{variant}: {holes} holes");
+    }
+    let settings = [("variant", "window-ldi"), ("overlay", "backdrops")];
+    let overlaid = render(&mut *source, start, &settings).0;
+    let grey = overlaid.iter().filter(|&&[r, g, b, _]| r == g && g == b).count();
+    assert!(grey > 0 && grey < overlaid.len(), "geometry is grey, backdrops are not");
+}
+
+#[test]
+fn a_file_that_is_no_house_is_refused_in_one_sentence() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("damaged.house");
+    std::fs::write(&file, "not a house").unwrap();
+    let message = open(file.to_str().unwrap(), dir.path()).err().unwrap().to_string();
+    assert!(message.contains("damaged.house") && !message.contains('\n'), "{message}");
 }
