@@ -71,6 +71,12 @@ pub struct Sample {
     pub key: RayKey,
 }
 
+/// A share in 0..=1 in 16 bits, as albedo and barycentric weights are kept.
+#[inline]
+pub(super) fn sixteen_bits(share: f32) -> u16 {
+    (share * 65_535.0 + 0.5) as u16
+}
+
 /// All samples of one class in one depth bin of one pixel.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]

@@ -3,7 +3,7 @@
 //! The rounds are: a pilot over all strata, the plan that follows from it, the planned rays. All six faces are traced in
 //! one run; a hit goes to the face whose frustum contains it, whichever face its ray left (C13).
 
-use super::accumulate::{Accumulator, DepthBins, Sample};
+use super::accumulate::{Accumulator, DepthBins, Sample, sixteen_bits};
 use super::merge::MergeRule;
 use super::misses::MissMap;
 use super::plan::RayPlan;
@@ -243,9 +243,9 @@ impl Router<'_> {
             bin,
             offset,
             class: Accumulator::class(material, cos > 0.0, normal),
-            albedo: scene.paint(hit.primitive).albedo(hit.u, hit.v).map(|c| (c * 65_535.0 + 0.5) as u16),
+            albedo: scene.paint(hit.primitive).albedo(hit.u, hit.v).map(sixteen_bits),
             primitive: hit.primitive,
-            barycentric: [hit.u, hit.v].map(|w| (w * 65_535.0 + 0.5) as u16),
+            barycentric: [hit.u, hit.v].map(sixteen_bits),
             area: hit.t * hit.t / cos.abs().max(1e-6),
             key,
         })

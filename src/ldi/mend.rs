@@ -1,11 +1,12 @@
 //! Gaps of one pixel in a surface, mended: rays that are aimed where a depth pixel is missing for certain.
 //!
 //! Rays are random. What a thousand of them would find anyway, the last few depth pixels of a wall, they find late: with the
-//! default number of rays one pixel in two hundred stays empty, and each is a speck through which the background shows.
+//! default number of rays 0.6 % of the depth pixels of a Cornell box are still missing then (0.14 % of `builtin:tree`'s), and
+//! each is a speck through which the background shows.
 //! Where both neighbours of a pixel lie on one surface and the pixel itself has nothing of it, one ray from the centre
 //! that looks for it there, and only there, decides. What it meets becomes a depth pixel like any other.
 
-use super::accumulate::{Accumulator, DepthBins, Sample};
+use super::accumulate::{Accumulator, DepthBins, Sample, sixteen_bits};
 use super::pool::{FaceParts, same_surface};
 use super::shade::{Part, Shader};
 use crate::capture::rig::Face;
@@ -86,9 +87,9 @@ impl Mender<'_> {
             bin,
             offset,
             class: neighbour.class,
-            albedo: scene.paint(hit.primitive).albedo(hit.u, hit.v).map(|c| (c * 65_535.0 + 0.5) as u16),
+            albedo: scene.paint(hit.primitive).albedo(hit.u, hit.v).map(sixteen_bits),
             primitive: hit.primitive,
-            barycentric: [hit.u, hit.v].map(|w| (w * 65_535.0 + 0.5) as u16),
+            barycentric: [hit.u, hit.v].map(sixteen_bits),
             area: distance * distance / cos.abs().max(1e-6),
             key: RayKey(u64::MAX),
         };

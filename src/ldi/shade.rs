@@ -9,7 +9,7 @@
 //! Without the grid an LDI with half of the rays aliases more: on `builtin:interior` novelty stopping cost 0.3 dB.
 
 use super::EncodedNormal;
-use super::accumulate::Accumulator;
+use super::accumulate::{Accumulator, sixteen_bits};
 use crate::capture::light::{LightSample, Lighting, LitPoint, extent_of};
 use crate::capture::rig::Face;
 use crate::capture::sampler::{RayKey, random4, unit_float};
@@ -128,7 +128,6 @@ impl Shader<'_> {
         for i in 0..SIDE * SIDE {
             let at = [i % SIDE, i / SIDE].map(|i| (f64::from(i) + 0.5) / f64::from(SIDE));
             let on_it = pixel.weights(at).filter(|&[u, v]| paint.is_solid(u, v));
-            let sixteen_bits = |c: f32| (c * 65_535.0 + 0.5) as u16;
             let albedo = on_it.map_or(mean, |[u, v]| paint.albedo(u, v).map(sixteen_bits));
             sum.iter_mut().zip(albedo).for_each(|(sum, c)| *sum += WORTH_OF_GRID * u32::from(c));
         }

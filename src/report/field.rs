@@ -204,7 +204,7 @@ impl<'a> Field<'a> {
             let mut baked = BakedLight::new(Arc::clone(tracer), lighting.clone(), face_px, samples);
             cameras.iter().for_each(|camera| baked.bake_view(camera));
             let capture_s = Some(start.elapsed().as_secs_f64());
-            cameras.iter().for_each(|camera| RasterDraw::bake_view(&mut baked, camera));
+            RasterDraw::bake_views(&mut baked, &cameras);
             let bytes = scene_bytes(tracer.scene()) + baked.bytes();
             let baked = Arc::new(baked);
             let rays = Box::new(BakedRays::new(Arc::clone(&baked)));
