@@ -6,12 +6,14 @@
 //! * `surface`: the canvas that averages the footprints of one surface before it blends surfaces.
 //! * `linear`: blending in linear light.
 //! * `depth`: beside any canvas, how far what it shows is.
+//! * `touched`: instead of a canvas, how often and how large pixels are drawn.
 
 pub(crate) mod depth;
 pub(crate) mod linear;
 pub(crate) mod over;
 pub(crate) mod size;
 pub(crate) mod surface;
+pub(crate) mod touched;
 
 use fearless_simd::Level;
 use serde::{Deserialize, Serialize};

@@ -1,6 +1,7 @@
 //! A cube LDI in the window, from a file or growing.
 
 use super::background::FewerThreads;
+use super::effort;
 use super::growth::{Growth, LitScene};
 use super::library::file_name;
 use super::overlay::{Judge, Overlay, paint_coverage, paint_epipole, paint_holes};
@@ -101,7 +102,7 @@ fn paint(
     match overlay {
         Overlay::Holes => paint_holes(frame, pixels),
         Overlay::Coverage => paint_coverage(frame, pixels),
-        Overlay::None | Overlay::Recolored(_) | Overlay::Truth | Overlay::Error => pixels.copy_from_slice(&frame.color),
+        _ => pixels.copy_from_slice(&frame.color),
     }
     if overlay.needs_truth() && !request.moving {
         return judge.paint(overlay, frame, &request.camera, scene, pixels);
@@ -172,8 +173,10 @@ impl FrameSource for CubeSource {
                 "Overlay",
                 "What is painted: the frame; its holes in magenta; the share of each pixel that splats cover (black 0 to \
                  white 1); the depth pixels coloured by their distance from the centre of the headbox (red near, blue \
-                 far), layer (orange first), face, or near and far segment; the ray-traced truth of this view; the \
-                 frame's error against it (FLIP, black 0 to yellow 1). The last two are refined while the eye rests.",
+                 far), layer (orange first), face, or near and far segment; the width of the footprint in front (px); how \
+                 often each pixel was drawn (a number); what clipping left out, on the unfolded faces; the ray-traced truth \
+                 of this view; the frame's error against it (FLIP, black 0 to yellow 1). The last two are refined while the \
+                 eye rests.",
                 &overlays,
             ),
             Setting::toggle(
@@ -224,8 +227,18 @@ impl FrameSource for CubeSource {
             self.threads.install(&request.settings, || renderer.render(&cube, &request.camera, &settings))?;
         let (stages, mut figures) = (stages(stats), figures(stats, &cube));
         let (judged, mut refinement) = paint(&mut self.judge, frame, request, overlay, scene, pixels)?;
+        let camera = &request.camera;
+        let inspected = self.threads.install(&request.settings, || match overlay {
+            Overlay::Footprints => effort::paint_footprints(&renderer.touched(&cube, camera, &settings), pixels),
+            Overlay::Overdraw => effort::paint_overdraw(&renderer.touched(&cube, camera, &settings), pixels),
+            Overlay::Clipping => {
+                let kept = renderer.kept(&cube, camera, &settings);
+                effort::paint_clipping(&cube, &kept, renderer.frame(), pixels)
+            }
+            _ => Vec::new(),
+        })?;
         // What was asked for stands on top.
-        figures.splice(0..0, judged);
+        figures.splice(0..0, judged.into_iter().chain(inspected));
         if request.settings.toggle("epipole")? {
             paint_epipole(&request.camera, cube.info.centre, pixels);
         }
@@ -238,7 +251,7 @@ impl FrameSource for CubeSource {
                 refinement = Refinement::Later(LOOK_AGAIN);
             }
         }
-        Ok(FrameReport { stages, figures, refinement })
+        Ok(FrameReport { stages, figures, refinement, legend: overlay.legend(), ..FrameReport::default() })
     }
 
     fn act(&mut self, action: &str) -> Result<String, String> {

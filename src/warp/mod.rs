@@ -10,6 +10,7 @@
 
 mod band;
 mod clip;
+pub(crate) mod inspect;
 mod kernel;
 pub mod oracle;
 pub(crate) mod order;

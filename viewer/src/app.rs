@@ -268,6 +268,10 @@ impl Viewer {
         let filter = if exact { egui::TextureOptions::NEAREST } else { egui::TextureOptions::LINEAR };
         for (i, picture) in finished.pictures.iter().enumerate() {
             match self.textures.get_mut(i) {
+                // Of the same size, it is written over: a new texture would first have to be made.
+                Some(texture) if texture.size() == picture.image.size => {
+                    texture.set_partial([0, 0], Arc::clone(&picture.image), filter);
+                }
                 Some(texture) => texture.set(Arc::clone(&picture.image), filter),
                 None => {
                     let name = format!("{} {i}", info.title);

@@ -48,6 +48,7 @@ impl Viewer {
             panels::divider::paint(ui.painter(), rect, self.divider_x(rect), &divider);
         }
         self.paint_insets(ui.painter(), rect);
+        self.paint_legend(ui.painter(), rect);
     }
 
     /// Moves the eye by what the hands or the replay want.
@@ -212,6 +213,17 @@ impl Viewer {
         if let Some(plan) = &info.plan {
             let area = panels::inset::frame(painter, &mut corner, "Plan");
             panels::plan::paint(painter, area, plan, &self.eye.pose);
+        }
+    }
+}
+
+impl Viewer {
+    /// Says what colours mean, where they are not what is seen: of A, or else of B.
+    fn paint_legend(&self, painter: &Painter, rect: Rect) {
+        let legends = self.shown.iter().flat_map(|shown| &shown.pictures).map(|picture| &picture.report.legend);
+        if let Some(legend) = legends.into_iter().find(|legend| !legend.is_empty()) {
+            let margin = panels::inset::MARGIN_POINTS;
+            panels::legend::paint(painter, rect.left_bottom() + vec2(margin, -margin), legend);
         }
     }
 }

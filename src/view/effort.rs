@@ -1,0 +1,223 @@
+//! How a frame was made, painted: sizes of footprints, how often pixels were drawn, and what clipping left out.
+
+use crate::capture::rig::Face;
+use crate::frame::Frame;
+use crate::packed::{PackedCube, PackedSegment, SegmentSide};
+use crate::splat::touched::Touched;
+use crate::warp::inspect::{Fate, Kept};
+use headbox_viewer::{Figure, Swatch};
+
+/// Colours of seven classes, each twice the one before: the "viridis" map by van der Walt and Smith (2015), whose lightness
+/// grows evenly, and white.
+const CLASSES: [[u8; 3]; 7] =
+    [[68, 1, 84], [65, 68, 135], [42, 120, 142], [34, 168, 132], [122, 209, 81], [253, 231, 37], [255, 255, 255]];
+
+/// Where there are no samples.
+const NOTHING: [u8; 3] = [20, 20, 20];
+
+/// The class of a number: 0 up to `first`, 1 up to twice that, and so on.
+fn class(value: f32, first: f32) -> usize {
+    let mut top = first;
+    (0..CLASSES.len() - 1)
+        .find(|_| {
+            let fits = value <= top;
+            top *= 2.0;
+            fits
+        })
+        .unwrap_or(CLASSES.len() - 1)
+}
+
+/// The legend of classes: what each ends at, in `unit`.
+fn class_legend(nothing: &str, first: u32, unit: &str) -> Vec<Swatch> {
+    let classes = CLASSES.into_iter().zip(0..).map(|(color, i)| {
+        let (top, last) = (first << i, i as usize == CLASSES.len() - 1);
+        let label = if last { format!("more than {} {unit}", top / 2) } else { format!("up to {top} {unit}") };
+        Swatch { color, label }
+    });
+    std::iter::once(swatch(NOTHING, nothing)).chain(classes).collect()
+}
+
+pub(super) fn swatch(color: [u8; 3], label: &str) -> Swatch {
+    Swatch { color, label: label.into() }
+}
+
+fn opaque([r, g, b]: [u8; 3]) -> [u8; 4] {
+    [r, g, b, 255]
+}
+
+fn figure(name: &'static str, value: f64, unit: &'static str) -> Figure {
+    Figure { name, value, unit }
+}
+
+/// Widest footprint of the first class, px.
+const FIRST_WIDTH_PX: u32 = 1;
+
+/// Paints the width of the footprint in front of each pixel, by classes; returns how wide they are on the mean.
+pub(super) fn paint_footprints(touched: &[Touched], pixels: &mut [[u8; 4]]) -> Vec<Figure> {
+    let (mut sum_px, mut count) = (0.0, 0.0_f64);
+    for (pixel, touched) in pixels.iter_mut().zip(touched) {
+        let width_px = touched.width_px;
+        *pixel = opaque(if width_px > 0.0 { CLASSES[class(width_px, FIRST_WIDTH_PX as f32)] } else { NOTHING });
+        sum_px += f64::from(width_px);
+        count += f64::from(u8::from(width_px > 0.0));
+    }
+    vec![figure("width of footprints", sum_px / count.max(1.0), "px")]
+}
+
+pub(super) fn footprint_legend() -> Vec<Swatch> {
+    class_legend("no footprint", FIRST_WIDTH_PX, "px wide")
+}
+
+/// Paints how many footprints were drawn on each pixel, by classes; returns how many that are.
+pub(super) fn paint_overdraw(touched: &[Touched], pixels: &mut [[u8; 4]]) -> Vec<Figure> {
+    let (mut sum, mut drawn, mut most) = (0_u64, 0_u64, 0);
+    for (pixel, touched) in pixels.iter_mut().zip(touched) {
+        let times = touched.footprints;
+        *pixel = opaque(if times > 0 { CLASSES[class(times as f32, 1.0)] } else { NOTHING });
+        sum += u64::from(times);
+        drawn += u64::from(times > 0);
+        most = most.max(times);
+    }
+    vec![
+        figure("draws a pixel, mean", sum as f64 / drawn.max(1) as f64, ""),
+        figure("draws a pixel, most", f64::from(most), ""),
+    ]
+}
+
+pub(super) fn overdraw_legend() -> Vec<Swatch> {
+    class_legend("never drawn", 1, "times")
+}
+
+/// Where each face lies in the unfolded cube, in faces from the left and from above: the sides in a row, +Y above -Z.
+const UNFOLDED: [(Face, [usize; 2]); 6] = [
+    (Face::PosY, [1, 0]),
+    (Face::NegX, [0, 1]),
+    (Face::NegZ, [1, 1]),
+    (Face::PosX, [2, 1]),
+    (Face::PosZ, [3, 1]),
+    (Face::NegY, [1, 2]),
+];
+
+const OUTSIDE_COLOR: [u8; 3] = [213, 94, 0];
+const HIDDEN_COLOR: [u8; 3] = [86, 180, 233];
+
+/// Paints the faces of a cube unfolded over the dimmed frame: what is drawn in its own colours, the rest in the colour of the
+/// test that left it out.
+pub(super) fn paint_clipping(cube: &PackedCube, kept: &[Kept], frame: &Frame, pixels: &mut [[u8; 4]]) -> Vec<Figure> {
+    for (pixel, &[r, g, b, _]) in pixels.iter_mut().zip(&frame.color) {
+        *pixel = opaque([r, g, b].map(|c| c / 4));
+    }
+    let (width, height) = (frame.width as usize, frame.height as usize);
+    let side = (width / 4).min(height / 3);
+    let corner = [(width - 4 * side) / 2, (height - 3 * side) / 2];
+    for (face, place) in UNFOLDED {
+        // Near segments hide far ones.
+        let mut segments: Vec<_> = kept
+            .iter()
+            .filter_map(|k| Some((k, cube.segments.get(k.segment)?)))
+            .filter(|(_, s)| s.face == face)
+            .collect();
+        segments.sort_by_key(|(_, segment)| segment.side == SegmentSide::Far);
+        let [left, top] = [0, 1].map(|axis| corner[axis] + place[axis] * side);
+        let on_face = |i: usize| ((i as u64 * 2 + 1) * u64::from(cube.face_size_px) / (2 * side as u64)) as u32;
+        for (row, y) in (0..side).map(|i| (i, on_face(i))) {
+            let row = &mut pixels[(top + row) * width + left..][..side];
+            for (i, pixel) in row.iter_mut().enumerate() {
+                *pixel = opaque(fate_color(&segments, on_face(i), y));
+            }
+        }
+    }
+    clipping_figures(cube, kept)
+}
+
+/// The colour of a face pixel: of the first segment that has samples there.
+fn fate_color(segments: &[(&Kept, &PackedSegment)], x: u32, y: u32) -> [u8; 3] {
+    let seen = segments.iter().find_map(|(kept, segment)| {
+        let [column, row] = [x.checked_sub(segment.x0)?, y.checked_sub(segment.y0)?];
+        let inside = column < segment.width && row < segment.height;
+        let nearest = inside.then(|| segment.pixel(column, row).last())??;
+        Some((kept.fate(x, y), nearest.color_srgb))
+    });
+    let Some((fate, [r, g, b, _])) = seen else { return NOTHING };
+    let tint = match fate {
+        Fate::Drawn => return [r, g, b],
+        Fate::OutsideRectangle => OUTSIDE_COLOR,
+        Fate::HiddenBlock => HIDDEN_COLOR,
+    };
+    // The shapes stay visible under the tint.
+    let light = (u16::from(r) + 2 * u16::from(g) + u16::from(b)) / 4;
+    tint.map(|c| (u16::from(c) * (80 + light / 2) / 255) as u8)
+}
+
+/// Depth pixels by what becomes of them.
+fn clipping_figures(cube: &PackedCube, kept: &[Kept]) -> Vec<Figure> {
+    let [mut drawn, mut outside, mut hidden] = [0_u64; 3];
+    for (kept, segment) in kept.iter().filter_map(|k| Some((k, cube.segments.get(k.segment)?))) {
+        for row in 0..segment.height {
+            let (_, counts) = segment.row(row);
+            kept.for_each_run(segment, segment.y0 + row, |fate, columns| {
+                let at = |column: u32| counts.get(column as usize).copied().unwrap_or(0);
+                let count = u64::from(at(columns.end).saturating_sub(at(columns.start)));
+                match fate {
+                    Fate::Drawn => drawn += count,
+                    Fate::OutsideRectangle => outside += count,
+                    Fate::HiddenBlock => hidden += count,
+                }
+            });
+        }
+    }
+    vec![
+        figure("depth pixels kept", drawn as f64, ""),
+        figure("outside of rectangles", outside as f64, ""),
+        figure("in hidden blocks", hidden as f64, ""),
+    ]
+}
+
+pub(super) fn clipping_legend() -> Vec<Swatch> {
+    let own = swatch([200, 200, 200], "in its own colours: drawn");
+    vec![
+        own,
+        swatch(OUTSIDE_COLOR, "outside of the view's rectangle on the face"),
+        swatch(HIDDEN_COLOR, "in a block that the view cannot see"),
+        swatch(NOTHING, "no depth pixels"),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn classes_double() {
+        let of = |value| class(value, 1.0);
+        assert_eq!([0.5, 1.0, 1.1, 2.0, 3.0, 4.0, 5.0, 32.0, 33.0, 1e9].map(of), [0, 0, 1, 1, 2, 2, 3, 5, 6, 6]);
+        let labels: Vec<_> = class_legend("none", 1, "px").into_iter().map(|line| line.label).collect();
+        assert_eq!(
+            (labels[1].as_str(), labels[6].as_str(), labels[7].as_str()),
+            ("up to 1 px", "up to 32 px", "more than 32 px")
+        );
+    }
+
+    #[test]
+    fn the_unfolded_faces_meet_at_their_edges() {
+        // Neighbours in the picture see the same direction along their common edge.
+        let place = |wanted: Face| UNFOLDED.iter().find(|(face, _)| *face == wanted).unwrap().1;
+        let size = 8;
+        for (a, at_a) in UNFOLDED {
+            for (b, at_b) in UNFOLDED {
+                let right = at_b == [at_a[0] + 1, at_a[1]];
+                let below = at_b == [at_a[0], at_a[1] + 1];
+                for i in 0..=size {
+                    let (t, end) = (f64::from(i), f64::from(size));
+                    if right {
+                        assert!(a.direction(end, t, size as u32).distance(b.direction(0.0, t, size as u32)) < 1e-12);
+                    }
+                    if below {
+                        assert!(a.direction(t, end, size as u32).distance(b.direction(t, 0.0, size as u32)) < 1e-12);
+                    }
+                }
+            }
+        }
+        assert_eq!(place(Face::PosY), [1, 0]);
+    }
+}
