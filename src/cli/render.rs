@@ -12,7 +12,7 @@ use crate::packed::PackedCube;
 use crate::path;
 use crate::splat::SplatKernel;
 use crate::sprite::{RenderOptions, SPRITE_FILE, Sampling, SpriteFrame, SpriteSet, Variant};
-use crate::warp::{RenderSettings, Renderer};
+use crate::warp::{Parallel, RenderSettings, Renderer};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use image::RgbImage;
@@ -42,6 +42,9 @@ pub(super) struct Render {
     /// Pixels by which gaps inside sprites are filled; 3 if absent
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     fill_steps: Option<u32>,
+    /// How threads share a cube LDI's frame, which is the same in any case; bands if absent
+    #[arg(long, value_name = "WAY")]
+    parallel: Option<ParallelArg>,
     /// Render each frame so many times and report the median
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     repeat: u32,
@@ -54,6 +57,14 @@ pub(super) struct Render {
 enum SamplingArg {
     Nearest,
     Bilinear,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum ParallelArg {
+    /// Bands of rows of the frame
+    Bands,
+    /// Fragments of the LDI between epipolar lines, one a thread
+    Fragments,
 }
 
 /// One rendered pose.
@@ -143,6 +154,12 @@ impl Render {
             None => sampling,
         };
         settings.sprites.fill_steps = self.fill_steps.unwrap_or(fill_steps);
+        if !cubes && self.parallel.is_some() {
+            return Err(UsageError("--parallel is for .ldi files".into()).into());
+        }
+        if let Some(ParallelArg::Fragments) = self.parallel {
+            settings.cubes.parallel = Parallel::Fragments(0);
+        }
         let Some(wanted) = &self.variant else { return Ok(settings) };
         let kernel = SplatKernel::ALL.iter().find(|(name, _)| name == wanted).filter(|_| cubes);
         match (Variant::from_name(wanted).filter(|_| sprites), kernel) {

@@ -11,6 +11,7 @@ pub(crate) mod over;
 pub(crate) mod size;
 pub(crate) mod surface;
 
+use crate::warp::Spans;
 use fearless_simd::Level;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -122,6 +123,10 @@ impl Splats {
 pub(crate) trait Canvas {
     /// Makes it empty, for these rows of a frame that is `width` pixels wide, keeping the memory it has.
     fn clear(&mut self, width: u32, rows: Range<u32>);
+
+    /// Makes it empty in some columns of each row of a frame of a given width and height; what is elsewhere may be
+    /// anything.
+    fn clear_spans(&mut self, frame_px: [u32; 2], spans: impl Fn(u32) -> Spans);
 
     /// Draws splats, in their order, with the instructions of a SIMD level.
     fn draw(&mut self, splats: &Splats, level: Level);

@@ -1,6 +1,7 @@
 //! Each splat over what is there, in 8-bit integers (inventory S21, C12).
 
 use super::{Canvas, Splats, ceil_to_i32, covered};
+use crate::warp::Spans;
 use fearless_simd::{Level, Simd, dispatch, prelude::*, u8x16, u16x16};
 use std::ops::Range;
 
@@ -171,6 +172,18 @@ impl Canvas for OverCanvas {
         let pixels = self.stride() * self.rows.len();
         self.pixels.clear();
         self.pixels.resize(pixels, [0; 4]);
+    }
+
+    fn clear_spans(&mut self, [width, height]: [u32; 2], spans: impl Fn(u32) -> Spans) {
+        if (self.width, &self.rows) != (width, &(0..height)) {
+            self.clear(width, 0..height);
+        }
+        let stride = self.stride();
+        for (y, row) in (0..height).zip(self.pixels.chunks_exact_mut(stride)) {
+            for span in spans(y) {
+                row[MARGIN..][span.start as usize..span.end as usize].fill([0; 4]);
+            }
+        }
     }
 
     fn draw(&mut self, splats: &Splats, level: Level) {

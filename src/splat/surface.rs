@@ -8,6 +8,7 @@
 
 use super::linear::LinearLight;
 use super::{Canvas, Splats, covered};
+use crate::warp::Spans;
 use fearless_simd::{Level, dispatch};
 use std::ops::Range;
 
@@ -285,6 +286,17 @@ impl Canvas for SurfaceCanvas {
         self.rows = rows;
         self.cells.clear();
         self.cells.resize(width as usize * self.rows.len(), Cell::default());
+    }
+
+    fn clear_spans(&mut self, [width, height]: [u32; 2], spans: impl Fn(u32) -> Spans) {
+        if (self.width, &self.rows) != (width, &(0..height)) {
+            self.clear(width, 0..height);
+        }
+        for (y, row) in (0..height).zip(self.cells.chunks_exact_mut(width.max(1) as usize)) {
+            for span in spans(y) {
+                row[span.start as usize..span.end as usize].fill(Cell::default());
+            }
+        }
     }
 
     fn draw(&mut self, splats: &Splats, level: Level) {

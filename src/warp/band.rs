@@ -1,8 +1,9 @@
 //! One band of a frame, drawn by one thread from its first splat to its last pixel.
 
 use super::clip::{self, Band, BlockClip};
+use super::epipolar::Spans;
 use super::kernel::SegmentWarp;
-use super::traverse::{self, Batch, Part};
+use super::traverse::{self, Batch, Cut, Part, Uncut};
 use super::{FramePlan, FrameStats, SegmentPlan};
 use crate::capture::Camera;
 use crate::frame::Coverage;
@@ -15,14 +16,15 @@ use crate::splat::surface::SurfaceCanvas;
 use crate::splat::{Canvas, SplatKernel, Splats};
 use fearless_simd::{Level, Simd, dispatch};
 use glam::Vec3;
+use std::ops::Range;
 use std::time::Instant;
 
 /// The buffers of a thread.
 pub(super) struct Worker {
     pub(super) stats: FrameStats,
     strokes: Strokes,
-    over: OverCanvas,
-    surfaces: SurfaceCanvas,
+    pub(super) over: OverCanvas,
+    pub(super) surfaces: SurfaceCanvas,
 }
 
 /// What lies between the LDI and a canvas.
@@ -49,18 +51,78 @@ impl Worker {
         band: &Band,
         pixels: (&mut [[u8; 4]], &mut [Coverage]),
     ) {
+        self.prepare(plan);
         let Self { stats, strokes, over, surfaces } = self;
-        let mut pass = Pass { plan, cube, camera, band, stats, strokes };
+        let mut pass = Pass { plan, cube, band, stats, strokes };
         match plan.kernel {
-            SplatKernel::Tent => {
-                (surfaces.tolerance, surfaces.bin) = (plan.tolerance, plan.bin);
-                pass.draw(surfaces, pixels);
-            }
-            SplatKernel::Opaque | SplatKernel::Paper => {
-                over.soft = plan.kernel == SplatKernel::Paper;
-                pass.draw(over, pixels);
-            }
+            SplatKernel::Tent => pass.draw(surfaces, camera, pixels),
+            SplatKernel::Opaque | SplatKernel::Paper => pass.draw(over, camera, pixels),
         }
+    }
+
+    /// Draws what lies in a scope on a canvas of a whole frame (`band`), to be read in the columns `spans` of each row.
+    pub(super) fn draw_spans(
+        &mut self,
+        plan: &FramePlan,
+        cube: &PackedCube,
+        band: &Band,
+        scope: &impl Scope,
+        spans: impl Fn(u32) -> Spans,
+    ) {
+        self.prepare(plan);
+        let Self { stats, strokes, over, surfaces } = self;
+        let mut pass = Pass { plan, cube, band, stats, strokes };
+        match plan.kernel {
+            SplatKernel::Tent => pass.draw_spans(surfaces, scope, spans),
+            SplatKernel::Opaque | SplatKernel::Paper => pass.draw_spans(over, scope, spans),
+        }
+    }
+
+    fn prepare(&mut self, plan: &FramePlan) {
+        (self.surfaces.tolerance, self.surfaces.bin) = (plan.tolerance, plan.bin);
+        self.over.soft = plan.kernel == SplatKernel::Paper;
+    }
+}
+
+/// Which depth pixels of the segments a pass draws.
+pub(super) trait Scope {
+    /// Which pixels of each row.
+    type Cut<'a>: Cut
+    where
+        Self: 'a;
+
+    /// The rectangle of a segment's face pixels, and in `visible` which of the blocks that it touches; `None` for
+    /// nothing. `i`: the segment's place in drawing order.
+    fn part<S: Size>(&self, i: usize, clip: &BlockClip, size: &S, visible: &mut Vec<bool>) -> Option<[Range<u32>; 2]>;
+
+    /// The same segment's cut.
+    fn cut<'a>(&'a self, i: usize, clip: BlockClip<'a>) -> Self::Cut<'a>;
+}
+
+/// All that a band can show.
+pub(super) struct Clipped {
+    /// Or simply all.
+    pub(super) unclipped: bool,
+}
+
+impl Scope for Clipped {
+    type Cut<'a> = Uncut;
+
+    fn part<S: Size>(&self, _: usize, clip: &BlockClip, size: &S, visible: &mut Vec<bool>) -> Option<[Range<u32>; 2]> {
+        let whole = Part::whole(clip.segment, clip.face_px);
+        if self.unclipped {
+            visible.clear();
+            visible.resize(Part::block_count(&whole), true);
+            return Some(whole);
+        }
+        let found = clip::rectangle(clip.transfer, clip.segment, clip.band, f64::from(S::MAX_RADIUS_PX))?;
+        let rectangle = [0, 1].map(|i| found[i].start.min(whole[i].end)..found[i].end.min(whole[i].end));
+        clip.blocks(&rectangle, size, visible);
+        Some(rectangle)
+    }
+
+    fn cut<'a>(&'a self, _: usize, _: BlockClip<'a>) -> Uncut {
+        Uncut
     }
 }
 
@@ -68,62 +130,65 @@ impl Worker {
 struct Pass<'a> {
     plan: &'a FramePlan,
     cube: &'a PackedCube,
-    camera: &'a Camera,
     band: &'a Band,
     stats: &'a mut FrameStats,
     strokes: &'a mut Strokes,
 }
 
 impl Pass<'_> {
-    fn draw(&mut self, canvas: &mut impl Canvas, pixels: (&mut [[u8; 4]], &mut [Coverage])) {
+    fn draw(&mut self, canvas: &mut impl Canvas, camera: &Camera, pixels: (&mut [[u8; 4]], &mut [Coverage])) {
         let started = Instant::now();
-        canvas.clear(self.band.width, self.band.rows.clone());
+        let (band, plan) = (self.band, self.plan);
+        canvas.clear(band.width, band.rows.clone());
         let cleared = Instant::now();
-        for (i, of_frame) in self.plan.segments.iter().enumerate() {
-            let segment = &self.cube.segments[of_frame.index];
-            match self.plan.paper_sizes.get(i).filter(|_| self.plan.kernel == SplatKernel::Paper) {
-                Some(size) => self.draw_segment(of_frame, segment, size, canvas),
-                None => {
-                    let size = TangentSize::new(&self.plan.tangent_table, &of_frame.transfer);
-                    self.draw_segment(of_frame, segment, &size, canvas);
-                }
-            }
-        }
+        self.draw_segments(canvas, &Clipped { unclipped: plan.unclipped });
         let drawn = Instant::now();
-        self.stats.hole_pixels +=
-            finish(self.plan.level, canvas, &self.cube.environment, self.camera, self.band, pixels);
+        let width = band.width as usize;
+        let rows = pixels.0.chunks_mut(width).zip(pixels.1.chunks_mut(width));
+        for ((row, y), pixels) in band.rows.clone().enumerate().zip(rows) {
+            let pixel = |column| canvas.pixel(column, row);
+            self.stats.hole_pixels += finish_row(plan.level, pixel, &self.cube.environment, camera, y, pixels);
+        }
         self.stats.clear_ms += (cleared - started).as_secs_f64() * 1e3;
         self.stats.warp_ms += (drawn - cleared).as_secs_f64() * 1e3;
         self.stats.finish_ms += drawn.elapsed().as_secs_f64() * 1e3;
     }
 
-    fn draw_segment<S: Size>(
-        &mut self,
-        of_frame: &SegmentPlan,
-        segment: &PackedSegment,
-        size: &S,
-        canvas: &mut impl Canvas,
-    ) {
-        let (band, face_px, transfer) = (self.band, self.plan.face_px, &of_frame.transfer);
-        let Strokes { batch, splats, visible } = &mut *self.strokes;
-        let whole = Part::whole(segment, face_px);
-        let rectangle = match self.plan.unclipped {
-            true => Some(whole),
-            false => clip::rectangle(transfer, segment, band, f64::from(S::MAX_RADIUS_PX))
-                .map(|found| [0, 1].map(|i| found[i].start.min(whole[i].end)..found[i].end.min(whole[i].end))),
-        };
-        let Some(rectangle) = rectangle else { return };
-        if self.plan.unclipped {
-            visible.clear();
-            visible.resize(Part::block_count(&rectangle), true);
-        } else {
-            BlockClip { transfer, segment, band, face_px }.blocks(&rectangle, size, visible);
-        }
-        let [columns, rows] = rectangle;
+    /// Draws what lies in a scope on a whole frame's canvas that is clean in some columns of each row.
+    fn draw_spans(&mut self, canvas: &mut impl Canvas, scope: &impl Scope, spans: impl Fn(u32) -> Spans) {
+        let started = Instant::now();
+        canvas.clear_spans([self.band.width, self.band.height], spans);
+        let cleared = Instant::now();
+        self.draw_segments(canvas, scope);
+        self.stats.clear_ms += (cleared - started).as_secs_f64() * 1e3;
+        self.stats.warp_ms += cleared.elapsed().as_secs_f64() * 1e3;
+    }
+
+    fn draw_segments(&mut self, canvas: &mut impl Canvas, scope: &impl Scope) {
+        let (plan, cube) = (self.plan, self.cube);
+        plan.for_each_segment(cube, &mut Drawing { pass: self, canvas, scope });
+    }
+}
+
+/// A pass in whose middle we are.
+struct Drawing<'a, 'b, C, Sc> {
+    pass: &'a mut Pass<'b>,
+    canvas: &'a mut C,
+    scope: &'a Sc,
+}
+
+impl<C: Canvas, Sc: Scope> ForSegment for Drawing<'_, '_, C, Sc> {
+    fn segment<S: Size>(&mut self, i: usize, of_frame: &SegmentPlan, segment: &PackedSegment, size: &S) {
+        let Pass { plan, band, .. } = *self.pass;
+        let transfer = &of_frame.transfer;
+        let Strokes { batch, splats, visible } = &mut *self.pass.strokes;
+        let clip = BlockClip { transfer, segment, band, face_px: plan.face_px };
+        let Some([columns, rows]) = self.scope.part(i, &clip, size, visible) else { return };
         let part = Part { segment, columns, rows, visible };
-        let warp = SegmentWarp::new(transfer, segment, band, self.plan.level);
-        let (stats, level) = (&mut *self.stats, self.plan.level);
-        traverse::traverse(&part, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
+        let cut = self.scope.cut(i, clip);
+        let warp = SegmentWarp::new(transfer, segment, band, plan.level);
+        let (stats, canvas, level) = (&mut *self.pass.stats, &mut *self.canvas, plan.level);
+        traverse::traverse(&part, &cut, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
             warp.warp(batch, size, splats);
             canvas.draw(splats, level);
             stats.depth_pixels_in += batch.len as u64;
@@ -134,27 +199,44 @@ impl Pass<'_> {
     }
 }
 
-/// Writes a canvas to the band's pixels, over the environment where it shows, and returns how many are holes.
-fn finish(
+/// Something that is done to every segment, in drawing order, with the kernel's way to know sizes.
+pub(super) trait ForSegment {
+    /// Does it to the `i`th.
+    fn segment<S: Size>(&mut self, i: usize, of_frame: &SegmentPlan, segment: &PackedSegment, size: &S);
+}
+
+impl FramePlan {
+    pub(super) fn for_each_segment(&self, cube: &PackedCube, visitor: &mut impl ForSegment) {
+        for (i, of_frame) in self.segments.iter().enumerate() {
+            let segment = &cube.segments[of_frame.index];
+            match self.paper_sizes.get(i).filter(|_| self.kernel == SplatKernel::Paper) {
+                Some(size) => visitor.segment(i, of_frame, segment, size),
+                None => {
+                    let size = TangentSize::new(&self.tangent_table, &of_frame.transfer);
+                    visitor.segment(i, of_frame, segment, &size);
+                }
+            }
+        }
+    }
+}
+
+/// Writes a row of a canvas, whose pixels `pixel` gives by column, ascending, to the frame's row `y`, over the environment
+/// where it shows, and returns how many pixels are holes.
+pub(super) fn finish_row(
     level: Level,
-    canvas: &impl Canvas,
+    pixel: impl Fn(usize) -> ([u8; 3], u8),
     environment: &Environment,
     camera: &Camera,
-    band: &Band,
+    y: u32,
     (colors, coverages): (&mut [[u8; 4]], &mut [Coverage]),
 ) -> u64 {
-    let rows = colors.chunks_mut(band.width as usize).zip(coverages.chunks_mut(band.width as usize));
     let mut holes = 0;
-    for ((row, y), (colors, coverages)) in band.rows.clone().enumerate().zip(rows) {
-        let start = camera.direction(0.5, f64::from(y) + 0.5);
-        let step = camera.direction(1.5, f64::from(y) + 0.5) - start;
-        let chunks = colors.chunks_mut(CHUNK).zip(coverages.chunks_mut(CHUNK)).zip((0..).step_by(CHUNK));
-        for (pixels, first) in chunks {
-            let directions = [start + step * first as f64, step].map(|v| v.as_vec3());
-            dispatch!(level, simd => {
-                holes += finish_chunk(simd, canvas, environment, directions, pixels, [first, row]);
-            });
-        }
+    let start = camera.direction(0.5, f64::from(y) + 0.5);
+    let step = camera.direction(1.5, f64::from(y) + 0.5) - start;
+    let chunks = colors.chunks_mut(CHUNK).zip(coverages.chunks_mut(CHUNK)).zip((0..).step_by(CHUNK));
+    for (pixels, first) in chunks {
+        let directions = [start + step * first as f64, step].map(|v| v.as_vec3());
+        dispatch!(level, simd => holes += finish_chunk(simd, &pixel, environment, directions, pixels, first));
     }
     holes
 }
@@ -162,19 +244,19 @@ fn finish(
 /// Pixels that are finished at a time.
 const CHUNK: usize = 16;
 
-/// Finishes the [`CHUNK`] pixels from (column, row) on, or as many as there are.
+/// Finishes the [`CHUNK`] pixels of a row from a column on, or as many as there are.
 #[inline(always)]
 fn finish_chunk<S: Simd>(
     simd: S,
-    canvas: &impl Canvas,
+    pixel: &impl Fn(usize) -> ([u8; 3], u8),
     environment: &Environment,
     [start, step]: [Vec3; 2],
     (colors, coverages): (&mut [[u8; 4]], &mut [Coverage]),
-    [column, row]: [usize; 2],
+    column: usize,
 ) -> u64 {
     let mut all_share = 255;
     for (i, (color, coverage)) in colors.iter_mut().zip(&mut *coverages).enumerate() {
-        let ([r, g, b], share) = canvas.pixel(column + i, row);
+        let ([r, g, b], share) = pixel(column + i);
         all_share &= share;
         if share > 0 {
             (*color, *coverage) = ([r, g, b, 255], Coverage::of_splats(share));
