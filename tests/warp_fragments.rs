@@ -108,8 +108,8 @@ impl Pair {
 #[test]
 fn fragments_give_the_serial_frame() {
     // Wide enough for most pixels to lie outside of all masks.
-    const WIDTH: u32 = 161;
-    const HEIGHT: u32 = 97;
+    const WIDTH: u32 = 203;
+    const HEIGHT: u32 = 121;
     let mut pair = Pair::new();
     let mut random = Random(3);
     let (mut pixels, mut redone, mut passes) = (0, 0, [0; 2]);
