@@ -170,7 +170,7 @@ fn frames_of_every_size_and_more_fragments_than_there_can_be() {
 }
 
 /// The largest fragment's share of the depth pixels may exceed the mean by this factor: weights are counted in every fourth row,
-/// in pieces of 16 columns, which near an epipole are wide. Found: at most 1.1 with 4 fragments.
+/// in pieces of 16 columns, which near an epipole are wide. A bound, not a measurement.
 const UNEVEN: f64 = 1.25;
 
 #[test]
