@@ -13,6 +13,7 @@ pub(crate) mod over;
 pub(crate) mod size;
 pub(crate) mod surface;
 
+use crate::warp::Spans;
 use fearless_simd::Level;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -159,12 +160,31 @@ pub(crate) trait Canvas {
     /// Makes it empty, for these rows of a frame that is `width` pixels wide, keeping the memory it has.
     fn clear(&mut self, width: u32, rows: Range<u32>);
 
+    /// Makes it empty in some columns of each row of a frame of a given width and height; what is elsewhere may be
+    /// anything.
+    fn clear_spans(&mut self, frame_px: [u32; 2], spans: impl Fn(u32) -> Spans);
+
     /// Draws splats, in their order, with the instructions of a SIMD level.
     fn draw(&mut self, splats: &Splats, level: Level);
 
-    /// Colour of a pixel, `row` counted from its first row on, and the share of it, of 255, that splats cover; 0 if none
-    /// touched it.
-    fn pixel(&self, column: usize, row: usize) -> ([u8; 3], u8);
+    /// Writes the pixels of a row, counted from its first row on, from a column on: straight colour, and the share of 255
+    /// that splats cover; 0 if none touched it.
+    fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level);
+}
+
+/// Fills some columns of each row with a value; `margin` pixels of a row lie left of column 0.
+pub(crate) fn clear_spans<T: Copy>(
+    pixels: &mut [T],
+    stride: usize,
+    margin: usize,
+    value: T,
+    spans: impl Fn(u32) -> Spans,
+) {
+    for (y, row) in (0..).zip(pixels.chunks_exact_mut(stride.max(1))) {
+        for span in spans(y) {
+            row[margin..][span.start as usize..span.end as usize].fill(value);
+        }
+    }
 }
 
 /// The pixels from `position - radius` to `position + radius` whose centres lie inside, clipped to `bounds`: the first, and

@@ -1,6 +1,7 @@
 //! Each splat over what is there, in 8-bit integers (inventory S21, C12).
 
 use super::{Canvas, Splats, ceil_to_i32, covered};
+use crate::warp::Spans;
 use fearless_simd::{Level, Simd, dispatch, prelude::*, u8x16, u16x16};
 use std::ops::Range;
 
@@ -196,20 +197,37 @@ impl Canvas for OverCanvas {
         self.pixels.resize(pixels, [0; 4]);
     }
 
+    fn clear_spans(&mut self, [width, height]: [u32; 2], spans: impl Fn(u32) -> Spans) {
+        if (self.width, &self.rows) != (width, &(0..height)) {
+            self.clear(width, 0..height);
+        }
+        let stride = self.stride();
+        super::clear_spans(&mut self.pixels, stride, MARGIN, [0; 4], spans);
+    }
+
     fn draw(&mut self, splats: &Splats, level: Level) {
         dispatch!(level, simd => self.draw_all(simd, splats));
     }
 
-    #[inline(always)]
-    fn pixel(&self, column: usize, row: usize) -> ([u8; 3], u8) {
-        let [r, g, b, share] = self.pixels[row * self.stride() + MARGIN + column];
-        if share == 255 || share == 0 {
-            return ([r, g, b], share);
-        }
-        let whole = u32::from(share);
-        let straight = |c: u8| ((u32::from(c) * 255 + whole / 2) / whole).min(255) as u8;
-        ([r, g, b].map(straight), if share >= WHOLE { 255 } else { share })
+    fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level) {
+        let start = row * self.stride() + MARGIN + column;
+        let from = self.pixels.get(start..start + to.len()).unwrap_or(&[]);
+        dispatch!(level, simd => {
+            let _ = simd; // the code is plain; the level decides what it is compiled to
+            to.iter_mut().zip(from).for_each(|(to, from)| *to = straight(*from));
+        });
     }
+}
+
+/// From a colour times coverage, and coverage.
+#[inline(always)]
+fn straight([r, g, b, share]: [u8; 4]) -> [u8; 4] {
+    if share == 255 || share == 0 {
+        return [r, g, b, share];
+    }
+    let whole = u32::from(share);
+    let [r, g, b] = [r, g, b].map(|c| ((u32::from(c) * 255 + whole / 2) / whole).min(255) as u8);
+    [r, g, b, if share >= WHOLE { 255 } else { share }]
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@
 
 use super::linear::LinearLight;
 use super::{Canvas, Splats, covered};
+use crate::warp::Spans;
 use fearless_simd::{Level, dispatch};
 use std::ops::Range;
 
@@ -287,6 +288,13 @@ impl Canvas for SurfaceCanvas {
         self.cells.resize(width as usize * self.rows.len(), Cell::default());
     }
 
+    fn clear_spans(&mut self, [width, height]: [u32; 2], spans: impl Fn(u32) -> Spans) {
+        if (self.width, &self.rows) != (width, &(0..height)) {
+            self.clear(width, 0..height);
+        }
+        super::clear_spans(&mut self.cells, width as usize, 0, Cell::default(), spans);
+    }
+
     fn draw(&mut self, splats: &Splats, level: Level) {
         dispatch!(level, simd => {
             let _ = simd; // the code is plain; the level decides what it is compiled to
@@ -294,10 +302,14 @@ impl Canvas for SurfaceCanvas {
         });
     }
 
-    #[inline(always)]
-    fn pixel(&self, column: usize, row: usize) -> ([u8; 3], u8) {
-        let [r, g, b, share] = self.cells[row * self.width as usize + column].flattened(LinearLight::tables());
-        ([r, g, b], share)
+    fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level) {
+        let start = row * self.width as usize + column;
+        let from = self.cells.get(start..start + to.len()).unwrap_or(&[]);
+        let light = LinearLight::tables();
+        dispatch!(level, simd => {
+            let _ = simd; // the code is plain; the level decides what it is compiled to
+            to.iter_mut().zip(from).for_each(|(to, cell)| *to = cell.flattened(light));
+        });
     }
 }
 
