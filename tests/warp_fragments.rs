@@ -14,7 +14,7 @@ use headbox::splat::SplatKernel;
 use headbox::warp::{FrameStats, Parallel, RenderSettings, Renderer};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-const KERNELS: [SplatKernel; 3] = [SplatKernel::Tent, SplatKernel::Opaque, SplatKernel::Paper];
+const KERNELS: [SplatKernel; 4] = [SplatKernel::Tent, SplatKernel::Opaque, SplatKernel::Paper, SplatKernel::Plus];
 
 const FACE_PX: u32 = 64;
 
@@ -120,7 +120,7 @@ fn fragments_give_the_serial_frame() {
             let fov = [90.0, 40.0, 130.0][(i + c) % 3];
             let camera = Camera::look_at(eye, ahead, DVec3::Y, fov, WIDTH, HEIGHT).expect("valid");
             for kernel in KERNELS {
-                let settings = RenderSettings { kernel, ..RenderSettings::default() };
+                let settings = RenderSettings { kernel, depth: true, ..RenderSettings::default() };
                 for [_, stats] in pair.compare(name, cube, &camera, settings, &[1, 2, 3, 4, 7]) {
                     pixels += u64::from(WIDTH * HEIGHT);
                     redone += stats.redone_pixels;
@@ -146,7 +146,8 @@ fn eyes_and_views_at_random_and_every_depth_pixel_warped() {
         let eye = random.in_cube([0.5, 0.5, 3.0][i % 3]);
         let fov = [5.0, 60.0, 100.0, 170.0][i % 4];
         let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, fov, 83, 59).expect("valid");
-        let settings = RenderSettings { kernel: KERNELS[i % 3], unclipped: i % 5 == 0, ..RenderSettings::default() };
+        let settings =
+            RenderSettings { kernel: KERNELS[i % KERNELS.len()], unclipped: i % 5 == 0, ..RenderSettings::default() };
         let name = format!("{i}: eye {eye}, {fov} degrees");
         pair.compare(&name, &cubes[i / 3 % 4], &camera, settings, &[2, 0, 5]);
     }
@@ -160,7 +161,7 @@ fn frames_of_every_size_and_more_fragments_than_there_can_be() {
         let camera =
             Camera::look_at(dvec3(0.1, 0.2, -0.3), DVec3::NEG_Z, DVec3::Y, 60.0, width, height).expect("valid");
         for kernel in KERNELS {
-            let settings = RenderSettings { kernel, ..RenderSettings::default() };
+            let settings = RenderSettings { kernel, depth: true, ..RenderSettings::default() };
             pair.compare(&format!("{width}x{height}"), &cubes[0], &camera, settings, &[2, 16, u32::MAX]);
         }
     }

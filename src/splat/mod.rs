@@ -14,8 +14,9 @@ pub(crate) mod size;
 pub(crate) mod surface;
 
 use crate::warp::Spans;
-use fearless_simd::Level;
+use fearless_simd::{Level, Simd, SimdCvtTruncate, f32x16, i32x16, prelude::*};
 use serde::{Deserialize, Serialize};
+use size::LANES;
 use std::ops::Range;
 
 /// Which footprints are drawn.
@@ -131,7 +132,7 @@ pub(crate) struct Splats {
 
 impl Splats {
     /// As many as a batch of depth pixels can make, and room to write a whole register behind the last.
-    pub(crate) const ROOM: usize = crate::warp::BATCH_CAPACITY + size::LANES;
+    pub(crate) const ROOM: usize = crate::warp::BATCH_CAPACITY + LANES;
 
     pub(crate) fn new() -> Self {
         let zero = [0.0; Self::ROOM];
@@ -192,6 +193,22 @@ pub(crate) fn clear_spans<T: Copy>(
 #[inline(always)]
 fn covered(position: f32, radius: f32, [start, end]: [f32; 2]) -> [i32; 2] {
     [position - radius, position + radius].map(|border| ceil_to_i32((border - 0.5).max(start).min(end)))
+}
+
+/// [`covered`] for the splats from `start` on, as many as there are lanes.
+#[inline(always)]
+fn covered_lanes<S: Simd>(
+    simd: S,
+    [position, radius]: [&[f32; Splats::ROOM]; 2],
+    start: usize,
+    [first, end]: [f32; 2],
+) -> [i32x16<S>; 2] {
+    let load = |values: &[f32; Splats::ROOM]| f32x16::from_slice(simd, &values[start..start + LANES]);
+    let (position, radius) = (load(position), load(radius));
+    [position - radius, position + radius].map(|border| {
+        let inside = (border - 0.5).max(f32x16::splat(simd, first)).min(f32x16::splat(simd, end));
+        i32x16::truncate_from(inside.ceil())
+    })
 }
 
 /// `v.ceil() as i32` for |v| < 2^24, without the call into libm that `ceil` is on processors before SSE4.1.

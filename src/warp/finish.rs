@@ -95,17 +95,17 @@ impl<'a> Background<'a> {
         holes
     }
 
-    /// Puts what is seen behind a pixel under it; alone, its colour stands for all of the pixel.
+    /// Puts what is seen behind a pixel under it, if anything is known of it; alone, its colour stands for all of the pixel.
     #[inline(always)]
-    fn finish_pixel(&self, color: &mut [u8; 4], seen: Option<[u8; 3]>) -> Coverage {
+    fn finish_pixel(&self, color: &mut [u8; 4], [sr, sg, sb, known]: [u8; 4]) -> Coverage {
         let [r, g, b, share] = *color;
-        let ([r, g, b], coverage) = match (share, seen) {
-            (0, None) => (self.hole_color_srgb, Coverage::HOLE),
-            (0, Some(seen)) => (seen, Coverage::ENVIRONMENT),
-            (255, _) | (_, None) => ([r, g, b], Coverage::of_splats(share)),
-            (_, Some(seen)) => {
+        let ([r, g, b], coverage) = match (share, known) {
+            (0, 0) => (self.hole_color_srgb, Coverage::HOLE),
+            (0, _) => ([sr, sg, sb], Coverage::ENVIRONMENT),
+            (255, _) | (_, 0) => ([r, g, b], Coverage::of_splats(share)),
+            _ => {
                 let shares = [u32::from(share), u32::from(255 - share)];
-                (LinearLight::tables().mix([[r, g, b], seen], shares), Coverage::of_splats(share))
+                (LinearLight::tables().mix([[r, g, b], [sr, sg, sb]], shares), Coverage::of_splats(share))
             }
         };
         *color = [r, g, b, 255];
