@@ -185,7 +185,86 @@ pub(super) fn clipping_legend() -> Vec<Swatch> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::variation::tests::cube;
     use super::*;
+    use crate::capture::Camera;
+    use crate::splat::SplatKernel;
+    use crate::warp::{RenderSettings, Renderer};
+    use glam::{DVec3, dvec3};
+
+    /// Views from off the centre: along the axes of the room, and askew.
+    fn views(cube: &PackedCube) -> Vec<Camera> {
+        let eye = cube.info.centre + dvec3(0.3, -0.2, 0.25) * cube.info.half_size_m;
+        let ahead = [DVec3::NEG_Z, DVec3::X, dvec3(0.4, -0.7, 0.6)];
+        ahead.map(|ahead| Camera::look_at(eye, eye + ahead, DVec3::Y, 55.0, 90, 70).unwrap()).to_vec()
+    }
+
+    #[test]
+    fn what_clipping_leaves_out_is_not_on_the_frame() {
+        const MARK: [u8; 4] = [255, 0, 220, 255];
+        let cube = cube();
+        let (mut renderer, settings) = (Renderer::new(), RenderSettings::default());
+        for camera in views(&cube) {
+            let kept = renderer.kept(&cube, &camera, &settings);
+            let mut marked = (*cube).clone();
+            let (mut left_out, mut all) = (0, 0);
+            for kept in &kept {
+                let segment = &mut marked.segments[kept.segment];
+                for (x, y) in (0..segment.height).flat_map(|y| (0..segment.width).map(move |x| (x, y))) {
+                    let row = y as usize * (segment.width as usize + 1) + x as usize;
+                    let [start, end] =
+                        [0, 1].map(|i| (segment.row_offsets[y as usize] + segment.row_counts[row + i]) as usize);
+                    all += end - start;
+                    if kept.fate(segment.x0 + x, segment.y0 + y) != Fate::Drawn {
+                        left_out += end - start;
+                        segment.depth_pixels[start..end].iter_mut().for_each(|p| p.color_srgb = MARK);
+                    }
+                }
+            }
+            let counted: f64 = clipping_figures(&cube, &kept)[1..].iter().map(|figure| figure.value).sum();
+            assert!(left_out > all / 4 && left_out < all, "{left_out} of {all}");
+            assert_eq!(counted, left_out as f64);
+            let expected = renderer.render(&cube, &camera, &settings).0.color.clone();
+            assert!(renderer.render(&marked, &camera, &settings).0.color == expected);
+        }
+        let unclipped = RenderSettings { unclipped: true, ..settings };
+        let kept = renderer.kept(&cube, &views(&cube)[0], &unclipped);
+        assert_eq!(clipping_figures(&cube, &kept)[0].value, cube.depth_pixel_count() as f64);
+    }
+
+    #[test]
+    fn pixels_are_touched_where_the_frame_shows_footprints() {
+        let cube = cube();
+        let mut renderer = Renderer::new();
+        for (camera, (name, kernel)) in views(&cube).into_iter().zip(SplatKernel::ALL) {
+            let settings = RenderSettings { kernel, ..RenderSettings::default() };
+            let touched = renderer.touched(&cube, &camera, &settings);
+            let unclipped = RenderSettings { unclipped: true, ..settings };
+            assert!(touched == renderer.touched(&cube, &camera, &unclipped), "{name}: clipping changes nothing");
+            let frame = renderer.render(&cube, &camera, &settings).0;
+            for (i, (touched, coverage)) in touched.iter().zip(&frame.coverage).enumerate() {
+                assert_eq!(touched.footprints > 0, touched.width_px > 0.0);
+                // The paper's squares lie about the pixel of a sample rather than about the sample.
+                let shows = coverage.splat_share() > 0;
+                assert!(kernel == SplatKernel::Paper || !shows || touched.footprints > 0, "{name}: pixel {i}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_unfolded_faces_show_what_is_kept() {
+        let cube = cube();
+        let (mut renderer, settings) = (Renderer::new(), RenderSettings::default());
+        for size in [(320, 240), (7, 5), (1, 1)] {
+            let eye = cube.info.centre;
+            let camera = Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 55.0, size.0, size.1).unwrap();
+            let kept = renderer.kept(&cube, &camera, &settings);
+            let frame = renderer.render(&cube, &camera, &settings).0.clone();
+            let mut pixels = vec![[0; 4]; frame.color.len()];
+            paint_clipping(&cube, &kept, &frame, &mut pixels);
+            assert!(pixels.iter().all(|p| p[3] == 255), "{size:?}");
+        }
+    }
 
     #[test]
     fn classes_double() {

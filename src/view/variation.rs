@@ -177,14 +177,14 @@ pub(super) const FACE_NAMES: [(&str, &str); 6] =
 const _: () = assert!(FACE_NAMES.len() == Face::ALL.len(), "a name each");
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::ldi::build::Silent;
     use crate::ldi::job::{CaptureJob, Resources};
     use crate::packed::{SplatIndexLayout, Split};
 
     /// A small capture with several layers in its only segment of each face.
-    fn cube() -> Arc<PackedCube> {
+    pub(in crate::view) fn cube() -> Arc<PackedCube> {
         let source = crate::scene_source::SceneSource::new("builtin:interior");
         let scene = Arc::new(source.open().unwrap());
         let headbox = scene.headbox.unwrap();

@@ -1,16 +1,17 @@
 //! How a frame is made, for overlays that show it: what happens at each pixel, and what clipping leaves out. A second, slow
 //! pass over the same plan as the frame's; the renderer itself knows nothing of it.
 
-use super::clip::{self, Band, BlockClip};
+use super::band::{Clipped, ForSegment, Scope};
+use super::clip::{Band, BlockClip};
 use super::kernel::SegmentWarp;
-use super::traverse::{self, Batch, Part};
+use super::traverse::{self, Batch, Part, Uncut};
 use super::{BAND_ROWS, FramePlan, RenderSettings, Renderer, SegmentPlan, order};
 use crate::capture::Camera;
 use crate::packed::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
 use crate::packed::{PackedCube, PackedSegment};
-use crate::splat::size::{FixedSize, Size, TangentSize};
+use crate::splat::Splats;
+use crate::splat::size::Size;
 use crate::splat::touched::{Touched, touch};
-use crate::splat::{SplatKernel, Splats};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -74,7 +75,7 @@ impl Renderer {
             let start = i as u32 * BAND_ROWS;
             let band = band_of(camera, start..start.saturating_add(BAND_ROWS).min(height));
             let (batch, splats) = (Box::new(Batch::new()), Box::new(Splats::new()));
-            for_each_segment(plan, cube, &mut Touching { plan, band: &band, pixels, batch, splats });
+            plan.for_each_segment(cube, &mut Touching { plan, band: &band, pixels, batch, splats });
         });
         touched
     }
@@ -84,7 +85,7 @@ impl Renderer {
         self.plan_for(cube, camera, settings);
         let band = band_of(camera, 0..camera.height());
         let mut keeping = Keeping { plan: &self.plan, band: &band, kept: Vec::new() };
-        for_each_segment(&self.plan, cube, &mut keeping);
+        self.plan.for_each_segment(cube, &mut keeping);
         keeping.kept
     }
 
@@ -98,41 +99,12 @@ fn band_of(camera: &Camera, rows: Range<u32>) -> Band {
     Band { width: camera.width(), height: camera.height(), principal_px: camera.principal_px(), rows }
 }
 
-/// Something that is done to every segment, in drawing order, with the kernel's way to know sizes.
-trait ForSegment {
-    /// Does it.
-    fn segment<S: Size>(&mut self, of_frame: &SegmentPlan, segment: &PackedSegment, size: &S);
-}
-
-fn for_each_segment(plan: &FramePlan, cube: &PackedCube, visitor: &mut impl ForSegment) {
-    for (i, of_frame) in plan.segments.iter().enumerate() {
-        let segment = &cube.segments[of_frame.index];
-        let paper = plan.paper_sizes.get(i).filter(|_| plan.kernel == SplatKernel::Paper);
-        match (paper, plan.kernel.stamp_radius_px()) {
-            (Some(size), _) => visitor.segment(of_frame, segment, size),
-            (None, Some(radius_px)) => visitor.segment(of_frame, segment, &FixedSize { radius_px }),
-            (None, None) => {
-                visitor.segment(of_frame, segment, &TangentSize::new(&plan.tangent_table, &of_frame.transfer));
-            }
-        }
-    }
-}
-
 /// What clipping leaves of a segment in a band.
 fn keep<S: Size>(plan: &FramePlan, band: &Band, of_frame: &SegmentPlan, segment: &PackedSegment, size: &S) -> Kept {
-    let (transfer, face_px) = (&of_frame.transfer, plan.face_px);
-    let whole = Part::whole(segment, face_px);
+    let clip = BlockClip { transfer: &of_frame.transfer, segment, band, face_px: plan.face_px };
     let mut visible = Vec::new();
-    if plan.unclipped {
-        visible.resize(Part::block_count(&whole), true);
-        return Kept { segment: of_frame.index, rectangle: whole, visible };
-    }
-    let nothing = [whole[0].start..whole[0].start, whole[1].start..whole[1].start];
-    let rectangle = clip::rectangle(transfer, segment, band, f64::from(S::MAX_RADIUS_PX))
-        .map_or(nothing, |found| [0, 1].map(|i| found[i].start.min(whole[i].end)..found[i].end.min(whole[i].end)));
-    if rectangle.iter().all(|range| !range.is_empty()) {
-        BlockClip { transfer, segment, band, face_px }.blocks(&rectangle, size, &mut visible);
-    }
+    let rectangle = Clipped { unclipped: plan.unclipped }.part(0, &clip, size, &mut visible);
+    let rectangle = rectangle.unwrap_or_else(|| [segment.x0..segment.x0, segment.y0..segment.y0]);
     Kept { segment: of_frame.index, rectangle, visible }
 }
 
@@ -144,7 +116,7 @@ struct Keeping<'a> {
 }
 
 impl ForSegment for Keeping<'_> {
-    fn segment<S: Size>(&mut self, of_frame: &SegmentPlan, segment: &PackedSegment, size: &S) {
+    fn segment<S: Size>(&mut self, _: usize, of_frame: &SegmentPlan, segment: &PackedSegment, size: &S) {
         self.kept.push(keep(self.plan, self.band, of_frame, segment, size));
     }
 }
@@ -159,7 +131,7 @@ struct Touching<'a> {
 }
 
 impl ForSegment for Touching<'_> {
-    fn segment<S: Size>(&mut self, of_frame: &SegmentPlan, segment: &PackedSegment, size: &S) {
+    fn segment<S: Size>(&mut self, _: usize, of_frame: &SegmentPlan, segment: &PackedSegment, size: &S) {
         let Self { plan, band, pixels, batch, splats } = self;
         let Kept { rectangle: [columns, rows], visible, .. } = keep(plan, band, of_frame, segment, size);
         if visible.is_empty() {
@@ -168,7 +140,7 @@ impl ForSegment for Touching<'_> {
         let part = Part { segment, columns, rows, visible: &visible };
         let warp = SegmentWarp::new(&of_frame.transfer, segment, band, plan.level);
         let own = plan.kernel.own_share();
-        traverse::traverse(&part, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
+        traverse::traverse(&part, &Uncut, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
             warp.warp(batch, size, splats);
             touch(pixels, band.width, &band.rows, splats, own);
         });
