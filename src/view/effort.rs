@@ -7,7 +7,7 @@ use crate::splat::touched::Touched;
 use crate::warp::inspect::{Fate, Kept};
 use headbox_viewer::{Figure, Swatch};
 
-/// Colours of seven classes, each twice the one before: the "viridis" map by van der Walt and Smith (2015), whose lightness
+/// Colours of seven classes: the "viridis" map by van der Walt and Smith (2015), whose lightness
 /// grows evenly, and white.
 const CLASSES: [[u8; 3]; 7] =
     [[68, 1, 84], [65, 68, 135], [42, 120, 142], [34, 168, 132], [122, 209, 81], [253, 231, 37], [255, 255, 255]];
@@ -15,25 +15,25 @@ const CLASSES: [[u8; 3]; 7] =
 /// Where there are no samples.
 const NOTHING: [u8; 3] = [20, 20, 20];
 
-/// The class of a number: 0 up to `first`, 1 up to twice that, and so on.
-fn class(value: f32, first: f32) -> usize {
-    let mut top = first;
-    (0..CLASSES.len() - 1)
-        .find(|_| {
-            let fits = value <= top;
-            top *= 2.0;
-            fits
-        })
-        .unwrap_or(CLASSES.len() - 1)
+/// The largest number of each class but the last.
+type Tops = [f32; CLASSES.len() - 1];
+
+/// Widths of footprints, px: most are between that of a pixel and that of three.
+const WIDTHS_PX: Tops = [1.5, 2.0, 2.5, 3.0, 4.0, 6.0];
+
+/// How often a pixel is drawn.
+const TIMES: Tops = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
+
+/// The colour of the class of a number that is more than 0.
+fn class_color(value: f32, tops: &Tops) -> [u8; 3] {
+    CLASSES[tops.iter().position(|top| value <= *top).unwrap_or(tops.len())]
 }
 
 /// The legend of classes: what each ends at, in `unit`.
-fn class_legend(nothing: &str, first: u32, unit: &str) -> Vec<Swatch> {
-    let classes = CLASSES.into_iter().zip(0..).map(|(color, i)| {
-        let (top, last) = (first << i, i as usize == CLASSES.len() - 1);
-        let label = if last { format!("more than {} {unit}", top / 2) } else { format!("up to {top} {unit}") };
-        Swatch { color, label }
-    });
+fn class_legend(nothing: &str, tops: &Tops, unit: &str) -> Vec<Swatch> {
+    let up_to = tops.iter().map(|top| format!("up to {top} {unit}"));
+    let labels = up_to.chain(tops.last().map(|top| format!("more than {top} {unit}")));
+    let classes = CLASSES.into_iter().zip(labels).map(|(color, label)| Swatch { color, label });
     std::iter::once(swatch(NOTHING, nothing)).chain(classes).collect()
 }
 
@@ -49,15 +49,12 @@ fn figure(name: &'static str, value: f64, unit: &'static str) -> Figure {
     Figure { name, value, unit }
 }
 
-/// Widest footprint of the first class, px.
-const FIRST_WIDTH_PX: u32 = 1;
-
 /// Paints the width of the footprint in front of each pixel, by classes; returns how wide they are on the mean.
 pub(super) fn paint_footprints(touched: &[Touched], pixels: &mut [[u8; 4]]) -> Vec<Figure> {
     let (mut sum_px, mut count) = (0.0, 0.0_f64);
     for (pixel, touched) in pixels.iter_mut().zip(touched) {
         let width_px = touched.width_px;
-        *pixel = opaque(if width_px > 0.0 { CLASSES[class(width_px, FIRST_WIDTH_PX as f32)] } else { NOTHING });
+        *pixel = opaque(if width_px > 0.0 { class_color(width_px, &WIDTHS_PX) } else { NOTHING });
         sum_px += f64::from(width_px);
         count += f64::from(u8::from(width_px > 0.0));
     }
@@ -65,7 +62,7 @@ pub(super) fn paint_footprints(touched: &[Touched], pixels: &mut [[u8; 4]]) -> V
 }
 
 pub(super) fn footprint_legend() -> Vec<Swatch> {
-    class_legend("no footprint", FIRST_WIDTH_PX, "px wide")
+    class_legend("no footprint", &WIDTHS_PX, "px wide")
 }
 
 /// Paints how many footprints were drawn on each pixel, by classes; returns how many that are.
@@ -73,7 +70,7 @@ pub(super) fn paint_overdraw(touched: &[Touched], pixels: &mut [[u8; 4]]) -> Vec
     let (mut sum, mut drawn, mut most) = (0_u64, 0_u64, 0);
     for (pixel, touched) in pixels.iter_mut().zip(touched) {
         let times = touched.footprints;
-        *pixel = opaque(if times > 0 { CLASSES[class(times as f32, 1.0)] } else { NOTHING });
+        *pixel = opaque(if times > 0 { class_color(times as f32, &TIMES) } else { NOTHING });
         sum += u64::from(times);
         drawn += u64::from(times > 0);
         most = most.max(times);
@@ -85,7 +82,7 @@ pub(super) fn paint_overdraw(touched: &[Touched], pixels: &mut [[u8; 4]]) -> Vec
 }
 
 pub(super) fn overdraw_legend() -> Vec<Swatch> {
-    class_legend("never drawn", 1, "times")
+    class_legend("never drawn", &TIMES, "x")
 }
 
 /// Where each face lies in the unfolded cube, in faces from the left and from above: the sides in a row, +Y above -Z.
@@ -267,14 +264,12 @@ mod tests {
     }
 
     #[test]
-    fn classes_double() {
-        let of = |value| class(value, 1.0);
-        assert_eq!([0.5, 1.0, 1.1, 2.0, 3.0, 4.0, 5.0, 32.0, 33.0, 1e9].map(of), [0, 0, 1, 1, 2, 2, 3, 5, 6, 6]);
-        let labels: Vec<_> = class_legend("none", 1, "px").into_iter().map(|line| line.label).collect();
-        assert_eq!(
-            (labels[1].as_str(), labels[6].as_str(), labels[7].as_str()),
-            ("up to 1 px", "up to 32 px", "more than 32 px")
-        );
+    fn classes_end_where_the_legend_says() {
+        let of = |value| CLASSES.iter().position(|class| *class == class_color(value, &TIMES)).unwrap();
+        assert_eq!([1.0, 2.0, 3.0, 4.0, 5.0, 32.0, 33.0, 1e9].map(of), [0, 1, 2, 2, 3, 5, 6, 6]);
+        let labels: Vec<_> = class_legend("none", &TIMES, "x").into_iter().map(|line| line.label).collect();
+        let some = [0, 1, 6, 7].map(|i| labels[i].as_str());
+        assert_eq!(some, ["none", "up to 1 x", "up to 32 x", "more than 32 x"]);
     }
 
     #[test]

@@ -101,6 +101,8 @@ struct Clock {
     first: Option<Instant>,
     last: Option<Instant>,
     pass_ms: Vec<f64>,
+    /// Sum of the scales of the frames shown.
+    scales: f64,
 }
 
 /// Passes over which the window's own time is averaged.
@@ -108,7 +110,7 @@ const PASSES_KEPT: usize = 256;
 
 impl Viewer {
     pub(crate) fn new(session: Session, options: ViewerOptions, can_open: bool, outcome: Arc<Mutex<Outcome>>) -> Self {
-        let display = Display { stereo: options.stereo, ..Display::default() };
+        let display = Display::new(options.stereo, options.moving_limit_ms);
         let pose = Pose::looking_at(glam::DVec3::ZERO, glam::DVec3::NEG_Z, 60.0);
         let eye = Eye { pose, motion: Motion::default(), speed_m_per_s: 1.0, grab_scene: false, moved_s: f64::MIN };
         Self {
@@ -292,6 +294,7 @@ impl Viewer {
         if let Some(index) = finished.job.replayed {
             self.tape.shown(index);
         }
+        self.clock.scales += finished.job.scale;
         self.count_frame(ctx);
         if let Some(old) = self.shown.replace(finished) {
             self.session.recycle(old.pictures);
@@ -345,6 +348,7 @@ impl Viewer {
         summary.render_ms_median = self.history.median(|f| f.render_ms).unwrap_or(0.0);
         summary.latency_ms_median = self.history.median(|f| f.latency_ms).unwrap_or(0.0);
         summary.pass_ms_median = crate::history::median(self.clock.pass_ms.clone()).unwrap_or(0.0);
+        summary.scale_mean = self.clock.scales / self.clock.frames_shown.max(1) as f64;
         summary.frame_size_px = self.wish.as_ref().map_or([0; 2], |wish| wish.size_px);
     }
 }

@@ -36,7 +36,8 @@ impl Viewer {
             self.commands.push(Command::Centre);
         }
         self.steer(ui, &response, now_s);
-        let moving = now_s - self.eye.moved_s < REST_S;
+        // Between two poses of a replay the eye does not rest, however long their frames take.
+        let moving = now_s - self.eye.moved_s < REST_S || self.tape.is_playing();
         self.ask(ui, rect, moving);
         if moving || self.eye.motion.is_moving() || self.tape.is_playing() {
             // The eye coasts, or rests soon: either way there is another pass to come.
