@@ -72,7 +72,10 @@ fn parse_pair(text: &str) -> Result<(String, String), String> {
 }
 
 fn parse_limit(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|ms| *ms == 0.0 || (4.0..=100.0).contains(ms)).ok_or("give 0, or milliseconds from 4 to 100".into())
+    text.parse()
+        .ok()
+        .filter(|ms| *ms == 0.0 || (4.0..=100.0).contains(ms))
+        .ok_or("give 0, or milliseconds from 4 to 100".into())
 }
 
 /// Frames after which a picture without a path is taken: the first may be of a window that still takes its size.

@@ -3,12 +3,13 @@
 
 use super::band::{Clipped, ForSegment, Scope};
 use super::clip::{Band, BlockClip};
+use super::format::Format;
 use super::kernel::SegmentWarp;
 use super::traverse::{self, Batch, Part, Uncut};
 use super::{BAND_ROWS, FramePlan, RenderSettings, Renderer, SegmentPlan, order};
 use crate::capture::Camera;
 use crate::packed::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
-use crate::packed::{PackedCube, PackedSegment};
+use crate::packed::{PackedCube, PackedDepthPixel, PackedSegment};
 use crate::splat::Splats;
 use crate::splat::size::Size;
 use crate::splat::touched::{Touched, touch};
@@ -126,7 +127,7 @@ struct Touching<'a> {
     plan: &'a FramePlan,
     band: &'a Band,
     pixels: &'a mut [Touched],
-    batch: Box<Batch>,
+    batch: Box<Batch<PackedDepthPixel>>,
     splats: Box<Splats>,
 }
 
@@ -137,8 +138,8 @@ impl ForSegment for Touching<'_> {
         if visible.is_empty() {
             return;
         }
-        let part = Part { segment, columns, rows, visible: &visible };
-        let warp = SegmentWarp::new(&of_frame.transfer, segment, band, plan.level);
+        let part = Part { segment, depth_pixels: &segment.depth_pixels, columns, rows, visible: &visible };
+        let warp = SegmentWarp::new(&of_frame.transfer, PackedDepthPixel::scale(segment), band, plan.level);
         let own = plan.kernel.own_share();
         traverse::traverse(&part, &Uncut, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
             warp.warp(batch, size, splats);
