@@ -243,15 +243,6 @@ impl Viewer {
         self.eye.motion.stop();
         self.eye.speed_m_per_s = info.speed_m_per_s;
         self.tape = Tape::new(self.tape.mode);
-        if let Some(path) = self.options.path.take() {
-            match camera_file::read_path(&path, &info.file_frame) {
-                Ok(path) => {
-                    self.tape.path = Some(path);
-                    self.commands.push(Command::TogglePlayback);
-                }
-                Err(error) => self.messages.add(Kind::Error, error.to_string(), now_s),
-            }
-        }
         (self.opening, self.wish, self.exporting) = (None, None, None);
         if let Some(old) = self.shown.take() {
             self.session.recycle(old.pictures);
@@ -260,6 +251,19 @@ impl Viewer {
         self.history.clear();
         self.open_list.close();
         self.info = Some(info);
+        self.replay_given_path(now_s);
+    }
+
+    /// Replays the path that the window was started with.
+    fn replay_given_path(&mut self, now_s: f64) {
+        let (Some(file), Some(info)) = (self.options.path.take(), &self.info) else { return };
+        match camera_file::read_path(&file, &info.file_frame) {
+            Ok(path) => {
+                self.take_path(path, now_s);
+                self.commands.push(Command::TogglePlayback);
+            }
+            Err(error) => self.messages.add(Kind::Error, error.to_string(), now_s),
+        }
     }
 
     /// Takes over a finished frame: its pictures become textures, its times go into the history.

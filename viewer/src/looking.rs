@@ -20,8 +20,9 @@ const MAX_STEP_S: f64 = 0.1;
 /// Time between passes while moving, if no frame is being made.
 const MOVING_PASS: Duration = Duration::from_millis(15);
 /// The longest wait for a frame in the making while moving. Its arrival wakes the window, which then asks for the next one;
-/// drawing the old frame again meanwhile would only take time from the renderer where there is no GPU.
-const AWAITING_PASS: Duration = Duration::from_millis(50);
+/// drawing the old frame again meanwhile would only take time from the renderer where there is no GPU. No more than
+/// [`MAX_STEP_S`], or the eye would lag behind the hands.
+const AWAITING_PASS: Duration = Duration::from_millis(100);
 /// Points of scrolling in one notch of the wheel.
 const POINTS_PER_NOTCH: f64 = 50.0;
 /// Width of the strip in which the divider can be grabbed, points.
