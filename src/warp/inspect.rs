@@ -105,7 +105,7 @@ fn keep<S: Size>(plan: &FramePlan, band: &Band, of_frame: &SegmentPlan, segment:
     let clip = BlockClip { transfer: &of_frame.transfer, segment, band, face_px: plan.face_px };
     let mut visible = Vec::new();
     let rectangle = Clipped { unclipped: plan.unclipped }.part(0, &clip, size, &mut visible);
-    let rectangle = rectangle.unwrap_or_else(|| [segment.x0..segment.x0, segment.y0..segment.y0]);
+    let rectangle = rectangle.unwrap_or([segment.x0..segment.x0, segment.y0..segment.y0]);
     Kept { segment: of_frame.index, rectangle, visible }
 }
 
