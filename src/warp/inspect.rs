@@ -6,7 +6,7 @@ use super::clip::{Band, BlockClip};
 use super::format::Format;
 use super::kernel::SegmentWarp;
 use super::traverse::{self, Batch, Part, Uncut};
-use super::{BAND_ROWS, FramePlan, RenderSettings, Renderer, SegmentPlan, order};
+use super::{FramePlan, RenderSettings, Renderer, SegmentPlan, order};
 use crate::capture::Camera;
 use crate::packed::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
 use crate::packed::{PackedCube, PackedDepthPixel, PackedSegment};
@@ -64,6 +64,9 @@ impl Kept {
         }
     }
 }
+
+/// Rows of a band, the work of one thread at a time. Any number counts the same.
+const BAND_ROWS: u32 = 48;
 
 impl Renderer {
     /// What happens at each pixel, row by row, when a camera looks at a cube; drawn on the current rayon thread pool.
