@@ -53,7 +53,8 @@ impl Painted {
     /// Compares the window with the picture called `name`.
     fn compare(&mut self, name: &str) {
         invent_times(self.window.state_mut());
-        self.window.step();
+        // Columns are as wide as they were in the pass before.
+        self.window.run_steps(4);
         let background = crate::panels::theme::BACKDROP;
         let picture = self.painter.picture(&self.window.ctx, self.window.output(), background);
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/tests/snapshots");
