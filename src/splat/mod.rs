@@ -7,6 +7,7 @@
 //! * `ellipse`: the same with elliptical Gaussians in floating point.
 //! * `linear`: blending in linear light.
 //! * `depth`: beside any canvas, how far what it shows is.
+//! * `touched`: instead of a canvas, how often and how large pixels are drawn.
 
 pub(crate) mod depth;
 pub(crate) mod ellipse;
@@ -14,6 +15,7 @@ pub(crate) mod linear;
 pub(crate) mod over;
 pub(crate) mod size;
 pub(crate) mod surface;
+pub(crate) mod touched;
 
 use crate::warp::Spans;
 use fearless_simd::{Level, Simd, SimdCvtTruncate, f32x16, i32x16, prelude::*};

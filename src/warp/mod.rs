@@ -19,6 +19,7 @@ mod epipolar;
 mod finish;
 mod format;
 mod fragments;
+pub(crate) mod inspect;
 mod kernel;
 pub mod oracle;
 pub(crate) mod order;
