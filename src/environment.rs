@@ -4,7 +4,7 @@ use crate::capture::light::Lighting;
 use crate::capture::rig::Face;
 use crate::capture::srgb8_from_linear;
 use crate::ldi::Environment;
-use fearless_simd::{Simd, SimdCvtTruncate, f32x16, prelude::*, u32x16};
+use fearless_simd::{Simd, SimdCvtTruncate, f32x16, mask32x16, prelude::*, u32x16};
 use glam::{DVec3, Vec3};
 
 /// Four bytes, 16 bits each, so that one multiplication serves all.
@@ -57,11 +57,12 @@ impl Environment {
         if inside { self.between_four(first, within) } else { self.sample_anywhere(direction.as_dvec3()) }
     }
 
-    /// The samples in the directions `start + i * step` for i from 0 to 15, as [`Self::sample`] finds them.
+    /// The samples in the directions `start + i * step` for i from 0 to 15, as [`Self::sample`] finds them, with alpha 255; four
+    /// zeros for none.
     #[inline(always)]
-    pub(crate) fn sample_sixteen<S: Simd>(&self, simd: S, start: Vec3, step: Vec3) -> [Option<[u8; 3]>; 16] {
+    pub(crate) fn sample_sixteen<S: Simd>(&self, simd: S, start: Vec3, step: Vec3) -> [[u8; 4]; 16] {
         if self.size_px == 0 {
-            return [None; 16];
+            return [[0; 4]; 16];
         }
         let k = f32x16::load_array(simd, std::array::from_fn(|i| i as f32));
         let splat = |v: f32| f32x16::splat(simd, v);
@@ -87,20 +88,50 @@ impl Environment {
             & top.simd_ge(splat(0.0))
             & left.simd_lt(splat(size - 1.0))
             & top.simd_lt(splat(size - 1.0));
-        let whole = |v: f32x16<S>| u32x16::truncate_from(inside.select(v, splat(0.0))).to_array();
-        let (left_px, top_px, number) = (whole(left), whole(top), whole(number));
+        let whole = |v: f32x16<S>| u32x16::truncate_from(inside.select(v, splat(0.0)));
+        let first = (whole(number) * self.size_px + whole(top)) * self.size_px + whole(left);
         let (u, v) = (whole((x_px - left) * 256.0), whole((y_px - top) * 256.0));
-        let inside = inside.to_bitmask();
-        let mut found = [None; 16];
-        for (i, found) in found.iter_mut().enumerate() {
-            *found = if inside >> i & 1 == 0 {
-                self.sample(start + step * i as f32)
-            } else {
-                let first = (number[i] * self.size_px + top_px[i]) * self.size_px + left_px[i];
-                self.between_four(first as usize, [u[i], v[i]])
-            };
+        let (mut found, all_known) = self.between_sixty_four(simd, first, [u, v]);
+        let (inside, all_known) = (inside.to_bitmask(), all_known.to_bitmask());
+        let mut others = !(inside & all_known) & 0xffff;
+        while others != 0 {
+            let i = others.trailing_zeros() as usize;
+            others &= others - 1;
+            let sample = self.sample(start + step * i as f32);
+            found[i] = sample.map_or([0; 4], |[r, g, b]| [r, g, b, 255]);
         }
         found
+    }
+
+    /// [`Self::between_four`] for sixteen indices at a time; wrong where a texel is not known, which the mask says.
+    #[inline(always)]
+    fn between_sixty_four<S: Simd>(
+        &self,
+        simd: S,
+        first: u32x16<S>,
+        [u, v]: [u32x16<S>; 2],
+    ) -> ([[u8; 4]; 16], mask32x16<S>) {
+        let size = self.size_px as usize;
+        let mut corners = [[[0; 4]; 16]; 4];
+        for (i, first) in first.to_array().into_iter().enumerate() {
+            let first = first as usize;
+            for (corner, at) in corners.iter_mut().zip([first, first + 1, first + size, first + size + 1]) {
+                corner[i] = self.texels.get(at).copied().unwrap_or_default();
+            }
+        }
+        let [a, b, c, d]: [u32x16<S>; 4] = corners.map(|texels| u32x16::load_array(simd, bytemuck::cast(texels)));
+        let known = u32x16::splat(simd, u32::from_ne_bytes([0, 0, 0, 255]));
+        let all_known = (a & b & c & d & known).simd_eq(known);
+        // Two of the four bytes at a time, 16 bits each. Rounding of either step is at most half a level.
+        let two = 0x00ff_00ff;
+        let mix = |a: u32x16<S>, b: u32x16<S>, share: u32x16<S>| {
+            let rest = u32x16::splat(simd, 256) - share;
+            ((a * rest + b * share + 0x0080_0080) >> 8) & two
+        };
+        let even = mix(mix(a & two, b & two, u), mix(c & two, d & two, u), v);
+        let odd = |t: u32x16<S>| (t >> 8) & two;
+        let odd = mix(mix(odd(a), odd(b), u), mix(odd(c), odd(d), u), v);
+        (bytemuck::cast((even | (odd << 8)).to_array()), all_known)
     }
 
     /// Between the texels of index `first` and right of it, and the two below, at distances in 1/256 from the first. All four
@@ -214,7 +245,8 @@ mod tests {
             let sixteen = fearless_simd::dispatch!(fearless_simd::Level::new(), simd => {
                 patchy.sample_sixteen(simd, start, step)
             });
-            for (k, found) in sixteen.into_iter().enumerate() {
+            for (k, [r, g, b, a]) in sixteen.into_iter().enumerate() {
+                let found = (a > 0).then_some([r, g, b]);
                 let expected = patchy.sample(start + step * k as f32);
                 assert_eq!(found.is_some(), expected.is_some(), "{i} {k}");
                 let levels =

@@ -13,8 +13,10 @@ pub(crate) mod over;
 pub(crate) mod size;
 pub(crate) mod surface;
 
-use fearless_simd::Level;
+use crate::warp::Spans;
+use fearless_simd::{Level, Simd, SimdCvtTruncate, f32x16, i32x16, prelude::*};
 use serde::{Deserialize, Serialize};
+use size::LANES;
 use std::ops::Range;
 
 /// Which footprints are drawn.
@@ -130,7 +132,7 @@ pub(crate) struct Splats {
 
 impl Splats {
     /// As many as a batch of depth pixels can make, and room to write a whole register behind the last.
-    pub(crate) const ROOM: usize = crate::warp::BATCH_CAPACITY + size::LANES;
+    pub(crate) const ROOM: usize = crate::warp::BATCH_CAPACITY + LANES;
 
     pub(crate) fn new() -> Self {
         let zero = [0.0; Self::ROOM];
@@ -159,12 +161,31 @@ pub(crate) trait Canvas {
     /// Makes it empty, for these rows of a frame that is `width` pixels wide, keeping the memory it has.
     fn clear(&mut self, width: u32, rows: Range<u32>);
 
+    /// Makes it empty in some columns of each row of a frame of a given width and height; what is elsewhere may be
+    /// anything.
+    fn clear_spans(&mut self, frame_px: [u32; 2], spans: impl Fn(u32) -> Spans);
+
     /// Draws splats, in their order, with the instructions of a SIMD level.
     fn draw(&mut self, splats: &Splats, level: Level);
 
-    /// Colour of a pixel, `row` counted from its first row on, and the share of it, of 255, that splats cover; 0 if none
-    /// touched it.
-    fn pixel(&self, column: usize, row: usize) -> ([u8; 3], u8);
+    /// Writes the pixels of a row, counted from its first row on, from a column on: straight colour, and the share of 255
+    /// that splats cover; 0 if none touched it.
+    fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level);
+}
+
+/// Fills some columns of each row with a value; `margin` pixels of a row lie left of column 0.
+pub(crate) fn clear_spans<T: Copy>(
+    pixels: &mut [T],
+    stride: usize,
+    margin: usize,
+    value: T,
+    spans: impl Fn(u32) -> Spans,
+) {
+    for (y, row) in (0..).zip(pixels.chunks_exact_mut(stride.max(1))) {
+        for span in spans(y) {
+            row[margin..][span.start as usize..span.end as usize].fill(value);
+        }
+    }
 }
 
 /// The pixels from `position - radius` to `position + radius` whose centres lie inside, clipped to `bounds`: the first, and
@@ -172,6 +193,22 @@ pub(crate) trait Canvas {
 #[inline(always)]
 fn covered(position: f32, radius: f32, [start, end]: [f32; 2]) -> [i32; 2] {
     [position - radius, position + radius].map(|border| ceil_to_i32((border - 0.5).max(start).min(end)))
+}
+
+/// [`covered`] for the splats from `start` on, as many as there are lanes.
+#[inline(always)]
+fn covered_lanes<S: Simd>(
+    simd: S,
+    [position, radius]: [&[f32; Splats::ROOM]; 2],
+    start: usize,
+    [first, end]: [f32; 2],
+) -> [i32x16<S>; 2] {
+    let load = |values: &[f32; Splats::ROOM]| f32x16::from_slice(simd, &values[start..start + LANES]);
+    let (position, radius) = (load(position), load(radius));
+    [position - radius, position + radius].map(|border| {
+        let inside = (border - 0.5).max(f32x16::splat(simd, first)).min(f32x16::splat(simd, end));
+        i32x16::truncate_from(inside.ceil())
+    })
 }
 
 /// `v.ceil() as i32` for |v| < 2^24, without the call into libm that `ceil` is on processors before SSE4.1.

@@ -1,7 +1,9 @@
 //! Each splat over what is there, in 8-bit integers (inventory S21, C12).
 
-use super::{Canvas, Splats, ceil_to_i32, covered};
-use fearless_simd::{Level, Simd, dispatch, prelude::*, u8x16, u16x16};
+use super::size::LANES;
+use super::{Canvas, Splats, ceil_to_i32, covered_lanes};
+use crate::warp::Spans;
+use fearless_simd::{Level, Simd, dispatch, i32x16, prelude::*, u8x16, u16x16};
 use std::ops::Range;
 
 /// An image in which every splat is blended over the ones before it.
@@ -152,13 +154,17 @@ impl OverCanvas {
         part: impl Fn([f32; 2], i32, [i32; 2]) -> [i32; 2],
     ) {
         let (stride, first_row) = (self.stride(), self.rows.start as i32);
-        let (mut columns, mut rows) = ([[0; 2]; Splats::ROOM], [[0; 2]; Splats::ROOM]);
-        for i in 0..splats.count() {
-            columns[i] = covered(splats.x[i], splats.radius_x[i], [0.0, self.width as f32]);
-            rows[i] = covered(splats.y[i], splats.radius_y[i], [self.rows.start as f32, self.rows.end as f32]);
+        let (mut columns, mut rows) = ([[0; Splats::ROOM]; 2], [[0; Splats::ROOM]; 2]);
+        for at in (0..splats.count()).step_by(LANES) {
+            let store = |found: [i32x16<S>; 2], to: &mut [[i32; Splats::ROOM]; 2]| {
+                to.iter_mut().zip(found).for_each(|(to, found)| found.store_slice(&mut to[at..at + LANES]));
+            };
+            store(covered_lanes(simd, [&splats.x, &splats.radius_x], at, [0.0, self.width as f32]), &mut columns);
+            let bounds = [self.rows.start as f32, self.rows.end as f32];
+            store(covered_lanes(simd, [&splats.y, &splats.radius_y], at, bounds), &mut rows);
         }
         for i in 0..splats.count() {
-            let (whole, [top, bottom]) = (columns[i], rows[i]);
+            let (whole, [top, bottom]) = ([columns[0][i], columns[1][i]], [rows[0][i], rows[1][i]]);
             let (source, alpha) = source_of(simd, splats.color[i]);
             for row in top..bottom {
                 let [left, right] = part([splats.x[i], splats.y[i]], row, whole);
@@ -196,20 +202,37 @@ impl Canvas for OverCanvas {
         self.pixels.resize(pixels, [0; 4]);
     }
 
+    fn clear_spans(&mut self, [width, height]: [u32; 2], spans: impl Fn(u32) -> Spans) {
+        if (self.width, &self.rows) != (width, &(0..height)) {
+            self.clear(width, 0..height);
+        }
+        let stride = self.stride();
+        super::clear_spans(&mut self.pixels, stride, MARGIN, [0; 4], spans);
+    }
+
     fn draw(&mut self, splats: &Splats, level: Level) {
         dispatch!(level, simd => self.draw_all(simd, splats));
     }
 
-    #[inline(always)]
-    fn pixel(&self, column: usize, row: usize) -> ([u8; 3], u8) {
-        let [r, g, b, share] = self.pixels[row * self.stride() + MARGIN + column];
-        if share == 255 || share == 0 {
-            return ([r, g, b], share);
-        }
-        let whole = u32::from(share);
-        let straight = |c: u8| ((u32::from(c) * 255 + whole / 2) / whole).min(255) as u8;
-        ([r, g, b].map(straight), if share >= WHOLE { 255 } else { share })
+    fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level) {
+        let start = row * self.stride() + MARGIN + column;
+        let from = self.pixels.get(start..start + to.len()).unwrap_or(&[]);
+        dispatch!(level, simd => {
+            let _ = simd; // the code is plain; the level decides what it is compiled to
+            to.iter_mut().zip(from).for_each(|(to, from)| *to = straight(*from));
+        });
     }
+}
+
+/// From a colour times coverage, and coverage.
+#[inline(always)]
+fn straight([r, g, b, share]: [u8; 4]) -> [u8; 4] {
+    if share == 255 || share == 0 {
+        return [r, g, b, share];
+    }
+    let whole = u32::from(share);
+    let [r, g, b] = [r, g, b].map(|c| ((u32::from(c) * 255 + whole / 2) / whole).min(255) as u8);
+    [r, g, b, if share >= WHOLE { 255 } else { share }]
 }
 
 #[cfg(test)]

@@ -7,15 +7,23 @@
 //! cache, no thread waits for another, and every pixel sees the same splats in the same order whatever the bands are: any
 //! number of threads gives the same frame, bit for bit. The price is that a depth pixel near the border of two bands is
 //! warped for both.
+//!
+//! The papers' way to use many threads, fragments between epipolar lines, is there too ([`Parallel::Fragments`],
+//! `epipolar` and `fragments`); it gives the same bits.
 
 mod band;
 mod clip;
+mod epipolar;
+mod finish;
+mod fragments;
 mod kernel;
 pub mod oracle;
 pub(crate) mod order;
 pub(crate) mod transfer;
 pub(crate) mod traverse;
 
+pub(crate) use epipolar::Spans;
+pub use fragments::MAX_FRAGMENTS;
 pub(crate) use traverse::BATCH_CAPACITY;
 
 use crate::capture::Camera;
@@ -26,9 +34,11 @@ use crate::packed::PackedCube;
 use crate::splat::SplatKernel;
 use crate::splat::size::{PaperSize, TangentTable};
 use crate::splat::surface::SurfaceCanvas;
-use band::{BandPixels, Worker};
+use band::Worker;
 use clip::Band;
 use fearless_simd::Level;
+use finish::{Pixels, depth_pieces};
+use fragments::Fragments;
 use order::{EyeInFace, LayerOrder};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -49,6 +59,20 @@ pub struct RenderSettings {
     pub band_rows: u32,
     /// Fills [`Frame::depth_m`].
     pub depth: bool,
+    /// How threads share a frame. Every way gives the same frame.
+    pub parallel: Parallel,
+}
+
+/// How threads share the work of a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Parallel {
+    /// Bands of rows of the frame.
+    #[default]
+    Bands,
+    /// As many fragments of the LDI between epipolar lines, at most [`MAX_FRAGMENTS`], or 0 for one a thread (inventory P5,
+    /// P6, C16); see there for what it costs.
+    Fragments(u32),
 }
 
 /// What a frame took. Times of the stages are summed over threads.
@@ -72,8 +96,15 @@ pub struct FrameStats {
     pub warp_ms: f64,
     /// Canvas to frame, with the environment, ms.
     pub finish_ms: f64,
-    /// Time of the slowest thread over the mean of those that took part.
+    /// Time of the slowest thread over the mean of those that took part; with [`Parallel::Fragments`], of the slowest
+    /// fragment over the mean, without the strips between them.
     pub imbalance: f64,
+    /// With [`Parallel::Fragments`], pixels near a boundary, drawn in the second pass; else 0.
+    pub redone_pixels: u64,
+    /// Depth pixels of the second pass, in the extended buffer zones; also in [`Self::depth_pixels_in`].
+    pub redone_depth_pixels: u64,
+    /// With [`Parallel::Fragments`], depth pixels of the largest fragment; else 0.
+    pub largest_fragment: u64,
 }
 
 impl FrameStats {
@@ -87,6 +118,8 @@ impl FrameStats {
         self.clear_ms += other.clear_ms;
         self.warp_ms += other.warp_ms;
         self.finish_ms += other.finish_ms;
+        self.redone_pixels += other.redone_pixels;
+        self.redone_depth_pixels += other.redone_depth_pixels;
     }
 
     fn busy_ms(&self) -> f64 {
@@ -105,6 +138,7 @@ pub struct Renderer {
     order: Vec<usize>,
     plan: FramePlan,
     workers: Vec<Mutex<Worker>>,
+    fragments: Fragments,
 }
 
 impl Default for Renderer {
@@ -118,6 +152,8 @@ pub(crate) struct FramePlan {
     level: Level,
     kernel: SplatKernel,
     unclipped: bool,
+    depth: bool,
+    hole_color_srgb: [u8; 3],
     face_px: u32,
     /// In drawing order.
     segments: Vec<SegmentPlan>,
@@ -151,6 +187,7 @@ impl Renderer {
             order: Vec::new(),
             plan: FramePlan::new(level),
             workers: Vec::new(),
+            fragments: Fragments::default(),
         }
     }
 
@@ -163,21 +200,30 @@ impl Renderer {
     /// one that is not, rows whose tables point nowhere are left out.
     pub fn render(&mut self, cube: &PackedCube, camera: &Camera, settings: &RenderSettings) -> (&Frame, &FrameStats) {
         let started = Instant::now();
-        let (width, height) = (camera.width(), camera.height());
-        self.frame.reset(width, height, settings.hole_color_srgb);
+        self.frame.resize(camera.width(), camera.height(), settings.depth);
         order::segment_order(&cube.segments, camera.eye() - cube.info.centre, &mut self.order);
         self.plan.prepare(cube, camera, settings, &self.order);
+        let prepared_ms = started.elapsed().as_secs_f64() * 1e3;
+        self.stats = match settings.parallel {
+            Parallel::Bands => self.draw_bands(cube, camera, settings.band_rows),
+            Parallel::Fragments(count) => self.fragments.draw(&self.plan, cube, camera, count, &mut self.frame),
+        };
+        self.stats.clear_ms += prepared_ms;
+        self.stats.frame_ms = started.elapsed().as_secs_f64() * 1e3;
+        (&self.frame, &self.stats)
+    }
+
+    fn draw_bands(&mut self, cube: &PackedCube, camera: &Camera, band_rows: u32) -> FrameStats {
+        let (width, height) = (camera.width(), camera.height());
         let threads = rayon::current_num_threads();
         self.workers.resize_with(threads.max(self.workers.len()), Mutex::default);
         for worker in &mut self.workers {
             worker.get_mut().unwrap_or_else(PoisonError::into_inner).stats = FrameStats::default();
         }
-        let prepared_ms = started.elapsed().as_secs_f64() * 1e3;
-
         let (plan, workers) = (&self.plan, &self.workers);
-        let rows = if settings.band_rows > 0 { settings.band_rows } else { BAND_ROWS };
+        let rows = if band_rows > 0 { band_rows } else { BAND_ROWS };
         let pixels = width as usize * rows.min(height) as usize;
-        let draw_band = |i: usize, pixels: BandPixels| {
+        let draw_band = |i: usize, pixels: Pixels| {
             let start = i as u32 * rows;
             let principal_px = camera.principal_px();
             let band = Band { width, height, principal_px, rows: start..start.saturating_add(rows).min(height) };
@@ -186,31 +232,41 @@ impl Renderer {
             worker.lock().unwrap_or_else(PoisonError::into_inner).draw(plan, cube, camera, &band, pixels);
         };
         let Frame { color, coverage, depth_m, .. } = &mut self.frame;
-        let bands = color.par_chunks_mut(pixels).zip(coverage.par_chunks_mut(pixels));
-        if settings.depth {
-            depth_m.resize(width as usize * height as usize, f32::INFINITY);
-            let bands = bands.zip(depth_m.par_chunks_mut(pixels)).enumerate().with_max_len(1);
-            bands.for_each(|(i, ((colors, coverages), depths_m))| {
-                draw_band(i, BandPixels { colors, coverages, depths_m });
-            });
-        } else {
-            bands.enumerate().with_max_len(1).for_each(|(i, (colors, coverages))| {
-                draw_band(i, BandPixels { colors, coverages, depths_m: &mut [] });
-            });
-        }
+        let depths_m = depth_pieces(depth_m, pixels, color.len().div_ceil(pixels));
+        let bands = color.par_chunks_mut(pixels).zip(coverage.par_chunks_mut(pixels)).zip(depths_m);
+        bands.enumerate().with_max_len(1).for_each(|(i, ((colors, coverages), depths_m))| {
+            draw_band(i, Pixels { colors, coverages, depths_m });
+        });
 
-        self.stats = FrameStats { clear_ms: prepared_ms, ..FrameStats::default() };
-        let (mut slowest, mut sum, mut busy) = (0.0f64, 0.0, 0);
+        let mut stats = FrameStats::default();
+        let mut busy = Imbalance::default();
         for worker in &mut self.workers {
             let of_worker = &worker.get_mut().unwrap_or_else(PoisonError::into_inner).stats;
-            self.stats.absorb(of_worker);
-            slowest = slowest.max(of_worker.busy_ms());
-            sum += of_worker.busy_ms();
-            busy += u32::from(of_worker.busy_ms() > 0.0);
+            stats.absorb(of_worker);
+            busy.add(of_worker.busy_ms());
         }
-        self.stats.imbalance = if sum > 0.0 { slowest * f64::from(busy) / sum } else { 1.0 };
-        self.stats.frame_ms = started.elapsed().as_secs_f64() * 1e3;
-        (&self.frame, &self.stats)
+        stats.imbalance = busy.ratio();
+        stats
+    }
+}
+
+/// The largest of some times over the mean of those that are not 0.
+#[derive(Default)]
+struct Imbalance {
+    slowest: f64,
+    sum: f64,
+    count: u32,
+}
+
+impl Imbalance {
+    fn add(&mut self, ms: f64) {
+        self.slowest = self.slowest.max(ms);
+        self.sum += ms;
+        self.count += u32::from(ms > 0.0);
+    }
+
+    fn ratio(&self) -> f64 {
+        if self.sum > 0.0 { self.slowest * f64::from(self.count) / self.sum } else { 1.0 }
     }
 }
 
@@ -220,6 +276,8 @@ impl FramePlan {
             level,
             kernel: SplatKernel::default(),
             unclipped: false,
+            depth: false,
+            hole_color_srgb: [0; 3],
             face_px: 0,
             segments: Vec::new(),
             paper_sizes: Vec::new(),
@@ -233,6 +291,7 @@ impl FramePlan {
         let face_px = cube.face_size_px.min(MAX_FACE_SIZE_PX);
         let eye_from_centre = camera.eye() - cube.info.centre;
         (self.kernel, self.unclipped, self.face_px) = (settings.kernel, settings.unclipped, face_px);
+        (self.depth, self.hole_color_srgb) = (settings.depth, settings.hole_color_srgb);
         self.segments.clear();
         self.segments.extend(order.iter().map(|&index| {
             let segment = &cube.segments[index];

@@ -2,6 +2,7 @@
 //!
 //! Kernels (scalar, SIMD, any splat) take the batches; none of them needs to know of order, offsets or layers.
 
+use super::epipolar::Spans;
 use super::order::{EyeInFace, LayerOrder, Run};
 use crate::packed::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
 use crate::packed::{PackedDepthPixel, PackedSegment};
@@ -103,9 +104,41 @@ impl<'a> Part<'a> {
     }
 }
 
+/// Which pixels of each row of a part are traversed.
+pub(crate) trait Cut {
+    /// What it knows of a row.
+    type Row;
+
+    /// Spans that may hold pixels, of those that [`Self::within`] gives: the first ones.
+    const SPANS: usize = 3;
+
+    /// What it knows of a row of the face.
+    fn row(&self, row: u32) -> Self::Row;
+
+    /// The pixels in a range of columns of one block, in row `y`.
+    fn within(&self, row: &Self::Row, y: u32, range: &Range<u32>) -> Spans;
+}
+
+/// All pixels.
+pub(crate) struct Uncut;
+
+impl Cut for Uncut {
+    type Row = ();
+
+    const SPANS: usize = 1;
+
+    fn row(&self, _: u32) {}
+
+    #[inline(always)]
+    fn within(&self, (): &(), _: u32, range: &Range<u32>) -> Spans {
+        [range.clone(), range.end..range.end, range.end..range.end]
+    }
+}
+
 /// Passes the depth pixels of a part to `draw`, in drawing order. Rows whose tables point nowhere are left out.
-pub(crate) fn traverse(
+pub(crate) fn traverse<C: Cut>(
     part: &Part,
+    cut: &C,
     eye: &EyeInFace,
     layers: LayerOrder,
     batch: &mut Batch,
@@ -121,21 +154,31 @@ pub(crate) fn traverse(
             if samples.is_empty() || !visible.contains(&true) {
                 return;
             }
+            let row_cut = cut.row(row);
             for run in &columns {
                 for_each_block(run, |run| {
                     let block = run.range.start / BLOCK_COLUMNS;
-                    let first = (run.range.start - segment.x0) as usize;
-                    let counts = &counts[first..=first + run.range.len()];
-                    let hidden = !visible.get((block - first_block) as usize).is_some_and(|visible| *visible);
-                    if hidden || counts[0] == counts[run.range.len()] {
+                    if !visible.get((block - first_block) as usize).is_some_and(|visible| *visible) {
                         return;
                     }
-                    batch.row = row;
-                    batch.anchor_column = block * BLOCK_COLUMNS;
-                    batch.len = 0;
-                    gather(segment, eye, layers, samples, counts, &run, batch, draw);
-                    if batch.len > 0 {
-                        draw(batch);
+                    let mut spans = cut.within(&row_cut, row, &run.range);
+                    if run.descending && C::SPANS > 1 {
+                        spans.reverse();
+                    }
+                    for range in spans.into_iter().take(C::SPANS) {
+                        let first = (range.start - segment.x0) as usize;
+                        let counts = &counts[first..=first + range.len()];
+                        if counts[0] == counts[range.len()] {
+                            continue;
+                        }
+                        batch.row = row;
+                        batch.anchor_column = block * BLOCK_COLUMNS;
+                        batch.len = 0;
+                        let run = Run { range, descending: run.descending };
+                        gather(segment, eye, layers, samples, counts, &run, batch, draw);
+                        if batch.len > 0 {
+                            draw(batch);
+                        }
                     }
                 });
             }
