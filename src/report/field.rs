@@ -18,10 +18,13 @@ use crate::sprite::{
     Displacement, DisplacementFormat, PreparedSprite, RenderOptions, Sampling, SlabCapture, SpriteSet, SpriteWithDepth,
     Variant, capture_slabs, slabs_at_gaps,
 };
-use crate::warp::RenderSettings;
+use crate::warp::{Parallel, RenderSettings};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::Arc;
 use std::time::Instant;
+
+/// The group of ways in which threads share a frame.
+const PARALLEL: &str = "threads share a frame by";
 
 /// The contenders of a scene as they gather.
 pub(super) struct Field<'a> {
@@ -92,6 +95,7 @@ impl<'a> Field<'a> {
             Role::baseline("footprints", "tents, averaged per surface"),
             Role::baseline("clipping", "on"),
             Role::other("threads", format!("{} threads", self.all.current_num_threads())),
+            Role::baseline(PARALLEL, "bands of rows"),
         ];
         roles.extend(more.iter().map(|&(group, variant, baseline)| Role { group, variant: variant.into(), baseline }));
         self.contenders.push(self.ldi(roles, cube, default, capture_s));
@@ -108,6 +112,10 @@ impl<'a> Field<'a> {
         self.contenders.push(self.ldi(opaque, cube, kernel(SplatKernel::Opaque), capture_s));
         let unclipped = RenderSettings { unclipped: true, ..default };
         self.contenders.push(self.ldi(vec![Role::other("clipping", "off")], cube, unclipped, capture_s));
+        for (count, name) in [(0, "fragments along epipolar lines, one a thread"), (8, "eight such fragments")] {
+            let fragments = RenderSettings { parallel: Parallel::Fragments(count), ..default };
+            self.contenders.push(self.ldi(vec![Role::other(PARALLEL, name)], cube, fragments, capture_s));
+        }
         let one = self.ldi(vec![Role::baseline("threads", "1 thread")], cube, default, capture_s);
         self.contenders.push(Contender { pool: Arc::clone(&self.one), ..one });
         for (stamp, name) in [(1, "points, 1 px"), (3, "points, 3x3 px")] {

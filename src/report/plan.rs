@@ -64,7 +64,7 @@ impl Quality {
         line_eyes: 4,
         path_eyes: 2,
         first_samples: 16,
-        most_samples: 2048,
+        most_samples: 1536,
         rounds: 11,
     };
 }

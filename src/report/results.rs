@@ -1,6 +1,7 @@
 //! `docs/results.md`: a report as a page, beside the papers' numbers.
 
 use super::figures::{short, slugs};
+use super::promises;
 use super::row::{Report, Row, SceneFacts};
 use super::stats::pareto_front;
 use super::summary;
@@ -178,6 +179,8 @@ pub fn page(report: &Report) -> String {
         text += "\n";
         text += &tables(report, facts);
     }
+    text += "\n## What the README says\n\n";
+    text += &promises::table(report, figure);
     text += "\n## Beside the papers\n\nRatios only: the papers' times are those of the machines of 1998.\n\n";
     text += &claims(report);
     text
