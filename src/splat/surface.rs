@@ -5,6 +5,9 @@
 //! 14 dB in a room). Here each pixel remembers the inverse depth of its front surface. A splat that lies on it adds to
 //! a weighted mean, as bilinear interpolation does; a nearer one first sends the mean behind itself. Because drawing is
 //! strictly back to front, one mean and one blended colour behind it are enough.
+//!
+//! Tried and lost: eight cells a SIMD register (51 against 42 ms for the tree, the same bits): rows of tents are three pixels
+//! long, and what takes the time is which of three things to do in each, not memory.
 
 use super::linear::LinearLight;
 use super::size::LANES;
