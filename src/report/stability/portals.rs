@@ -26,7 +26,8 @@ pub(super) fn cases() -> Vec<Case> {
                     let side = if dice.below(2) == 0 { -1.0 } else { 1.0 };
                     // The view's vertical borders stand half of the horizontal field away from its middle.
                     let flat = corner.with_y(0.0).normalize_or_zero();
-                    let half_field = (WIDTH as f64 / HEIGHT as f64 * (FOV_Y_DEG / 2.0).to_radians().tan()).atan();
+                    let aspect = f64::from(WIDTH) / f64::from(HEIGHT);
+                    let half_field = (aspect * (FOV_Y_DEG / 2.0).to_radians().tan()).atan();
                     (eye, DQuat::from_rotation_y(side * half_field) * flat)
                 })
             },
