@@ -156,7 +156,7 @@ fn packing(name: &str, cube: PackedCube, camera: &Camera, memory: &Memory) {
             for _ in 0..ROUNDS {
                 let before = || {
                     if cold {
-                        memory.make_cold()
+                        memory.make_cold();
                     }
                 };
                 before();
