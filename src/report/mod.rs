@@ -16,6 +16,7 @@ pub mod growth;
 pub mod machine;
 pub mod measure;
 pub mod plan;
+pub mod promises;
 pub mod results;
 pub mod row;
 pub mod scene;
