@@ -20,6 +20,7 @@ pub mod results;
 pub mod row;
 pub mod scene;
 pub mod sheet;
+pub mod sprite_range;
 pub mod stability;
 pub mod stats;
 pub mod summary;
