@@ -1,5 +1,5 @@
 //! One frame of 1024x768: milliseconds and depth pixels per second for each splat kernel, on one thread and on two, and
-//! what clipping saves.
+//! what clipping saves; and what the papers' parallel warp (fragments between epipolar lines) takes against bands.
 //!
 //! * `cube`: about 1.1 M depth pixels on six faces; a fifth of them is in view.
 //! * `face`: about 1.1 M depth pixels on one face, nearly all in view, as in the paper's tree.
@@ -16,7 +16,7 @@ use headbox::capture::rig::Face;
 use headbox::ldi::{CubeLdi, DepthPixel, EncodedNormal};
 use headbox::packed::{PackedCube, SplatIndexLayout, Split};
 use headbox::splat::SplatKernel;
-use headbox::warp::{FrameStats, RenderSettings, Renderer};
+use headbox::warp::{FrameStats, Parallel, RenderSettings, Renderer};
 
 /// The first surface that each pixel's ray meets.
 fn pierced(scene: &Scene, face_px: u32, faces: &[Face]) -> CubeLdi {
@@ -38,6 +38,7 @@ fn frames(criterion: &mut Criterion) {
             let cube = PackedCube::pack(&ldi, layout, Split::Auto).expect("packs");
             for kernel in [SplatKernel::Paper, SplatKernel::Opaque, SplatKernel::Tent] {
                 let settings = RenderSettings { kernel, ..RenderSettings::default() };
+                let mut of_one_thread = None;
                 for threads in [1, 2] {
                     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
                     let mut renderer = Renderer::new();
@@ -53,6 +54,22 @@ fn frames(criterion: &mut Criterion) {
                         unclipped.frame_ms,
                         unclipped.depth_pixels_in,
                         clipped.imbalance,
+                    );
+                    let parallel = Parallel::Fragments(0);
+                    let fragments =
+                        best(&pool, &mut renderer, &cube, &camera, &RenderSettings { parallel, ..settings });
+                    let [bands_of_one, fragments_of_one] =
+                        *of_one_thread.get_or_insert([clipped.frame_ms, fragments.frame_ms]);
+                    println!(
+                        "{title}: fragments {:.2} ms, {:.2} times bands; faster than on one thread: fragments {:.2}, bands \
+                         {:.2}; {:.2} % of pixels and {:.2} % of depth pixels in the second pass; imbalance {:.2}",
+                        fragments.frame_ms,
+                        fragments.frame_ms / clipped.frame_ms,
+                        fragments_of_one / fragments.frame_ms,
+                        bands_of_one / clipped.frame_ms,
+                        fragments.redone_pixels as f64 / (1024.0 * 768.0) * 100.0,
+                        fragments.redone_depth_pixels as f64 / fragments.depth_pixels_in as f64 * 100.0,
+                        fragments.imbalance,
                     );
                     criterion.bench_function(&title, |b| {
                         b.iter(|| pool.install(|| renderer.render(&cube, &camera, &settings).1.hole_pixels));

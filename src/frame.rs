@@ -72,6 +72,16 @@ impl Frame {
         self.depth_m.clear();
     }
 
+    /// Makes the frame `width` by `height`, with or without depths; what its pixels hold may be anything. Keeps the memory it
+    /// has.
+    pub(crate) fn resize(&mut self, width: u32, height: u32, depth: bool) {
+        let count = width as usize * height as usize;
+        (self.width, self.height) = (width, height);
+        self.color.resize(count, [0; 4]);
+        self.coverage.resize(count, Coverage::HOLE);
+        self.depth_m.resize(if depth { count } else { 0 }, f32::INFINITY);
+    }
+
     /// Number of hole pixels.
     pub fn hole_count(&self) -> u64 {
         self.coverage.iter().filter(|c| c.is_hole()).count() as u64

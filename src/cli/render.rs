@@ -14,7 +14,7 @@ use crate::path;
 use crate::portal::file::HOUSE_FILE;
 use crate::splat::SplatKernel;
 use crate::sprite::{DepthPicture, RenderOptions, SPRITE_FILE, Sampling, SpriteFrame, SpriteSet, Variant};
-use crate::warp::{RenderSettings, Renderer};
+use crate::warp::{Parallel, RenderSettings, Renderer};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use image::RgbImage;
@@ -50,6 +50,9 @@ pub(super) struct Render {
     /// PNG to write the share of each pixel to that depth pixels cover, 0 to 255; for a single frame of one .ldi
     #[arg(long, value_name = "FILE.png", conflicts_with = "path")]
     coverage: Option<PathBuf>,
+    /// How threads share a cube LDI's frame, which is the same in any case; bands if absent
+    #[arg(long, value_name = "WAY")]
+    parallel: Option<ParallelArg>,
     /// Render each frame so many times and report the median
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     repeat: u32,
@@ -62,6 +65,14 @@ pub(super) struct Render {
 enum SamplingArg {
     Nearest,
     Bilinear,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum ParallelArg {
+    /// Bands of rows of the frame
+    Bands,
+    /// Fragments of the LDI between epipolar lines, one a thread
+    Fragments,
 }
 
 /// One rendered pose.
@@ -167,6 +178,12 @@ impl Render {
             None => sampling,
         };
         settings.sprites.fill_steps = self.fill_steps.unwrap_or(fill_steps);
+        if !cubes && self.parallel.is_some() {
+            return Err(UsageError("--parallel is for .ldi files".into()).into());
+        }
+        if let Some(ParallelArg::Fragments) = self.parallel {
+            settings.cubes.parallel = Parallel::Fragments(0);
+        }
         let Some(wanted) = &self.variant else { return Ok(settings) };
         let kernel = SplatKernel::ALL.iter().find(|(name, _)| name == wanted).filter(|_| cubes);
         match (Variant::from_name(wanted).filter(|_| sprites), kernel) {

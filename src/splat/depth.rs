@@ -1,6 +1,7 @@
 //! How far what a frame shows is, for what is to be put into it: geometry, sprites, overlays.
 
 use super::{Splats, covered};
+use crate::warp::Spans;
 use std::ops::Range;
 
 /// 1 / eye depth of the splat that was drawn last on each pixel.
@@ -30,6 +31,14 @@ impl DepthCanvas {
         (self.width, self.rows) = (width, rows);
     }
 
+    /// As [`super::Canvas::clear_spans`].
+    pub(crate) fn clear_spans(&mut self, [width, height]: [u32; 2], spans: &dyn Fn(u32) -> Spans) {
+        if (self.width, &self.rows) != (width, &(0..height)) {
+            self.clear(width, 0..height);
+        }
+        super::clear_spans(&mut self.inverse_depth, width as usize, 0, 0.0, spans);
+    }
+
     /// Draws splats, in their order; `own` is the part of a radius that belongs to the sample alone.
     pub(crate) fn draw(&mut self, splats: &Splats, own: f32) {
         let (columns, rows) = ([0.0, self.width as f32], [self.rows.start as f32, self.rows.end as f32]);
@@ -54,8 +63,11 @@ impl DepthCanvas {
         }
     }
 
-    /// 1 / eye depth of each pixel, row by row.
-    pub(crate) fn inverse_depths(&self) -> &[f32] {
-        &self.inverse_depth
+    /// Writes 1 / eye depth of the pixels of a row, counted from its first row on, from a column on; nothing if `to` is empty.
+    pub(crate) fn resolve(&self, row: usize, column: usize, to: &mut [f32]) {
+        let start = row * self.width as usize + column;
+        if let Some(from) = self.inverse_depth.get(start..start + to.len()) {
+            to.copy_from_slice(from);
+        }
     }
 }

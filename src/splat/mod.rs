@@ -4,17 +4,21 @@
 //! * `size`: the two ways to know a footprint's size, the paper's table and the tangent plane.
 //! * `over`: the canvas of the kernels that blend each footprint *over* what is there.
 //! * `surface`: the canvas that averages the footprints of one surface before it blends surfaces.
+//! * `ellipse`: the same with elliptical Gaussians in floating point.
 //! * `linear`: blending in linear light.
 //! * `depth`: beside any canvas, how far what it shows is.
 
 pub(crate) mod depth;
+pub(crate) mod ellipse;
 pub(crate) mod linear;
 pub(crate) mod over;
 pub(crate) mod size;
 pub(crate) mod surface;
 
-use fearless_simd::Level;
+use crate::warp::Spans;
+use fearless_simd::{Level, Simd, SimdCvtTruncate, f32x16, i32x16, prelude::*};
 use serde::{Deserialize, Serialize};
+use size::{EllipseSize, LANES};
 use std::ops::Range;
 
 /// Which footprints are drawn.
@@ -55,6 +59,11 @@ pub enum SplatKernel {
     /// reconstruction, with soft silhouettes.
     #[default]
     Tent,
+    /// Gaussians that are ellipses, as wide as the sample's share of its surface, averaged by weight per surface in floating
+    /// point and linear light: what [`Self::Tent`] and the kernels in integers are approximations of. Slow; to compare.
+    Ellipse,
+    /// One opaque pixel for every sample.
+    Point,
     /// An opaque plus of five pixels for every sample, the one that holds it and its four neighbours: the fixed stamp that
     /// Rafferty et al. find enough for LDIs (R7, R12).
     Plus,
@@ -66,10 +75,12 @@ pub enum SplatKernel {
 
 impl SplatKernel {
     /// All kernels with the names under which the command line knows them; the default first.
-    pub const ALL: [(&'static str, Self); 6] = [
+    pub const ALL: [(&'static str, Self); 8] = [
         ("tent", Self::Tent),
         ("paper", Self::Paper),
         ("opaque", Self::Opaque),
+        ("ellipse", Self::Ellipse),
+        ("1x1", Self::Point),
         ("plus", Self::Plus),
         ("2x2", Self::Square2),
         ("3x3", Self::Square3),
@@ -81,6 +92,8 @@ impl SplatKernel {
             Self::Tent => "tent",
             Self::Paper => "paper",
             Self::Opaque => "opaque",
+            Self::Ellipse => "ellipse",
+            Self::Point => "1x1",
             Self::Plus => "plus",
             Self::Square2 => "2x2",
             Self::Square3 => "3x3",
@@ -91,16 +104,18 @@ impl SplatKernel {
     pub(crate) fn own_share(self) -> f32 {
         match self {
             Self::Tent => 0.5,
-            Self::Paper | Self::Opaque | Self::Plus | Self::Square2 | Self::Square3 => 1.0,
+            Self::Ellipse => 0.5 / EllipseSize::SCALE,
+            Self::Paper | Self::Opaque | Self::Point | Self::Plus | Self::Square2 | Self::Square3 => 1.0,
         }
     }
 
     /// Half of the width of a stamp of fixed size, px; `None` if samples have sizes of their own.
     pub(crate) fn stamp_radius_px(self) -> Option<f32> {
         match self {
+            Self::Point => Some(0.5),
             Self::Square2 => Some(1.0),
             Self::Plus | Self::Square3 => Some(1.5),
-            Self::Tent | Self::Paper | Self::Opaque => None,
+            Self::Tent | Self::Paper | Self::Opaque | Self::Ellipse => None,
         }
     }
 }
@@ -124,13 +139,15 @@ pub(crate) struct Splats {
     pub(crate) radius_y: [f32; Splats::ROOM],
     /// Weight at the middle, 0..1: such that the weights of a whole surface add up to 1 everywhere.
     pub(crate) weight: [f32; Splats::ROOM],
+    /// Of x and y along the footprint, if it is an ellipse.
+    pub(crate) correlation: [f32; Splats::ROOM],
     /// The four bytes of the depth pixel's colour (sRGB, straight alpha), as they lie in memory.
     pub(crate) color: [u32; Splats::ROOM],
 }
 
 impl Splats {
     /// As many as a batch of depth pixels can make, and room to write a whole register behind the last.
-    pub(crate) const ROOM: usize = crate::warp::BATCH_CAPACITY + size::LANES;
+    pub(crate) const ROOM: usize = crate::warp::BATCH_CAPACITY + LANES;
 
     pub(crate) fn new() -> Self {
         let zero = [0.0; Self::ROOM];
@@ -143,6 +160,7 @@ impl Splats {
             radius_x: zero,
             radius_y: zero,
             weight: zero,
+            correlation: zero,
             color: [0; Self::ROOM],
         }
     }
@@ -159,12 +177,43 @@ pub(crate) trait Canvas {
     /// Makes it empty, for these rows of a frame that is `width` pixels wide, keeping the memory it has.
     fn clear(&mut self, width: u32, rows: Range<u32>);
 
+    /// Makes it empty in some columns of each row of a frame of a given width and height; what is elsewhere may be
+    /// anything.
+    fn clear_spans(&mut self, frame_px: [u32; 2], spans: &dyn Fn(u32) -> Spans);
+
     /// Draws splats, in their order, with the instructions of a SIMD level.
     fn draw(&mut self, splats: &Splats, level: Level);
 
-    /// Colour of a pixel, `row` counted from its first row on, and the share of it, of 255, that splats cover; 0 if none
-    /// touched it.
-    fn pixel(&self, column: usize, row: usize) -> ([u8; 3], u8);
+    /// Writes the pixels of a row, counted from its first row on, from a column on: straight colour, and the share of 255
+    /// that splats cover; 0 if none touched it.
+    fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level);
+}
+
+/// 2^32 / divisor, rounded up, for the divisors below `N`; 0 for 0. `n * reciprocal >> 32` is `n / divisor` for all n below
+/// 2^32 / N: n times the excess, which is less than 1, stays below 2^32 / divisor.
+const fn reciprocals<const N: usize>() -> [u64; N] {
+    let mut reciprocals = [0; N];
+    let mut divisor = 1;
+    while divisor < N {
+        reciprocals[divisor] = (1u64 << 32).div_ceil(divisor as u64);
+        divisor += 1;
+    }
+    reciprocals
+}
+
+/// Fills some columns of each row with a value; `margin` pixels of a row lie left of column 0.
+pub(crate) fn clear_spans<T: Copy>(
+    pixels: &mut [T],
+    stride: usize,
+    margin: usize,
+    value: T,
+    spans: &dyn Fn(u32) -> Spans,
+) {
+    for (y, row) in (0..).zip(pixels.chunks_exact_mut(stride.max(1))) {
+        for span in spans(y) {
+            row[margin..][span.start as usize..span.end as usize].fill(value);
+        }
+    }
 }
 
 /// The pixels from `position - radius` to `position + radius` whose centres lie inside, clipped to `bounds`: the first, and
@@ -172,6 +221,22 @@ pub(crate) trait Canvas {
 #[inline(always)]
 fn covered(position: f32, radius: f32, [start, end]: [f32; 2]) -> [i32; 2] {
     [position - radius, position + radius].map(|border| ceil_to_i32((border - 0.5).max(start).min(end)))
+}
+
+/// [`covered`] for the splats from `start` on, as many as there are lanes.
+#[inline(always)]
+fn covered_lanes<S: Simd>(
+    simd: S,
+    [position, radius]: [&[f32; Splats::ROOM]; 2],
+    start: usize,
+    [first, end]: [f32; 2],
+) -> [i32x16<S>; 2] {
+    let load = |values: &[f32; Splats::ROOM]| f32x16::from_slice(simd, &values[start..start + LANES]);
+    let (position, radius) = (load(position), load(radius));
+    [position - radius, position + radius].map(|border| {
+        let inside = (border - 0.5).max(f32x16::splat(simd, first)).min(f32x16::splat(simd, end));
+        i32x16::truncate_from(inside.ceil())
+    })
 }
 
 /// `v.ceil() as i32` for |v| < 2^24, without the call into libm that `ceil` is on processors before SSE4.1.

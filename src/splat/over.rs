@@ -1,7 +1,9 @@
 //! Each splat over what is there, in 8-bit integers (inventory S21, C12).
 
-use super::{Canvas, Splats, ceil_to_i32, covered};
-use fearless_simd::{Level, Simd, dispatch, prelude::*, u8x16, u16x16};
+use super::size::LANES;
+use super::{Canvas, Splats, ceil_to_i32, covered_lanes};
+use crate::warp::Spans;
+use fearless_simd::{Level, Simd, SimdCvtTruncate, dispatch, f32x16, i32x16, prelude::*, u8x16, u16x16};
 use std::ops::Range;
 
 /// An image in which every splat is blended over the ones before it.
@@ -26,6 +28,8 @@ pub(crate) enum Shape {
     /// A rectangle of alpha 1.
     #[default]
     Rectangle,
+    /// The pixel that holds the sample.
+    Point,
     /// The pixel that holds the sample, and its neighbours in the row and the column, as far as the rectangle reaches.
     Plus,
     /// The paper's squares, which fade toward their rims.
@@ -91,6 +95,7 @@ impl OverCanvas {
     fn draw_all<S: Simd>(&mut self, simd: S, splats: &Splats) {
         match self.shape {
             Shape::Soft => self.draw_stamps(simd, splats),
+            Shape::Point => self.draw_points(simd, splats),
             Shape::Rectangle => self.draw_rectangles(simd, splats, |_, _, run| run),
             Shape::Plus => self.draw_rectangles(simd, splats, |[x, y], row, [left, right]| {
                 // Rounded down.
@@ -105,6 +110,34 @@ impl OverCanvas {
     fn blend_at<S: Simd>(&mut self, simd: S, at: usize, source: u16x16<S>, weight: u16x16<S>) {
         if let Some(pixels) = self.pixels.get_mut(at..).and_then(|pixels| pixels.first_chunk_mut()) {
             blend(simd, pixels, source, weight);
+        }
+    }
+
+    /// Single pixels.
+    #[inline(always)]
+    fn draw_points<S: Simd>(&mut self, simd: S, splats: &Splats) {
+        let (stride, rows) = (self.stride() as i32, self.rows.len() as i32);
+        for start in (0..splats.count()).step_by(LANES) {
+            let load = |values: &[f32; Splats::ROOM]| f32x16::from_slice(simd, &values[start..start + LANES]);
+            let pixel = |v: f32x16<S>| i32x16::truncate_from(v.floor());
+            let row = pixel(load(&splats.y)) - self.rows.start as i32;
+            let at = row * stride + pixel(load(&splats.x)) + MARGIN as i32;
+            let inside = row.simd_ge(i32x16::splat(simd, 0)) & row.simd_lt(i32x16::splat(simd, rows));
+            // Nothing is there.
+            let at = inside.select(at, i32x16::splat(simd, -1)).to_array();
+            for (i, at) in (start..splats.count()).zip(at) {
+                let color = splats.color[i].to_ne_bytes();
+                match self.pixels.get_mut(at as usize) {
+                    Some(pixel) if color[3] == 255 => *pixel = color,
+                    Some(_) => {
+                        let (source, alpha) = source_of(simd, splats.color[i]);
+                        let weight =
+                            u16x16::load_array(simd, std::array::from_fn(|lane| if lane < 4 { alpha } else { 0 }));
+                        self.blend_at(simd, at as usize, source, weight);
+                    }
+                    None => {}
+                }
+            }
         }
     }
 
@@ -152,13 +185,17 @@ impl OverCanvas {
         part: impl Fn([f32; 2], i32, [i32; 2]) -> [i32; 2],
     ) {
         let (stride, first_row) = (self.stride(), self.rows.start as i32);
-        let (mut columns, mut rows) = ([[0; 2]; Splats::ROOM], [[0; 2]; Splats::ROOM]);
-        for i in 0..splats.count() {
-            columns[i] = covered(splats.x[i], splats.radius_x[i], [0.0, self.width as f32]);
-            rows[i] = covered(splats.y[i], splats.radius_y[i], [self.rows.start as f32, self.rows.end as f32]);
+        let (mut columns, mut rows) = ([[0; Splats::ROOM]; 2], [[0; Splats::ROOM]; 2]);
+        for at in (0..splats.count()).step_by(LANES) {
+            let store = |found: [i32x16<S>; 2], to: &mut [[i32; Splats::ROOM]; 2]| {
+                to.iter_mut().zip(found).for_each(|(to, found)| found.store_slice(&mut to[at..at + LANES]));
+            };
+            store(covered_lanes(simd, [&splats.x, &splats.radius_x], at, [0.0, self.width as f32]), &mut columns);
+            let bounds = [self.rows.start as f32, self.rows.end as f32];
+            store(covered_lanes(simd, [&splats.y, &splats.radius_y], at, bounds), &mut rows);
         }
         for i in 0..splats.count() {
-            let (whole, [top, bottom]) = (columns[i], rows[i]);
+            let (whole, [top, bottom]) = ([columns[0][i], columns[1][i]], [rows[0][i], rows[1][i]]);
             let (source, alpha) = source_of(simd, splats.color[i]);
             for row in top..bottom {
                 let [left, right] = part([splats.x[i], splats.y[i]], row, whole);
@@ -196,20 +233,39 @@ impl Canvas for OverCanvas {
         self.pixels.resize(pixels, [0; 4]);
     }
 
+    fn clear_spans(&mut self, [width, height]: [u32; 2], spans: &dyn Fn(u32) -> Spans) {
+        if (self.width, &self.rows) != (width, &(0..height)) {
+            self.clear(width, 0..height);
+        }
+        let stride = self.stride();
+        super::clear_spans(&mut self.pixels, stride, MARGIN, [0; 4], spans);
+    }
+
     fn draw(&mut self, splats: &Splats, level: Level) {
         dispatch!(level, simd => self.draw_all(simd, splats));
     }
 
-    #[inline(always)]
-    fn pixel(&self, column: usize, row: usize) -> ([u8; 3], u8) {
-        let [r, g, b, share] = self.pixels[row * self.stride() + MARGIN + column];
-        if share == 255 || share == 0 {
-            return ([r, g, b], share);
-        }
-        let whole = u32::from(share);
-        let straight = |c: u8| ((u32::from(c) * 255 + whole / 2) / whole).min(255) as u8;
-        ([r, g, b].map(straight), if share >= WHOLE { 255 } else { share })
+    fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level) {
+        let start = row * self.stride() + MARGIN + column;
+        let from = self.pixels.get(start..start + to.len()).unwrap_or(&[]);
+        dispatch!(level, simd => {
+            let _ = simd; // the code is plain; the level decides what it is compiled to
+            to.iter_mut().zip(from).for_each(|(to, from)| *to = straight(*from));
+        });
     }
+}
+
+static RECIPROCALS: [u64; 256] = super::reciprocals();
+
+/// From a colour times coverage, and coverage.
+#[inline(always)]
+fn straight([r, g, b, share]: [u8; 4]) -> [u8; 4] {
+    if share == 255 || share == 0 {
+        return [r, g, b, share];
+    }
+    let (half, reciprocal) = (u64::from(share / 2), RECIPROCALS[usize::from(share)]);
+    let [r, g, b] = [r, g, b].map(|c| ((u64::from(c) * 255 + half) * reciprocal >> 32).min(255) as u8);
+    [r, g, b, if share >= WHOLE { 255 } else { share }]
 }
 
 #[cfg(test)]

@@ -7,8 +7,10 @@
 //! strictly back to front, one mean and one blended colour behind it are enough.
 
 use super::linear::LinearLight;
-use super::{Canvas, Splats, covered};
-use fearless_simd::{Level, dispatch};
+use super::size::LANES;
+use super::{Canvas, Splats, covered_lanes};
+use crate::warp::Spans;
+use fearless_simd::{Level, Simd, SimdCvtFloat, SimdCvtTruncate, dispatch, f32x16, i32x16, prelude::*, u32x16};
 use std::ops::Range;
 
 /// Weight 1, with which the samples of a whole surface add up in every pixel.
@@ -27,6 +29,9 @@ const MIN_SHARE: u64 = 13;
 /// a pixel away in x and y and gets (1 - 0.5 / 0.75)^2 = 1/9 of it, which must not round to nothing however small the
 /// sample is: 9 / 2 / 128.
 const MIN_PEAK: f32 = 0.036;
+
+/// Where alpha lies in four bytes as they lie in memory.
+const ALPHA_SHIFT: u32 = u32::from_ne_bytes([0, 0, 0, 1]).trailing_zeros();
 
 /// One pixel: 16 bytes.
 #[derive(Clone, Copy, Default)]
@@ -48,17 +53,7 @@ fn lanes([r, g, b, _]: [u8; 4]) -> u64 {
     u64::from(r) | u64::from(g) << 16 | u64::from(b) << 32 | 1 << 48
 }
 
-/// 2^32 / weight, rounded up: `n * reciprocal >> 32` is `n / weight` for all n below 2^16 (n times the excess, 1, is
-/// less than 2^32 / 257).
-static RECIPROCALS: [u64; MAX_WEIGHT as usize + 1] = {
-    let mut reciprocals = [0; MAX_WEIGHT as usize + 1];
-    let mut weight = 1;
-    while weight < reciprocals.len() {
-        reciprocals[weight] = (1u64 << 32).div_ceil(weight as u64);
-        weight += 1;
-    }
-    reciprocals
-};
+static RECIPROCALS: [u64; MAX_WEIGHT as usize + 1] = super::reciprocals();
 
 impl Cell {
     /// Weight of the front surface.
@@ -112,6 +107,20 @@ impl Cell {
         self.sum = self.sum >> 1 & 0x7fff_7fff_7fff_7fff;
     }
 
+    /// Makes way for a nearer surface. Out of the loop, like [`Self::add_behind`], whose registers it would take.
+    #[inline(never)]
+    fn send_behind(&mut self, light: &LinearLight) {
+        self.behind = self.flattened(light);
+    }
+
+    /// Adds a splat behind a surface that does not fill the pixel (yet).
+    #[inline(never)]
+    fn add_behind(&mut self, color: u64, weight: u64, light: &LinearLight) {
+        let lane = |lane: u32| (color >> (16 * lane)) as u8;
+        let share = (weight * 255 / ONE) as u8;
+        self.behind = light.over([lane(0), lane(1), lane(2), share], self.behind);
+    }
+
     /// Adds a splat of `lanes(color)`. `nearest_behind` and `farthest_in_front` are the inverse depths below and above
     /// which another surface lies behind and in front of the splat's.
     #[inline(always)]
@@ -125,7 +134,7 @@ impl Cell {
     ) {
         if self.inverse_depth < nearest_behind {
             if self.sum != 0 {
-                self.behind = self.flattened(light);
+                self.send_behind(light);
             }
             self.sum = color * weight;
             self.inverse_depth = inverse_depth;
@@ -136,10 +145,7 @@ impl Cell {
             self.sum += color * weight;
             self.inverse_depth = self.inverse_depth.max(inverse_depth);
         } else if self.weight() < OPAQUE {
-            // Behind a surface that does not fill the pixel (yet).
-            let lane = |lane: u32| (color >> (16 * lane)) as u8;
-            let share = (weight * 255 / ONE) as u8;
-            self.behind = light.over([lane(0), lane(1), lane(2), share], self.behind);
+            self.add_behind(color, weight, light);
         }
     }
 }
@@ -171,72 +177,109 @@ impl SurfaceCanvas {
     }
 }
 
-/// What drawing needs of each splat, made for all of a batch in loops that are vectorised.
+/// What drawing needs of each splat, made for all of a batch, a register at a time.
 struct Prepared {
-    /// The first pixel inside along x, and the one after the last.
-    columns: [[i32; 2]; Splats::ROOM],
-    /// The same along y.
-    rows: [[i32; 2]; Splats::ROOM],
-    across: [Tent; Splats::ROOM],
-    down: [Tent; Splats::ROOM],
+    columns: Lines,
+    rows: Lines,
     /// A peak of up to 128 * 2^9, times 2^15 for each of the two distances: the tent in integers.
     peak: [u32; Splats::ROOM],
-    /// The inverse depths below and above which another surface lies behind and in front of the splat's.
-    one_surface: [[f32; 2]; Splats::ROOM],
+    /// The inverse depth below which another surface lies behind the splat's.
+    nearest_behind: [f32; Splats::ROOM],
+    /// The inverse depth above which another surface lies in front of the splat's.
+    farthest_in_front: [f32; Splats::ROOM],
+}
+
+/// The lines of pixels that splats touch, along x or y.
+struct Lines {
+    /// The first line.
+    first: [i32; Splats::ROOM],
+    /// The one after the last.
+    end: [i32; Splats::ROOM],
+    /// Distance of the first line from the middle over the radius, in 2^-15.
+    at: [i32; Splats::ROOM],
+    /// From line to line, the same.
+    step: [i32; Splats::ROOM],
+}
+
+impl Default for Lines {
+    fn default() -> Self {
+        let zero = [0; Splats::ROOM];
+        Self { first: zero, end: zero, at: zero, step: zero }
+    }
+}
+
+impl Lines {
+    #[inline(always)]
+    fn fill<S: Simd>(&mut self, simd: S, [position, radius]: [&[f32; Splats::ROOM]; 2], i: usize, bounds: [f32; 2]) {
+        let [first, end] = covered_lanes(simd, [position, radius], i, bounds);
+        let load = |values: &[f32; Splats::ROOM]| f32x16::from_slice(simd, &values[i..i + LANES]);
+        let (position, scale) = (load(position), f32x16::splat(simd, 32_768.0) / load(radius));
+        // Rounded at the middle, not at `first`, which depends on the band.
+        let middle = i32x16::truncate_from(position);
+        let at = i32x16::truncate_from((f32x16::float_from(middle) + 0.5 - position) * scale);
+        let step = i32x16::truncate_from(scale);
+        first.store_slice(&mut self.first[i..i + LANES]);
+        end.store_slice(&mut self.end[i..i + LANES]);
+        (at + (first - middle) * step).store_slice(&mut self.at[i..i + LANES]);
+        step.store_slice(&mut self.step[i..i + LANES]);
+    }
+
+    /// The lines of a splat, and the tent's heights on them, one after the other.
+    #[inline(always)]
+    fn of(&self, i: usize) -> (Range<i32>, Tent) {
+        (self.first[i]..self.end[i], Tent { at: self.at[i], step: self.step[i] })
+    }
 }
 
 impl Default for Prepared {
     fn default() -> Self {
-        let zero = [[0; 2]; Splats::ROOM];
-        let tents = [Tent::default(); Splats::ROOM];
+        let zero = [0.0; Splats::ROOM];
         Self {
-            columns: zero,
-            rows: zero,
-            across: tents,
-            down: tents,
+            columns: Lines::default(),
+            rows: Lines::default(),
             peak: [0; Splats::ROOM],
-            one_surface: [[0.0; 2]; Splats::ROOM],
+            nearest_behind: zero,
+            farthest_in_front: zero,
         }
     }
 }
 
 impl Prepared {
     #[inline(always)]
-    fn fill(&mut self, splats: &Splats, [width, height]: [[f32; 2]; 2], tolerance: f32, bin: f32) {
-        for i in 0..splats.count() {
-            self.columns[i] = covered(splats.x[i], splats.radius_x[i], width);
-            self.across[i] = Tent::new(splats.x[i], splats.radius_x[i], self.columns[i][0]);
-        }
-        for i in 0..splats.count() {
-            self.rows[i] = covered(splats.y[i], splats.radius_y[i], height);
-            self.down[i] = Tent::new(splats.y[i], splats.radius_y[i], self.rows[i][0]);
-        }
-        for i in 0..splats.count() {
-            let inverse_depth = splats.inverse_depth[i];
-            let apart = (inverse_depth * tolerance).max(bin);
-            self.one_surface[i] = [inverse_depth - apart, inverse_depth + apart];
-            let alpha = f32::from(splats.color[i].to_ne_bytes()[3]);
-            self.peak[i] = (splats.weight[i].max(MIN_PEAK) * alpha * (ONE as f32 * 512.0 / 255.0)) as u32;
+    fn fill<S: Simd>(&mut self, simd: S, splats: &Splats, [width, height]: [[f32; 2]; 2], tolerance: f32, bin: f32) {
+        for i in (0..splats.count()).step_by(LANES) {
+            self.columns.fill(simd, [&splats.x, &splats.radius_x], i, width);
+            self.rows.fill(simd, [&splats.y, &splats.radius_y], i, height);
+            let load = |values: &[f32; Splats::ROOM]| f32x16::from_slice(simd, &values[i..i + LANES]);
+            let splat = |v: f32| f32x16::splat(simd, v);
+            let inverse_depth = load(&splats.inverse_depth);
+            let apart = (inverse_depth * tolerance).max(splat(bin));
+            (inverse_depth - apart).store_slice(&mut self.nearest_behind[i..i + LANES]);
+            (inverse_depth + apart).store_slice(&mut self.farthest_in_front[i..i + LANES]);
+            let alpha = (u32x16::from_slice(simd, &splats.color[i..i + LANES]) >> ALPHA_SHIFT) & 255;
+            let alpha = f32x16::float_from(alpha);
+            let peak = load(&splats.weight).max(splat(MIN_PEAK)) * alpha * (ONE as f32 * 512.0 / 255.0);
+            u32x16::truncate_from(peak).store_slice(&mut self.peak[i..i + LANES]);
         }
     }
 }
 
 impl SurfaceCanvas {
     #[inline(always)]
-    fn draw_all(&mut self, splats: &Splats) {
+    fn draw_all<S: Simd>(&mut self, simd: S, splats: &Splats) {
         let light = LinearLight::tables();
         let bounds = [[0.0, self.width as f32], [self.rows.start as f32, self.rows.end as f32]];
         let prepared = &mut self.prepared;
-        prepared.fill(splats, bounds, self.tolerance, self.bin);
+        prepared.fill(simd, splats, bounds, self.tolerance, self.bin);
         for i in 0..splats.count() {
             let (color, inverse_depth) = (lanes(splats.color[i].to_ne_bytes()), splats.inverse_depth[i]);
-            let one_surface = prepared.one_surface[i];
-            let ([left, right], [top, bottom]) = (prepared.columns[i], prepared.rows[i]);
-            for (row, height) in (top..bottom).zip(prepared.down[i]) {
+            let one_surface = [prepared.nearest_behind[i], prepared.farthest_in_front[i]];
+            let ((columns, across), (rows, down)) = (prepared.columns.of(i), prepared.rows.of(i));
+            for (row, height) in rows.zip(down) {
                 let peak = (prepared.peak[i] * height) >> 15;
                 let start = (row - self.rows.start as i32) as usize * self.width as usize;
-                let row = &mut self.cells[start + left as usize..start + right as usize];
-                for (cell, height) in row.iter_mut().zip(prepared.across[i]) {
+                let row = &mut self.cells[start + columns.start as usize..start + columns.end as usize];
+                for (cell, height) in row.iter_mut().zip(across) {
                     // At most ONE, as 2^16 * 2^15 = 2^31.
                     let weight = u64::from((peak * height + (1 << 23)) >> 24);
                     if weight > 0 {
@@ -254,18 +297,6 @@ struct Tent {
     /// Distance from the middle over the radius, in 2^-15.
     at: i32,
     step: i32,
-}
-
-impl Tent {
-    /// About a position, from pixel `first` on.
-    #[inline(always)]
-    fn new(position: f32, radius: f32, first: i32) -> Self {
-        let scale = 32_768.0 / radius;
-        // Rounded at the middle, not at `first`, which depends on the band.
-        let middle = position as i32;
-        let (at, step) = (((middle as f32 + 0.5 - position) * scale) as i32, scale as i32);
-        Self { at: at + (first - middle) * step, step }
-    }
 }
 
 impl Iterator for Tent {
@@ -287,17 +318,25 @@ impl Canvas for SurfaceCanvas {
         self.cells.resize(width as usize * self.rows.len(), Cell::default());
     }
 
-    fn draw(&mut self, splats: &Splats, level: Level) {
-        dispatch!(level, simd => {
-            let _ = simd; // the code is plain; the level decides what it is compiled to
-            self.draw_all(splats);
-        });
+    fn clear_spans(&mut self, [width, height]: [u32; 2], spans: &dyn Fn(u32) -> Spans) {
+        if (self.width, &self.rows) != (width, &(0..height)) {
+            self.clear(width, 0..height);
+        }
+        super::clear_spans(&mut self.cells, width as usize, 0, Cell::default(), spans);
     }
 
-    #[inline(always)]
-    fn pixel(&self, column: usize, row: usize) -> ([u8; 3], u8) {
-        let [r, g, b, share] = self.cells[row * self.width as usize + column].flattened(LinearLight::tables());
-        ([r, g, b], share)
+    fn draw(&mut self, splats: &Splats, level: Level) {
+        dispatch!(level, simd => self.draw_all(simd, splats));
+    }
+
+    fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level) {
+        let start = row * self.width as usize + column;
+        let from = self.cells.get(start..start + to.len()).unwrap_or(&[]);
+        let light = LinearLight::tables();
+        dispatch!(level, simd => {
+            let _ = simd; // the code is plain; the level decides what it is compiled to
+            to.iter_mut().zip(from).for_each(|(to, cell)| *to = cell.flattened(light));
+        });
     }
 }
 

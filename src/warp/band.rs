@@ -1,166 +1,250 @@
 //! One band of a frame, drawn by one thread from its first splat to its last pixel.
 
 use super::clip::{self, Band, BlockClip};
+use super::epipolar::Spans;
+use super::finish::{Background, Pixels};
+use super::format::Format;
 use super::kernel::SegmentWarp;
-use super::traverse::{self, Batch, Part};
-use super::{FramePlan, FrameStats, SegmentPlan};
+use super::traverse::{self, Batch, Cut, Part, Uncut};
+use super::{FramePlan, FrameStats, SegmentPlan, Source};
 use crate::capture::Camera;
-use crate::frame::Coverage;
-use crate::ldi::Environment;
-use crate::packed::{PackedCube, PackedSegment};
+use crate::packed::{ExactDepthPixel, PackedCube, PackedDepthPixel, PackedSegment};
 use crate::splat::depth::DepthCanvas;
-use crate::splat::linear::LinearLight;
+use crate::splat::ellipse::EllipseCanvas;
 use crate::splat::over::{OverCanvas, Shape};
-use crate::splat::size::{FixedSize, Size, TangentSize};
+use crate::splat::size::{EllipseSize, FixedSize, Size, TangentSize};
 use crate::splat::surface::SurfaceCanvas;
 use crate::splat::{Canvas, SplatKernel, Splats};
-use fearless_simd::{Level, Simd, dispatch};
-use glam::Vec3;
+use std::ops::Range;
 use std::time::Instant;
 
 /// The buffers of a thread.
 pub(super) struct Worker {
     pub(super) stats: FrameStats,
     strokes: Strokes,
-    over: OverCanvas,
-    surfaces: SurfaceCanvas,
-}
-
-/// The pixels of a band, row by row.
-pub(super) struct BandPixels<'a> {
-    /// They hold the hole colour.
-    pub(super) colors: &'a mut [[u8; 4]],
-    /// They say that all are holes.
-    pub(super) coverages: &'a mut [Coverage],
-    /// Eye depths, infinite; or none if nobody wants them.
-    pub(super) depths_m: &'a mut [f32],
+    pub(super) over: OverCanvas,
+    pub(super) surfaces: SurfaceCanvas,
+    pub(super) ellipses: EllipseCanvas,
+    pub(super) depth: DepthCanvas,
 }
 
 /// What lies between the LDI and a canvas.
 struct Strokes {
-    batch: Box<Batch>,
+    batch: Box<Batch<PackedDepthPixel>>,
+    /// Made when it is used.
+    exact_batch: Option<Box<Batch<ExactDepthPixel>>>,
     splats: Box<Splats>,
     visible: Vec<bool>,
-    depth: DepthCanvas,
 }
 
 impl Default for Worker {
     fn default() -> Self {
         let strokes = Strokes {
             batch: Box::new(Batch::new()),
+            exact_batch: None,
             splats: Box::new(Splats::new()),
             visible: Vec::new(),
-            depth: DepthCanvas::default(),
         };
-        Self { stats: FrameStats::default(), strokes, over: OverCanvas::default(), surfaces: SurfaceCanvas::default() }
+        Self {
+            stats: FrameStats::default(),
+            strokes,
+            over: OverCanvas::default(),
+            surfaces: SurfaceCanvas::default(),
+            ellipses: EllipseCanvas::default(),
+            depth: DepthCanvas::default(),
+        }
     }
 }
 
 impl Worker {
     /// Draws a band on its pixels.
-    pub(super) fn draw(
+    pub(super) fn draw(&mut self, plan: &FramePlan, source: Source, camera: &Camera, band: &Band, pixels: Pixels) {
+        self.prepare(plan);
+        let Self { stats, strokes, over, surfaces, ellipses, depth } = self;
+        let mut pass = Pass { plan, source, band, stats, strokes, depth };
+        match plan.kernel {
+            SplatKernel::Tent => pass.draw(surfaces, camera, pixels),
+            SplatKernel::Ellipse => pass.draw(ellipses, camera, pixels),
+            _ => pass.draw(over, camera, pixels),
+        }
+    }
+
+    /// Draws what lies in a scope on a canvas of a whole frame (`band`), to be read in the columns `spans` of each row.
+    pub(super) fn draw_spans(
         &mut self,
         plan: &FramePlan,
-        cube: &PackedCube,
-        camera: &Camera,
+        source: Source,
         band: &Band,
-        pixels: BandPixels,
+        scope: &impl Scope,
+        spans: impl Fn(u32) -> Spans,
     ) {
-        let Self { stats, strokes, over, surfaces } = self;
-        let mut pass = Pass { plan, cube, camera, band, stats, strokes, wants_depth: !pixels.depths_m.is_empty() };
+        self.prepare(plan);
+        let Self { stats, strokes, over, surfaces, ellipses, depth } = self;
+        let mut pass = Pass { plan, source, band, stats, strokes, depth };
         match plan.kernel {
-            SplatKernel::Tent => {
-                (surfaces.tolerance, surfaces.bin) = (plan.tolerance, plan.bin);
-                pass.draw(surfaces, pixels);
-            }
-            kernel => {
-                over.shape = match kernel {
-                    SplatKernel::Paper => Shape::Soft,
-                    SplatKernel::Plus => Shape::Plus,
-                    _ => Shape::Rectangle,
-                };
-                pass.draw(over, pixels);
-            }
+            SplatKernel::Tent => pass.draw_spans(surfaces, scope, spans),
+            SplatKernel::Ellipse => pass.draw_spans(ellipses, scope, spans),
+            _ => pass.draw_spans(over, scope, spans),
         }
+    }
+
+    /// Sets the canvases up for a frame.
+    fn prepare(&mut self, plan: &FramePlan) {
+        (self.surfaces.tolerance, self.surfaces.bin) = (plan.tolerance, plan.bin);
+        (self.ellipses.tolerance, self.ellipses.bin) = (plan.tolerance, plan.bin);
+        self.over.shape = match plan.kernel {
+            SplatKernel::Paper => Shape::Soft,
+            SplatKernel::Plus => Shape::Plus,
+            SplatKernel::Point => Shape::Point,
+            _ => Shape::Rectangle,
+        };
+    }
+}
+
+/// Which depth pixels of the segments a pass draws.
+pub(super) trait Scope {
+    /// Which pixels of each row.
+    type Cut<'a>: Cut
+    where
+        Self: 'a;
+
+    /// The rectangle of a segment's face pixels, and in `visible` which of the blocks that it touches; `None` for
+    /// nothing. `i`: the segment's place in drawing order.
+    fn part<S: Size>(&self, i: usize, clip: &BlockClip, size: &S, visible: &mut Vec<bool>) -> Option<[Range<u32>; 2]>;
+
+    /// The same segment's cut.
+    fn cut<'a>(&'a self, i: usize, clip: BlockClip<'a>) -> Self::Cut<'a>;
+}
+
+/// All that a band can show.
+pub(super) struct Clipped {
+    /// Or simply all.
+    pub(super) unclipped: bool,
+}
+
+impl Scope for Clipped {
+    type Cut<'a> = Uncut;
+
+    fn part<S: Size>(&self, _: usize, clip: &BlockClip, size: &S, visible: &mut Vec<bool>) -> Option<[Range<u32>; 2]> {
+        let whole = traverse::whole(clip.segment, clip.face_px);
+        if self.unclipped {
+            visible.clear();
+            visible.resize(traverse::block_count(&whole), true);
+            return Some(whole);
+        }
+        let found = clip::rectangle(clip.transfer, clip.segment, clip.band, f64::from(S::MAX_RADIUS_PX))?;
+        let rectangle = [0, 1].map(|i| found[i].start.min(whole[i].end)..found[i].end.min(whole[i].end));
+        clip.blocks(&rectangle, size, visible);
+        Some(rectangle)
+    }
+
+    fn cut<'a>(&'a self, _: usize, _: BlockClip<'a>) -> Uncut {
+        Uncut
     }
 }
 
 /// One band on its way to a canvas.
 struct Pass<'a> {
     plan: &'a FramePlan,
-    cube: &'a PackedCube,
-    camera: &'a Camera,
+    source: Source<'a>,
     band: &'a Band,
     stats: &'a mut FrameStats,
     strokes: &'a mut Strokes,
-    wants_depth: bool,
+    depth: &'a mut DepthCanvas,
 }
 
 impl Pass<'_> {
-    fn draw(&mut self, canvas: &mut impl Canvas, mut pixels: BandPixels) {
+    fn draw(&mut self, canvas: &mut dyn Canvas, camera: &Camera, pixels: Pixels) {
         let started = Instant::now();
-        canvas.clear(self.band.width, self.band.rows.clone());
-        if self.wants_depth {
-            self.strokes.depth.clear(self.band.width, self.band.rows.clone());
+        let (band, plan) = (self.band, self.plan);
+        canvas.clear(band.width, band.rows.clone());
+        if plan.depth {
+            self.depth.clear(band.width, band.rows.clone());
         }
         let cleared = Instant::now();
-        for (i, of_frame) in self.plan.segments.iter().enumerate() {
-            let segment = &self.cube.segments[of_frame.index];
-            let paper = self.plan.paper_sizes.get(i).filter(|_| self.plan.kernel == SplatKernel::Paper);
-            match (paper, self.plan.kernel.stamp_radius_px()) {
-                (Some(size), _) => self.draw_segment(of_frame, segment, size, canvas),
-                (None, Some(radius_px)) => self.draw_segment(of_frame, segment, &FixedSize { radius_px }, canvas),
-                (None, None) => {
-                    let size = TangentSize::new(&self.plan.tangent_table, &of_frame.transfer);
-                    self.draw_segment(of_frame, segment, &size, canvas);
-                }
-            }
-        }
+        self.draw_segments(canvas, &Clipped { unclipped: plan.unclipped });
         let drawn = Instant::now();
-        self.stats.hole_pixels +=
-            finish(self.plan.level, canvas, &self.cube.environment, self.camera, self.band, &mut pixels);
-        let drawn_depths = pixels.coverages.iter().zip(self.strokes.depth.inverse_depths());
-        for (depth_m, (coverage, &inverse_depth)) in pixels.depths_m.iter_mut().zip(drawn_depths) {
-            if coverage.splat_share() > 0 && inverse_depth > 0.0 {
-                *depth_m = 1.0 / inverse_depth;
-            }
+        let background = Background::new(plan, self.source.cube, camera);
+        for (row, (y, pixels)) in band.rows.clone().zip(pixels.rows(band.width)).enumerate() {
+            canvas.resolve(row, 0, pixels.colors, plan.level);
+            self.depth.resolve(row, 0, pixels.depths_m);
+            self.stats.hole_pixels += background.put_under(y, pixels);
         }
         self.stats.clear_ms += (cleared - started).as_secs_f64() * 1e3;
         self.stats.warp_ms += (drawn - cleared).as_secs_f64() * 1e3;
         self.stats.finish_ms += drawn.elapsed().as_secs_f64() * 1e3;
     }
 
-    fn draw_segment<S: Size>(
-        &mut self,
-        of_frame: &SegmentPlan,
-        segment: &PackedSegment,
-        size: &S,
-        canvas: &mut impl Canvas,
-    ) {
-        let (band, face_px, transfer) = (self.band, self.plan.face_px, &of_frame.transfer);
-        let Strokes { batch, splats, visible, depth } = &mut *self.strokes;
-        let whole = Part::whole(segment, face_px);
-        let rectangle = match self.plan.unclipped {
-            true => Some(whole),
-            false => clip::rectangle(transfer, segment, band, f64::from(S::MAX_RADIUS_PX))
-                .map(|found| [0, 1].map(|i| found[i].start.min(whole[i].end)..found[i].end.min(whole[i].end))),
-        };
-        let Some(rectangle) = rectangle else { return };
-        if self.plan.unclipped {
-            visible.clear();
-            visible.resize(Part::block_count(&rectangle), true);
-        } else {
-            BlockClip { transfer, segment, band, face_px }.blocks(&rectangle, size, visible);
+    /// Draws what lies in a scope on a whole frame's canvas that is clean in some columns of each row.
+    fn draw_spans(&mut self, canvas: &mut dyn Canvas, scope: &impl Scope, spans: impl Fn(u32) -> Spans) {
+        let started = Instant::now();
+        canvas.clear_spans([self.band.width, self.band.height], &spans);
+        if self.plan.depth {
+            self.depth.clear_spans([self.band.width, self.band.height], &spans);
         }
-        let [columns, rows] = rectangle;
-        let part = Part { segment, columns, rows, visible };
-        let warp = SegmentWarp::new(transfer, segment, band, self.plan.level);
-        let (stats, level, wants_depth) = (&mut *self.stats, self.plan.level, self.wants_depth);
-        let own = self.plan.kernel.own_share();
-        traverse::traverse(&part, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
-            warp.warp(batch, size, splats);
+        let cleared = Instant::now();
+        self.draw_segments(canvas, scope);
+        self.stats.clear_ms += (cleared - started).as_secs_f64() * 1e3;
+        self.stats.warp_ms += cleared.elapsed().as_secs_f64() * 1e3;
+    }
+
+    fn draw_segments(&mut self, canvas: &mut dyn Canvas, scope: &impl Scope) {
+        let (plan, cube) = (self.plan, self.source.cube);
+        plan.for_each_segment(cube, &mut Drawing { pass: self, canvas, scope });
+    }
+}
+
+/// A pass in whose middle we are. The canvas is called once a batch, so that the call's cost does not count.
+struct Drawing<'a, 'b, Sc> {
+    pass: &'a mut Pass<'b>,
+    canvas: &'a mut dyn Canvas,
+    scope: &'a Sc,
+}
+
+impl<Sc: Scope> ForSegment for Drawing<'_, '_, Sc> {
+    fn segment<S: Size>(&mut self, i: usize, of_frame: &SegmentPlan, segment: &PackedSegment, size: &S) {
+        let Pass { plan, band, source, .. } = *self.pass;
+        let Strokes { batch, exact_batch, splats, visible } = &mut *self.pass.strokes;
+        let clip = BlockClip { transfer: &of_frame.transfer, segment, band, face_px: plan.face_px };
+        let Some([columns, rows]) = self.scope.part(i, &clip, size, visible) else { return };
+        let (stats, depth, canvas) = (&mut *self.pass.stats, &mut *self.pass.depth, &mut *self.canvas);
+        let mut strokes = SegmentStrokes { plan, band, of_frame, size, splats, stats, depth, canvas };
+        let cut = self.scope.cut(i, clip);
+        match source.exact {
+            None => {
+                let depth_pixels = &segment.depth_pixels;
+                strokes.draw(&Part { segment, depth_pixels, columns, rows, visible }, &cut, batch);
+            }
+            Some(exact) => {
+                let depth_pixels = exact.get(of_frame.index).map_or(&[][..], Vec::as_slice);
+                let batch = exact_batch.get_or_insert_with(|| Box::new(Batch::new()));
+                strokes.draw(&Part { segment, depth_pixels, columns, rows, visible }, &cut, batch);
+            }
+        }
+    }
+}
+
+/// What draws the depth pixels of a segment, in whatever form they are.
+struct SegmentStrokes<'a, S> {
+    plan: &'a FramePlan,
+    band: &'a Band,
+    of_frame: &'a SegmentPlan,
+    size: &'a S,
+    splats: &'a mut Splats,
+    stats: &'a mut FrameStats,
+    depth: &'a mut DepthCanvas,
+    canvas: &'a mut dyn Canvas,
+}
+
+impl<S: Size> SegmentStrokes<'_, S> {
+    fn draw<P: Format>(&mut self, part: &Part<P>, cut: &impl Cut, batch: &mut Batch<P>) {
+        let Self { plan, band, of_frame, size, splats, stats, depth, canvas } = self;
+        let (level, own) = (plan.level, plan.kernel.own_share());
+        let warp = SegmentWarp::new(&of_frame.transfer, P::scale(part.segment), band, level);
+        traverse::traverse(part, cut, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
+            warp.warp(batch, *size, splats);
             canvas.draw(splats, level);
-            if wants_depth {
+            if plan.depth {
                 depth.draw(splats, own);
             }
             stats.depth_pixels_in += batch.len as u64;
@@ -171,72 +255,28 @@ impl Pass<'_> {
     }
 }
 
-/// Writes a canvas to the band's pixels, over the environment where it shows, and returns how many are holes.
-fn finish(
-    level: Level,
-    canvas: &impl Canvas,
-    environment: &Environment,
-    camera: &Camera,
-    band: &Band,
-    pixels: &mut BandPixels,
-) -> u64 {
-    let width = band.width as usize;
-    let rows = pixels.colors.chunks_mut(width).zip(pixels.coverages.chunks_mut(width));
-    let mut holes = 0;
-    for ((row, y), (colors, coverages)) in band.rows.clone().enumerate().zip(rows) {
-        let start = camera.direction(0.5, f64::from(y) + 0.5);
-        let step = camera.direction(1.5, f64::from(y) + 0.5) - start;
-        let chunks = colors.chunks_mut(CHUNK).zip(coverages.chunks_mut(CHUNK)).zip((0..).step_by(CHUNK));
-        for (pixels, first) in chunks {
-            let directions = [start + step * first as f64, step].map(|v| v.as_vec3());
-            dispatch!(level, simd => {
-                holes += finish_chunk(simd, canvas, environment, directions, pixels, [first, row]);
-            });
-        }
-    }
-    holes
+/// Something that is done to every segment, in drawing order, with the kernel's way to know sizes.
+pub(super) trait ForSegment {
+    /// Does it to the `i`th.
+    fn segment<S: Size>(&mut self, i: usize, of_frame: &SegmentPlan, segment: &PackedSegment, size: &S);
 }
 
-/// Pixels that are finished at a time.
-const CHUNK: usize = 16;
-
-/// Finishes the [`CHUNK`] pixels from (column, row) on, or as many as there are.
-#[inline(always)]
-fn finish_chunk<S: Simd>(
-    simd: S,
-    canvas: &impl Canvas,
-    environment: &Environment,
-    [start, step]: [Vec3; 2],
-    (colors, coverages): (&mut [[u8; 4]], &mut [Coverage]),
-    [column, row]: [usize; 2],
-) -> u64 {
-    let mut all_share = 255;
-    for (i, (color, coverage)) in colors.iter_mut().zip(&mut *coverages).enumerate() {
-        let ([r, g, b], share) = canvas.pixel(column + i, row);
-        all_share &= share;
-        if share > 0 {
-            (*color, *coverage) = ([r, g, b, 255], Coverage::of_splats(share));
-        }
-    }
-    if all_share == 255 {
-        return 0;
-    }
-    let (light, mut holes) = (LinearLight::tables(), 0);
-    let seen = environment.sample_sixteen(simd, start, step);
-    for ((color, coverage), seen) in colors.iter_mut().zip(coverages).zip(seen) {
-        let Some(seen) = seen else {
-            holes += u64::from(coverage.is_hole());
-            continue;
-        };
-        match coverage.splat_share() {
-            255 => {}
-            0 => (*color, *coverage) = ([seen[0], seen[1], seen[2], 255], Coverage::ENVIRONMENT),
-            share => {
-                let [r, g, b, _] = *color;
-                let [r, g, b] = light.mix([[r, g, b], seen], [u32::from(share), u32::from(255 - share)]);
-                *color = [r, g, b, 255];
+impl FramePlan {
+    pub(super) fn for_each_segment(&self, cube: &PackedCube, visitor: &mut impl ForSegment) {
+        for (i, of_frame) in self.segments.iter().enumerate() {
+            let segment = &cube.segments[of_frame.index];
+            let paper = self.paper_sizes.get(i).filter(|_| self.kernel == SplatKernel::Paper);
+            match (paper, self.kernel.stamp_radius_px()) {
+                (Some(size), _) => visitor.segment(i, of_frame, segment, size),
+                (None, Some(radius_px)) => visitor.segment(i, of_frame, segment, &FixedSize { radius_px }),
+                (None, None) => {
+                    let size = TangentSize::new(&self.tangent_table, &of_frame.transfer);
+                    match self.kernel {
+                        SplatKernel::Ellipse => visitor.segment(i, of_frame, segment, &EllipseSize(size)),
+                        _ => visitor.segment(i, of_frame, segment, &size),
+                    }
+                }
             }
         }
     }
-    holes
 }

@@ -168,20 +168,32 @@ impl BlockClip<'_> {
         }
     }
 
-    /// The homogeneous test of C17: hidden only if all eight corners lie outside one half space.
-    fn is_visible(&self, column: u32, row: u32, size: &impl Size) -> bool {
-        let Some(codes) = self.segment.blocks.codes(column, row) else { return false };
-        let q = codes.map(|code| self.segment.inverse_depth(code));
+    /// Columns, rows and inverse depths of a block, or `None` if it holds nothing.
+    pub(crate) fn bounds(&self, column: u32, row: u32) -> Option<[[f64; 2]; 3]> {
+        let codes = self.segment.blocks.codes(column, row)?;
         let ends = |block: u32, length: u32| {
             let start = block * length;
             [f64::from(start), f64::from((start + length).min(self.face_px))]
         };
-        let (x, y) = (ends(column, BLOCK_COLUMNS), ends(row, BLOCK_ROWS));
+        let q = codes.map(|code| self.segment.inverse_depth(code));
+        Some([ends(column, BLOCK_COLUMNS), ends(row, BLOCK_ROWS), q])
+    }
+
+    /// The homogeneous positions of a block's corners in the frame, the least w of them, and a radius, px, that none of the
+    /// block's footprints exceeds.
+    pub(crate) fn corners(&self, [x, y, q]: &[[f64; 2]; 3], size: &impl Size) -> ([DVec3; 8], f64, f64) {
         let corners: [DVec3; 8] = std::array::from_fn(|i| {
             self.transfer.at(x[i & 1], y[i >> 1 & 1]) + self.transfer.inverse_depth * q[i >> 2]
         });
         let least_w = corners.iter().map(|h| h.z).fold(f64::INFINITY, f64::min);
         let radius = size.largest_radius_px(self.transfer, q[1], least_w, self.band.centred_size());
+        (corners, least_w, radius)
+    }
+
+    /// The homogeneous test of C17: hidden only if all eight corners lie outside one half space.
+    fn is_visible(&self, column: u32, row: u32, size: &impl Size) -> bool {
+        let Some(bounds) = self.bounds(column, row) else { return false };
+        let (corners, _, radius) = self.corners(&bounds, size);
         let [left, right, top, bottom] = self.band.bounds_px(radius);
         let all = |outside: &dyn Fn(&DVec3) -> bool| corners.iter().all(outside);
         !(all(&|h| h.z < f64::from(W_NEAR))

@@ -7,28 +7,39 @@
 //! cache, no thread waits for another, and every pixel sees the same splats in the same order whatever the bands are: any
 //! number of threads gives the same frame, bit for bit. The price is that a depth pixel near the border of two bands is
 //! warped for both.
+//!
+//! The papers' way to use many threads, fragments between epipolar lines, is there too ([`Parallel::Fragments`],
+//! `epipolar` and `fragments`); it gives the same bits.
 
 mod band;
 mod clip;
+mod epipolar;
+mod finish;
+mod format;
+mod fragments;
 mod kernel;
 pub mod oracle;
 pub(crate) mod order;
 pub(crate) mod transfer;
 pub(crate) mod traverse;
 
+pub(crate) use epipolar::Spans;
+pub use fragments::MAX_FRAGMENTS;
 pub(crate) use traverse::BATCH_CAPACITY;
 
 use crate::capture::Camera;
 use crate::frame::Frame;
 use crate::ldi::MAX_FACE_SIZE_PX;
 use crate::ldi::accumulate::DepthBins;
-use crate::packed::PackedCube;
+use crate::packed::{ExactCube, ExactDepthPixel, PackedCube};
 use crate::splat::SplatKernel;
-use crate::splat::size::{PaperSize, TangentTable};
+use crate::splat::size::{EllipseSize, PaperSize, TangentTable};
 use crate::splat::surface::SurfaceCanvas;
-use band::{BandPixels, Worker};
+use band::Worker;
 use clip::Band;
 use fearless_simd::Level;
+use finish::{Pixels, depth_pieces};
+use fragments::Fragments;
 use order::{EyeInFace, LayerOrder};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -49,6 +60,20 @@ pub struct RenderSettings {
     pub band_rows: u32,
     /// Fills [`Frame::depth_m`].
     pub depth: bool,
+    /// How threads share a frame. Every way gives the same frame.
+    pub parallel: Parallel,
+}
+
+/// How threads share the work of a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Parallel {
+    /// Bands of rows of the frame.
+    #[default]
+    Bands,
+    /// As many fragments of the LDI between epipolar lines, at most [`MAX_FRAGMENTS`], or 0 for one a thread (inventory P5,
+    /// P6, C16); see there for what it costs.
+    Fragments(u32),
 }
 
 /// What a frame took. Times of the stages are summed over threads.
@@ -72,8 +97,15 @@ pub struct FrameStats {
     pub warp_ms: f64,
     /// Canvas to frame, with the environment, ms.
     pub finish_ms: f64,
-    /// Time of the slowest thread over the mean of those that took part.
+    /// Time of the slowest thread over the mean of those that took part; with [`Parallel::Fragments`], of the slowest
+    /// fragment over the mean, without the strips between them.
     pub imbalance: f64,
+    /// With [`Parallel::Fragments`], pixels near a boundary, drawn in the second pass; else 0.
+    pub redone_pixels: u64,
+    /// Depth pixels of the second pass, in the extended buffer zones; also in [`Self::depth_pixels_in`].
+    pub redone_depth_pixels: u64,
+    /// With [`Parallel::Fragments`], depth pixels of the largest fragment; else 0.
+    pub largest_fragment: u64,
 }
 
 impl FrameStats {
@@ -87,6 +119,8 @@ impl FrameStats {
         self.clear_ms += other.clear_ms;
         self.warp_ms += other.warp_ms;
         self.finish_ms += other.finish_ms;
+        self.redone_pixels += other.redone_pixels;
+        self.redone_depth_pixels += other.redone_depth_pixels;
     }
 
     fn busy_ms(&self) -> f64 {
@@ -105,6 +139,7 @@ pub struct Renderer {
     order: Vec<usize>,
     plan: FramePlan,
     workers: Vec<Mutex<Worker>>,
+    fragments: Fragments,
 }
 
 impl Default for Renderer {
@@ -118,6 +153,8 @@ pub(crate) struct FramePlan {
     level: Level,
     kernel: SplatKernel,
     unclipped: bool,
+    depth: bool,
+    hole_color_srgb: [u8; 3],
     face_px: u32,
     /// In drawing order.
     segments: Vec<SegmentPlan>,
@@ -126,6 +163,14 @@ pub(crate) struct FramePlan {
     tangent_table: TangentTable,
     tolerance: f32,
     bin: f32,
+}
+
+/// What is drawn.
+#[derive(Clone, Copy)]
+struct Source<'a> {
+    cube: &'a PackedCube,
+    /// Depth pixels to draw instead of the packed ones, for each segment.
+    exact: Option<&'a [Vec<ExactDepthPixel>]>,
 }
 
 /// A segment, as the frame's camera sees it.
@@ -151,6 +196,7 @@ impl Renderer {
             order: Vec::new(),
             plan: FramePlan::new(level),
             workers: Vec::new(),
+            fragments: Fragments::default(),
         }
     }
 
@@ -162,55 +208,88 @@ impl Renderer {
     /// Draws what `camera` sees, on the current rayon thread pool. The cube should be valid ([`PackedCube::validate`]); of
     /// one that is not, rows whose tables point nowhere are left out.
     pub fn render(&mut self, cube: &PackedCube, camera: &Camera, settings: &RenderSettings) -> (&Frame, &FrameStats) {
-        let started = Instant::now();
-        let (width, height) = (camera.width(), camera.height());
-        self.frame.reset(width, height, settings.hole_color_srgb);
+        self.render_source(Source { cube, exact: None }, camera, settings)
+    }
+
+    /// The same from depth pixels that are not packed, to see what packing costs and gains.
+    pub fn render_exact(
+        &mut self,
+        exact: &ExactCube,
+        camera: &Camera,
+        settings: &RenderSettings,
+    ) -> (&Frame, &FrameStats) {
+        self.render_source(Source { cube: &exact.cube, exact: Some(&exact.depth_pixels) }, camera, settings)
+    }
+
+    fn render_source(&mut self, source: Source, camera: &Camera, settings: &RenderSettings) -> (&Frame, &FrameStats) {
+        let (started, cube) = (Instant::now(), source.cube);
+        self.frame.resize(camera.width(), camera.height(), settings.depth);
         order::segment_order(&cube.segments, camera.eye() - cube.info.centre, &mut self.order);
         self.plan.prepare(cube, camera, settings, &self.order);
+        let prepared_ms = started.elapsed().as_secs_f64() * 1e3;
+        self.stats = match settings.parallel {
+            Parallel::Bands => self.draw_bands(source, camera, settings.band_rows),
+            Parallel::Fragments(count) => self.fragments.draw(&self.plan, source, camera, count, &mut self.frame),
+        };
+        self.stats.clear_ms += prepared_ms;
+        self.stats.frame_ms = started.elapsed().as_secs_f64() * 1e3;
+        (&self.frame, &self.stats)
+    }
+
+    fn draw_bands(&mut self, source: Source, camera: &Camera, band_rows: u32) -> FrameStats {
+        let (width, height) = (camera.width(), camera.height());
         let threads = rayon::current_num_threads();
         self.workers.resize_with(threads.max(self.workers.len()), Mutex::default);
         for worker in &mut self.workers {
             worker.get_mut().unwrap_or_else(PoisonError::into_inner).stats = FrameStats::default();
         }
-        let prepared_ms = started.elapsed().as_secs_f64() * 1e3;
-
         let (plan, workers) = (&self.plan, &self.workers);
-        let rows = if settings.band_rows > 0 { settings.band_rows } else { BAND_ROWS };
+        let rows = if band_rows > 0 { band_rows } else { BAND_ROWS };
         let pixels = width as usize * rows.min(height) as usize;
-        let draw_band = |i: usize, pixels: BandPixels| {
+        let draw_band = |i: usize, pixels: Pixels| {
             let start = i as u32 * rows;
             let principal_px = camera.principal_px();
             let band = Band { width, height, principal_px, rows: start..start.saturating_add(rows).min(height) };
             // No other thread of the pool uses this one's worker, so that the lock is free.
             let worker = &workers[rayon::current_thread_index().unwrap_or(0) % workers.len()];
-            worker.lock().unwrap_or_else(PoisonError::into_inner).draw(plan, cube, camera, &band, pixels);
+            worker.lock().unwrap_or_else(PoisonError::into_inner).draw(plan, source, camera, &band, pixels);
         };
         let Frame { color, coverage, depth_m, .. } = &mut self.frame;
-        let bands = color.par_chunks_mut(pixels).zip(coverage.par_chunks_mut(pixels));
-        if settings.depth {
-            depth_m.resize(width as usize * height as usize, f32::INFINITY);
-            let bands = bands.zip(depth_m.par_chunks_mut(pixels)).enumerate().with_max_len(1);
-            bands.for_each(|(i, ((colors, coverages), depths_m))| {
-                draw_band(i, BandPixels { colors, coverages, depths_m });
-            });
-        } else {
-            bands.enumerate().with_max_len(1).for_each(|(i, (colors, coverages))| {
-                draw_band(i, BandPixels { colors, coverages, depths_m: &mut [] });
-            });
-        }
+        let depths_m = depth_pieces(depth_m, pixels, color.len().div_ceil(pixels));
+        let bands = color.par_chunks_mut(pixels).zip(coverage.par_chunks_mut(pixels)).zip(depths_m);
+        bands.enumerate().with_max_len(1).for_each(|(i, ((colors, coverages), depths_m))| {
+            draw_band(i, Pixels { colors, coverages, depths_m });
+        });
 
-        self.stats = FrameStats { clear_ms: prepared_ms, ..FrameStats::default() };
-        let (mut slowest, mut sum, mut busy) = (0.0f64, 0.0, 0);
+        let mut stats = FrameStats::default();
+        let mut busy = Imbalance::default();
         for worker in &mut self.workers {
             let of_worker = &worker.get_mut().unwrap_or_else(PoisonError::into_inner).stats;
-            self.stats.absorb(of_worker);
-            slowest = slowest.max(of_worker.busy_ms());
-            sum += of_worker.busy_ms();
-            busy += u32::from(of_worker.busy_ms() > 0.0);
+            stats.absorb(of_worker);
+            busy.add(of_worker.busy_ms());
         }
-        self.stats.imbalance = if sum > 0.0 { slowest * f64::from(busy) / sum } else { 1.0 };
-        self.stats.frame_ms = started.elapsed().as_secs_f64() * 1e3;
-        (&self.frame, &self.stats)
+        stats.imbalance = busy.ratio();
+        stats
+    }
+}
+
+/// The largest of some times over the mean of those that are not 0.
+#[derive(Default)]
+struct Imbalance {
+    slowest: f64,
+    sum: f64,
+    count: u32,
+}
+
+impl Imbalance {
+    fn add(&mut self, ms: f64) {
+        self.slowest = self.slowest.max(ms);
+        self.sum += ms;
+        self.count += u32::from(ms > 0.0);
+    }
+
+    fn ratio(&self) -> f64 {
+        if self.sum > 0.0 { self.slowest * f64::from(self.count) / self.sum } else { 1.0 }
     }
 }
 
@@ -220,6 +299,8 @@ impl FramePlan {
             level,
             kernel: SplatKernel::default(),
             unclipped: false,
+            depth: false,
+            hole_color_srgb: [0; 3],
             face_px: 0,
             segments: Vec::new(),
             paper_sizes: Vec::new(),
@@ -233,6 +314,7 @@ impl FramePlan {
         let face_px = cube.face_size_px.min(MAX_FACE_SIZE_PX);
         let eye_from_centre = camera.eye() - cube.info.centre;
         (self.kernel, self.unclipped, self.face_px) = (settings.kernel, settings.unclipped, face_px);
+        (self.depth, self.hole_color_srgb) = (settings.depth, settings.hole_color_srgb);
         self.segments.clear();
         self.segments.extend(order.iter().map(|&index| {
             let segment = &cube.segments[index];
@@ -240,14 +322,13 @@ impl FramePlan {
             let transfer = Transfer::new(camera, eye_from_centre, segment.face, face_px);
             SegmentPlan { index, transfer, layers: eye.layer_order(segment), eye }
         }));
+        self.tolerance = SurfaceCanvas::tolerance(face_px);
+        self.bin = DepthBins::new(cube.info.half_size_m, face_px).inverse_depth(1.0) as f32;
         match settings.kernel {
-            SplatKernel::Tent => {
-                self.tolerance = SurfaceCanvas::tolerance(face_px);
-                self.bin = DepthBins::new(cube.info.half_size_m, face_px).inverse_depth(1.0) as f32;
-                self.tangent_table.refill(cube.layout, face_px, 1.0, TENT_MIN_RADIUS_PX);
-            }
+            SplatKernel::Tent => self.tangent_table.refill(cube.layout, face_px, 1.0, TENT_MIN_RADIUS_PX),
+            SplatKernel::Ellipse => self.tangent_table.refill(cube.layout, face_px, EllipseSize::SCALE, 0.0),
+            SplatKernel::Point | SplatKernel::Plus | SplatKernel::Square2 | SplatKernel::Square3 => {}
             // A rectangle is as wide as the spacing; 15 % more closes the cracks that quantised normals open.
-            SplatKernel::Plus | SplatKernel::Square2 | SplatKernel::Square3 => {}
             SplatKernel::Opaque => self.tangent_table.refill(cube.layout, face_px, 0.575, 0.5),
             SplatKernel::Paper => {
                 self.paper_sizes.resize_with(order.len().max(self.paper_sizes.len()), PaperSize::new);
