@@ -21,6 +21,7 @@ pub mod results;
 pub mod row;
 pub mod scene;
 pub mod sheet;
+pub mod sprite_range;
 pub mod stability;
 pub mod stats;
 pub mod summary;
