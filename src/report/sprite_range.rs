@@ -61,7 +61,7 @@ impl SpriteRange {
                 let sprites = RenderOptions { variant, ..RenderOptions::default() };
                 let settings = ComposeSettings { sprites, ..ComposeSettings::default() };
                 layers.render(&mut composer, &target, &settings, &mut frame);
-                *flip = f64::from(metrics::compare(&truth, &frame.to_rgb([0; 3]))?.flip);
+                *flip = metrics::compare(&truth, &frame.to_rgb([0; 3]))?.flip;
             }
             places.push(RangePlace {
                 displacement_m,
