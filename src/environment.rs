@@ -57,10 +57,10 @@ impl Environment {
         if inside { self.between_four(first, within) } else { self.sample_anywhere(direction.as_dvec3()) }
     }
 
-    /// The samples in the directions `start + i * step` for i from 0 to 15, as [`Self::sample`] finds them, with alpha 255; four
-    /// zeros for none.
+    /// The samples in the directions `start + i * step` for i from 0 to 15, as [`Self::sample`] finds them, with alpha 255; alpha 0
+    /// for none. Those whose bit in `wanted` is not set may be anything.
     #[inline(always)]
-    pub(crate) fn sample_sixteen<S: Simd>(&self, simd: S, start: Vec3, step: Vec3) -> [[u8; 4]; 16] {
+    pub(crate) fn sample_sixteen<S: Simd>(&self, simd: S, wanted: u64, start: Vec3, step: Vec3) -> [[u8; 4]; 16] {
         if self.size_px == 0 {
             return [[0; 4]; 16];
         }
@@ -91,19 +91,24 @@ impl Environment {
         let whole = |v: f32x16<S>| u32x16::truncate_from(inside.select(v, splat(0.0)));
         let first = (whole(number) * self.size_px + whole(top)) * self.size_px + whole(left);
         let (u, v) = (whole((x_px - left) * 256.0), whole((y_px - top) * 256.0));
-        let (mut found, all_known) = self.between_sixty_four(simd, first, [u, v]);
-        let (inside, all_known) = (inside.to_bitmask(), all_known.to_bitmask());
-        let mut others = !(inside & all_known) & 0xffff;
+        let (mut found, alike) = self.between_sixty_four(simd, first, [u, v]);
+        let inside = inside.to_bitmask();
+        let mut others = wanted & !(inside & alike.to_bitmask());
+        let (first, u, v) = (first.to_array(), u.to_array(), v.to_array());
         while others != 0 {
             let i = others.trailing_zeros() as usize;
             others &= others - 1;
-            let sample = self.sample(start + step * i as f32);
+            let sample = match inside >> i & 1 {
+                0 => self.sample(start + step * i as f32),
+                _ => self.between_four(first[i] as usize, [u[i], v[i]]),
+            };
             found[i] = sample.map_or([0; 4], |[r, g, b]| [r, g, b, 255]);
         }
         found
     }
 
-    /// [`Self::between_four`] for sixteen indices at a time; wrong where a texel is not known, which the mask says.
+    /// [`Self::between_four`] for sixteen indices at a time, with the alpha of the texels, 255 or 0; wrong where some are known
+    /// and others are not. The mask says where they are alike.
     #[inline(always)]
     fn between_sixty_four<S: Simd>(
         &self,
@@ -112,16 +117,19 @@ impl Environment {
         [u, v]: [u32x16<S>; 2],
     ) -> ([[u8; 4]; 16], mask32x16<S>) {
         let size = self.size_px as usize;
-        let mut corners = [[[0; 4]; 16]; 4];
+        let mut rows = [[[[0; 4]; 2]; 16]; 2];
         for (i, first) in first.to_array().into_iter().enumerate() {
-            let first = first as usize;
-            for (corner, at) in corners.iter_mut().zip([first, first + 1, first + size, first + size + 1]) {
-                corner[i] = self.texels.get(at).copied().unwrap_or_default();
+            for (row, at) in rows.iter_mut().zip([first as usize, first as usize + size]) {
+                row[i] = self.texels.get(at..).and_then(|texels| texels.first_chunk()).copied().unwrap_or_default();
             }
         }
-        let [a, b, c, d]: [u32x16<S>; 4] = corners.map(|texels| u32x16::load_array(simd, bytemuck::cast(texels)));
-        let known = u32x16::splat(simd, u32::from_ne_bytes([0, 0, 0, 255]));
-        let all_known = (a & b & c & d & known).simd_eq(known);
+        let [[a, b], [c, d]] = rows.map(|pairs| {
+            let words: [u32; 32] = bytemuck::cast(pairs);
+            let [low, high] = [&words[..16], &words[16..]].map(|words| u32x16::from_slice(simd, words));
+            <[u32x16<S>; 2]>::from(simd.deinterleave_u32x16(low, high))
+        });
+        let alpha = u32x16::splat(simd, u32::from_ne_bytes([0, 0, 0, 255]));
+        let alike = ((a & b & c & d) & alpha).simd_eq((a | b | c | d) & alpha);
         // Two of the four bytes at a time, 16 bits each. Rounding of either step is at most half a level.
         let two = 0x00ff_00ff;
         let mix = |a: u32x16<S>, b: u32x16<S>, share: u32x16<S>| {
@@ -131,7 +139,7 @@ impl Environment {
         let even = mix(mix(a & two, b & two, u), mix(c & two, d & two, u), v);
         let odd = |t: u32x16<S>| (t >> 8) & two;
         let odd = mix(mix(odd(a), odd(b), u), mix(odd(c), odd(d), u), v);
-        (bytemuck::cast((even | (odd << 8)).to_array()), all_known)
+        (bytemuck::cast((even | (odd << 8)).to_array()), alike)
     }
 
     /// Between the texels of index `first` and right of it, and the two below, at distances in 1/256 from the first. All four
@@ -243,7 +251,7 @@ mod tests {
             let a = i as f32 * 0.31;
             let (start, step) = (Vec3::new(a.sin(), (a * 1.7).cos(), (a * 0.6).cos()), Vec3::new(0.03, -0.05, 0.11));
             let sixteen = fearless_simd::dispatch!(fearless_simd::Level::new(), simd => {
-                patchy.sample_sixteen(simd, start, step)
+                patchy.sample_sixteen(simd, 0xffff, start, step)
             });
             for (k, [r, g, b, a]) in sixteen.into_iter().enumerate() {
                 let found = (a > 0).then_some([r, g, b]);

@@ -58,9 +58,14 @@ impl PackedSegment {
     /// The depth pixels of row `y` of the rectangle and the running counts of its pixels (`width + 1` of them), or two
     /// empty slices where the tables of an invalid segment point outside.
     pub fn row(&self, y: u32) -> (&[PackedDepthPixel], &[u32]) {
+        self.row_of(&self.depth_pixels, y)
+    }
+
+    /// [`Self::row`] of depth pixels in another form, as many in the same order.
+    pub(crate) fn row_of<'a, P>(&'a self, depth_pixels: &'a [P], y: u32) -> (&'a [P], &'a [u32]) {
         let (y, width) = (y as usize, self.width as usize);
         let ends = self.row_offsets.get(y..y + 2).unwrap_or(&[0, 0]);
-        let samples = self.depth_pixels.get(ends[0] as usize..ends[1] as usize);
+        let samples = depth_pixels.get(ends[0] as usize..ends[1] as usize);
         let start = y.saturating_mul(width + 1);
         let counts = self.row_counts.get(start..start.saturating_add(width + 1));
         match (samples, counts) {

@@ -3,6 +3,7 @@
 pub(crate) mod blocks;
 pub mod decode;
 pub mod encode;
+pub mod exact;
 pub mod layout;
 pub mod splat_index;
 pub mod validate;
@@ -10,5 +11,6 @@ pub mod validate;
 pub use blocks::BlockIndex;
 pub use decode::{DecodedDepthPixel, INVERSE_DEPTH_CODE_MAX};
 pub use encode::{PackError, Split};
+pub use exact::{ExactCube, ExactDepthPixel};
 pub use layout::{PackedCube, PackedDepthPixel, PackedSegment, SegmentSide, SplatIndexLayout};
 pub use validate::PackedError;

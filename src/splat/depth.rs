@@ -32,7 +32,7 @@ impl DepthCanvas {
     }
 
     /// As [`super::Canvas::clear_spans`].
-    pub(crate) fn clear_spans(&mut self, [width, height]: [u32; 2], spans: impl Fn(u32) -> Spans) {
+    pub(crate) fn clear_spans(&mut self, [width, height]: [u32; 2], spans: &dyn Fn(u32) -> Spans) {
         if (self.width, &self.rows) != (width, &(0..height)) {
             self.clear(width, 0..height);
         }

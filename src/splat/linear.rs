@@ -15,16 +15,7 @@ pub(crate) struct LinearLight {
 
 const LINEAR_MAX: u16 = 4095;
 
-/// 2^32 / total, rounded up.
-static RECIPROCALS: [u64; 256] = {
-    let mut reciprocals = [0; 256];
-    let mut total = 1;
-    while total < reciprocals.len() {
-        reciprocals[total] = (1u64 << 32).div_ceil(total as u64);
-        total += 1;
-    }
-    reciprocals
-};
+static RECIPROCALS: [u64; 256] = super::reciprocals();
 
 static TABLES: LazyLock<LinearLight> = LazyLock::new(|| LinearLight {
     linear: std::array::from_fn(|c| (linear_from_srgb8(c as u8) * f32::from(LINEAR_MAX) + 0.5) as u16),
@@ -45,7 +36,7 @@ impl LinearLight {
         let linear = |c: u8| u32::from(self.linear[usize::from(c)]);
         let mean = |a: u8, b: u8| {
             let sum = u64::from(linear(a) * of_a + linear(b) * of_b + total / 2);
-            // sum / total: exact, as sum is below 2^21, the reciprocal too large by less than 1, and total at most 256.
+            // sum / total, as sum is below 2^21.
             self.srgb[((sum * reciprocal) >> 32) as usize & usize::from(LINEAR_MAX)]
         };
         [mean(a[0], b[0]), mean(a[1], b[1]), mean(a[2], b[2])]

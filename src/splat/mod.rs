@@ -4,10 +4,12 @@
 //! * `size`: the two ways to know a footprint's size, the paper's table and the tangent plane.
 //! * `over`: the canvas of the kernels that blend each footprint *over* what is there.
 //! * `surface`: the canvas that averages the footprints of one surface before it blends surfaces.
+//! * `ellipse`: the same with elliptical Gaussians in floating point.
 //! * `linear`: blending in linear light.
 //! * `depth`: beside any canvas, how far what it shows is.
 
 pub(crate) mod depth;
+pub(crate) mod ellipse;
 pub(crate) mod linear;
 pub(crate) mod over;
 pub(crate) mod size;
@@ -16,7 +18,7 @@ pub(crate) mod surface;
 use crate::warp::Spans;
 use fearless_simd::{Level, Simd, SimdCvtTruncate, f32x16, i32x16, prelude::*};
 use serde::{Deserialize, Serialize};
-use size::LANES;
+use size::{EllipseSize, LANES};
 use std::ops::Range;
 
 /// Which footprints are drawn.
@@ -57,6 +59,11 @@ pub enum SplatKernel {
     /// reconstruction, with soft silhouettes.
     #[default]
     Tent,
+    /// Gaussians that are ellipses, as wide as the sample's share of its surface, averaged by weight per surface in floating
+    /// point and linear light: what [`Self::Tent`] and the kernels in integers are approximations of. Slow; to compare.
+    Ellipse,
+    /// One opaque pixel for every sample.
+    Point,
     /// An opaque plus of five pixels for every sample, the one that holds it and its four neighbours: the fixed stamp that
     /// Rafferty et al. find enough for LDIs (R7, R12).
     Plus,
@@ -68,10 +75,12 @@ pub enum SplatKernel {
 
 impl SplatKernel {
     /// All kernels with the names under which the command line knows them; the default first.
-    pub const ALL: [(&'static str, Self); 6] = [
+    pub const ALL: [(&'static str, Self); 8] = [
         ("tent", Self::Tent),
         ("paper", Self::Paper),
         ("opaque", Self::Opaque),
+        ("ellipse", Self::Ellipse),
+        ("1x1", Self::Point),
         ("plus", Self::Plus),
         ("2x2", Self::Square2),
         ("3x3", Self::Square3),
@@ -83,6 +92,8 @@ impl SplatKernel {
             Self::Tent => "tent",
             Self::Paper => "paper",
             Self::Opaque => "opaque",
+            Self::Ellipse => "ellipse",
+            Self::Point => "1x1",
             Self::Plus => "plus",
             Self::Square2 => "2x2",
             Self::Square3 => "3x3",
@@ -93,16 +104,18 @@ impl SplatKernel {
     pub(crate) fn own_share(self) -> f32 {
         match self {
             Self::Tent => 0.5,
-            Self::Paper | Self::Opaque | Self::Plus | Self::Square2 | Self::Square3 => 1.0,
+            Self::Ellipse => 0.5 / EllipseSize::SCALE,
+            Self::Paper | Self::Opaque | Self::Point | Self::Plus | Self::Square2 | Self::Square3 => 1.0,
         }
     }
 
     /// Half of the width of a stamp of fixed size, px; `None` if samples have sizes of their own.
     pub(crate) fn stamp_radius_px(self) -> Option<f32> {
         match self {
+            Self::Point => Some(0.5),
             Self::Square2 => Some(1.0),
             Self::Plus | Self::Square3 => Some(1.5),
-            Self::Tent | Self::Paper | Self::Opaque => None,
+            Self::Tent | Self::Paper | Self::Opaque | Self::Ellipse => None,
         }
     }
 }
@@ -126,6 +139,8 @@ pub(crate) struct Splats {
     pub(crate) radius_y: [f32; Splats::ROOM],
     /// Weight at the middle, 0..1: such that the weights of a whole surface add up to 1 everywhere.
     pub(crate) weight: [f32; Splats::ROOM],
+    /// Of x and y along the footprint, if it is an ellipse.
+    pub(crate) correlation: [f32; Splats::ROOM],
     /// The four bytes of the depth pixel's colour (sRGB, straight alpha), as they lie in memory.
     pub(crate) color: [u32; Splats::ROOM],
 }
@@ -145,6 +160,7 @@ impl Splats {
             radius_x: zero,
             radius_y: zero,
             weight: zero,
+            correlation: zero,
             color: [0; Self::ROOM],
         }
     }
@@ -163,7 +179,7 @@ pub(crate) trait Canvas {
 
     /// Makes it empty in some columns of each row of a frame of a given width and height; what is elsewhere may be
     /// anything.
-    fn clear_spans(&mut self, frame_px: [u32; 2], spans: impl Fn(u32) -> Spans);
+    fn clear_spans(&mut self, frame_px: [u32; 2], spans: &dyn Fn(u32) -> Spans);
 
     /// Draws splats, in their order, with the instructions of a SIMD level.
     fn draw(&mut self, splats: &Splats, level: Level);
@@ -173,13 +189,25 @@ pub(crate) trait Canvas {
     fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level);
 }
 
+/// 2^32 / divisor, rounded up, for the divisors below `N`; 0 for 0. `n * reciprocal >> 32` is `n / divisor` for all n below
+/// 2^32 / N: n times the excess, which is less than 1, stays below 2^32 / divisor.
+const fn reciprocals<const N: usize>() -> [u64; N] {
+    let mut reciprocals = [0; N];
+    let mut divisor = 1;
+    while divisor < N {
+        reciprocals[divisor] = (1u64 << 32).div_ceil(divisor as u64);
+        divisor += 1;
+    }
+    reciprocals
+}
+
 /// Fills some columns of each row with a value; `margin` pixels of a row lie left of column 0.
 pub(crate) fn clear_spans<T: Copy>(
     pixels: &mut [T],
     stride: usize,
     margin: usize,
     value: T,
-    spans: impl Fn(u32) -> Spans,
+    spans: &dyn Fn(u32) -> Spans,
 ) {
     for (y, row) in (0..).zip(pixels.chunks_exact_mut(stride.max(1))) {
         for span in spans(y) {

@@ -3,7 +3,7 @@
 use super::size::LANES;
 use super::{Canvas, Splats, ceil_to_i32, covered_lanes};
 use crate::warp::Spans;
-use fearless_simd::{Level, Simd, dispatch, i32x16, prelude::*, u8x16, u16x16};
+use fearless_simd::{Level, Simd, SimdCvtTruncate, dispatch, f32x16, i32x16, prelude::*, u8x16, u16x16};
 use std::ops::Range;
 
 /// An image in which every splat is blended over the ones before it.
@@ -28,6 +28,8 @@ pub(crate) enum Shape {
     /// A rectangle of alpha 1.
     #[default]
     Rectangle,
+    /// The pixel that holds the sample.
+    Point,
     /// The pixel that holds the sample, and its neighbours in the row and the column, as far as the rectangle reaches.
     Plus,
     /// The paper's squares, which fade toward their rims.
@@ -93,6 +95,7 @@ impl OverCanvas {
     fn draw_all<S: Simd>(&mut self, simd: S, splats: &Splats) {
         match self.shape {
             Shape::Soft => self.draw_stamps(simd, splats),
+            Shape::Point => self.draw_points(simd, splats),
             Shape::Rectangle => self.draw_rectangles(simd, splats, |_, _, run| run),
             Shape::Plus => self.draw_rectangles(simd, splats, |[x, y], row, [left, right]| {
                 // Rounded down.
@@ -107,6 +110,34 @@ impl OverCanvas {
     fn blend_at<S: Simd>(&mut self, simd: S, at: usize, source: u16x16<S>, weight: u16x16<S>) {
         if let Some(pixels) = self.pixels.get_mut(at..).and_then(|pixels| pixels.first_chunk_mut()) {
             blend(simd, pixels, source, weight);
+        }
+    }
+
+    /// Single pixels.
+    #[inline(always)]
+    fn draw_points<S: Simd>(&mut self, simd: S, splats: &Splats) {
+        let (stride, rows) = (self.stride() as i32, self.rows.len() as i32);
+        for start in (0..splats.count()).step_by(LANES) {
+            let load = |values: &[f32; Splats::ROOM]| f32x16::from_slice(simd, &values[start..start + LANES]);
+            let pixel = |v: f32x16<S>| i32x16::truncate_from(v.floor());
+            let row = pixel(load(&splats.y)) - self.rows.start as i32;
+            let at = row * stride + pixel(load(&splats.x)) + MARGIN as i32;
+            let inside = row.simd_ge(i32x16::splat(simd, 0)) & row.simd_lt(i32x16::splat(simd, rows));
+            // Nothing is there.
+            let at = inside.select(at, i32x16::splat(simd, -1)).to_array();
+            for (i, at) in (start..splats.count()).zip(at) {
+                let color = splats.color[i].to_ne_bytes();
+                match self.pixels.get_mut(at as usize) {
+                    Some(pixel) if color[3] == 255 => *pixel = color,
+                    Some(_) => {
+                        let (source, alpha) = source_of(simd, splats.color[i]);
+                        let weight =
+                            u16x16::load_array(simd, std::array::from_fn(|lane| if lane < 4 { alpha } else { 0 }));
+                        self.blend_at(simd, at as usize, source, weight);
+                    }
+                    None => {}
+                }
+            }
         }
     }
 
@@ -202,7 +233,7 @@ impl Canvas for OverCanvas {
         self.pixels.resize(pixels, [0; 4]);
     }
 
-    fn clear_spans(&mut self, [width, height]: [u32; 2], spans: impl Fn(u32) -> Spans) {
+    fn clear_spans(&mut self, [width, height]: [u32; 2], spans: &dyn Fn(u32) -> Spans) {
         if (self.width, &self.rows) != (width, &(0..height)) {
             self.clear(width, 0..height);
         }
@@ -224,14 +255,16 @@ impl Canvas for OverCanvas {
     }
 }
 
+static RECIPROCALS: [u64; 256] = super::reciprocals();
+
 /// From a colour times coverage, and coverage.
 #[inline(always)]
 fn straight([r, g, b, share]: [u8; 4]) -> [u8; 4] {
     if share == 255 || share == 0 {
         return [r, g, b, share];
     }
-    let whole = u32::from(share);
-    let [r, g, b] = [r, g, b].map(|c| ((u32::from(c) * 255 + whole / 2) / whole).min(255) as u8);
+    let (half, reciprocal) = (u64::from(share / 2), RECIPROCALS[usize::from(share)]);
+    let [r, g, b] = [r, g, b].map(|c| ((u64::from(c) * 255 + half) * reciprocal >> 32).min(255) as u8);
     [r, g, b, if share >= WHOLE { 255 } else { share }]
 }
 

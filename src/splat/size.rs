@@ -22,8 +22,24 @@ pub(crate) struct Lanes<S: Simd> {
     pub(crate) x: f32x16<S>,
     /// Row on the face, px, the same for all.
     pub(crate) y: f32,
-    /// The 11 bits.
-    pub(crate) splat_index: u32x16<S>,
+    pub(crate) normals: Normals<S>,
+}
+
+/// The normals of lanes.
+pub(crate) enum Normals<S: Simd> {
+    /// As the 11 bits say.
+    Index(u32x16<S>),
+    /// Unit vectors in the face's frame, and the 11 bits beside them.
+    Exact { normal: [f32x16<S>; 3], index: u32x16<S> },
+}
+
+impl<S: Simd> Normals<S> {
+    #[inline(always)]
+    fn index(&self) -> [u32; LANES] {
+        match self {
+            Self::Index(index) | Self::Exact { index, .. } => index.to_array(),
+        }
+    }
 }
 
 /// The footprints of lanes, as [`super::Footprint`].
@@ -31,10 +47,15 @@ pub(crate) struct FootprintLanes<S: Simd> {
     pub(crate) radius_x: f32x16<S>,
     pub(crate) radius_y: f32x16<S>,
     pub(crate) weight: f32x16<S>,
+    /// Of x and y along the footprint, if it is an ellipse.
+    pub(crate) correlation: f32x16<S>,
 }
 
 /// A way to know sizes.
 pub(crate) trait Size {
+    /// Footprints are ellipses, whose correlations are to be kept.
+    const IS_ELLIPTICAL: bool = false;
+
     /// No footprint is larger, px.
     const MAX_RADIUS_PX: f32;
 
@@ -103,7 +124,7 @@ impl Size for PaperSize {
     /// of C10, rounding to the nearest, 20 % of the pixels of the test bed's room stay empty.)
     #[inline(always)]
     fn footprints<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> FootprintLanes<S> {
-        let index = lanes.splat_index.to_array();
+        let index = lanes.normals.index();
         let width: [f32; LANES] = std::array::from_fn(|i| self.widths[index[i] as usize % SPLAT_INDEX_COUNT]);
         let mut width = f32x16::load_array(simd, width) * lanes.reciprocal_w;
         if self.layout == SplatIndexLayout::Paper {
@@ -111,7 +132,7 @@ impl Size for PaperSize {
         }
         let splat = |v: f32| f32x16::splat(simd, v);
         let radius = ((width - 1.0) * 0.5).ceil().max_precise(splat(0.0)).min_precise(splat(3.0)) + 0.5;
-        FootprintLanes { radius_x: radius, radius_y: radius, weight: splat(1.0) }
+        FootprintLanes { radius_x: radius, radius_y: radius, weight: splat(1.0), correlation: splat(0.0) }
     }
 }
 
@@ -130,7 +151,8 @@ impl Size for FixedSize {
     #[inline(always)]
     fn footprints<S: Simd>(&self, simd: S, _: &Lanes<S>) -> FootprintLanes<S> {
         let radius = f32x16::splat(simd, self.radius_px);
-        FootprintLanes { radius_x: radius, radius_y: radius, weight: f32x16::splat(simd, 1.0) }
+        let [weight, correlation] = [1.0, 0.0].map(|v| f32x16::splat(simd, v));
+        FootprintLanes { radius_x: radius, radius_y: radius, weight, correlation }
     }
 }
 
@@ -154,6 +176,8 @@ pub(crate) struct TangentSize<'a> {
 pub(crate) struct TangentTable {
     /// n . ray(x, y) = plane.x * x + plane.y * y + plane.z
     planes: Box<[Vec3; SPLAT_INDEX_COUNT]>,
+    /// A face pixel, of a face that is 2 wide.
+    step: f32,
     max_slope: f32,
     scale: f32,
     min_radius_px: f32,
@@ -161,7 +185,13 @@ pub(crate) struct TangentTable {
 
 impl Default for TangentTable {
     fn default() -> Self {
-        Self { planes: Box::new([Vec3::ZERO; SPLAT_INDEX_COUNT]), max_slope: 0.0, scale: 1.0, min_radius_px: 0.0 }
+        Self {
+            planes: Box::new([Vec3::ZERO; SPLAT_INDEX_COUNT]),
+            step: 0.0,
+            max_slope: 0.0,
+            scale: 1.0,
+            min_radius_px: 0.0,
+        }
     }
 }
 
@@ -179,7 +209,7 @@ impl TangentTable {
             let n = layout.normal(i as u32);
             *plane = Vec3::new(n.x * step, -n.y * step, -n.x + n.y - n.z);
         }
-        self.max_slope = Self::MAX_SLOPE * step;
+        (self.step, self.max_slope) = (step, Self::MAX_SLOPE * step);
         (self.scale, self.min_radius_px) = (scale, min_radius_px);
     }
 }
@@ -220,14 +250,22 @@ impl Size for TangentSize<'_> {
     #[inline(always)]
     fn footprints<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> FootprintLanes<S> {
         let splat = |v: f32| f32x16::splat(simd, v);
-        let index = lanes.splat_index.to_array();
-        let (mut xs, mut ys, mut zs) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-        for i in 0..LANES {
-            let plane = self.table.planes[index[i] as usize % SPLAT_INDEX_COUNT];
-            (xs[i], ys[i], zs[i]) = (plane.x, plane.y, plane.z);
-        }
-        let (plane_x, plane_y) = (f32x16::load_array(simd, xs), f32x16::load_array(simd, ys));
-        let plane_z = f32x16::load_array(simd, zs);
+        let [[xx, xy], [yx, yy]] = self.jacobian(simd, lanes);
+        let (scale, least, most) = (self.table.scale, splat(self.table.min_radius_px), splat(Self::MAX_RADIUS_PX));
+        let radius = |a: f32x16<S>, b: f32x16<S>| ((a * a + b * b).sqrt() * scale).max_precise(least).min_precise(most);
+        let (radius_x, radius_y) = (radius(xx, xy), radius(yx, yy));
+        let area = (xx * yy - xy * yx).abs();
+        let weight = (area / (radius_x * radius_y)).min_precise(splat(1.0));
+        FootprintLanes { radius_x, radius_y, weight, correlation: splat(0.0) }
+    }
+}
+
+impl TangentSize<'_> {
+    /// Where in the frame, px, the next samples of the same surface land to the right and below: of x to both, and of y.
+    #[inline(always)]
+    fn jacobian<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> [[f32x16<S>; 2]; 2] {
+        let splat = |v: f32| f32x16::splat(simd, v);
+        let [plane_x, plane_y, plane_z] = self.planes(simd, &lanes.normals);
         let reciprocal = splat(1.0) / (plane_x * lanes.x + plane_y * lanes.y + plane_z);
         let (least, most) = (splat(-self.table.max_slope), splat(self.table.max_slope));
         // The precise forms also turn the NaN of 0 / 0 into a number.
@@ -239,13 +277,67 @@ impl Size for TangentSize<'_> {
         let along_y = [slope_y * p.x + dy.x, slope_y * p.y + dy.y, slope_y * p.z + dy.z];
         let w = lanes.reciprocal_w;
         let (x, y) = (lanes.homogeneous[0] * w, lanes.homogeneous[1] * w);
-        let (xx, xy) = ((along_x[0] - x * along_x[2]) * w, (along_y[0] - x * along_y[2]) * w);
-        let (yx, yy) = ((along_x[1] - y * along_x[2]) * w, (along_y[1] - y * along_y[2]) * w);
-        let (scale, least, most) = (self.table.scale, splat(self.table.min_radius_px), splat(Self::MAX_RADIUS_PX));
-        let radius = |a: f32x16<S>, b: f32x16<S>| ((a * a + b * b).sqrt() * scale).max_precise(least).min_precise(most);
+        let of_x = [(along_x[0] - x * along_x[2]) * w, (along_y[0] - x * along_y[2]) * w];
+        let of_y = [(along_x[1] - y * along_x[2]) * w, (along_y[1] - y * along_y[2]) * w];
+        [of_x, of_y]
+    }
+
+    /// The planes of [`TangentTable`].
+    #[inline(always)]
+    fn planes<S: Simd>(&self, simd: S, normals: &Normals<S>) -> [f32x16<S>; 3] {
+        match normals {
+            Normals::Index(index) => {
+                let index = index.to_array();
+                let (mut xs, mut ys, mut zs) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+                for i in 0..LANES {
+                    let plane = self.table.planes[index[i] as usize % SPLAT_INDEX_COUNT];
+                    (xs[i], ys[i], zs[i]) = (plane.x, plane.y, plane.z);
+                }
+                [xs, ys, zs].map(|values| f32x16::load_array(simd, values))
+            }
+            Normals::Exact { normal: [x, y, z], .. } => {
+                let step = self.table.step;
+                [*x * step, *y * -step, *y - *x - *z]
+            }
+        }
+    }
+}
+
+/// Ellipses: Gaussians of half a sample's spacing on its surface, carried into the frame by the same differential, and
+/// blurred by [`Self::BLUR_PX`] so that they are not lost between pixels (Heckbert's elliptical weighted average).
+pub(crate) struct EllipseSize<'a>(pub(crate) TangentSize<'a>);
+
+impl EllipseSize<'_> {
+    /// Footprints end at so many standard deviations, where a Gaussian is below 0.05.
+    pub(crate) const DEVIATIONS: f32 = 2.5;
+    /// Standard deviation of the Gaussian, in spacings. Half of one ripples by 1.4 %, as 2 exp(-2 (pi / 2)^2).
+    const SPACINGS: f32 = 0.5;
+    /// Spacings to the end of a footprint.
+    pub(crate) const SCALE: f32 = Self::DEVIATIONS * Self::SPACINGS;
+    /// Standard deviation of the blur, px.
+    const BLUR_PX: f32 = 0.3;
+}
+
+impl Size for EllipseSize<'_> {
+    const IS_ELLIPTICAL: bool = true;
+    const MAX_RADIUS_PX: f32 = TangentSize::MAX_RADIUS_PX;
+
+    fn largest_radius_px(&self, transfer: &Transfer, q: f64, w: f64, frame_px: [u32; 2]) -> f64 {
+        let blur = f64::from(Self::BLUR_PX * Self::DEVIATIONS) * (1.0 + 1e-5);
+        self.0.largest_radius_px(transfer, q, w, frame_px).hypot(blur).min(f64::from(Self::MAX_RADIUS_PX))
+    }
+
+    #[inline(always)]
+    fn footprints<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> FootprintLanes<S> {
+        let [[xx, xy], [yx, yy]] = self.0.jacobian(simd, lanes);
+        let (along, blur) = (Self::SCALE * Self::SCALE, (Self::BLUR_PX * Self::DEVIATIONS).powi(2));
+        let radius = |a: f32x16<S>, b: f32x16<S>| {
+            ((a * a + b * b) * along + blur).sqrt().min_precise(f32x16::splat(simd, Self::MAX_RADIUS_PX))
+        };
         let (radius_x, radius_y) = (radius(xx, xy), radius(yx, yy));
         let area = (xx * yy - xy * yx).abs();
-        let weight = (area / (radius_x * radius_y)).min_precise(splat(1.0));
-        FootprintLanes { radius_x, radius_y, weight }
+        let reciprocal = f32x16::splat(simd, 1.0) / (radius_x * radius_y);
+        let correlation = (xx * yx + xy * yy) * along * reciprocal;
+        FootprintLanes { radius_x, radius_y, weight: area * reciprocal, correlation }
     }
 }

@@ -53,17 +53,7 @@ fn lanes([r, g, b, _]: [u8; 4]) -> u64 {
     u64::from(r) | u64::from(g) << 16 | u64::from(b) << 32 | 1 << 48
 }
 
-/// 2^32 / weight, rounded up: `n * reciprocal >> 32` is `n / weight` for all n below 2^16 (n times the excess, 1, is
-/// less than 2^32 / 257).
-static RECIPROCALS: [u64; MAX_WEIGHT as usize + 1] = {
-    let mut reciprocals = [0; MAX_WEIGHT as usize + 1];
-    let mut weight = 1;
-    while weight < reciprocals.len() {
-        reciprocals[weight] = (1u64 << 32).div_ceil(weight as u64);
-        weight += 1;
-    }
-    reciprocals
-};
+static RECIPROCALS: [u64; MAX_WEIGHT as usize + 1] = super::reciprocals();
 
 impl Cell {
     /// Weight of the front surface.
@@ -328,7 +318,7 @@ impl Canvas for SurfaceCanvas {
         self.cells.resize(width as usize * self.rows.len(), Cell::default());
     }
 
-    fn clear_spans(&mut self, [width, height]: [u32; 2], spans: impl Fn(u32) -> Spans) {
+    fn clear_spans(&mut self, [width, height]: [u32; 2], spans: &dyn Fn(u32) -> Spans) {
         if (self.width, &self.rows) != (width, &(0..height)) {
             self.clear(width, 0..height);
         }

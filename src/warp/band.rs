@@ -3,14 +3,16 @@
 use super::clip::{self, Band, BlockClip};
 use super::epipolar::Spans;
 use super::finish::{Background, Pixels};
+use super::format::Format;
 use super::kernel::SegmentWarp;
 use super::traverse::{self, Batch, Cut, Part, Uncut};
-use super::{FramePlan, FrameStats, SegmentPlan};
+use super::{FramePlan, FrameStats, SegmentPlan, Source};
 use crate::capture::Camera;
-use crate::packed::{PackedCube, PackedSegment};
+use crate::packed::{ExactDepthPixel, PackedCube, PackedDepthPixel, PackedSegment};
 use crate::splat::depth::DepthCanvas;
+use crate::splat::ellipse::EllipseCanvas;
 use crate::splat::over::{OverCanvas, Shape};
-use crate::splat::size::{FixedSize, Size, TangentSize};
+use crate::splat::size::{EllipseSize, FixedSize, Size, TangentSize};
 use crate::splat::surface::SurfaceCanvas;
 use crate::splat::{Canvas, SplatKernel, Splats};
 use std::ops::Range;
@@ -22,24 +24,33 @@ pub(super) struct Worker {
     strokes: Strokes,
     pub(super) over: OverCanvas,
     pub(super) surfaces: SurfaceCanvas,
+    pub(super) ellipses: EllipseCanvas,
     pub(super) depth: DepthCanvas,
 }
 
 /// What lies between the LDI and a canvas.
 struct Strokes {
-    batch: Box<Batch>,
+    batch: Box<Batch<PackedDepthPixel>>,
+    /// Made when it is used.
+    exact_batch: Option<Box<Batch<ExactDepthPixel>>>,
     splats: Box<Splats>,
     visible: Vec<bool>,
 }
 
 impl Default for Worker {
     fn default() -> Self {
-        let strokes = Strokes { batch: Box::new(Batch::new()), splats: Box::new(Splats::new()), visible: Vec::new() };
+        let strokes = Strokes {
+            batch: Box::new(Batch::new()),
+            exact_batch: None,
+            splats: Box::new(Splats::new()),
+            visible: Vec::new(),
+        };
         Self {
             stats: FrameStats::default(),
             strokes,
             over: OverCanvas::default(),
             surfaces: SurfaceCanvas::default(),
+            ellipses: EllipseCanvas::default(),
             depth: DepthCanvas::default(),
         }
     }
@@ -47,37 +58,46 @@ impl Default for Worker {
 
 impl Worker {
     /// Draws a band on its pixels.
-    pub(super) fn draw(&mut self, plan: &FramePlan, cube: &PackedCube, camera: &Camera, band: &Band, pixels: Pixels) {
-        let tent = self.prepare(plan);
-        let Self { stats, strokes, over, surfaces, depth } = self;
-        let mut pass = Pass { plan, cube, band, stats, strokes, depth };
-        if tent { pass.draw(surfaces, camera, pixels) } else { pass.draw(over, camera, pixels) }
+    pub(super) fn draw(&mut self, plan: &FramePlan, source: Source, camera: &Camera, band: &Band, pixels: Pixels) {
+        self.prepare(plan);
+        let Self { stats, strokes, over, surfaces, ellipses, depth } = self;
+        let mut pass = Pass { plan, source, band, stats, strokes, depth };
+        match plan.kernel {
+            SplatKernel::Tent => pass.draw(surfaces, camera, pixels),
+            SplatKernel::Ellipse => pass.draw(ellipses, camera, pixels),
+            _ => pass.draw(over, camera, pixels),
+        }
     }
 
     /// Draws what lies in a scope on a canvas of a whole frame (`band`), to be read in the columns `spans` of each row.
     pub(super) fn draw_spans(
         &mut self,
         plan: &FramePlan,
-        cube: &PackedCube,
+        source: Source,
         band: &Band,
         scope: &impl Scope,
         spans: impl Fn(u32) -> Spans,
     ) {
-        let tent = self.prepare(plan);
-        let Self { stats, strokes, over, surfaces, depth } = self;
-        let mut pass = Pass { plan, cube, band, stats, strokes, depth };
-        if tent { pass.draw_spans(surfaces, scope, spans) } else { pass.draw_spans(over, scope, spans) }
+        self.prepare(plan);
+        let Self { stats, strokes, over, surfaces, ellipses, depth } = self;
+        let mut pass = Pass { plan, source, band, stats, strokes, depth };
+        match plan.kernel {
+            SplatKernel::Tent => pass.draw_spans(surfaces, scope, spans),
+            SplatKernel::Ellipse => pass.draw_spans(ellipses, scope, spans),
+            _ => pass.draw_spans(over, scope, spans),
+        }
     }
 
-    /// Sets the canvases up for a frame, and says whether its kernel draws on `surfaces`.
-    fn prepare(&mut self, plan: &FramePlan) -> bool {
+    /// Sets the canvases up for a frame.
+    fn prepare(&mut self, plan: &FramePlan) {
         (self.surfaces.tolerance, self.surfaces.bin) = (plan.tolerance, plan.bin);
+        (self.ellipses.tolerance, self.ellipses.bin) = (plan.tolerance, plan.bin);
         self.over.shape = match plan.kernel {
             SplatKernel::Paper => Shape::Soft,
             SplatKernel::Plus => Shape::Plus,
+            SplatKernel::Point => Shape::Point,
             _ => Shape::Rectangle,
         };
-        plan.kernel == SplatKernel::Tent
     }
 }
 
@@ -106,10 +126,10 @@ impl Scope for Clipped {
     type Cut<'a> = Uncut;
 
     fn part<S: Size>(&self, _: usize, clip: &BlockClip, size: &S, visible: &mut Vec<bool>) -> Option<[Range<u32>; 2]> {
-        let whole = Part::whole(clip.segment, clip.face_px);
+        let whole = traverse::whole(clip.segment, clip.face_px);
         if self.unclipped {
             visible.clear();
-            visible.resize(Part::block_count(&whole), true);
+            visible.resize(traverse::block_count(&whole), true);
             return Some(whole);
         }
         let found = clip::rectangle(clip.transfer, clip.segment, clip.band, f64::from(S::MAX_RADIUS_PX))?;
@@ -126,7 +146,7 @@ impl Scope for Clipped {
 /// One band on its way to a canvas.
 struct Pass<'a> {
     plan: &'a FramePlan,
-    cube: &'a PackedCube,
+    source: Source<'a>,
     band: &'a Band,
     stats: &'a mut FrameStats,
     strokes: &'a mut Strokes,
@@ -134,7 +154,7 @@ struct Pass<'a> {
 }
 
 impl Pass<'_> {
-    fn draw(&mut self, canvas: &mut impl Canvas, camera: &Camera, pixels: Pixels) {
+    fn draw(&mut self, canvas: &mut dyn Canvas, camera: &Camera, pixels: Pixels) {
         let started = Instant::now();
         let (band, plan) = (self.band, self.plan);
         canvas.clear(band.width, band.rows.clone());
@@ -144,7 +164,7 @@ impl Pass<'_> {
         let cleared = Instant::now();
         self.draw_segments(canvas, &Clipped { unclipped: plan.unclipped });
         let drawn = Instant::now();
-        let background = Background::new(plan, self.cube, camera);
+        let background = Background::new(plan, self.source.cube, camera);
         for (row, (y, pixels)) in band.rows.clone().zip(pixels.rows(band.width)).enumerate() {
             canvas.resolve(row, 0, pixels.colors, plan.level);
             self.depth.resolve(row, 0, pixels.depths_m);
@@ -156,7 +176,7 @@ impl Pass<'_> {
     }
 
     /// Draws what lies in a scope on a whole frame's canvas that is clean in some columns of each row.
-    fn draw_spans(&mut self, canvas: &mut impl Canvas, scope: &impl Scope, spans: impl Fn(u32) -> Spans) {
+    fn draw_spans(&mut self, canvas: &mut dyn Canvas, scope: &impl Scope, spans: impl Fn(u32) -> Spans) {
         let started = Instant::now();
         canvas.clear_spans([self.band.width, self.band.height], &spans);
         if self.plan.depth {
@@ -168,33 +188,61 @@ impl Pass<'_> {
         self.stats.warp_ms += cleared.elapsed().as_secs_f64() * 1e3;
     }
 
-    fn draw_segments(&mut self, canvas: &mut impl Canvas, scope: &impl Scope) {
-        let (plan, cube) = (self.plan, self.cube);
+    fn draw_segments(&mut self, canvas: &mut dyn Canvas, scope: &impl Scope) {
+        let (plan, cube) = (self.plan, self.source.cube);
         plan.for_each_segment(cube, &mut Drawing { pass: self, canvas, scope });
     }
 }
 
-/// A pass in whose middle we are.
-struct Drawing<'a, 'b, C, Sc> {
+/// A pass in whose middle we are. The canvas is called once a batch, so that the call's cost does not count.
+struct Drawing<'a, 'b, Sc> {
     pass: &'a mut Pass<'b>,
-    canvas: &'a mut C,
+    canvas: &'a mut dyn Canvas,
     scope: &'a Sc,
 }
 
-impl<C: Canvas, Sc: Scope> ForSegment for Drawing<'_, '_, C, Sc> {
+impl<Sc: Scope> ForSegment for Drawing<'_, '_, Sc> {
     fn segment<S: Size>(&mut self, i: usize, of_frame: &SegmentPlan, segment: &PackedSegment, size: &S) {
-        let Pass { plan, band, .. } = *self.pass;
-        let transfer = &of_frame.transfer;
-        let Strokes { batch, splats, visible } = &mut *self.pass.strokes;
-        let clip = BlockClip { transfer, segment, band, face_px: plan.face_px };
+        let Pass { plan, band, source, .. } = *self.pass;
+        let Strokes { batch, exact_batch, splats, visible } = &mut *self.pass.strokes;
+        let clip = BlockClip { transfer: &of_frame.transfer, segment, band, face_px: plan.face_px };
         let Some([columns, rows]) = self.scope.part(i, &clip, size, visible) else { return };
-        let part = Part { segment, columns, rows, visible };
+        let (stats, depth, canvas) = (&mut *self.pass.stats, &mut *self.pass.depth, &mut *self.canvas);
+        let mut strokes = SegmentStrokes { plan, band, of_frame, size, splats, stats, depth, canvas };
         let cut = self.scope.cut(i, clip);
-        let warp = SegmentWarp::new(transfer, segment, band, plan.level);
-        let (stats, depth) = (&mut *self.pass.stats, &mut *self.pass.depth);
-        let (canvas, level, own) = (&mut *self.canvas, plan.level, plan.kernel.own_share());
-        traverse::traverse(&part, &cut, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
-            warp.warp(batch, size, splats);
+        match source.exact {
+            None => {
+                let depth_pixels = &segment.depth_pixels;
+                strokes.draw(&Part { segment, depth_pixels, columns, rows, visible }, &cut, batch);
+            }
+            Some(exact) => {
+                let depth_pixels = exact.get(of_frame.index).map_or(&[][..], Vec::as_slice);
+                let batch = exact_batch.get_or_insert_with(|| Box::new(Batch::new()));
+                strokes.draw(&Part { segment, depth_pixels, columns, rows, visible }, &cut, batch);
+            }
+        }
+    }
+}
+
+/// What draws the depth pixels of a segment, in whatever form they are.
+struct SegmentStrokes<'a, S> {
+    plan: &'a FramePlan,
+    band: &'a Band,
+    of_frame: &'a SegmentPlan,
+    size: &'a S,
+    splats: &'a mut Splats,
+    stats: &'a mut FrameStats,
+    depth: &'a mut DepthCanvas,
+    canvas: &'a mut dyn Canvas,
+}
+
+impl<S: Size> SegmentStrokes<'_, S> {
+    fn draw<P: Format>(&mut self, part: &Part<P>, cut: &impl Cut, batch: &mut Batch<P>) {
+        let Self { plan, band, of_frame, size, splats, stats, depth, canvas } = self;
+        let (level, own) = (plan.level, plan.kernel.own_share());
+        let warp = SegmentWarp::new(&of_frame.transfer, P::scale(part.segment), band, level);
+        traverse::traverse(part, cut, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
+            warp.warp(batch, *size, splats);
             canvas.draw(splats, level);
             if plan.depth {
                 depth.draw(splats, own);
@@ -223,7 +271,10 @@ impl FramePlan {
                 (None, Some(radius_px)) => visitor.segment(i, of_frame, segment, &FixedSize { radius_px }),
                 (None, None) => {
                     let size = TangentSize::new(&self.tangent_table, &of_frame.transfer);
-                    visitor.segment(i, of_frame, segment, &size);
+                    match self.kernel {
+                        SplatKernel::Ellipse => visitor.segment(i, of_frame, segment, &EllipseSize(size)),
+                        _ => visitor.segment(i, of_frame, segment, &size),
+                    }
                 }
             }
         }

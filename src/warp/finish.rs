@@ -81,12 +81,13 @@ impl<'a> Background<'a> {
         let mut holes = 0;
         let chunks = colors.chunks_mut(CHUNK).zip(coverages.chunks_mut(CHUNK)).zip((0..).step_by(CHUNK));
         for ((colors, coverages), first) in chunks {
-            if colors.iter().fold(255, |all, color| all & color[3]) == 255 {
+            let open = colors.iter().rev().fold(0, |open, color| open << 1 | u64::from(color[3] < 255));
+            if open == 0 {
                 coverages.fill(Coverage::FULL);
                 continue;
             }
             let directions = [start + step * f64::from(first), step].map(|v| v.as_vec3());
-            let seen = self.environment.sample_sixteen(simd, directions[0], directions[1]);
+            let seen = self.environment.sample_sixteen(simd, open, directions[0], directions[1]);
             for ((color, coverage), seen) in colors.iter_mut().zip(coverages).zip(seen) {
                 *coverage = self.finish_pixel(color, seen);
                 holes += u64::from(coverage.is_hole());

@@ -36,7 +36,7 @@ use super::clip::{Band, BlockClip, W_NEAR};
 use super::epipolar::{Boundary, Epipolar, Rays, Spans, Weights, spans};
 use super::finish::{Background, Pixels, depth_pieces};
 use super::traverse::Cut;
-use super::{FramePlan, FrameStats, Imbalance, SegmentPlan};
+use super::{FramePlan, FrameStats, Imbalance, SegmentPlan, Source};
 use crate::capture::Camera;
 use crate::capture::rig::Face;
 use crate::frame::Frame;
@@ -308,12 +308,12 @@ impl Fragments {
     pub(super) fn draw(
         &mut self,
         plan: &FramePlan,
-        cube: &PackedCube,
+        source: Source,
         camera: &Camera,
         count: u32,
         frame: &mut Frame,
     ) -> FrameStats {
-        let started = Instant::now();
+        let (started, cube) = (Instant::now(), source.cube);
         let count = if count > 0 { count as usize } else { rayon::current_num_threads() };
         let principal_px = camera.principal_px();
         let band = Band { width: frame.width, height: frame.height, principal_px, rows: 0..frame.height };
@@ -332,13 +332,13 @@ impl Fragments {
                 None => {
                     let fragment = Fragment { of: self, epipolar: &epipolar, face_px: plan.face_px, index: i };
                     let sector = |y| spans(&self.boundaries, i, &epipolar.frame_row(camera, y), &whole_row);
-                    painter.draw_spans(plan, cube, &band, &fragment, sector);
+                    painter.draw_spans(plan, source, &band, &fragment, sector);
                 }
                 Some(k) => {
                     let boundary = &self.boundaries[k];
                     let zone = Extended { of: self, epipolar: &epipolar, boundary };
                     let mask = |y| [boundary.mask(&epipolar.frame_row(camera, y), band.width), 0..0, 0..0];
-                    painter.draw_spans(plan, cube, &band, &zone, mask);
+                    painter.draw_spans(plan, source, &band, &zone, mask);
                 }
             }
         });
@@ -361,6 +361,9 @@ impl Fragments {
         let finished = match plan.kernel {
             SplatKernel::Tent => {
                 self.finish(plan, &background, frame, rays, |i| (&painters[i].surfaces, &painters[i].depth))
+            }
+            SplatKernel::Ellipse => {
+                self.finish(plan, &background, frame, rays, |i| (&painters[i].ellipses, &painters[i].depth))
             }
             _ => self.finish(plan, &background, frame, rays, |i| (&painters[i].over, &painters[i].depth)),
         };

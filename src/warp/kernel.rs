@@ -4,18 +4,18 @@
 //! approximate reciprocals, so that all levels give the same bits.
 
 use super::clip::{Band, W_NEAR};
+use super::format::{Format, Unpacked};
 use super::transfer::{RowTransfer, Transfer};
 use super::traverse::{BATCH_CAPACITY, Batch};
-use crate::packed::{INVERSE_DEPTH_CODE_MAX, PackedSegment};
 use crate::splat::Splats;
 use crate::splat::size::{LANES, Lanes, Size};
-use fearless_simd::{Level, Simd, SimdCvtFloat, dispatch, f32x16, mask32x16, prelude::*, u32x16};
+use fearless_simd::{Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
 
 /// What the warp of one segment needs.
 pub(crate) struct SegmentWarp<'a> {
     transfer: &'a Transfer,
-    inverse_depth_min: f64,
-    inverse_depth_step: f64,
+    /// Inverse depth of code 0 and its change from code to code, 1/m.
+    scale: [f64; 2],
     /// Frame width, px.
     width: f32,
     /// Where the viewing axis meets the frame, px.
@@ -26,11 +26,11 @@ pub(crate) struct SegmentWarp<'a> {
 }
 
 impl<'a> SegmentWarp<'a> {
-    pub(crate) fn new(transfer: &'a Transfer, segment: &PackedSegment, band: &Band, level: Level) -> Self {
+    /// `scale`: of the depth pixels' inverse depths, as [`Format::scale`] gives it.
+    pub(crate) fn new(transfer: &'a Transfer, scale: [f64; 2], band: &Band, level: Level) -> Self {
         Self {
             transfer,
-            inverse_depth_min: f64::from(segment.inverse_depth_min),
-            inverse_depth_step: segment.inverse_depth_step(),
+            scale,
             width: band.width as f32,
             principal_px: band.principal_px.map(|c| c as f32),
             rows: [band.rows.start as f32, band.rows.end as f32],
@@ -39,14 +39,13 @@ impl<'a> SegmentWarp<'a> {
     }
 
     /// Warps a batch; depth pixels behind the eye or whose footprint misses the band are left out of `splats`.
-    pub(crate) fn warp(&self, batch: &Batch, size: &impl Size, splats: &mut Splats) {
+    pub(crate) fn warp<P: Format>(&self, batch: &Batch<P>, size: &impl Size, splats: &mut Splats) {
         dispatch!(self.level, simd => self.warp_at(simd, batch, size, splats));
     }
 
     #[inline(always)]
-    fn warp_at<S: Simd>(&self, simd: S, batch: &Batch, size: &impl Size, splats: &mut Splats) {
-        let row =
-            self.transfer.anchored(batch.anchor_column, batch.row, self.inverse_depth_min, self.inverse_depth_step);
+    fn warp_at<S: Simd, P: Format>(&self, simd: S, batch: &Batch<P>, size: &impl Size, splats: &mut Splats) {
+        let row = self.transfer.anchored(batch.anchor_column, batch.row, self.scale[0], self.scale[1]);
         (splats.len, splats.by_footprint) = (0, [0; 4]);
         for start in (0..batch.len.min(BATCH_CAPACITY)).step_by(LANES) {
             self.warp_lanes(simd, &row, batch, start, size, splats);
@@ -55,21 +54,18 @@ impl<'a> SegmentWarp<'a> {
 
     /// Warps the depth pixels from `start` on, as many as there are lanes (a batch has room for whole lanes).
     #[inline(always)]
-    fn warp_lanes<S: Simd>(
+    fn warp_lanes<S: Simd, P: Format, Z: Size>(
         &self,
         simd: S,
         row: &RowTransfer,
-        batch: &Batch,
+        batch: &Batch<P>,
         start: usize,
-        size: &impl Size,
+        size: &Z,
         splats: &mut Splats,
     ) {
         let splat = |v: f32| f32x16::splat(simd, v);
         let columns: [f32; LANES] = std::array::from_fn(|i| f32::from(batch.columns[start + i]));
-        let words: &[u32] = bytemuck::cast_slice(&batch.depth_pixels[start..start + LANES]);
-        let (first, second) = (u32x16::from_slice(simd, &words[..LANES]), u32x16::from_slice(simd, &words[LANES..]));
-        let (geometry, color) = simd.deinterleave_u32x16(first, second);
-        let code = f32x16::float_from(geometry & INVERSE_DEPTH_CODE_MAX);
+        let Unpacked { code, normals, color } = P::load(simd, batch, start);
         let k = f32x16::load_array(simd, columns);
 
         // As `RowTransfer::apply`.
@@ -79,14 +75,14 @@ impl<'a> SegmentWarp<'a> {
         // All comparisons are false for NaN, which is outside.
         let in_front = hz.simd_ge(splat(W_NEAR));
         let reciprocal_w = splat(1.0) / hz;
-        let inverse_depth = code * self.inverse_depth_step as f32 + self.inverse_depth_min as f32;
+        let inverse_depth = code * self.scale[1] as f32 + self.scale[0] as f32;
         let lanes = Lanes {
             homogeneous: [hx, hy, hz],
             reciprocal_w,
             inverse_depth,
             x: k + (batch.anchor_column as f32 + 0.5),
             y: batch.row as f32 + 0.5,
-            splat_index: geometry >> 20,
+            normals,
         };
         let px = hx * reciprocal_w + self.principal_px[0];
         let py = hy * reciprocal_w + self.principal_px[1];
@@ -108,6 +104,9 @@ impl<'a> SegmentWarp<'a> {
         keep(rx, &mut splats.radius_x);
         keep(ry, &mut splats.radius_y);
         keep(footprints.weight, &mut splats.weight);
+        if Z::IS_ELLIPTICAL {
+            keep(footprints.correlation, &mut splats.correlation);
+        }
         simd.compress_u32x16(color, shown).store_slice(&mut splats.color[n..n + LANES]);
         let count = |mask: mask32x16<S>| u64::from(mask.to_bitmask().count_ones());
         let larger = rx.max_precise(ry);

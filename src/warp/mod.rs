@@ -15,6 +15,7 @@ mod band;
 mod clip;
 mod epipolar;
 mod finish;
+mod format;
 mod fragments;
 mod kernel;
 pub mod oracle;
@@ -30,9 +31,9 @@ use crate::capture::Camera;
 use crate::frame::Frame;
 use crate::ldi::MAX_FACE_SIZE_PX;
 use crate::ldi::accumulate::DepthBins;
-use crate::packed::PackedCube;
+use crate::packed::{ExactCube, ExactDepthPixel, PackedCube};
 use crate::splat::SplatKernel;
-use crate::splat::size::{PaperSize, TangentTable};
+use crate::splat::size::{EllipseSize, PaperSize, TangentTable};
 use crate::splat::surface::SurfaceCanvas;
 use band::Worker;
 use clip::Band;
@@ -164,6 +165,14 @@ pub(crate) struct FramePlan {
     bin: f32,
 }
 
+/// What is drawn.
+#[derive(Clone, Copy)]
+struct Source<'a> {
+    cube: &'a PackedCube,
+    /// Depth pixels to draw instead of the packed ones, for each segment.
+    exact: Option<&'a [Vec<ExactDepthPixel>]>,
+}
+
 /// A segment, as the frame's camera sees it.
 pub(crate) struct SegmentPlan {
     /// Which of the cube's.
@@ -199,21 +208,35 @@ impl Renderer {
     /// Draws what `camera` sees, on the current rayon thread pool. The cube should be valid ([`PackedCube::validate`]); of
     /// one that is not, rows whose tables point nowhere are left out.
     pub fn render(&mut self, cube: &PackedCube, camera: &Camera, settings: &RenderSettings) -> (&Frame, &FrameStats) {
-        let started = Instant::now();
+        self.render_source(Source { cube, exact: None }, camera, settings)
+    }
+
+    /// The same from depth pixels that are not packed, to see what packing costs and gains.
+    pub fn render_exact(
+        &mut self,
+        exact: &ExactCube,
+        camera: &Camera,
+        settings: &RenderSettings,
+    ) -> (&Frame, &FrameStats) {
+        self.render_source(Source { cube: &exact.cube, exact: Some(&exact.depth_pixels) }, camera, settings)
+    }
+
+    fn render_source(&mut self, source: Source, camera: &Camera, settings: &RenderSettings) -> (&Frame, &FrameStats) {
+        let (started, cube) = (Instant::now(), source.cube);
         self.frame.resize(camera.width(), camera.height(), settings.depth);
         order::segment_order(&cube.segments, camera.eye() - cube.info.centre, &mut self.order);
         self.plan.prepare(cube, camera, settings, &self.order);
         let prepared_ms = started.elapsed().as_secs_f64() * 1e3;
         self.stats = match settings.parallel {
-            Parallel::Bands => self.draw_bands(cube, camera, settings.band_rows),
-            Parallel::Fragments(count) => self.fragments.draw(&self.plan, cube, camera, count, &mut self.frame),
+            Parallel::Bands => self.draw_bands(source, camera, settings.band_rows),
+            Parallel::Fragments(count) => self.fragments.draw(&self.plan, source, camera, count, &mut self.frame),
         };
         self.stats.clear_ms += prepared_ms;
         self.stats.frame_ms = started.elapsed().as_secs_f64() * 1e3;
         (&self.frame, &self.stats)
     }
 
-    fn draw_bands(&mut self, cube: &PackedCube, camera: &Camera, band_rows: u32) -> FrameStats {
+    fn draw_bands(&mut self, source: Source, camera: &Camera, band_rows: u32) -> FrameStats {
         let (width, height) = (camera.width(), camera.height());
         let threads = rayon::current_num_threads();
         self.workers.resize_with(threads.max(self.workers.len()), Mutex::default);
@@ -229,7 +252,7 @@ impl Renderer {
             let band = Band { width, height, principal_px, rows: start..start.saturating_add(rows).min(height) };
             // No other thread of the pool uses this one's worker, so that the lock is free.
             let worker = &workers[rayon::current_thread_index().unwrap_or(0) % workers.len()];
-            worker.lock().unwrap_or_else(PoisonError::into_inner).draw(plan, cube, camera, &band, pixels);
+            worker.lock().unwrap_or_else(PoisonError::into_inner).draw(plan, source, camera, &band, pixels);
         };
         let Frame { color, coverage, depth_m, .. } = &mut self.frame;
         let depths_m = depth_pieces(depth_m, pixels, color.len().div_ceil(pixels));
@@ -299,14 +322,13 @@ impl FramePlan {
             let transfer = Transfer::new(camera, eye_from_centre, segment.face, face_px);
             SegmentPlan { index, transfer, layers: eye.layer_order(segment), eye }
         }));
+        self.tolerance = SurfaceCanvas::tolerance(face_px);
+        self.bin = DepthBins::new(cube.info.half_size_m, face_px).inverse_depth(1.0) as f32;
         match settings.kernel {
-            SplatKernel::Tent => {
-                self.tolerance = SurfaceCanvas::tolerance(face_px);
-                self.bin = DepthBins::new(cube.info.half_size_m, face_px).inverse_depth(1.0) as f32;
-                self.tangent_table.refill(cube.layout, face_px, 1.0, TENT_MIN_RADIUS_PX);
-            }
+            SplatKernel::Tent => self.tangent_table.refill(cube.layout, face_px, 1.0, TENT_MIN_RADIUS_PX),
+            SplatKernel::Ellipse => self.tangent_table.refill(cube.layout, face_px, EllipseSize::SCALE, 0.0),
+            SplatKernel::Point | SplatKernel::Plus | SplatKernel::Square2 | SplatKernel::Square3 => {}
             // A rectangle is as wide as the spacing; 15 % more closes the cracks that quantised normals open.
-            SplatKernel::Plus | SplatKernel::Square2 | SplatKernel::Square3 => {}
             SplatKernel::Opaque => self.tangent_table.refill(cube.layout, face_px, 0.575, 0.5),
             SplatKernel::Paper => {
                 self.paper_sizes.resize_with(order.len().max(self.paper_sizes.len()), PaperSize::new);

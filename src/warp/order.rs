@@ -143,7 +143,7 @@ pub(crate) fn segment_order(segments: &[PackedSegment], eye_from_centre: DVec3, 
 mod tests {
     use super::*;
     use crate::packed::{BlockIndex, PackedDepthPixel};
-    use crate::warp::traverse::{Batch, Part, Uncut, traverse};
+    use crate::warp::traverse::{Batch, Part, Uncut, traverse, whole};
     use glam::dvec3;
 
     const SIZE: u32 = 12;
@@ -187,7 +187,7 @@ mod tests {
         segment_order(segments, eye, &mut order);
         for i in order {
             let eye = EyeInFace::new(eye, segments[i].face, SIZE);
-            let (visible, [columns, rows]) = ([true; 4], Part::whole(&segments[i], SIZE));
+            let (visible, [columns, rows]) = ([true; 4], whole(&segments[i], SIZE));
             let part = Part { segment: &segments[i], columns, rows, visible: &visible };
             traverse(&part, &Uncut, &eye, eye.layer_order(&segments[i]), &mut Batch::new(), &mut |batch| {
                 for k in 0..batch.len {
@@ -290,7 +290,7 @@ mod tests {
                 let in_face = EyeInFace::new(eye, Face::NegZ, SIZE);
                 seen.push(in_face.layer_order(&segment));
                 let mut before: Option<(u32, u8, f64)> = None;
-                let (visible, [columns, rows]) = ([true; 4], Part::whole(&segment, SIZE));
+                let (visible, [columns, rows]) = ([true; 4], whole(&segment, SIZE));
                 let part = Part { segment: &segment, columns, rows, visible: &visible };
                 traverse(&part, &Uncut, &in_face, in_face.layer_order(&segment), &mut Batch::new(), &mut |batch| {
                     for k in 0..batch.len {

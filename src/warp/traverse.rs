@@ -3,9 +3,10 @@
 //! Kernels (scalar, SIMD, any splat) take the batches; none of them needs to know of order, offsets or layers.
 
 use super::epipolar::Spans;
+use super::format::Format;
 use super::order::{EyeInFace, LayerOrder, Run};
+use crate::packed::PackedSegment;
 use crate::packed::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
-use crate::packed::{PackedDepthPixel, PackedSegment};
 use std::ops::Range;
 
 /// Depth pixels of a full batch.
@@ -15,7 +16,7 @@ pub(crate) const BATCH_CAPACITY: usize = 256;
 const COLUMNS_ROOM: usize = 8;
 
 /// Depth pixels of one row within one block of columns, in drawing order.
-pub(crate) struct Batch {
+pub(crate) struct Batch<P> {
     /// Row on the face.
     pub(crate) row: u32,
     /// The block's first column on the face: the anchor.
@@ -25,24 +26,23 @@ pub(crate) struct Batch {
     /// Columns from the anchor, 0 to `BLOCK_COLUMNS - 1`.
     pub(crate) columns: [u8; BATCH_CAPACITY + COLUMNS_ROOM],
     /// The depth pixels.
-    pub(crate) depth_pixels: [PackedDepthPixel; BATCH_CAPACITY],
+    pub(crate) depth_pixels: [P; BATCH_CAPACITY],
 }
 
-impl Batch {
+impl<P: Format> Batch<P> {
     pub(crate) fn new() -> Self {
-        let nothing = PackedDepthPixel { geometry: 0, color_srgb: [0; 4] };
         Self {
             row: 0,
             anchor_column: 0,
             len: 0,
             columns: [0; BATCH_CAPACITY + COLUMNS_ROOM],
-            depth_pixels: [nothing; BATCH_CAPACITY],
+            depth_pixels: [P::NOTHING; BATCH_CAPACITY],
         }
     }
 
     /// Fills the empty batch with the samples of neighbouring pixels, in their order in memory. `counts`: running counts of
     /// the pixels from `column` on.
-    fn extend(&mut self, column: u8, counts: &[u32], samples: &[PackedDepthPixel]) {
+    fn extend(&mut self, column: u8, counts: &[u32], samples: &[P]) {
         self.depth_pixels[..samples.len()].copy_from_slice(samples);
         let starts = counts.iter().map(|start| (start - counts[0]) as usize);
         if samples.len() + 1 == counts.len() && starts.clone().zip(0..).all(|(start, i): (usize, usize)| start == i) {
@@ -62,7 +62,7 @@ impl Batch {
 
     /// Appends a depth pixel; a full batch is drawn first.
     #[inline(always)]
-    fn push(&mut self, column: u8, depth_pixel: PackedDepthPixel, draw: &mut impl FnMut(&Self)) {
+    fn push(&mut self, column: u8, depth_pixel: P, draw: &mut impl FnMut(&Self)) {
         if self.len >= BATCH_CAPACITY {
             draw(self);
             self.len = 0;
@@ -74,27 +74,29 @@ impl Batch {
 }
 
 /// The part of a segment that is traversed: a rectangle of the face, without the blocks that clipping found hidden.
-pub(crate) struct Part<'a> {
+pub(crate) struct Part<'a, P> {
     pub(crate) segment: &'a PackedSegment,
+    /// The segment's, in any form.
+    pub(crate) depth_pixels: &'a [P],
     pub(crate) columns: Range<u32>,
     pub(crate) rows: Range<u32>,
     /// Of each block that the rectangle touches, row-major.
     pub(crate) visible: &'a [bool],
 }
 
-impl<'a> Part<'a> {
-    /// Columns and rows of a whole segment, as far as they lie on the face.
-    pub(crate) fn whole(segment: &PackedSegment, size_px: u32) -> [Range<u32>; 2] {
-        let clip = |start: u32, length: u32| start.min(size_px)..start.saturating_add(length).min(size_px);
-        [clip(segment.x0, segment.width), clip(segment.y0, segment.height)]
-    }
+/// Columns and rows of a whole segment, as far as they lie on the face.
+pub(crate) fn whole(segment: &PackedSegment, size_px: u32) -> [Range<u32>; 2] {
+    let clip = |start: u32, length: u32| start.min(size_px)..start.saturating_add(length).min(size_px);
+    [clip(segment.x0, segment.width), clip(segment.y0, segment.height)]
+}
 
-    /// Number of blocks that a rectangle touches.
-    pub(crate) fn block_count([columns, rows]: &[Range<u32>; 2]) -> usize {
-        let blocks = |range: &Range<u32>, length: u32| (range.end.div_ceil(length) - range.start / length) as usize;
-        blocks(columns, BLOCK_COLUMNS) * blocks(rows, BLOCK_ROWS)
-    }
+/// Number of blocks that a rectangle touches.
+pub(crate) fn block_count([columns, rows]: &[Range<u32>; 2]) -> usize {
+    let blocks = |range: &Range<u32>, length: u32| (range.end.div_ceil(length) - range.start / length) as usize;
+    blocks(columns, BLOCK_COLUMNS) * blocks(rows, BLOCK_ROWS)
+}
 
+impl<'a, P> Part<'a, P> {
     /// Of a row of blocks, those from the rectangle's first on.
     fn visible_in(&self, row: u32) -> &'a [bool] {
         let first = |range: &Range<u32>, length: u32| range.start / length;
@@ -136,13 +138,13 @@ impl Cut for Uncut {
 }
 
 /// Passes the depth pixels of a part to `draw`, in drawing order. Rows whose tables point nowhere are left out.
-pub(crate) fn traverse<C: Cut>(
-    part: &Part,
+pub(crate) fn traverse<P: Format, C: Cut>(
+    part: &Part<P>,
     cut: &C,
     eye: &EyeInFace,
     layers: LayerOrder,
-    batch: &mut Batch,
-    draw: &mut impl FnMut(&Batch),
+    batch: &mut Batch<P>,
+    draw: &mut impl FnMut(&Batch<P>),
 ) {
     let segment = part.segment;
     let columns = eye.column_runs(part.columns.clone());
@@ -150,7 +152,7 @@ pub(crate) fn traverse<C: Cut>(
     for row_run in eye.row_runs(part.rows.clone()) {
         for_each(&row_run, |row| {
             let visible = part.visible_in(row);
-            let (samples, counts) = segment.row(row - segment.y0);
+            let (samples, counts) = segment.row_of(part.depth_pixels, row - segment.y0);
             if samples.is_empty() || !visible.contains(&true) {
                 return;
             }
@@ -189,15 +191,15 @@ pub(crate) fn traverse<C: Cut>(
 /// Fills a batch with the samples of a run of pixels in one block, in drawing order.
 #[expect(clippy::too_many_arguments, reason = "the inner loop of the traversal, apart only to be read")]
 #[inline(always)]
-fn gather(
+fn gather<P: Format>(
     segment: &PackedSegment,
     eye: &EyeInFace,
     layers: LayerOrder,
-    samples: &[PackedDepthPixel],
+    samples: &[P],
     counts: &[u32],
     run: &Run,
-    batch: &mut Batch,
-    draw: &mut impl FnMut(&Batch),
+    batch: &mut Batch<P>,
+    draw: &mut impl FnMut(&Batch<P>),
 ) {
     let all = samples.get(counts[0] as usize..counts[run.range.len()] as usize).unwrap_or(&[]);
     if layers == LayerOrder::FarthestFirst && !run.descending && all.len() <= BATCH_CAPACITY {
@@ -221,13 +223,8 @@ fn gather(
 
 /// The samples of one pixel by descending distance from the foot of the eye on the pixel's ray (C9). Both ends of the
 /// pixel's list are the farthest on their side of the foot, so that one comparison a sample sorts them.
-fn from_both_ends(
-    segment: &PackedSegment,
-    mut pixel: &[PackedDepthPixel],
-    foot: f64,
-    mut push: impl FnMut(&PackedDepthPixel),
-) {
-    let from_foot = |p: &PackedDepthPixel| (1.0 / segment.inverse_depth(p.inverse_depth_code()) - foot).abs();
+fn from_both_ends<P: Format>(segment: &PackedSegment, mut pixel: &[P], foot: f64, mut push: impl FnMut(&P)) {
+    let from_foot = |p: &P| (1.0 / p.inverse_depth(segment) - foot).abs();
     while let [first, .., last] = pixel {
         if from_foot(first) >= from_foot(last) {
             push(first);

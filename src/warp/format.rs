@@ -1,0 +1,86 @@
+//! The forms in which depth pixels can be kept: packed into 8 bytes, or as they were before that (inventory S17, C10).
+
+use super::traverse::Batch;
+use crate::packed::{ExactDepthPixel, INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, PackedSegment};
+use crate::splat::size::{LANES, Normals};
+use fearless_simd::{Simd, SimdCvtFloat, f32x16, prelude::*, u32x16};
+
+/// A form of depth pixels.
+pub(crate) trait Format: Copy {
+    /// Stands where there is none.
+    const NOTHING: Self;
+
+    /// The inverse depth of code 0 and its change from code to code, 1/m.
+    fn scale(segment: &PackedSegment) -> [f64; 2];
+
+    /// Inverse depth, 1/m.
+    fn inverse_depth(&self, segment: &PackedSegment) -> f64;
+
+    /// The entries of a batch from `start` on, as many as there are lanes.
+    fn load<S: Simd>(simd: S, batch: &Batch<Self>, start: usize) -> Unpacked<S>;
+}
+
+/// Depth pixels in registers.
+pub(crate) struct Unpacked<S: Simd> {
+    /// Inverse depth, as [`Format::scale`] counts it.
+    pub(crate) code: f32x16<S>,
+    pub(crate) normals: Normals<S>,
+    /// The four bytes as they lie in memory.
+    pub(crate) color: u32x16<S>,
+}
+
+impl Format for PackedDepthPixel {
+    const NOTHING: Self = Self { geometry: 0, color_srgb: [0; 4] };
+
+    fn scale(segment: &PackedSegment) -> [f64; 2] {
+        [f64::from(segment.inverse_depth_min), segment.inverse_depth_step()]
+    }
+
+    #[inline(always)]
+    fn inverse_depth(&self, segment: &PackedSegment) -> f64 {
+        segment.inverse_depth(self.inverse_depth_code())
+    }
+
+    #[inline(always)]
+    fn load<S: Simd>(simd: S, batch: &Batch<Self>, start: usize) -> Unpacked<S> {
+        let words: &[u32] = bytemuck::cast_slice(&batch.depth_pixels[start..start + LANES]);
+        let (first, second) = (u32x16::from_slice(simd, &words[..LANES]), u32x16::from_slice(simd, &words[LANES..]));
+        let (geometry, color) = simd.deinterleave_u32x16(first, second);
+        let code = f32x16::float_from(geometry & INVERSE_DEPTH_CODE_MAX);
+        Unpacked { code, normals: Normals::Index(geometry >> 20), color }
+    }
+}
+
+impl Format for ExactDepthPixel {
+    const NOTHING: Self = Self { inverse_depth: 1.0, normal: [0.0; 3], color_srgb: [0; 4], splat_index: 0 };
+
+    fn scale(_: &PackedSegment) -> [f64; 2] {
+        [0.0, 1.0]
+    }
+
+    #[inline(always)]
+    fn inverse_depth(&self, _: &PackedSegment) -> f64 {
+        f64::from(self.inverse_depth)
+    }
+
+    #[inline(always)]
+    fn load<S: Simd>(simd: S, batch: &Batch<Self>, start: usize) -> Unpacked<S> {
+        let pixels = &batch.depth_pixels[start..start + LANES];
+        let gather = |of: &dyn Fn(&Self) -> f32| {
+            let values: [f32; LANES] = std::array::from_fn(|i| of(&pixels[i]));
+            f32x16::load_array(simd, values)
+        };
+        let words = |of: &dyn Fn(&Self) -> u32| {
+            let values: [u32; LANES] = std::array::from_fn(|i| of(&pixels[i]));
+            u32x16::load_array(simd, values)
+        };
+        Unpacked {
+            code: gather(&|p| p.inverse_depth),
+            normals: Normals::Exact {
+                normal: [gather(&|p| p.normal[0]), gather(&|p| p.normal[1]), gather(&|p| p.normal[2])],
+                index: words(&|p| p.splat_index),
+            },
+            color: words(&|p| u32::from_ne_bytes(p.color_srgb)),
+        }
+    }
+}
