@@ -164,7 +164,8 @@ fn baked_light_looks_like_truth() {
     let tracer = Tracer::new(Arc::clone(&source), eye);
     let lit = truth::render(&tracer, &Lighting::measure(&tracer, 1), true, &camera, 64, &Silent).color;
 
-    let options = BakeOptions { edge_m: 0.06, samples: 16, max_triangles: 300_000, ..BakeOptions::default() };
+    let options =
+        BakeOptions { edge_m: 0.06, samples: 16, smoothing: 2, max_triangles: 300_000, ..BakeOptions::default() };
     let baked = Arc::new(bake(&source, &options, &|_, _| {}).scene);
     let tracer = Tracer::new(baked, eye);
     let unlit = truth::render(&tracer, &Lighting::of_scene(&tracer, 0), false, &camera, 16, &Silent).color;
