@@ -91,7 +91,9 @@ show ldi_compare "$out/interior.ldi" --path "$out/inside.json" --every-pose --co
 size=480x300 # truth is traced to the end
 show ldi_error "$out/interior.ldi" --when-refined --set overlay=error
 size=960x600
-show ldi_depth "$out/interior.ldi" --frames 3 --set overlay=depth
+for overlay in depth footprint overdraw clipping; do
+    show "ldi_$overlay" "$out/interior.ldi" --frames 3 --set "overlay=$overlay" --path "$out/inside.json"
+done
 show scene builtin:sprites --frames 3
 if "$headbox" sprite --help >/dev/null 2>&1; then
     "$headbox" sprite builtin:sprites --size 320x240 -o "$out/layers.sprite" >"$out/sprite.txt"
@@ -101,6 +103,20 @@ fi
 # Its backdrops are built while the window is open.
 "$headbox" house builtin:house --triangles 12000 --rays 0 --unlit -o "$out/small.house" --backdrops none >"$out/house.txt"
 show house "$out/small.house" --when-refined --set variant=texture
+show house_builtin builtin:house --frames 3
+
+echo "window: next to no room"
+for size in 1x1 64x24 24x64; do
+    timeout 60 "$headbox" view "$out/interior.ldi" --window-size "$size" --frames 3 --json --out "$out" >"$out/tiny_$size.json"
+done
+
+echo "window: a pose at infinity"
+echo '[{"eye": [1e999, 0, 0], "look_at": [0, 0, -1], "fov": 60}]' >"$out/infinite.json"
+if timeout 60 "$headbox" view "$out/interior.ldi" --path "$out/infinite.json" --exit-after-path 2>"$out/infinite.txt"; then
+    echo "expected an error" >&2
+    exit 1
+fi
+cat "$out/infinite.txt"
 
 echo "window: a file that is none"
 echo "not an LDI" >"$out/damaged.ldi"

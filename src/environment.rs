@@ -120,7 +120,7 @@ impl Environment {
         let mut rows = [[[[0; 4]; 2]; 16]; 2];
         for (i, first) in first.to_array().into_iter().enumerate() {
             for (row, at) in rows.iter_mut().zip([first as usize, first as usize + size]) {
-                row[i] = self.texels.get(at..).and_then(|texels| texels.first_chunk()).copied().unwrap_or_default();
+                row[i] = self.texels.get(at..at + 2).map_or([[0; 4]; 2], |texels| [texels[0], texels[1]]);
             }
         }
         let [[a, b], [c, d]] = rows.map(|pairs| {

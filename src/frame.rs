@@ -54,6 +54,18 @@ pub enum FrameError {
     /// The size of the frame cannot be that of an image.
     #[error(transparent)]
     Size(#[from] CameraError),
+    /// The rows of a buffer are too short, or too few.
+    #[error("{bytes} bytes in rows of {stride} do not hold {rows} rows of {row_bytes} bytes")]
+    Buffer {
+        /// Bytes of the buffer.
+        bytes: usize,
+        /// Bytes from the start of a row to that of the next.
+        stride: usize,
+        /// Rows of the frame.
+        rows: u32,
+        /// Bytes that a row of the frame needs.
+        row_bytes: usize,
+    },
     /// The encoder failed.
     #[error("cannot encode the frame as PNG: {0}")]
     Png(#[from] image::ImageError),
@@ -82,6 +94,26 @@ impl Frame {
         self.depth_m.resize(if depth { count } else { 0 }, f32::INFINITY);
     }
 
+    /// Copies the colours, 4 bytes a pixel, to a buffer whose rows start `stride` bytes apart, as those of windows and of
+    /// parts of larger images do. Bytes between rows stay as they are.
+    ///
+    /// # Errors
+    /// [`FrameError::Buffer`] if the frame does not fit.
+    pub fn copy_to(&self, to: &mut [u8], stride: usize) -> Result<(), FrameError> {
+        let row_bytes = self.width as usize * 4;
+        let rows = self.height;
+        let needed = (rows as usize).saturating_sub(1).saturating_mul(stride).saturating_add(row_bytes);
+        if row_bytes > stride || (rows > 0 && needed > to.len()) {
+            return Err(FrameError::Buffer { bytes: to.len(), stride, rows, row_bytes });
+        }
+        if row_bytes > 0 {
+            for (to, from) in to.chunks_mut(stride).zip(self.color.chunks_exact(self.width as usize)) {
+                to[..row_bytes].copy_from_slice(from.as_flattened());
+            }
+        }
+        Ok(())
+    }
+
     /// Number of hole pixels.
     pub fn hole_count(&self) -> u64 {
         self.coverage.iter().filter(|c| c.is_hole()).count() as u64
@@ -104,6 +136,22 @@ impl Frame {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn frames_fit_into_rows_of_any_length() {
+        let mut frame = Frame::default();
+        frame.reset(3, 2, [1, 2, 3]);
+        let mut wide = [9; 2 * 20];
+        frame.copy_to(&mut wide, 20).expect("fits");
+        for row in wide.chunks(20) {
+            assert_eq!(row[..12], [1, 2, 3, 255, 1, 2, 3, 255, 1, 2, 3, 255]);
+            assert_eq!(row[12..], [9; 8]);
+        }
+        // The last row needs no room behind it.
+        assert!(frame.copy_to(&mut [0; 32], 20).is_ok() && frame.copy_to(&mut [0; 31], 20).is_err());
+        assert!(frame.copy_to(&mut [0; 100], 11).is_err(), "rows that are too short");
+        assert!(Frame::default().copy_to(&mut [], 0).is_ok());
+    }
 
     #[test]
     fn png_round_trips_and_a_frame_of_the_wrong_size_is_refused() {

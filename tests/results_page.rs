@@ -1,6 +1,7 @@
 //! The page of results is what the command makes of its own file, and nothing else.
 
 use headbox::report::figures::figures;
+use headbox::report::promises::PROMISES;
 use headbox::report::results;
 use headbox::report::row::Report;
 use std::path::Path;
@@ -18,7 +19,30 @@ fn the_page_and_its_charts_come_from_the_report_beside_them() {
     for figure in figures(&report) {
         assert!(docs(&format!("results/{}.svg", figure.name)) == figure.chart.draw().to_svg(), "{remake}");
     }
-    for facts in &report.scenes {
-        assert!(facts.margin_db >= 9.0, "truth is good enough: {}", facts.scene);
+}
+
+/// Words of a text, with single spaces between them.
+fn words(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn the_readme_says_what_the_report_shows() {
+    let report: Report = serde_json::from_str(&docs("results/report.json")).expect("a report");
+    let readme = words(&docs("../README.md"));
+    for promise in PROMISES {
+        assert!(readme.contains(promise.says), "the README no longer says \"{}\"", promise.says);
+        let figures = promise.figures(&report);
+        assert!(promise.keeps.hold(&figures), "{}: {figures:?}", promise.says);
     }
+    // A number with a unit of measurement beside it would be a figure that nothing stands behind; one is promised above.
+    let words: Vec<&str> = readme.split(' ').collect();
+    let units = ["ms", "dB", "fps", "times", "Mrays/s", "%"];
+    let is_figure = |pair: &&[&str]| {
+        let number = pair[0].trim_start_matches('(').parse::<f64>().is_ok() || pair[0] == "FLIP";
+        let unit = pair[1].trim_matches(|c: char| !c.is_alphanumeric() && c != '%');
+        (number && (units.contains(&unit) || unit.parse::<f64>().is_ok())) || unit.ends_with('%')
+    };
+    let figures: Vec<&[&str]> = words.windows(2).filter(is_figure).collect();
+    assert_eq!(figures, [["10", "dB"]], "measured figures in the README");
 }

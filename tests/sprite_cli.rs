@@ -145,6 +145,23 @@ fn a_path_gives_a_frame_per_pose() {
 }
 
 #[test]
+fn a_range_says_how_far_each_variant_carries() {
+    let dir = tempfile::tempdir().unwrap();
+    let small = ["--size", "48x48", "--samples", "2", "--unlit", "--slabs", "1"];
+    let said = succeeds(dir.path(), &[["sprite", "builtin:bump", "--range", "range"].as_slice(), &small].concat());
+    assert!(said.lines().any(|line| line.starts_with("two-pass") && line.contains("px of parallax")), "{said}");
+    let csv = std::fs::read_to_string(dir.path().join("range/range.csv")).unwrap();
+    let cell = |line: &str, column: usize| line.split(',').nth(column).unwrap().parse::<f64>().unwrap();
+    let rows: Vec<&str> = csv.lines().skip(1).collect();
+    assert!(csv.starts_with("displacement_m,parallax_px,homography,one-pass,two-pass,"), "{csv}");
+    assert!(rows.windows(2).all(|pair| cell(pair[0], 1) < cell(pair[1], 1)), "parallax grows: {csv}");
+    assert!(cell(rows[4], 4) < cell(rows[4], 2), "two passes beat none: {csv}");
+    assert!(image::open(dir.path().join("range/range.png")).unwrap().width() > 400);
+    capture(dir.path(), "builtin:bump", &[]);
+    fails(dir.path(), 2, &["sprite", "a.sprite", "--range", "range"], "needs a scene");
+}
+
+#[test]
 fn mistakes_are_named() {
     let dir = tempfile::tempdir().unwrap();
     let save = |name: &str, picture: RgbaImage| picture.save(dir.path().join(name)).unwrap();

@@ -50,13 +50,18 @@ fn sprites() {
 }
 
 #[test]
+fn portals() {
+    all_hold(6);
+}
+
+#[test]
 fn names_are_unique_and_a_broken_bound_is_found() {
     let cases: Vec<Case> = stability::topics().into_iter().flat_map(|(_, cases)| cases).collect();
     let mut names: Vec<&str> = cases.iter().map(|case| case.name).collect();
     names.sort_unstable();
     names.dedup();
     assert_eq!(names.len(), cases.len());
-    assert_eq!(stability::topics().len(), 6, "every topic has a test above");
+    assert_eq!(stability::topics().len(), 7, "every topic has a test above");
     let case = |measure| Case { name: "", what: "", unit: "", bound: 1.0, reason: "", measure };
     let of = |case: Case| case.worst(0..3);
     assert_eq!((of(case(|seed| Some(seed as f64))).value, of(case(|seed| Some(seed as f64))).seed), (2.0, 2));

@@ -94,6 +94,11 @@ impl FrameArgs {
         })
     }
 
+    /// The same, but for what is given.
+    pub(super) fn with(&self, up: Option<Up>, unit: Option<Unit>) -> Self {
+        Self { up: up.or(self.up), unit: unit.or(self.unit) }
+    }
+
     /// A scene in these axes and this unit.
     pub(super) fn source(&self, scene: &str) -> SceneSource {
         SceneSource { name: scene.to_owned(), z_up: self.up.map(|up| matches!(up, Up::Z)), unit_m: self.unit_m() }

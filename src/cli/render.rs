@@ -333,7 +333,7 @@ fn render_cube(
         let (frame, stats) = renderer.render(cube, camera, settings);
         ms.push(start.elapsed().as_secs_f64() * 1e3);
         if ms.len() >= repeat as usize {
-            return Ok(Rendered {
+            let mut rendered = Rendered {
                 image: rgb_image(frame)?,
                 ms,
                 stages: json!({"clear_ms": stats.clear_ms, "warp_ms": stats.warp_ms, "finish_ms": stats.finish_ms}),
@@ -341,7 +341,9 @@ fn render_cube(
                 depth_pixels_in: stats.depth_pixels_in,
                 splatted: stats.splatted,
                 hole_pixels: stats.hole_pixels,
-            });
+            };
+            rendered.statistics["clipping"] = serde_json::to_value(renderer.clip_counts(cube, camera, settings))?;
+            return Ok(rendered);
         }
     }
 }

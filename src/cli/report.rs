@@ -1,7 +1,7 @@
 //! `headbox report`.
 
 use super::UsageError;
-use super::args::FrameArgs;
+use super::args::{FrameArgs, Unit, Up, parse_length, parse_vector};
 use super::capture::place_headbox;
 use super::output::{print_notes, save_png};
 use super::progress::Bar;
@@ -21,15 +21,17 @@ use crate::report::{results, stability, summary, truths};
 use crate::scene_source::SceneSource;
 use crate::sprite::{SPRITE_FILE, SpriteSet};
 use anyhow::{Context, bail};
-use clap::Args;
+use clap::{Args, ValueEnum};
+use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 #[derive(Args)]
 pub(super) struct ReportCommand {
-    /// Scenes (.obj, .gltf, .glb, builtin:NAME) to capture, or .ldi and .sprite files whose scenes are still there
-    #[arg(value_name = "SCENE|FILE", required_unless_present_any = ["results", "stability"])]
-    subjects: Vec<String>,
+    /// Scenes (.obj, .gltf, .glb, builtin:NAME) to capture, or .ldi and .sprite files whose scenes are still there. What
+    /// differs from scene to scene may follow its name: @center=X,Y,Z, @half=S, @up=z, @unit=cm
+    #[arg(value_name = "SCENE|FILE", required_unless_present_any = ["results", "stability"], value_parser = parse_named)]
+    subjects: Vec<Named>,
     /// Folder for report.json, report.csv, summary.md and charts, headbox-report if absent; with --results and --stability the
     /// page to write, results.md and STABILITY.md if absent
     #[arg(short, long)]
@@ -59,6 +61,41 @@ pub(super) struct ReportCommand {
     frame: FrameArgs,
 }
 
+/// A scene or a file, and what is said of it alone.
+#[derive(Clone, Default)]
+struct Named {
+    name: String,
+    center: Option<DVec3>,
+    half_size: Option<f64>,
+    up: Option<Up>,
+    unit: Option<Unit>,
+}
+
+impl Named {
+    fn is_placed(&self) -> bool {
+        self.center.is_some() || self.half_size.is_some() || self.up.is_some() || self.unit.is_some()
+    }
+}
+
+/// `NAME`, or `NAME@KEY=VALUE@KEY=VALUE`.
+fn parse_named(text: &str) -> Result<Named, String> {
+    const KEYS: [&str; 4] = ["center", "half", "up", "unit"];
+    let first = KEYS.iter().filter_map(|key| text.find(&format!("@{key}="))).min();
+    let (name, rest) = text.split_at(first.unwrap_or(text.len()));
+    let mut named = Named { name: name.to_owned(), ..Named::default() };
+    for part in rest.split('@').skip(1) {
+        let (key, value) = part.split_once('=').ok_or_else(|| format!("{part}: give one of {}", KEYS.join("=, ")))?;
+        match key {
+            "center" => named.center = Some(parse_vector(value)?),
+            "half" => named.half_size = Some(parse_length(value)?),
+            "up" => named.up = Some(Up::from_str(value, true)?),
+            "unit" => named.unit = Some(Unit::from_str(value, true)?),
+            _ => return Err(format!("{key}: give one of {}", KEYS.join("=, "))),
+        }
+    }
+    Ok(named)
+}
+
 impl ReportCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         match &self.results {
@@ -83,6 +120,12 @@ impl ReportCommand {
     }
 
     fn measure(&self) -> anyhow::Result<()> {
+        for (i, subject) in self.subjects.iter().enumerate() {
+            // Rows know their scene by its name.
+            if self.subjects[..i].iter().any(|other| other.name == subject.name) {
+                return Err(UsageError(format!("{} is named twice", subject.name)).into());
+            }
+        }
         let output = self.output_or("headbox-report");
         make_folder(output)?;
         let cache = self.cache.clone().or_else(truths::default_folder).unwrap_or_else(|| output.join("truth"));
@@ -98,8 +141,8 @@ impl ReportCommand {
             rows: Vec::new(),
         };
         let bar = Bar::new();
-        for name in &self.subjects {
-            let (subject, plan) = self.open(name)?;
+        for named in &self.subjects {
+            let (subject, plan) = self.open(named)?;
             let (facts, rows) = scene::run(&subject, &plan, Some(cache.clone()), &bar)?;
             report.scenes.push(facts);
             report.rows.extend(rows);
@@ -135,9 +178,13 @@ impl ReportCommand {
     }
 
     /// A scene or a file, ready to be measured, and the plan for it.
-    fn open(&self, name: &str) -> anyhow::Result<(Subject, Plan)> {
+    fn open(&self, named: &Named) -> anyhow::Result<(Subject, Plan)> {
+        let name = named.name.as_str();
         let path = Path::new(name);
         let kind = if path.is_file() { Container::peek_kind(path)? } else { None };
+        if kind.is_some() && named.is_placed() {
+            return Err(UsageError(format!("{name}: says itself where its headbox is")).into());
+        }
         let quality = if self.quick { Quality::QUICK } else { Quality::FULL };
         let (mut cube, mut sprites) = (None, None);
         let source = if kind == Some(CUBE_LDI.tag) {
@@ -157,12 +204,12 @@ impl ReportCommand {
             sprites = Some(read);
             source
         } else {
-            self.frame.source(name)
+            self.frame.with(named.up, named.unit).source(name)
         };
         let scene = source.open().with_context(|| format!("the scene of {name} is needed for truth"))?;
         let scene = Arc::new(scene);
         print_notes(&scene);
-        let (mut centre, mut half_size_m) = place_headbox(&scene, None, None)?;
+        let (mut centre, mut half_size_m) = place_headbox(&scene, named.center, named.half_size)?;
         let (mut bounces, mut lit, mut ahead) = (self.bounces, true, None);
         if let Some(cube) = &cube {
             (centre, half_size_m) = (cube.info.centre, cube.info.half_size_m);
@@ -196,4 +243,22 @@ fn save_charts(report: &Report, folder: &Path, as_png: bool) -> anyhow::Result<(
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scenes_may_be_placed_by_their_names() {
+        let named = parse_named("a@home/house.obj@up=z@center=0,-1,1.5@half=0.4@unit=cm").unwrap();
+        assert_eq!((named.name.as_str(), named.center), ("a@home/house.obj", Some(DVec3::new(0.0, -1.0, 1.5))));
+        assert!(named.half_size == Some(0.4) && named.is_placed());
+        assert!(matches!((named.up, named.unit), (Some(Up::Z), Some(Unit::Cm))));
+        let plain = parse_named("a@home/house.obj").unwrap();
+        assert!(plain.name == "a@home/house.obj" && !plain.is_placed());
+        for wrong in ["a.obj@center=1,2", "a.obj@half=0", "a.obj@half=1@size=3", "a.obj@up=x", "a.obj@unit=m@z"] {
+            assert!(parse_named(wrong).is_err(), "{wrong}");
+        }
+    }
 }

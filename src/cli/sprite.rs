@@ -4,13 +4,14 @@ use super::UsageError;
 use super::args::{CameraArgs, DefaultCamera, FrameArgs, parse_length};
 use super::capture::place_headbox;
 use super::info::sprite_json;
-use super::output::{peak_rss_mb, print_json, print_notes};
+use super::output::{peak_rss_mb, print_json, print_notes, save_png};
 use super::progress::Bar;
 use super::render::write_text;
 use crate::capture::DepthKind;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
 use crate::ldi::Environment;
+use crate::report::sprite_range::SpriteRange;
 use crate::scene_source::SceneSource;
 use crate::sprite::{
     DepthImport, DepthPicture, DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, SpriteWithDepth, capture_slabs,
@@ -48,8 +49,12 @@ pub(super) struct SpriteCommand {
     /// Write colour (PNG), eye depth (EXR, metres) and cameras (sprites.json) of each sprite into this folder
     #[arg(long, value_name = "DIR")]
     export: Option<PathBuf>,
+    /// Judge every variant against truth as the eye moves away from where a scene's sprites were taken: range.csv and
+    /// range.png in this folder
+    #[arg(long, value_name = "DIR", requires = "scene")]
+    range: Option<PathBuf>,
     /// Print one JSON object on standard output
-    #[arg(long)]
+    #[arg(long, conflicts_with = "range")]
     json: bool,
 }
 
@@ -112,8 +117,8 @@ enum DepthKindArg {
 
 impl SpriteCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
-        if self.output.is_none() && self.export.is_none() {
-            return Err(UsageError("nothing to do: give -o FILE.sprite, --export DIR or both".into()).into());
+        if self.output.is_none() && self.export.is_none() && self.range.is_none() {
+            return Err(UsageError("nothing to do: give -o FILE.sprite, --export DIR or --range DIR".into()).into());
         }
         let start = Instant::now();
         let set = self.sprites()?;
@@ -145,6 +150,9 @@ impl SpriteCommand {
         match (&self.scene, &self.import.color) {
             (_, Some(color)) => self.import(color),
             (Some(file), None) if Path::new(file).extension().is_some_and(|e| e.eq_ignore_ascii_case("sprite")) => {
+                if self.range.is_some() {
+                    return Err(UsageError("--range needs a scene: a .sprite file has no truth".into()).into());
+                }
                 Ok(SpriteSet::read(Path::new(file))?)
             }
             (Some(scene), None) => self.capture(&self.frame.source(scene)),
@@ -181,6 +189,11 @@ impl SpriteCommand {
         let z_up = scene.frame.up == crate::capture::scene::UpAxis::Z;
         set.info = SpriteInfo { source: source.name.clone(), z_up, unit_m: scene.frame.unit_m };
         set.environment = sky(&lighting);
+        if let Some(folder) = &self.range {
+            let range = SpriteRange::measure(&capture, &camera, set.clone())?;
+            let range = range.context("nothing lies straight ahead to measure a range by: move --look-at")?;
+            write_range(folder, &source.name, &range)?;
+        }
         Ok(set)
     }
 
@@ -273,6 +286,17 @@ pub(super) fn sky(lighting: &Lighting) -> Environment {
     /// Smooth as it is, the sky needs no more.
     const SIZE_PX: u32 = 128;
     if lighting.sky.is_none() { Environment::default() } else { Environment::of_sky(SIZE_PX, lighting, |_| true) }
+}
+
+/// Writes `range.csv` and `range.png`, and prints what they say.
+fn write_range(folder: &Path, name: &str, range: &SpriteRange) -> anyhow::Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| format!("{} could not be made", folder.display()))?;
+    write_text(&folder.join("range.csv"), &range.to_csv())?;
+    let image = range.chart(name).draw().to_image().context("a chart without pixels")?;
+    save_png(&folder.join("range.png"), &image)?;
+    range.sentences().iter().for_each(|sentence| println!("{sentence}"));
+    println!("{}: range.csv and range.png", folder.display());
+    Ok(())
 }
 
 /// Writes `sprite_N.png`, `sprite_N.exr` and `sprites.json`.

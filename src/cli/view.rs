@@ -44,6 +44,9 @@ pub(super) struct View {
     /// Two eyes side by side
     #[arg(long)]
     stereo: Option<StereoArg>,
+    /// Render fewer pixels while the eye moves, if a frame would take longer than so many milliseconds; 0 for all pixels always
+    #[arg(long, value_name = "MS", default_value_t = ViewerOptions::MOVING_LIMIT_MS, value_parser = parse_limit)]
+    moving_limit: f64,
     /// Show the frame alone
     #[arg(long)]
     no_panels: bool,
@@ -66,6 +69,13 @@ enum StereoArg {
 fn parse_pair(text: &str) -> Result<(String, String), String> {
     let (id, value) = text.split_once('=').ok_or("give ID=VALUE")?;
     Ok((id.into(), value.into()))
+}
+
+fn parse_limit(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|ms| *ms == 0.0 || (4.0..=100.0).contains(ms))
+        .ok_or("give 0, or milliseconds from 4 to 100".into())
 }
 
 /// Frames after which a picture without a path is taken: the first may be of a window that still takes its size.
@@ -109,6 +119,7 @@ impl View {
                 Some(StereoArg::Cross) => Stereo::CrossEyed,
                 Some(StereoArg::Parallel) => Stereo::Parallel,
             },
+            moving_limit_ms: (self.moving_limit > 0.0).then_some(self.moving_limit),
             path: self.path.clone(),
             replay: if self.every_pose { ReplayMode::EveryPose } else { ReplayMode::InTime },
             output_dir: self.out.clone(),

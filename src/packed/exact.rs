@@ -42,6 +42,21 @@ impl ExactCube {
         Ok(Self { cube, depth_pixels })
     }
 
+    /// From what packing has left, as of a file: for times, not for errors.
+    pub fn unpack(cube: PackedCube) -> Self {
+        let of_segment = |segment: &PackedSegment| {
+            let unpack = |packed: &PackedDepthPixel| ExactDepthPixel {
+                inverse_depth: segment.inverse_depth(packed.inverse_depth_code()) as f32,
+                normal: cube.layout.normal(packed.splat_index()).to_array(),
+                color_srgb: packed.color_srgb,
+                splat_index: packed.splat_index(),
+            };
+            segment.depth_pixels.iter().map(unpack).collect()
+        };
+        let depth_pixels = cube.segments.iter().map(of_segment).collect();
+        Self { cube, depth_pixels }
+    }
+
     /// Bytes of all depth pixels.
     pub fn depth_pixel_bytes(&self) -> usize {
         self.depth_pixels.iter().map(|pixels| size_of_val(pixels.as_slice())).sum()

@@ -25,11 +25,15 @@ pub(super) const DEFAULT: [(&str, &str, bool); 7] = [
     ("light samples", "4 per depth pixel", true),
 ];
 
+/// Captures that take less than this, seconds, are made [`SHORT_REPEATS`] times.
+const SHORT_S: f64 = 0.5;
+const SHORT_REPEATS: u32 = 3;
+
 /// A capture and what it took.
 pub struct Made {
     /// The capture.
     pub ldi: CubeLdi,
-    /// Tracing, lighting and merging, seconds.
+    /// Tracing, lighting and merging, seconds; the least time if it was made more than once.
     pub seconds: f64,
 }
 
@@ -68,9 +72,17 @@ impl Captures<'_> {
     pub fn make(&self, change: impl FnOnce(&mut CaptureJob), progress: &dyn Progress) -> Result<Made, ReportError> {
         let mut job = self.job();
         change(&mut job);
-        let start = Instant::now();
-        let (ldi, _) = job.run(&self.subject.tracer, &self.subject.lighting, &Resources::default(), progress)?;
-        Ok(Made { ldi, seconds: start.elapsed().as_secs_f64() })
+        let run = || {
+            let start = Instant::now();
+            let (ldi, _) = job.run(&self.subject.tracer, &self.subject.lighting, &Resources::default(), progress)?;
+            Ok::<_, ReportError>(Made { ldi, seconds: start.elapsed().as_secs_f64() })
+        };
+        let mut made = run()?;
+        // The least of several says what a capture takes where one alone says what else the machine did.
+        for _ in 1..if made.seconds < SHORT_S { SHORT_REPEATS } else { 1 } {
+            made.seconds = made.seconds.min(run()?.seconds);
+        }
+        Ok(made)
     }
 
     /// Packs a capture in the default layout.

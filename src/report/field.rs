@@ -2,8 +2,8 @@
 
 use super::captures::{Captures, DEFAULT, Made};
 use super::contender::{
-    BakedLight, BakedRays, Contender, CubeMapDraw, LdiDraw, OracleDraw, PathTraced, PointCloud, RasterDraw, Role,
-    SpriteDraw, WarpArithmetic, WarpOnly, sprite_bytes,
+    BakedLight, BakedRays, Contender, CubeMapDraw, ExactDraw, LdiDraw, OracleDraw, PathTraced, PointCloud, RasterDraw,
+    Role, SpriteDraw, WarpArithmetic, WarpOnly, sprite_bytes,
 };
 use super::cube_map::CubeMap;
 use super::plan::{Place, Plan};
@@ -12,16 +12,25 @@ use super::scene::{DefaultCapture, ReportError, Subject, scene_bytes};
 use crate::capture::Camera;
 use crate::compose::Composition;
 use crate::ldi::build::{Progress, Silent};
-use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::packed::{ExactCube, PackedCube, SplatIndexLayout, Split};
 use crate::splat::SplatKernel;
 use crate::sprite::{
     Displacement, DisplacementFormat, PreparedSprite, RenderOptions, Sampling, SlabCapture, SpriteSet, SpriteWithDepth,
     Variant, capture_slabs, slabs_at_gaps,
 };
-use crate::warp::RenderSettings;
+use crate::warp::{Parallel, RenderSettings};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::Arc;
 use std::time::Instant;
+
+/// The group of ways in which threads share a frame.
+const PARALLEL: &str = "threads share a frame by";
+
+/// The groups of forms of depth pixels, under two footprints: with the dearer one less depends on memory.
+const PACKING: &str = "depth pixel";
+const OPAQUE_PACKING: &str = "depth pixel, opaque rectangles";
+/// The default form in both.
+const PACKED: &str = "8 bytes, 11 bits of normal";
 
 /// The contenders of a scene as they gather.
 pub(super) struct Field<'a> {
@@ -92,6 +101,8 @@ impl<'a> Field<'a> {
             Role::baseline("footprints", "tents, averaged per surface"),
             Role::baseline("clipping", "on"),
             Role::other("threads", format!("{} threads", self.all.current_num_threads())),
+            Role::baseline(PARALLEL, "bands of rows"),
+            Role::baseline(PACKING, PACKED),
         ];
         roles.extend(more.iter().map(|&(group, variant, baseline)| Role { group, variant: variant.into(), baseline }));
         self.contenders.push(self.ldi(roles, cube, default, capture_s));
@@ -104,10 +115,22 @@ impl<'a> Field<'a> {
         let opaque = vec![
             Role::other("representation", "LDI, opaque rectangles"),
             Role::other("footprints", "opaque rectangles of exact size"),
+            Role::baseline(OPAQUE_PACKING, PACKED),
         ];
         self.contenders.push(self.ldi(opaque, cube, kernel(SplatKernel::Opaque), capture_s));
+        for (kind, name) in [
+            (SplatKernel::Ellipse, "elliptical Gaussians in floating point"),
+            (SplatKernel::Point, "single pixels"),
+            (SplatKernel::Square3, "3x3 px, whatever their size"),
+        ] {
+            self.contenders.push(self.ldi(vec![Role::other("footprints", name)], cube, kernel(kind), capture_s));
+        }
         let unclipped = RenderSettings { unclipped: true, ..default };
         self.contenders.push(self.ldi(vec![Role::other("clipping", "off")], cube, unclipped, capture_s));
+        for (count, name) in [(0, "fragments along epipolar lines, one a thread"), (8, "eight such fragments")] {
+            let fragments = RenderSettings { parallel: Parallel::Fragments(count), ..default };
+            self.contenders.push(self.ldi(vec![Role::other(PARALLEL, name)], cube, fragments, capture_s));
+        }
         let one = self.ldi(vec![Role::baseline("threads", "1 thread")], cube, default, capture_s);
         self.contenders.push(Contender { pool: Arc::clone(&self.one), ..one });
         for (stamp, name) in [(1, "points, 1 px"), (3, "points, 3x3 px")] {
@@ -133,8 +156,20 @@ impl<'a> Field<'a> {
         let whole = Arc::new(captures.pack(made, Split::None)?);
         let roles = vec![Role::other("near/far split", "none")];
         self.contenders.push(self.ldi(roles, &whole, RenderSettings::default(), Some(made.seconds)));
+        for (group, kernel) in [(PACKING, SplatKernel::Tent), (OPAQUE_PACKING, SplatKernel::Opaque)] {
+            let exact = ExactCube::pack(&made.ldi, SplatIndexLayout::Normal, Split::Auto)?;
+            let settings = RenderSettings { kernel, ..RenderSettings::default() };
+            let packed_bytes: usize = exact.cube.segments.iter().map(|s| size_of_val(&s.depth_pixels[..])).sum();
+            let like = self.ldi(vec![Role::other(group, "24 bytes, nothing quantised")], &whole, settings, None);
+            let bytes = (exact.cube.bytes() - packed_bytes + exact.depth_pixel_bytes()) as u64;
+            let draw = Box::new(ExactDraw::new(exact, settings));
+            self.contenders.push(Contender { bytes, capture_s: Some(made.seconds), draw, ..like });
+        }
         let paper = PackedCube::pack(&made.ldi, SplatIndexLayout::Paper, Split::Auto)?;
-        let roles = vec![Role::other("normal in the splat index", "6 bits, and 5 of depth (paper)")];
+        let roles = vec![
+            Role::other("normal in the splat index", "6 bits, and 5 of depth (paper)"),
+            Role::other(PACKING, "8 bytes, 6 bits of normal and 5 of depth (paper)"),
+        ];
         self.contenders.push(self.ldi(roles, &Arc::new(paper), RenderSettings::default(), Some(made.seconds)));
         Ok(())
     }

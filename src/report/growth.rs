@@ -53,8 +53,9 @@ pub(super) fn grow(
             grown[i] = (truths.frame(&plan.eyes[i].camera, wanted[i], progress), wanted[i]);
         }
     }
-    // Eyes of the path get as many rays as the dearest other: nothing is judged by them but how the error changes.
-    let samples = grown.iter().map(|(_, samples)| *samples).max().unwrap_or(plan.quality.first_samples);
+    // Eyes of the path get half as many rays as the dearest other: nothing is judged by them but how the error changes.
+    let most = grown.iter().map(|(_, samples)| *samples).max().unwrap_or(0);
+    let samples = (most / 2).max(plan.quality.first_samples);
     let path = plan.eyes.iter().filter(|eye| eye.place == Place::Path);
     grown.extend(path.map(|eye| (truths.frame(&eye.camera, samples, progress), samples)));
     Ok(grown)

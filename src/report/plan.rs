@@ -50,7 +50,7 @@ impl Quality {
         path_eyes: 6,
         first_samples: 32,
         most_samples: 4096,
-        rounds: 9,
+        rounds: 11,
     };
     /// What `headbox report --quick` measures: a scene in less than two minutes on two cores.
     pub const QUICK: Self = Self {
@@ -64,8 +64,8 @@ impl Quality {
         line_eyes: 4,
         path_eyes: 2,
         first_samples: 16,
-        most_samples: 2048,
-        rounds: 5,
+        most_samples: 1536,
+        rounds: 11,
     };
 }
 

@@ -36,7 +36,7 @@ pub struct Row {
     pub ms_median: f64,
     /// First and third quartile.
     pub ms_quartiles: [f64; 2],
-    /// Median over eyes and rounds of this row's time over the group's baseline's, both of the same eye and round.
+    /// Median over eyes of this row's time over the group's baseline's, each the least of the rounds that were drawn in turns.
     pub time_ratio: f64,
     /// Depth pixels that reached the inner loop, mean per frame; 0 where there are none.
     pub depth_pixels_in: f64,

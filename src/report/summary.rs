@@ -202,7 +202,7 @@ fn steadiness(rows: &[&Row], facts: &SceneFacts) -> String {
         ldi.worst.eye, ldi.worst.flip, ldi.worst.psnr_db
     );
     if let Some(holes) = ldi.hole_fraction {
-        let _ = write!(text, "; {:.3} % of its pixels are holes", holes * 100.0);
+        let _ = write!(text, "; {:.3} % of the pixels of all its frames are holes", holes * 100.0);
     }
     text += ".\n";
     if let Some(flicker) = ldi.flicker {

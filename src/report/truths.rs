@@ -43,7 +43,10 @@ impl<'a> Truths<'a> {
     /// The frame of a camera with `samples` rays per pixel.
     pub fn frame(&self, camera: &Camera, samples: u32, progress: &dyn Progress) -> TruthFrame {
         let path = self.folder.as_ref().map(|folder| folder.join(self.name(camera, samples)));
-        if let Some(frame) = path.as_deref().and_then(|path| read(path).ok()) {
+        let size = (camera.width(), camera.height());
+        // Of another size it is not this camera's, whatever its name says.
+        let kept = path.as_deref().and_then(|path| read(path).ok()).filter(|frame| frame.color.dimensions() == size);
+        if let Some(frame) = kept {
             return frame;
         }
         let frame = truth::render(self.tracer, self.lighting, self.lit, camera, samples, progress);

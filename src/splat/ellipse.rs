@@ -1,4 +1,4 @@
-//! Elliptical Gaussians, averaged per surface in floating point: what the integer kernels are measured against.
+//! Elliptical Gaussians, averaged per surface in floating point, to measure the integer kernels against.
 //!
 //! The rules are those of [`super::surface`]; what differs is that nothing is rounded. Footprints are ellipses whose weights
 //! add up to 1 on a surface, colours are kept in linear light, and sums are `f32`.

@@ -264,7 +264,7 @@ fn straight([r, g, b, share]: [u8; 4]) -> [u8; 4] {
         return [r, g, b, share];
     }
     let (half, reciprocal) = (u64::from(share / 2), RECIPROCALS[usize::from(share)]);
-    let [r, g, b] = [r, g, b].map(|c| ((u64::from(c) * 255 + half) * reciprocal >> 32).min(255) as u8);
+    let [r, g, b] = [r, g, b].map(|c| (((u64::from(c) * 255 + half) * reciprocal) >> 32).min(255) as u8);
     [r, g, b, if share >= WHOLE { 255 } else { share }]
 }
 

@@ -5,6 +5,9 @@
 //! 14 dB in a room). Here each pixel remembers the inverse depth of its front surface. A splat that lies on it adds to
 //! a weighted mean, as bilinear interpolation does; a nearer one first sends the mean behind itself. Because drawing is
 //! strictly back to front, one mean and one blended colour behind it are enough.
+//!
+//! Tried and lost: eight cells a SIMD register (51 against 42 ms for the tree, the same bits): rows of tents are three pixels
+//! long, and what takes the time is which of three things to do in each, not memory.
 
 use super::linear::LinearLight;
 use super::size::LANES;
@@ -332,12 +335,42 @@ impl Canvas for SurfaceCanvas {
     fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level) {
         let start = row * self.width as usize + column;
         let from = self.cells.get(start..start + to.len()).unwrap_or(&[]);
-        let light = LinearLight::tables();
-        dispatch!(level, simd => {
-            let _ = simd; // the code is plain; the level decides what it is compiled to
-            to.iter_mut().zip(from).for_each(|(to, cell)| *to = cell.flattened(light));
-        });
+        dispatch!(level, simd => resolve_all(simd, from, to));
     }
+}
+
+/// Writes [`Cell::flattened`] of each cell.
+#[inline(always)]
+fn resolve_all<S: Simd>(simd: S, from: &[Cell], to: &mut [[u8; 4]]) {
+    let light = LinearLight::tables();
+    let ((from, from_rest), (to, to_rest)) = (from.as_chunks::<LANES>(), to.as_chunks_mut::<LANES>());
+    for (from, to) in from.iter().zip(to) {
+        let mut others;
+        (*to, others) = fronts(simd, from);
+        while others != 0 {
+            let i = others.trailing_zeros() as usize;
+            others &= others - 1;
+            to[i] = from[i].flattened(light);
+        }
+    }
+    to_rest.iter_mut().zip(from_rest).for_each(|(to, cell)| *to = cell.flattened(light));
+}
+
+/// [`Cell::mean`] and 255 for cells whose front surface fills the pixel; of the others, the bits.
+#[inline(always)]
+fn fronts<S: Simd>(simd: S, cells: &[Cell; LANES]) -> ([[u8; 4]; LANES], u64) {
+    let sum = |half: u32| {
+        let words: [u32; LANES] = std::array::from_fn(|i| (cells[i].sum >> (32 * half)) as u32);
+        u32x16::load_array(simd, words)
+    };
+    let (low, high) = (sum(0), sum(1));
+    let weight = high >> 16;
+    let divisor = f32x16::float_from(weight.max(u32x16::splat(simd, 1)));
+    // Rounded down like the integers: a quotient of them that is not whole is at least 1 / 257 away from the next.
+    let mean = |lane: u32x16<S>| u32x16::truncate_from(f32x16::float_from(lane + (weight >> 1)) / divisor).to_array();
+    let [red, green, blue] = [mean(low & 0xffff), mean(low >> 16), mean(high & 0xffff)];
+    let fills = weight.simd_ge(u32x16::splat(simd, OPAQUE as u32));
+    (std::array::from_fn(|i| [red[i] as u8, green[i] as u8, blue[i] as u8, 255]), !fills.to_bitmask() & 0xffff)
 }
 
 #[cfg(test)]

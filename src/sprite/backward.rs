@@ -39,6 +39,8 @@ struct Cells<'a> {
     cells: &'a [u32],
     origin: [i32; 2],
     size: [u32; 2],
+    /// No displacement is larger; 0 where cells hold none.
+    largest: f32,
 }
 
 impl<'a> Cells<'a> {
@@ -46,9 +48,12 @@ impl<'a> Cells<'a> {
         match parallax {
             Parallax::None => None,
             Parallax::Displacement(f) | Parallax::AsPrinted(f) | Parallax::Affine(f) => {
-                Some(Self { cells: &f.cells, origin: [f.x0, f.y0], size: [f.width, f.height] })
+                let largest = f.coding.largest();
+                Some(Self { cells: &f.cells, origin: [f.x0, f.y0], size: [f.width, f.height], largest })
             }
-            Parallax::Shift(f) => Some(Self { cells: &f.cells, origin: [f.x0, f.y0], size: [f.width, f.height] }),
+            Parallax::Shift(f) => {
+                Some(Self { cells: &f.cells, origin: [f.x0, f.y0], size: [f.width, f.height], largest: 0.0 })
+            }
         }
     }
 }
@@ -83,8 +88,12 @@ fn rows<S: Simd, const NEAREST: bool>(simd: S, view: &View, width: usize, first:
     let mut found = Found::new();
     let mut drawn = [0; BLOCK];
     for (y, row) in pixels.chunks_mut(width).enumerate() {
-        for (block, out) in row.chunks_mut(BLOCK).enumerate() {
-            let place = Block::new(view, cells, block * BLOCK, first + y);
+        let mut x = 0;
+        while x < width {
+            let pixels = one_level(view, [x, first + y], BLOCK.min(width - x));
+            let out = &mut row[x..x + pixels];
+            let place = Block::new(view, cells, [x, first + y], pixels);
+            x += pixels;
             let Some(place) = place else {
                 out.fill(0);
                 continue;
@@ -98,6 +107,21 @@ fn rows<S: Simd, const NEAREST: bool>(simd: S, view: &View, width: usize, first:
             out.copy_from_slice(&drawn[..out.len()]);
         }
     }
+}
+
+/// How many of the next `pixels` pixels of a row are drawn as one block: all where the same level serves at both ends,
+/// else one vector of them.
+#[inline(always)]
+fn one_level(view: &View, [x, y]: [usize; 2], pixels: usize) -> usize {
+    let h = &view.transfer.sprite_from_target;
+    let level = |x: f64| {
+        let at = h.x_axis * x + (h.y_axis * (y as f64 + 0.5) + h.z_axis);
+        let share = 1.0 / at.z;
+        let levels = view.texture.levels.len();
+        (at.z > 0.0).then(|| mip_level(view.transfer, share, [at.x * share, at.y * share], levels))
+    };
+    let (first, last) = (level(x as f64 + 0.5), level((x + pixels) as f64 - 0.5));
+    if first == last { pixels } else { pixels.min(LANES) }
 }
 
 /// What is computed once per block, in f64: positions are then relative to a whole pixel of the picture near the
@@ -126,6 +150,10 @@ struct Lookup<'a> {
     high: [f32; 2],
     /// e21, its first two components relative to the anchor.
     epipole: [f32; 3],
+    /// All pixels of the block are in front and over cells.
+    inside: bool,
+    /// Displacements are so small that [`reciprocal_near_one`] serves.
+    gentle: bool,
 }
 
 /// Anchors further out than this serve no precision; they keep integers small.
@@ -134,12 +162,13 @@ const FARTHEST_ANCHOR: f64 = 131_072.0;
 impl<'a> Block<'a> {
     /// `None` if no pixel of the block shows anything.
     #[inline(always)]
-    fn new(view: &View<'a>, cells: Option<Cells<'a>>, x: usize, y: usize) -> Option<Self> {
+    fn new(view: &View<'a>, cells: Option<Cells<'a>>, [x, y]: [usize; 2], pixels: usize) -> Option<Self> {
         let h = &view.transfer.sprite_from_target;
         let y = y as f64 + 0.5;
         let at = |x: f64| h.x_axis * x + (h.y_axis * y + h.z_axis);
         let x = x as f64;
-        let length = BLOCK as f64;
+        // Of what is drawn alone: beyond a narrow frame a plane may be seen at quite another scale.
+        let length = pixels as f64;
         let (first, middle, last) = (at(x + 0.5), at(x + 0.5 * length), at(x + length - 0.5));
         if first.z <= 0.0 && last.z <= 0.0 {
             return None; // the plane is behind the target eye all along
@@ -164,7 +193,7 @@ impl<'a> Block<'a> {
             step: step.as_vec3().to_array(),
             normalizer: normalizer as f32,
             texels: TexelMap::new(view.texture, level, anchor),
-            lookup: cells.map(|cells| Lookup::new(view, cells, anchor, low, high)),
+            lookup: cells.map(|cells| Lookup::new(view, cells, anchor, low, high, [first, last])),
         })
     }
 }
@@ -218,7 +247,7 @@ fn outside(ends: [DVec3; 2], low: [f64; 2], high: [f64; 2]) -> bool {
 
 impl<'a> Lookup<'a> {
     #[inline(always)]
-    fn new(view: &View, cells: Cells<'a>, anchor: [f64; 2], low: [f64; 2], high: [f64; 2]) -> Self {
+    fn new(view: &View, cells: Cells<'a>, anchor: [f64; 2], low: [f64; 2], high: [f64; 2], ends: [DVec3; 2]) -> Self {
         let [px, py] = view.cell_px;
         let x = anchor[0] / px - f64::from(cells.origin[0]);
         let y = anchor[1] / py - f64::from(cells.origin[1]);
@@ -228,7 +257,16 @@ impl<'a> Lookup<'a> {
             Parallax::Affine(_) => dvec3(e.x, e.y, 0.0),
             _ => e - dvec3(anchor[0], anchor[1], 0.0) * e.z,
         };
+        // A line between two positions over the field stays over it; the rest of a cell is for rounding.
+        let [left, top] = [px, py].map(|side| 0.125 * side);
+        let [left, top] = [left + f64::from(cells.origin[0]) * px, top + f64::from(cells.origin[1]) * py];
+        let right = left + (f64::from(cells.size[0]) - 0.25) * px;
+        let bottom = top + (f64::from(cells.size[1]) - 0.25) * py;
+        let over_cells =
+            |p: DVec3| p.z > 0.0 && p.x > left * p.z && p.x < right * p.z && p.y > top * p.z && p.y < bottom * p.z;
         Self {
+            inside: ends.into_iter().all(over_cells),
+            gentle: f64::from(cells.largest) * e.z.abs() < GENTLE,
             cells: cells.cells,
             stride: cells.size[0] as i32,
             cells_per_px: [(1.0 / px) as f32, (1.0 / py) as f32],
@@ -294,7 +332,11 @@ fn displaced<S: Simd, const NEAREST: bool>(
     let Some(lookup) = &place.lookup else { return };
     let empty = if matches!(parallax, Parallax::Shift(_)) { ShiftField::EMPTY } else { 0 };
     for first in (0..count).step_by(LANES) {
-        find_cells(simd, place, lookup, first, found);
+        if lookup.inside {
+            find_cells::<S, true>(simd, place, lookup, first, found);
+        } else {
+            find_cells::<S, false>(simd, place, lookup, first, found);
+        }
     }
     for (cell, &index) in found.cell[..count].iter_mut().zip(&found.index) {
         *cell = lookup.cells.get(index as usize).copied().unwrap_or(empty);
@@ -330,10 +372,20 @@ fn load<S: Simd>(simd: S, values: &[f32; BLOCK], first: usize) -> f32x16<S> {
 #[inline(always)]
 fn along_epipole<S: Simd>(lookup: &Lookup, plane: [f32x16<S>; 2], d: f32x16<S>) -> ([f32x16<S>; 2], mask32x16<S>) {
     let w = d * lookup.epipole[2] + 1.0;
-    let share = f32x16::splat(d.simd, 1.0) / w;
+    let share = if lookup.gentle { reciprocal_near_one(d * lookup.epipole[2]) } else { f32x16::splat(d.simd, 1.0) / w };
     let x = (plane[0] + d * lookup.epipole[0]) * share;
     let y = (plane[1] + d * lookup.epipole[1]) * share;
     ([x, y], w.simd_gt(0.0))
+}
+
+/// Below this a series to the third power is right to 2^-26, half a last bit of 1.
+const GENTLE: f64 = 1.0 / 96.0;
+
+/// 1 / (1 + t) for |t| < [`GENTLE`]: 1 - t + t^2 - t^3. A division takes as long as all else that is done with a displacement.
+#[inline(always)]
+fn reciprocal_near_one<S: Simd>(t: f32x16<S>) -> f32x16<S> {
+    let one = f32x16::splat(t.simd, 1.0);
+    (one - t) * (t * t + 1.0)
 }
 
 /// Eq. 9.
@@ -352,30 +404,33 @@ fn displacement<S: Simd>(coding: &Coding, cells: u32x16<S>, offset: [f32x16<S>; 
     let cells = cells.bitcast::<i32x16<S>>();
     let slope_x = ((cells << 16) >> 24).to_float::<f32x16<S>>();
     let slope_y = ((cells << 24) >> 24).to_float::<f32x16<S>>();
-    let along = slope_x * coding.slope_scale * offset[0] + slope_y * coding.slope_scale * offset[1];
-    (value - coding.zero) * coding.scale + along
+    (value - coding.zero) * coding.scale + (slope_x * offset[0] + slope_y * offset[1]) * coding.slope_scale
 }
 
 /// Positions on the plane and the indices of their cells; beyond the field the border's cells go on, beyond the rim
 /// there is no cell.
 #[inline(always)]
-fn find_cells<S: Simd>(simd: S, place: &Block, lookup: &Lookup, first: usize, found: &mut Found) {
+fn find_cells<S: Simd, const INSIDE: bool>(simd: S, place: &Block, lookup: &Lookup, first: usize, found: &mut Found) {
     let (position, in_front, share) = on_plane(simd, place, first);
     let mut inside = in_front;
     let mut cell = [i32x16::splat(simd, 0); 2];
     let mut offset = position;
     for axis in 0..2 {
-        inside = inside & position[axis].simd_ge(lookup.low[axis]) & position[axis].simd_le(lookup.high[axis]);
-        let low = f32x16::splat(simd, -lookup.base[axis] as f32);
-        let high = (lookup.size[axis] - 1 - lookup.base[axis]) as f32;
         let at = position[axis] * lookup.cells_per_px[axis] + lookup.rest[axis];
-        let column = inside.select(at, low).floor().max(low).min(high);
+        let column = if INSIDE {
+            at.floor()
+        } else {
+            inside = inside & position[axis].simd_ge(lookup.low[axis]) & position[axis].simd_le(lookup.high[axis]);
+            let low = f32x16::splat(simd, -lookup.base[axis] as f32);
+            let high = (lookup.size[axis] - 1 - lookup.base[axis]) as f32;
+            inside.select(at, low).floor().max(low).min(high)
+        };
         offset[axis] = at - column - 0.5;
         cell[axis] = column.to_int::<i32x16<S>>() + lookup.base[axis];
     }
     let index = cell[1] * lookup.stride + cell[0];
-    let index = inside.select(index, i32x16::splat(simd, -1)).bitcast::<u32x16<S>>();
-    index.store_slice(&mut found.index[first..first + LANES]);
+    let index = if INSIDE { index } else { inside.select(index, i32x16::splat(simd, -1)) };
+    index.bitcast::<u32x16<S>>().store_slice(&mut found.index[first..first + LANES]);
     position[0].store_slice(&mut found.x[first..first + LANES]);
     position[1].store_slice(&mut found.y[first..first + LANES]);
     share.store_slice(&mut found.share[first..first + LANES]);

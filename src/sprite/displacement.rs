@@ -77,7 +77,7 @@ impl Displacement {
         if found != expected || expected == 0 {
             return Err(SpriteError::Count { expected, found });
         }
-        if !finite || !(scale * f32::from(i16::MAX)).is_finite() {
+        if !finite || scale < 0.0 || !(scale * f32::from(i16::MAX)).is_finite() {
             return Err(SpriteError::NotFinite);
         }
         Ok(Self { width, height, scale, values })

@@ -14,6 +14,7 @@
 //! The slope is why one cell per lookup suffices: a cell is read as a small tilted plane about its centre, which is
 //! as accurate as interpolating between four cells where the surface is smooth, and keeps edges sharp.
 
+use super::patches::{Patches, Surface};
 use super::{Displacement, DisplacementFormat, Sprite};
 use image::RgbaImage;
 use rayon::prelude::*;
@@ -53,6 +54,12 @@ impl Coding {
         Self { scale: step * side, zero: (nearest_zero + 1.0).round(), slope_scale }
     }
 
+    /// No cell holds a larger displacement, up to a cell from its centre.
+    pub(super) fn largest(&self) -> f32 {
+        let ends = [1.0, MAX_VALUE].map(|value| ((value - self.zero) * self.scale).abs());
+        ends[0].max(ends[1]) + 2.0 * 127.0 * self.slope_scale
+    }
+
     /// Packs one cell.
     pub(super) fn pack(&self, visible: bool, d: f32, slope: [f32; 2]) -> u32 {
         let value = (d / self.scale + self.zero + 0.5).clamp(1.0, MAX_VALUE) as u32;
@@ -87,13 +94,24 @@ pub(super) struct Field {
     pub coding: Coding,
     /// Smallest and largest displacement in the cells, 0 included; of a sprite's own field only.
     pub range: [f32; 2],
+    /// The same in pieces; of a sprite's own field only.
+    pub patches: Patches,
 }
 
 impl Field {
     /// No cells at all.
     pub(super) fn empty() -> Self {
         let coding = Coding::new(0.0, 0.0, 0.0, 1.0);
-        Self { x0: 0, y0: 0, width: 0, height: 0, cells: Vec::new(), coding, range: [0.0; 2] }
+        Self {
+            x0: 0,
+            y0: 0,
+            width: 0,
+            height: 0,
+            cells: Vec::new(),
+            coding,
+            range: [0.0; 2],
+            patches: Patches::default(),
+        }
     }
 
     /// The sprite's own displacements (d1), with slopes that do not reach across edges.
@@ -113,9 +131,11 @@ impl Field {
         let steepest = pixels().flat_map(|(x, y)| slope(x, y)).fold(0.0f32, |max, s| max.max(s.abs()));
         let coding = Coding::new(low, high, steepest, 1.0);
         let visible = visible_cells(sprite.color(), width, height);
-        let cells =
+        let cells: Vec<u32> =
             pixels().zip(visible).map(|((x, y), visible)| coding.pack(visible, at(x, y), slope(x, y))).collect();
-        Self { x0: 0, y0: 0, width, height, cells, coding, range: [low.min(0.0), high.max(0.0)] }
+        let step = if displacement.format() == DisplacementFormat::F32 { 0.0 } else { displacement.scale() };
+        let patches = Patches::new(&Surface { width, height, values: &values, cells: &cells }, step);
+        Self { x0: 0, y0: 0, width, height, cells, coding, range: [low.min(0.0), high.max(0.0)], patches }
     }
 }
 

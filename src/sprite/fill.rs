@@ -1,134 +1,175 @@
 //! Filling the gaps that the first pass leaves (S9, C7).
 
-use super::field::{Coding, Field, VISIBLE};
+use super::field::{Field, VISIBLE};
+use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, prelude::*, u32x16};
 use rayon::prelude::*;
+
+/// Cells that are looked at together: this many of one row.
+const LANES: usize = 16;
+
+/// Blocks below which threads are not worth their start.
+const FEW_BLOCKS: usize = 512;
 
 /// Rows that one task looks at.
 const BAND_ROWS: usize = 32;
+
+/// What a step does to some blocks.
+struct Grown {
+    /// Where blocks begin that change, and their cells after the step.
+    filled: Vec<(u32, [u32; LANES])>,
+    /// Blocks that still have gaps, ascending.
+    open: Vec<u32>,
+}
 
 /// Grows what was reached by one cell, `steps` times. A gap takes the displacement of a neighbour, continued along that
 /// neighbour's slope: of visible neighbours before transparent ones, and of those the one farthest from the target
 /// eye, since what a nearer surface uncovers is the background. In a gap that a magnified smooth surface leaves all
 /// neighbours agree.
-pub(super) fn fill(field: &mut Field, steps: u32) {
+pub(super) fn fill(level: Level, field: &mut Field, steps: u32) {
     let width = field.width as usize;
     if steps == 0 || width == 0 {
         return;
     }
-    let mut gaps = gaps_next_to_cells(field);
-    for step in 0..steps {
+    let mut blocks = blocks_with_gaps(level, field);
+    for _ in 0..steps {
         let known: &Field = field;
-        let found: Vec<(u32, u32)> = if gaps.len() < 4096 {
-            gaps.iter().filter_map(|&gap| Some((gap, from_neighbors(known, gap)?))).collect()
+        let grow = |blocks: &[u32]| dispatch!(level, simd => grown::<_>(simd, known, blocks));
+        let found: Vec<Grown> = if blocks.len() < FEW_BLOCKS || rayon::current_num_threads() == 1 {
+            vec![grow(&blocks)]
         } else {
-            gaps.par_iter().with_min_len(1024).filter_map(|&gap| Some((gap, from_neighbors(known, gap)?))).collect()
+            blocks.par_chunks(FEW_BLOCKS / 4).map(grow).collect()
         };
-        for &(gap, cell) in &found {
-            field.cells[gap as usize] = cell;
+        blocks.clear();
+        for (start, cells) in found.iter().flat_map(|grown| &grown.filled) {
+            let row_end = (*start as usize / width + 1) * width;
+            let target = &mut field.cells[*start as usize..row_end];
+            if let Some(target) = target.first_chunk_mut() {
+                *target = *cells;
+            } else {
+                target.copy_from_slice(&cells[..target.len()]);
+            }
         }
-        if step + 1 < steps {
-            gaps = gaps_around(field, &found);
-        }
+        found.iter().for_each(|grown| blocks.extend(&grown.open));
     }
 }
 
-/// Indices of empty cells in ascending order that have a neighbour to their left, right, above or below which is not.
-fn gaps_next_to_cells(field: &Field) -> Vec<u32> {
-    let height = field.height as usize;
-    if rayon::current_num_threads() == 1 {
-        let mut gaps = Vec::new();
-        gaps_in_rows(field, 0..height, &mut gaps);
-        return gaps;
-    }
-    let bands: Vec<usize> = (0..height).step_by(BAND_ROWS).collect();
-    let gaps_of_band = |first: usize| {
-        let mut gaps = Vec::new();
-        gaps_in_rows(field, first..(first + BAND_ROWS).min(height), &mut gaps);
-        gaps
+/// First cells, ascending, of blocks of [`LANES`] cells of which some are empty. Blocks begin with rows; the last of a row
+/// ends with it, and shares cells with the one before.
+fn blocks_with_gaps(level: Level, field: &Field) -> Vec<u32> {
+    let width = field.width as usize;
+    let of_band = |(band, cells): (usize, &[u32])| {
+        let first = band * BAND_ROWS * width;
+        dispatch!(level, simd => gaps_in_rows::<_>(simd, cells, width, first))
     };
-    bands.into_par_iter().map(gaps_of_band).collect::<Vec<_>>().concat()
+    if rayon::current_num_threads() == 1 {
+        return of_band((0, &field.cells));
+    }
+    field.cells.par_chunks(width * BAND_ROWS).enumerate().map(of_band).collect::<Vec<_>>().concat()
 }
 
-/// [`gaps_next_to_cells`] in some rows.
-fn gaps_in_rows(field: &Field, rows: std::ops::Range<usize>, gaps: &mut Vec<u32>) {
+/// [`blocks_with_gaps`] in whole rows, the first cell of which is number `first`.
+#[inline(always)]
+fn gaps_in_rows<S: Simd>(simd: S, cells: &[u32], width: usize, first: usize) -> Vec<u32> {
+    let mut blocks = Vec::new();
+    for (y, row) in cells.chunks_exact(width).enumerate() {
+        let mut whole = row.chunks_exact(LANES);
+        let mut start = first + y * width;
+        for block in &mut whole {
+            if u32x16::from_slice(simd, block).simd_eq(0).any_true() {
+                blocks.push(start as u32);
+            }
+            start += LANES;
+        }
+        let rest = whole.remainder();
+        if rest.contains(&0) {
+            let shared = if width < LANES { 0 } else { LANES - rest.len() };
+            blocks.push((start - shared) as u32);
+        }
+    }
+    blocks
+}
+
+/// One step.
+#[inline(always)]
+fn grown<S: Simd>(simd: S, field: &Field, blocks: &[u32]) -> Grown {
     let (width, height) = (field.width as usize, field.height as usize);
-    for y in rows {
-        let row = &field.cells[y * width..(y + 1) * width];
-        let above = if y > 0 { &field.cells[(y - 1) * width..y * width] } else { row };
-        let below = if y + 1 < height { &field.cells[(y + 1) * width..(y + 2) * width] } else { row };
-        for (block, cells) in row.chunks(16).enumerate() {
-            // No gap is the usual case: found sixteen cells at a time, without a branch between them.
-            if !cells.iter().fold(false, |any, &cell| any | (cell == 0)) {
-                continue;
-            }
-            let x0 = block * 16;
-            for x in (x0..x0 + cells.len()).filter(|&x| row[x] == 0) {
-                let beside = row[x.saturating_sub(1)] | row[(x + 1).min(width - 1)];
-                if above[x] | below[x] | beside != 0 {
-                    gaps.push((y * width + x) as u32);
-                }
-            }
-        }
-    }
-}
-
-/// Empty cells beside those just filled, ascending, each once.
-fn gaps_around(field: &Field, filled: &[(u32, u32)]) -> Vec<u32> {
-    let mut gaps = Vec::new();
-    for &(index, _) in filled {
-        let (x, y) = (index % field.width, index / field.width);
-        let mut visit = |inside: bool, neighbor: u32| {
-            if inside && field.cells[neighbor as usize] == 0 {
-                gaps.push(neighbor);
-            }
-        };
-        visit(x > 0, index.wrapping_sub(1));
-        visit(x + 1 < field.width, index + 1);
-        visit(y > 0, index.wrapping_sub(field.width));
-        visit(y + 1 < field.height, index + field.width);
-    }
-    gaps.sort_unstable();
-    gaps.dedup();
-    gaps
-}
-
-/// What the four direct neighbours of a gap say lies there.
-fn from_neighbors(field: &Field, gap: u32) -> Option<u32> {
-    let (x, y) = (gap % field.width, gap / field.width);
-    let neighbors = [
-        (x > 0, gap.wrapping_sub(1), 1.0, 0.0),
-        (x + 1 < field.width, gap + 1, -1.0, 0.0),
-        (y > 0, gap.wrapping_sub(field.width), 0.0, 1.0),
-        (y + 1 < field.height, gap + field.width, 0.0, -1.0),
-    ];
-    let mut best: Option<u32> = None;
-    for (inside, index, dx, dy) in neighbors {
-        let cell = if inside { field.cells[index as usize] } else { 0 };
-        if cell == 0 {
-            continue;
-        }
-        let cell = continued(&field.coding, cell, dx, dy);
+    // Value steps per unit of slope.
+    let ratio = field.coding.slope_scale / field.coding.scale;
+    let (mut filled, mut open) = (Vec::with_capacity(blocks.len()), Vec::with_capacity(blocks.len()));
+    for &block in blocks {
+        let start = block as isize;
+        let (x, y) = (block as usize % width, block as usize / width);
+        let count = LANES.min(width - x);
+        let load = |start: isize| lanes(simd, &field.cells, start);
+        let zero = u32x16::splat(simd, 0);
+        let lane = u32x16::load_array_ref(simd, &LANE_NUMBERS);
+        // Cells of other rows are not neighbours.
+        let first = if x == 0 { 0 } else { u32::MAX };
+        let last = if x + count == width { count as u32 - 1 } else { u32::MAX };
+        let (left, right) = (load(start - 1), load(start + 1));
+        let neighbors = [
+            (lane.simd_eq(first).select(zero, left), ratio, 8),
+            (lane.simd_eq(last).select(zero, right), -ratio, 8),
+            (if y > 0 { load(start - width as isize) } else { zero }, ratio, 0),
+            (if y + 1 < height { load(start + width as isize) } else { zero }, -ratio, 0),
+        ];
+        let here = load(start);
         // Flipping the visible bit makes "visible first, then farthest" the least.
-        let preferred = best.is_none_or(|best| cell ^ VISIBLE < best ^ VISIBLE);
-        best = if preferred { Some(cell) } else { best };
+        let none = u32x16::splat(simd, u32::MAX);
+        let mut best = none;
+        for (cells, ratio, slope_bit) in neighbors {
+            let preferred = continued(cells, ratio, slope_bit) ^ VISIBLE;
+            best = best.min(cells.simd_eq(0).select(none, preferred));
+        }
+        let taken = here.simd_eq(0) & best.simd_ne(u32::MAX);
+        if (here.simd_eq(0) & best.simd_eq(u32::MAX)).any_true() {
+            open.push(block);
+        }
+        if taken.any_true() {
+            filled.push((block, taken.select(best ^ VISIBLE, here).to_array()));
+        }
     }
-    best
+    Grown { filled, open }
 }
 
-/// The same surface a cell further.
-fn continued(coding: &Coding, cell: u32, dx: f32, dy: f32) -> u32 {
-    let d = coding.displacement(cell, dx, dy);
-    let value = (d / coding.scale + coding.zero + 0.5).clamp(1.0, 32767.0) as u32;
-    (cell & (VISIBLE | 0xffff)) | (value << 16)
+/// Numbers of the cells in a vector.
+const LANE_NUMBERS: [u32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+
+/// [`LANES`] cells from `start`; 0 before the first and beyond the last.
+#[inline(always)]
+fn lanes<S: Simd>(simd: S, all: &[u32], start: isize) -> u32x16<S> {
+    if start >= 0
+        && let Some(found) = all.get(start as usize..start as usize + LANES)
+    {
+        return u32x16::from_slice(simd, found);
+    }
+    let mut cells = [0; LANES];
+    for (lane, cell) in cells.iter_mut().enumerate() {
+        let index = usize::try_from(start + lane as isize).ok();
+        *cell = index.and_then(|index| all.get(index)).copied().unwrap_or(0);
+    }
+    u32x16::load_array(simd, cells)
+}
+
+/// The same surface a cell further: `ratio` is what a unit of slope changes the value by, `slope_bit` where the slope
+/// begins.
+#[inline(always)]
+fn continued<S: Simd>(cells: u32x16<S>, ratio: f32, slope_bit: u32) -> u32x16<S> {
+    let slope = ((cells.bitcast::<i32x16<S>>() << (24 - slope_bit)) >> 24).to_float::<f32x16<S>>();
+    let value = ((cells >> 16) & 0x7fff).to_float::<f32x16<S>>() + (slope * ratio + 0.5);
+    let value = value.max(1.0).min(32767.0).to_int::<i32x16<S>>().bitcast::<u32x16<S>>();
+    (cells & (VISIBLE | 0xffff)) | (value << 16)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sprite::field::Coding;
+    use crate::sprite::patches::Patches;
 
     fn field(width: u32, cells: Vec<u32>, coding: Coding) -> Field {
         let height = cells.len() as u32 / width;
-        Field { x0: 0, y0: 0, width, height, cells, coding, range: [0.0, 1.0] }
+        Field { x0: 0, y0: 0, width, height, cells, coding, range: [0.0, 1.0], patches: Patches::default() }
     }
 
     #[test]
@@ -142,7 +183,7 @@ mod tests {
             (2, vec![near, near, near, 0, 0, far, far, far, far, near]),
         ] {
             let mut field = field(10, row.clone(), coding);
-            fill(&mut field, steps);
+            fill(Level::new(), &mut field, steps);
             assert_eq!(field.cells, want, "{steps} steps");
         }
     }
@@ -152,7 +193,7 @@ mod tests {
         let coding = Coding::new(0.0, 1.0, 0.1, 1.0);
         let cell = |x: f32| coding.pack(true, 0.2 + 0.01 * x, [0.01, 0.0]);
         let mut field = field(3, vec![cell(0.0), 0, cell(2.0)], coding);
-        fill(&mut field, 1);
+        fill(Level::new(), &mut field, 1);
         assert!(
             (coding.displacement(field.cells[1], 0.0, 0.0) - 0.21).abs() < 0.51 * (coding.scale + coding.slope_scale)
         );

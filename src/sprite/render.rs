@@ -192,7 +192,7 @@ impl SpriteRenderer {
             let as_printed = options.variant == Variant::AsPrinted;
             let stored = if as_printed { Stored::AsPrinted } else { Stored::Corrected };
             forward(self.level, field, transfer, *cell_px, stored, &mut self.moved);
-            fill(&mut self.moved, options.fill_steps);
+            fill(self.level, &mut self.moved, options.fill_steps);
         }
         let shifts;
         let parallax = match options.variant {

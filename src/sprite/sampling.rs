@@ -107,9 +107,11 @@ pub(super) fn address<S: Simd, const NEAREST: bool>(
     if NEAREST {
         return;
     }
-    let x = weight(fraction[0]);
-    let y = weight(fraction[1]);
-    let both = weight(fraction[0] * fraction[1]);
+    // In units of 1 / ONE, rounded by truncation.
+    let across = fraction[0] * ONE as f32;
+    let x = (across + 0.5).to_int::<i32x16<S>>();
+    let y = (fraction[1] * ONE as f32 + 0.5).to_int::<i32x16<S>>();
+    let both = (across * fraction[1] + 0.5).to_int::<i32x16<S>>();
     let upper_left = i32x16::splat(simd, ONE) - x - y + both;
     let upper = (upper_left & 0xffff) | ((x - both) << 16);
     let lower = ((y - both) & 0xffff) | (both << 16);
@@ -119,12 +121,6 @@ pub(super) fn address<S: Simd, const NEAREST: bool>(
 
 /// The weight 1.
 const ONE: i32 = 1 << 14;
-
-/// A weight in units of 1 / [`ONE`], rounded.
-#[inline(always)]
-fn weight<S: Simd>(weight: f32x16<S>) -> i32x16<S> {
-    (weight * ONE as f32 + 0.5).to_int()
-}
 
 /// Byte indices that are the same in each 128-bit block of a vector.
 const fn in_each_block(indices: [u8; 16]) -> [u8; 64] {
@@ -171,10 +167,8 @@ pub(super) fn sample<S: Simd, const NEAREST: bool>(
     for (offsets, fetched) in offsets.zip(footprints.texels.chunks_exact_mut(LANES)) {
         for lane in 0..LANES {
             let offset = offsets[lane] as usize;
-            let upper = texels.get(offset..offset + 2);
-            let lower = texels.get(offset + stride..offset + stride + 2);
-            if let (Some(upper), Some(lower)) = (upper, lower) {
-                fetched[lane % 4 * 4 + lane / 4] = [upper[0], upper[1], lower[0], lower[1]];
+            if let Some(window) = texels.get(offset..offset + stride + 2) {
+                fetched[lane % 4 * 4 + lane / 4] = [window[0], window[1], window[stride], window[stride + 1]];
             }
         }
     }

@@ -1,10 +1,12 @@
 //! A cube LDI in the window, from a file or growing.
 
 use super::background::FewerThreads;
-use super::growth::{Growth, LitScene};
+use super::effort;
+use super::growth::{Growth, LitScene, Stand};
 use super::library::file_name;
 use super::overlay::{Judge, Overlay, paint_coverage, paint_epipole, paint_holes};
 use super::variation::{FACE_NAMES, Variation, Variations};
+use crate::capture::Camera;
 use crate::capture::light::Lighting;
 use crate::capture::rig::Face;
 use crate::capture::scene::{FileFrame, UpAxis};
@@ -75,6 +77,16 @@ impl CubeSource {
         Self { title, cube, variations, renderer, threads: FewerThreads::default(), judge, growing }
     }
 
+    /// Takes over what a growing capture has become, and tells how far it is.
+    fn grow(&mut self) -> Result<Option<Stand>, String> {
+        let Some(growing) = &self.growing else { return Ok(None) };
+        if let Some(newer) = growing.growth.newer_than(&self.cube) {
+            self.cube = newer;
+            self.variations.clear();
+        }
+        growing.growth.failure().map_or_else(|| Ok(Some(growing.growth.stand())), Err)
+    }
+
     /// How to get the scene that the LDI was captured from.
     fn scene(&self) -> impl FnOnce() -> Result<LitScene, String> + Send + 'static {
         let in_hand = self.growing.as_ref().map(|growing| growing.scene.clone());
@@ -101,13 +113,33 @@ fn paint(
     match overlay {
         Overlay::Holes => paint_holes(frame, pixels),
         Overlay::Coverage => paint_coverage(frame, pixels),
-        Overlay::None | Overlay::Recolored(_) | Overlay::Truth | Overlay::Error => pixels.copy_from_slice(&frame.color),
+        _ => pixels.copy_from_slice(&frame.color),
     }
     if overlay.needs_truth() && !request.moving {
         return judge.paint(overlay, frame, &request.camera, scene, pixels);
     }
     judge.rest();
     Ok((Vec::new(), Refinement::Done))
+}
+
+/// Paints how the frame that was drawn last was made, if that is what the overlay shows.
+fn paint_effort(
+    renderer: &mut Renderer,
+    cube: &PackedCube,
+    camera: &Camera,
+    settings: &RenderSettings,
+    overlay: Overlay,
+    pixels: &mut [[u8; 4]],
+) -> Vec<Figure> {
+    match overlay {
+        Overlay::Footprints => effort::paint_footprints(&renderer.touched(cube, camera, settings), pixels),
+        Overlay::Overdraw => effort::paint_overdraw(&renderer.touched(cube, camera, settings), pixels),
+        Overlay::Clipping => {
+            let kept = renderer.kept(cube, camera, settings);
+            effort::paint_clipping(cube, &kept, renderer.frame(), pixels)
+        }
+        _ => Vec::new(),
+    }
 }
 
 /// Opens the scene that an LDI names, with the light it was captured in.
@@ -172,8 +204,10 @@ impl FrameSource for CubeSource {
                 "Overlay",
                 "What is painted: the frame; its holes in magenta; the share of each pixel that splats cover (black 0 to \
                  white 1); the depth pixels coloured by their distance from the centre of the headbox (red near, blue \
-                 far), layer (orange first), face, or near and far segment; the ray-traced truth of this view; the \
-                 frame's error against it (FLIP, black 0 to yellow 1). The last two are refined while the eye rests.",
+                 far), layer (orange first), face, or near and far segment; the width of the footprint in front (px); how \
+                 often each pixel was drawn (a number); what clipping left out, on the unfolded faces; the ray-traced truth \
+                 of this view; the frame's error against it (FLIP, black 0 to yellow 1). The last two are refined while the \
+                 eye rests.",
                 &overlays,
             ),
             Setting::toggle(
@@ -206,17 +240,7 @@ impl FrameSource for CubeSource {
     fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
         let settings = render_settings(&request.settings)?;
         let overlay = Overlay::ALL.get(request.settings.choice("overlay")?).map_or(Overlay::None, |&(_, o)| o);
-        let mut growth = None;
-        if let Some(growing) = &self.growing {
-            if let Some(newer) = growing.growth.newer_than(&self.cube) {
-                self.cube = newer;
-                self.variations.clear();
-            }
-            if let Some(failure) = growing.growth.failure() {
-                return Err(failure);
-            }
-            growth = Some(growing.growth.stand());
-        }
+        let growth = self.grow()?;
         let scene = self.scene();
         let cube = self.variations.of(&self.cube, &variation(&request.settings, overlay)?);
         let renderer = &mut self.renderer;
@@ -224,8 +248,11 @@ impl FrameSource for CubeSource {
             self.threads.install(&request.settings, || renderer.render(&cube, &request.camera, &settings))?;
         let (stages, mut figures) = (stages(stats), figures(stats, &cube));
         let (judged, mut refinement) = paint(&mut self.judge, frame, request, overlay, scene, pixels)?;
+        let inspected = self.threads.install(&request.settings, || {
+            paint_effort(renderer, &cube, &request.camera, &settings, overlay, pixels)
+        })?;
         // What was asked for stands on top.
-        figures.splice(0..0, judged);
+        figures.splice(0..0, judged.into_iter().chain(inspected));
         if request.settings.toggle("epipole")? {
             paint_epipole(&request.camera, cube.info.centre, pixels);
         }
@@ -238,7 +265,7 @@ impl FrameSource for CubeSource {
                 refinement = Refinement::Later(LOOK_AGAIN);
             }
         }
-        Ok(FrameReport { stages, figures, refinement })
+        Ok(FrameReport { stages, figures, refinement, legend: overlay.legend(), ..FrameReport::default() })
     }
 
     fn act(&mut self, action: &str) -> Result<String, String> {

@@ -1,22 +1,30 @@
 //! A house in the window, to be walked: geometry near the eye, backdrops behind the portals farther away.
 
-use super::background::FewerThreads;
+use super::background::{self, FewerThreads};
+use super::effort::swatch;
 use super::library::file_name;
-use super::overlay::{paint_backdrops, paint_holes};
+use super::overlay::{Overlay, paint_backdrops, paint_holes};
+use crate::capture::bake::{BakeOptions, bake_model};
+use crate::capture::portal_model::PortalModel;
 use crate::capture::scene::FileFrame;
+use crate::portal::backdrop::Quality;
 use crate::portal::file::{self, HouseFileError};
 use crate::portal::house::House;
 use crate::portal::opening::Opening;
 use crate::portal::path::WalkPath;
+use crate::portal::store::Store;
 use crate::portal::tour::Tour;
 use crate::portal::variant::Variant;
 use crate::portal::walk::WalkStats;
+use crate::scenes;
 use glam::{DVec2, DVec3};
 use headbox_viewer::{
-    Control, Figure, FrameReport, FrameRequest, FrameSource, Navigation, Plan, Pose, Refinement, Room, Setting, Stage,
+    Control, Fact, Figure, FrameReport, FrameRequest, FrameSource, Navigation, Plan, Pose, Refinement, Room, Setting,
+    Stage,
 };
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::mpsc::{self, Receiver, TryRecvError};
 use std::time::Duration;
 
 /// Memory for backdrops, bytes: those of the file, and those that are built while one walks.
@@ -28,6 +36,13 @@ const LOOK_AGAIN: Duration = Duration::from_millis(250);
 /// What the pixels show: the frame, or where it has holes or shows backdrops.
 const OVERLAYS: [&str; 3] = ["none", "holes", "backdrops"];
 
+/// Triangles of the built-in house, at most, before its edges are cut to hold light: few enough to be there in a second.
+const BUILTIN_TRIANGLES: usize = 60_000;
+
+/// How finely the light of the built-in house is baked: a third of the vertices of the default.
+const BUILTIN_LIGHT: BakeOptions =
+    BakeOptions { edge_m: 0.4, max_triangles: 1_000_000, samples: 32, smoothing: 2, bounces: 1 };
+
 /// A house, seen from anywhere: the eye may leave it and pass through walls.
 pub(super) struct HouseSource {
     title: String,
@@ -36,6 +51,8 @@ pub(super) struct HouseSource {
     /// The variant to begin with.
     initial: Variant,
     threads: FewerThreads,
+    /// The same house with its light baked in, from a thread of low priority, which ends by itself.
+    lit: Option<Receiver<Result<House, String>>>,
 }
 
 impl HouseSource {
@@ -45,12 +62,56 @@ impl HouseSource {
     /// See [`HouseFileError`].
     pub(super) fn read(path: &Path) -> Result<Self, HouseFileError> {
         let (house, store, quality) = file::read(path, BUDGET_BYTES)?;
-        let initial = Variant::of_store(&store);
-        let title = format!("{} (house)", file_name(path));
-        let start = start_in(&house);
-        let tour = Tour::new(Arc::new(house), Arc::new(store), quality, initial.settings());
-        Ok(Self { title, tour, start, initial, threads: FewerThreads::default() })
+        Ok(Self::new(format!("{} (house)", file_name(path)), house, store, quality))
     }
+
+    /// The built-in house, in plain colours at first; its light is baked meanwhile.
+    ///
+    /// # Errors
+    /// One sentence.
+    pub(super) fn builtin() -> Result<Self, String> {
+        let mut model = scenes::house(0, BUILTIN_TRIANGLES);
+        model.mend();
+        let house = House::new(model.clone()).map_err(|error| error.to_string())?;
+        let lit = Some(bake_in_background(model)?);
+        let plain = Self::new("builtin:house".into(), house, Store::new(BUDGET_BYTES), Quality::default());
+        Ok(Self { lit, ..plain })
+    }
+
+    fn new(title: String, house: House, store: Store, quality: Quality) -> Self {
+        let (initial, start) = (Variant::of_store(&store), start_in(&house));
+        let tour = Tour::new(Arc::new(house), Arc::new(store), quality, initial.settings());
+        Self { title, tour, start, initial, threads: FewerThreads::default(), lit: None }
+    }
+
+    /// Takes the lit house over once it is there. Returns whether it is still to come.
+    fn awaits_light(&mut self) -> Result<bool, String> {
+        let Some(lit) = &self.lit else { return Ok(false) };
+        let house = match lit.try_recv() {
+            Err(TryRecvError::Empty) => return Ok(true),
+            Err(TryRecvError::Disconnected) => {
+                Err("Light could not be baked because of an error in the program.".into())
+            }
+            Ok(house) => house,
+        };
+        self.lit = None;
+        let store = Store::new(BUDGET_BYTES);
+        self.tour = Tour::new(Arc::new(house?), Arc::new(store), Quality::default(), self.tour.settings);
+        Ok(false)
+    }
+}
+
+/// Bakes the light of a model on a thread of low priority.
+fn bake_in_background(model: PortalModel) -> Result<Receiver<Result<House, String>>, String> {
+    let (sender, receiver) = mpsc::channel();
+    let pool = background::pool("light")?;
+    let work = move || {
+        let house = pool.install(|| House::new(bake_model(model, &BUILTIN_LIGHT, &|_, _| ())));
+        // The window may show something else by now.
+        let _ = sender.send(house.map_err(|error| error.to_string()));
+    };
+    std::thread::Builder::new().name("light".into()).spawn(work).map_err(|e| format!("Cannot start a thread: {e}."))?;
+    Ok(receiver)
 }
 
 /// Inside a room, at the height of an eye, looking toward the door by which a walk through the house begins. Where there is
@@ -124,18 +185,33 @@ impl FrameSource for HouseSource {
     }
 
     fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
+        let awaits_light = self.awaits_light()?;
         let Self { tour, initial, threads, .. } = self;
         tour.settings = Variant::ALL.get(request.settings.choice("variant")?).unwrap_or(initial).settings();
         let (_, stats) = threads.install(&request.settings, || tour.frame(&request.camera))?;
-        let (stages, mut figures) = (stages(stats), figures(stats));
-        figures.push(figure("memory of backdrops", tour.store().bytes() as f64 / f64::from(1 << 20), "MiB"));
-        match OVERLAYS.get(request.settings.choice("overlay")?) {
-            Some(&"holes") => paint_holes(&tour.last().frame, pixels),
-            Some(&"backdrops") => paint_backdrops(tour.last(), pixels),
-            _ => pixels.copy_from_slice(&tour.last().frame.color),
+        let (stages, mut figures, cell) = (stages(stats), figures(stats), stats.cell);
+        let mut facts = vec![place(tour.house(), cell)];
+        if awaits_light {
+            facts.push(Fact { name: "light", text: "is being baked".into() });
         }
-        let refinement = if tour.can_improve() { Refinement::Later(LOOK_AGAIN) } else { Refinement::Done };
-        Ok(FrameReport { stages, figures, refinement })
+        figures.push(figure("memory of backdrops", tour.store().bytes() as f64 / f64::from(1 << 20), "MiB"));
+        let legend = match OVERLAYS.get(request.settings.choice("overlay")?) {
+            Some(&"holes") => {
+                paint_holes(&tour.last().frame, pixels);
+                Overlay::Holes.legend()
+            }
+            Some(&"backdrops") => {
+                paint_backdrops(tour.last(), pixels);
+                vec![swatch([230, 159, 0], "in its colours: a backdrop"), swatch([128; 3], "grey: geometry")]
+            }
+            _ => {
+                pixels.copy_from_slice(&tour.last().frame.color);
+                Vec::new()
+            }
+        };
+        let refinement =
+            if awaits_light || tour.can_improve() { Refinement::Later(LOOK_AGAIN) } else { Refinement::Done };
+        Ok(FrameReport { stages, figures, facts, legend, refinement })
     }
 }
 
@@ -149,9 +225,7 @@ fn figure(name: &'static str, value: f64, unit: &'static str) -> Figure {
 
 fn figures(stats: &WalkStats) -> Vec<Figure> {
     let share = |pixels: u64| 100.0 * pixels as f64 / stats.pixels.max(1) as f64;
-    // In a wall there is no cell.
-    let cell = stats.cell.map(|cell| figure("cell of the eye", f64::from(cell), ""));
-    let others = [
+    vec![
         figure("cells as geometry", f64::from(stats.geometry_cells), ""),
         figure("triangles drawn", stats.raster.triangles_set_up as f64, ""),
         figure("portals as backdrops", f64::from(stats.portals), ""),
@@ -159,6 +233,14 @@ fn figures(stats: &WalkStats) -> Vec<Figure> {
         figure("pixels of backdrops", share(stats.backdrop_pixels), "%"),
         figure("depth pixels splatted", stats.backdrop.splatted as f64, ""),
         figure("hole pixels", stats.hole_pixels as f64, ""),
-    ];
-    cell.into_iter().chain(others).collect()
+    ]
+}
+
+/// The cell in which the eye stands, by its name in the model.
+fn place(house: &House, cell: Option<u32>) -> Fact {
+    let text = match cell.and_then(|cell| Some((cell, house.plan().cells.get(cell as usize)?))) {
+        Some((number, cell)) => format!("{} (cell {number})", cell.name),
+        None => "in a wall".into(),
+    };
+    Fact { name: "the eye is in", text }
 }

@@ -51,7 +51,10 @@ pub enum OpenError {
     Scene(String),
 }
 
-/// Opens a file of any kind, or `builtin:NAME`. Scenes are captured while they are looked at, and saved in `output_dir` on
+/// The built-in scene that is walked rather than captured.
+const HOUSE: &str = "builtin:house";
+
+/// Opens a file of any kind, or `builtin:NAME`. The built-in house is walked. Other scenes are captured while they are looked at, and saved in `output_dir` on
 /// request.
 ///
 /// # Errors
@@ -60,6 +63,7 @@ pub fn open(name: &str, output_dir: &Path) -> Result<Box<dyn FrameSource>, OpenE
     let path = Path::new(name);
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     let source: Box<dyn FrameSource> = match extension.as_deref() {
+        _ if name == HOUSE => Box::new(HouseSource::builtin().map_err(OpenError::Scene)?),
         _ if name.starts_with("builtin:") => Box::new(capture(name, output_dir)?),
         Some("ldi") => Box::new(CubeSource::from_file(PackedCube::read(path)?, path)),
         Some("sprite") => {
@@ -91,6 +95,8 @@ pub struct SceneLibrary {
 impl SceneLibrary {
     /// Size of a thumbnail, pixels.
     const THUMBNAIL_PX: (u32, u32) = (200, 150);
+    /// Triangles of the built-in house in its thumbnail, at most.
+    const THUMBNAIL_TRIANGLES: usize = 60_000;
     /// Rays per pixel of a thumbnail.
     const THUMBNAIL_SAMPLES: u32 = 24;
 }
@@ -102,11 +108,17 @@ impl Library for SceneLibrary {
             name: scene.name.into(),
             description: scene.description.into(),
         };
-        scenes::all().iter().map(entry).collect()
+        let mut entries: Vec<_> = scenes::all().iter().map(entry).collect();
+        entries.iter_mut().filter(|entry| entry.id == HOUSE).for_each(|house| house.description += ", to be walked");
+        entries
     }
 
     fn thumbnail(&mut self, entry: &Entry) -> Option<Thumbnail> {
-        let scene = Arc::new(SceneSource::new(entry.id.as_str()).open().ok()?);
+        let scene = match entry.id.as_str() {
+            HOUSE => scenes::house(0, Self::THUMBNAIL_TRIANGLES).scene,
+            id => SceneSource::new(id).open().ok()?,
+        };
+        let scene = Arc::new(scene);
         let eye = headbox_of(&scene).centre;
         let tracer = Tracer::new(scene, eye);
         let lighting = Lighting::measure(&tracer, 1);

@@ -9,12 +9,14 @@
 //! | `reference` | ray-traced truth of the current view, refined in the background |
 //! | `variation` | the LDI with some of its segments, or recoloured by depth, layer, face, segment |
 //! | `overlay` | what is painted instead of colours |
+//! | `effort` | overlays of how a frame was made: footprints, overdraw, clipping |
 //! | `house` | a house, walked; its backdrops are built in the background |
 //! | `sprite` | a set of sprites with depth |
 //! | `background` | thread pools: of low priority for work nobody waits for, of fewer threads for frames |
 
 mod background;
 mod cube;
+mod effort;
 mod growth;
 mod house;
 mod library;

@@ -1,5 +1,6 @@
 //! What is painted instead of colours.
 
+use super::effort::{self, swatch};
 use super::growth::LitScene;
 use super::reference::{Reference, Traced};
 use super::variation::Meaning;
@@ -8,7 +9,7 @@ use crate::frame::{Coverage, Frame};
 use crate::metrics;
 use crate::raster::{RasterFrame, Seen};
 use glam::DVec3;
-use headbox_viewer::{Figure, Refinement};
+use headbox_viewer::{Figure, Refinement, Swatch};
 use image::RgbImage;
 use std::time::Duration;
 
@@ -23,6 +24,12 @@ pub(super) enum Overlay {
     Coverage,
     /// Colours of another meaning.
     Recolored(Meaning),
+    /// How wide the footprint in front of each pixel is.
+    Footprints,
+    /// How often each pixel was drawn.
+    Overdraw,
+    /// What clipping left out, on the unfolded faces.
+    Clipping,
     /// The ray-traced reference.
     Truth,
     /// How far the frame is from it.
@@ -31,7 +38,7 @@ pub(super) enum Overlay {
 
 impl Overlay {
     /// All, with the names under which the panel and scripts know them.
-    pub(super) const ALL: [(&'static str, Self); 9] = [
+    pub(super) const ALL: [(&'static str, Self); 12] = [
         ("none", Self::None),
         ("holes", Self::Holes),
         ("coverage", Self::Coverage),
@@ -39,6 +46,9 @@ impl Overlay {
         ("layer", Self::Recolored(Meaning::Layer)),
         ("face", Self::Recolored(Meaning::Face)),
         ("segment", Self::Recolored(Meaning::Segment)),
+        ("footprint", Self::Footprints),
+        ("overdraw", Self::Overdraw),
+        ("clipping", Self::Clipping),
         ("truth", Self::Truth),
         ("error", Self::Error),
     ];
@@ -48,13 +58,39 @@ impl Overlay {
         if let Self::Recolored(meaning) = self { meaning } else { Meaning::Captured }
     }
 
+    /// What its colours mean; nothing if that is plain.
+    pub(super) fn legend(self) -> Vec<Swatch> {
+        match self {
+            Self::None | Self::Truth => Vec::new(),
+            Self::Holes => vec![swatch(HOLE_RGB, "hole: nothing is known")],
+            Self::Coverage => vec![
+                swatch([255; 3], "footprints cover all of the pixel"),
+                swatch([0; 3], "they cover next to none of it"),
+                swatch(ENVIRONMENT_RGB, "the environment alone"),
+                swatch(HOLE_RGB, "hole: nothing is known"),
+            ],
+            Self::Recolored(meaning) => meaning.legend(),
+            Self::Footprints => effort::footprint_legend(),
+            Self::Overdraw => effort::overdraw_legend(),
+            Self::Clipping => effort::clipping_legend(),
+            Self::Error => {
+                vec![
+                    swatch([0, 0, 4], "FLIP 0: no difference is seen"),
+                    swatch([252, 253, 191], "FLIP 1: as far as it goes"),
+                ]
+            }
+        }
+    }
+
     /// Whether ray-traced truth is needed.
     pub(super) fn needs_truth(self) -> bool {
         matches!(self, Self::Truth | Self::Error)
     }
 }
 
-const HOLE_COLOR: [u8; 4] = [255, 0, 220, 255];
+const HOLE_RGB: [u8; 3] = [255, 0, 220];
+const HOLE_COLOR: [u8; 4] = [HOLE_RGB[0], HOLE_RGB[1], HOLE_RGB[2], OPAQUE];
+const ENVIRONMENT_RGB: [u8; 3] = [40, 70, 130];
 const OPAQUE: u8 = 255;
 
 /// Paints a frame with its holes in magenta, the rest dimmed so that single pixels stand out.
@@ -79,7 +115,7 @@ pub(super) fn paint_coverage(frame: &Frame, pixels: &mut [[u8; 4]]) {
         let share = coverage.splat_share();
         *pixel = match coverage {
             Coverage::HOLE => HOLE_COLOR,
-            Coverage::ENVIRONMENT => [40, 70, 130, OPAQUE],
+            Coverage::ENVIRONMENT => [ENVIRONMENT_RGB[0], ENVIRONMENT_RGB[1], ENVIRONMENT_RGB[2], OPAQUE],
             _ => [share, share, share, OPAQUE],
         };
     }

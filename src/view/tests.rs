@@ -58,10 +58,14 @@ fn a_growing_capture_is_saved_and_opened_again_and_judged_against_truth() {
     for same in [("clip", "off"), ("threads", "1")] {
         assert!(render(&mut *saved, start, &[same]).0 == plain, "{same:?}");
     }
-    let overlays = ["holes", "coverage", "depth", "layer", "face", "segment"];
+    let overlays = ["holes", "coverage", "depth", "layer", "face", "segment", "footprint", "overdraw", "clipping"];
     for overlay in overlays {
-        assert!(render(&mut *saved, start, &[("overlay", overlay)]).0 != plain, "{overlay}");
+        let (painted, report) = render(&mut *saved, start, &[("overlay", overlay)]);
+        assert!(painted != plain && !report.legend.is_empty(), "{overlay}");
     }
+    let (_, report) = render(&mut *saved, start, &[("overlay", "overdraw")]);
+    let [mean, most] = ["draws a pixel, mean", "draws a pixel, most"].map(|name| figure(&report, name).unwrap());
+    assert!(mean >= 1.0 && most >= mean, "{mean}, {most}");
     let parts = ["face+x", "face-x", "face+y", "face-y", "face+z", "face-z"].map(|face| (face, "off"));
     assert!(figure(&render(&mut *saved, start, &parts).1, "depth pixels") == Some(0.0));
     let aside = Pose { eye: start.eye - 0.5 * saved.bounds().unwrap().half_size.x * start.forward(), ..start };
@@ -149,14 +153,54 @@ fn a_house_is_walked_from_room_to_room() {
     let mut cells = std::collections::BTreeSet::new();
     for camera in (WalkPath { poses: 24, ..WalkPath::default() }).cameras(&house).unwrap() {
         let (pixels, report) = render(&mut *source, pose_of(&camera), &[]);
-        let cell = figure(&report, "cell of the eye").map(|cell| cell as u32);
-        assert_eq!((cell, report.refinement), (house.cell_of_eye(camera.eye()), Refinement::Done));
+        let cell = house.cell_of_eye(camera.eye());
+        let name = cell.map_or("in a wall", |cell| model.cells[cell as usize].name.as_str());
+        assert!(report.facts.iter().any(|fact| fact.text.starts_with(name)), "{name}: {:?}", report.facts);
+        assert_eq!(report.refinement, Refinement::Done);
         let colors: std::collections::BTreeSet<_> = pixels.iter().collect();
         assert!(colors.len() > 20, "{camera:?} sees {} colours", colors.len());
         assert!(pixels.iter().all(|pixel| pixel[3] == 255), "a closed house has no holes");
         cells.insert(cell);
     }
     assert!(cells.len() > 5, "{cells:?}");
+}
+
+#[test]
+fn the_built_in_house_is_walked_at_once_and_lit_later() {
+    let mut source = open("builtin:house", Path::new(".")).unwrap();
+    assert_eq!(source.navigation(), Navigation::Walk);
+    let (start, plan) = (source.start_pose(), source.plan().unwrap());
+    let here = plan.rooms[plan.room_at(start.eye).unwrap()].name.clone();
+    let (_, report) = render(&mut *source, start, &[]);
+    assert!(report.facts[0].text.starts_with(&here), "{here}: {:?}", report.facts);
+    // Closing it while its light is being baked does not wait for that.
+    assert!(matches!(report.refinement, Refinement::Later(_)));
+}
+
+/// As the window writes frames of a path, and as the command line does.
+#[test]
+fn a_path_gives_the_same_frames_in_the_window_and_on_the_command_line() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut growing = open("builtin:miniature", dir.path()).unwrap();
+    growing.act("save").unwrap();
+    let (file, path) = (dir.path().join("miniature.ldi"), dir.path().join("path.json"));
+    let mut source = open(file.to_str().unwrap(), dir.path()).unwrap();
+    let (start, frame) = (source.start_pose(), source.file_frame());
+    let poses = [0.0, 0.1, 0.2].map(|turn| start.turned(turn, -turn));
+    let record =
+        |pose: &Pose| crate::path::CameraRecord::new(pose.eye, pose.forward(), DVec3::Y, pose.fov_y_deg, &frame);
+    let record = crate::path::PathRecord { size: Some([SIZE.0, SIZE.1]), poses: poses.iter().map(record).collect() };
+    std::fs::write(&path, serde_json::to_string(&record).unwrap()).unwrap();
+    let cube = crate::packed::PackedCube::read(&file).unwrap();
+    let cameras = crate::path::read(&path, &frame).unwrap();
+    let (mut renderer, settings) = (crate::warp::Renderer::new(), crate::warp::RenderSettings::default());
+    for (i, pose) in poses.into_iter().enumerate() {
+        let written = &renderer.render(&cube, &cameras[i], &settings).0.color;
+        let shown: Vec<u8> = render(&mut *source, pose, &[]).0.into_iter().flatten().collect();
+        let differing = shown.iter().zip(written.iter().flatten()).filter(|(a, b)| a != b).count();
+        // A pose goes through degrees and a look-at point: the last bit of a direction may move a sample's rounding.
+        assert!(differing < shown.len() / 1000, "pose {i}: {differing} of {} bytes", shown.len());
+    }
 }
 
 #[test]

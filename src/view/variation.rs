@@ -1,8 +1,10 @@
 //! The same LDI with some of its segments, or with colours that tell something other than what was captured. The renderer
 //! draws such an LDI like any other, so these overlays need nothing of it, and show exactly what it would blend.
 
+use super::effort::swatch;
 use crate::capture::rig::Face;
 use crate::packed::{PackedCube, PackedSegment, SegmentSide};
+use headbox_viewer::Swatch;
 use std::sync::Arc;
 
 /// What the colours of depth pixels tell.
@@ -19,6 +21,33 @@ pub(super) enum Meaning {
     Face,
     /// Near or far segment.
     Segment,
+}
+
+impl Meaning {
+    /// What its colours mean.
+    pub(super) fn legend(self) -> Vec<Swatch> {
+        match self {
+            Self::Captured => Vec::new(),
+            Self::Depth => [1.0, 2.0, 8.0, 64.0, 1024.0]
+                .map(|halves: f64| match halves {
+                    1.0 => swatch(depth_color(1.0), "at the side of the headbox"),
+                    _ => swatch(depth_color(1.0 / halves), &format!("{halves} times as far from its centre")),
+                })
+                .to_vec(),
+            Self::Layer => {
+                let layers = DISTINCT.into_iter().zip(0..).map(|(color, layer)| match layer {
+                    0 => swatch(color, "layer 1, the nearest"),
+                    7 => swatch(color, "layer 8; then again from the first"),
+                    _ => swatch(color, &format!("layer {}", layer + 1)),
+                });
+                layers.collect()
+            }
+            Self::Face => {
+                Face::ALL.map(|face| swatch(DISTINCT[face.index()], &format!("face {}", face.name()))).to_vec()
+            }
+            Self::Segment => vec![swatch(DISTINCT[1], "near segment"), swatch(DISTINCT[0], "far segment")],
+        }
+    }
 }
 
 /// What is shown of an LDI, and in which colours.
@@ -148,14 +177,14 @@ pub(super) const FACE_NAMES: [(&str, &str); 6] =
 const _: () = assert!(FACE_NAMES.len() == Face::ALL.len(), "a name each");
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::ldi::build::Silent;
     use crate::ldi::job::{CaptureJob, Resources};
     use crate::packed::{SplatIndexLayout, Split};
 
     /// A small capture with several layers in its only segment of each face.
-    fn cube() -> Arc<PackedCube> {
+    pub(in crate::view) fn cube() -> Arc<PackedCube> {
         let source = crate::scene_source::SceneSource::new("builtin:interior");
         let scene = Arc::new(source.open().unwrap());
         let headbox = scene.headbox.unwrap();

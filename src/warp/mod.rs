@@ -9,20 +9,24 @@
 //! warped for both.
 //!
 //! The papers' way to use many threads, fragments between epipolar lines, is there too ([`Parallel::Fragments`],
-//! `epipolar` and `fragments`); it gives the same bits.
+//! `epipolar`, `fragments` and `assemble`); it gives the same bits.
 
+mod assemble;
 mod band;
 mod clip;
+mod count;
 mod epipolar;
 mod finish;
 mod format;
 mod fragments;
+pub(crate) mod inspect;
 mod kernel;
 pub mod oracle;
 pub(crate) mod order;
 pub(crate) mod transfer;
 pub(crate) mod traverse;
 
+pub use count::ClipCounts;
 pub(crate) use epipolar::Spans;
 pub use fragments::MAX_FRAGMENTS;
 pub(crate) use traverse::BATCH_CAPACITY;
@@ -128,9 +132,16 @@ impl FrameStats {
     }
 }
 
-/// Rows of a band unless the settings say otherwise: 640 to 2,048 pixels of 16 bytes wide, a band stays in the level 2 cache.
-/// Half as many warp more depth pixels twice, twice as many leave threads idle at the end of a frame.
-const BAND_ROWS: u32 = 48;
+/// Rows of a band unless the settings say otherwise: so many that each thread has [`BANDS_A_THREAD`] to even out, but at most
+/// 192. What reaches into two bands is warped twice: on one thread, bands of 48 rows take 5 to 12 % longer than bands of
+/// 192, and one of all 768 as long, though the level 2 cache no longer holds it (`benches/warp_study.rs`).
+fn default_band_rows(height: u32, threads: usize) -> u32 {
+    let bands = BANDS_A_THREAD.saturating_mul(u32::try_from(threads).unwrap_or(u32::MAX)).max(1);
+    height.div_ceil(bands).next_multiple_of(16).min(192)
+}
+
+/// With fewer, threads are idle at the end of a frame.
+const BANDS_A_THREAD: u32 = 4;
 
 /// Draws frames; owns its buffers, and allocates only when a frame is larger than all before it or uses another kernel.
 pub struct Renderer {
@@ -244,7 +255,7 @@ impl Renderer {
             worker.get_mut().unwrap_or_else(PoisonError::into_inner).stats = FrameStats::default();
         }
         let (plan, workers) = (&self.plan, &self.workers);
-        let rows = if band_rows > 0 { band_rows } else { BAND_ROWS };
+        let rows = if band_rows > 0 { band_rows } else { default_band_rows(height, threads) };
         let pixels = width as usize * rows.min(height) as usize;
         let draw_band = |i: usize, pixels: Pixels| {
             let start = i as u32 * rows;

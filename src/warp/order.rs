@@ -188,7 +188,13 @@ mod tests {
         for i in order {
             let eye = EyeInFace::new(eye, segments[i].face, SIZE);
             let (visible, [columns, rows]) = ([true; 4], whole(&segments[i], SIZE));
-            let part = Part { segment: &segments[i], columns, rows, visible: &visible };
+            let part = Part {
+                segment: &segments[i],
+                depth_pixels: &segments[i].depth_pixels,
+                columns,
+                rows,
+                visible: &visible,
+            };
             traverse(&part, &Uncut, &eye, eye.layer_order(&segments[i]), &mut Batch::new(), &mut |batch| {
                 for k in 0..batch.len {
                     let x = batch.anchor_column + u32::from(batch.columns[k]);
@@ -291,7 +297,8 @@ mod tests {
                 seen.push(in_face.layer_order(&segment));
                 let mut before: Option<(u32, u8, f64)> = None;
                 let (visible, [columns, rows]) = ([true; 4], whole(&segment, SIZE));
-                let part = Part { segment: &segment, columns, rows, visible: &visible };
+                let part =
+                    Part { segment: &segment, depth_pixels: &segment.depth_pixels, columns, rows, visible: &visible };
                 traverse(&part, &Uncut, &in_face, in_face.layer_order(&segment), &mut Batch::new(), &mut |batch| {
                     for k in 0..batch.len {
                         let x = f64::from(batch.anchor_column) + f64::from(batch.columns[k]) + 0.5;

@@ -1,8 +1,12 @@
 //! Seeded mutations of files, and a watch over the size of allocations.
-#![allow(missing_docs, unreachable_pub)] // nobody but the tests reads it
+#![allow(missing_docs, unreachable_pub, dead_code)] // nobody but the tests reads it, and not every test all of it
 
 use std::alloc::{GlobalAlloc, Layout, System};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 /// The largest allocation since it was last reset, bytes.
 pub static LARGEST: AtomicUsize = AtomicUsize::new(0);
@@ -34,6 +38,109 @@ unsafe impl GlobalAlloc for Watched {
         // SAFETY: as above.
         unsafe { System.dealloc(pointer, layout) }
     }
+}
+
+#[global_allocator]
+static WATCHED: Watched = Watched;
+
+/// No single allocation may be larger: the largest that a sound small file leads to is the head of an accumulator store for
+/// the largest allowed face (8,192 px), some tens of MiB. A count that is believed would ask for gigabytes.
+const MOST_BYTES: usize = 256 << 20;
+/// Mutations of each kind of file.
+const CASES: u64 = 400;
+/// A pause longer than this between two mutations is one of the machine's, and does not count.
+const LONGEST: Duration = Duration::from_secs(2);
+
+/// Tests share the watch over allocations.
+pub fn alone() -> MutexGuard<'static, ()> {
+    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+    ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Seeds, for as many cases as asked for or, if `HEADBOX_FUZZ_SECONDS` is set, for so long.
+pub struct Rounds {
+    cases: u64,
+    most: Option<Duration>,
+    done: u64,
+    spent: Duration,
+    last: Instant,
+}
+
+impl Rounds {
+    pub fn of(cases: u64) -> Self {
+        let seconds = std::env::var("HEADBOX_FUZZ_SECONDS").ok().and_then(|s| s.parse().ok());
+        let most = seconds.map(Duration::from_secs);
+        Self { cases, most, done: 0, spent: Duration::ZERO, last: Instant::now() }
+    }
+
+    /// The next seed, until it is enough.
+    pub fn next(&mut self) -> Option<u64> {
+        self.spent += self.last.elapsed().min(LONGEST);
+        self.last = Instant::now();
+        if self.most.map_or(self.done >= self.cases, |most| self.spent >= most) {
+            return None;
+        }
+        self.done += 1;
+        Some(self.done - 1)
+    }
+
+    pub fn done(&self) -> u64 {
+        self.done
+    }
+}
+
+/// Tries mutations of the originals, for as many cases as asked for or as long.
+pub fn try_mutations(name: &str, originals: &[Vec<u8>], in_sections: bool, read: impl Fn(&Path) -> bool) {
+    let _alone = alone();
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join(name);
+    for original in originals {
+        std::fs::write(&path, original).expect("written");
+        assert!(read(&path), "{name}: the original is sound");
+    }
+    let (mut rounds, mut sound) = (Rounds::of(CASES), 0u64);
+    while let Some(seed) = rounds.next() {
+        let mut dice = Dice(seed.wrapping_mul(0x2545_f491_4f6c_dd1d));
+        let original = &originals[dice.below(originals.len())];
+        let bytes = if in_sections && dice.below(4) > 0 {
+            let mut parts = Parts::of(original);
+            parts.mutate(&mut dice);
+            parts.file()
+        } else {
+            let mut bytes = original.clone();
+            mutate(&mut bytes, &mut dice);
+            bytes
+        };
+        std::fs::write(&path, &bytes).expect("written");
+        LARGEST.store(0, Ordering::Relaxed);
+        let outcome = catch_unwind(AssertUnwindSafe(|| read(&path)));
+        let largest = LARGEST.load(Ordering::Relaxed);
+        if outcome.is_err() || largest > MOST_BYTES {
+            let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("seed-{seed}-{name}"));
+            std::fs::write(&kept, &bytes).expect("written");
+            panic!("{name}, seed {seed}: panic or an allocation of {largest} bytes; kept as {}", kept.display());
+        }
+        sound += u64::from(outcome.unwrap_or(false));
+    }
+    let seconds = rounds.spent.as_secs_f64();
+    println!("{name}: {} mutations in {seconds:.1} s, of which {sound} were sound files", rounds.done());
+}
+
+/// The bytes that `write` leaves in a file.
+pub fn bytes_of(write: impl FnOnce(&Path)) -> Vec<u8> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("original");
+    write(&path);
+    std::fs::read(&path).expect("written")
+}
+
+/// A file of the corpus.
+pub fn corpus(name: &str) -> Vec<u8> {
+    std::fs::read(corpus_folder().join(name)).expect("in the corpus")
+}
+
+pub fn corpus_folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/corpus")
 }
 
 /// SplitMix64.

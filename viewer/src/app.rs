@@ -101,6 +101,8 @@ struct Clock {
     first: Option<Instant>,
     last: Option<Instant>,
     pass_ms: Vec<f64>,
+    /// Sum of the scales of the frames shown.
+    scales: f64,
 }
 
 /// Passes over which the window's own time is averaged.
@@ -108,7 +110,7 @@ const PASSES_KEPT: usize = 256;
 
 impl Viewer {
     pub(crate) fn new(session: Session, options: ViewerOptions, can_open: bool, outcome: Arc<Mutex<Outcome>>) -> Self {
-        let display = Display { stereo: options.stereo, ..Display::default() };
+        let display = Display::new(options.stereo, options.moving_limit_ms);
         let pose = Pose::looking_at(glam::DVec3::ZERO, glam::DVec3::NEG_Z, 60.0);
         let eye = Eye { pose, motion: Motion::default(), speed_m_per_s: 1.0, grab_scene: false, moved_s: f64::MIN };
         Self {
@@ -241,15 +243,6 @@ impl Viewer {
         self.eye.motion.stop();
         self.eye.speed_m_per_s = info.speed_m_per_s;
         self.tape = Tape::new(self.tape.mode);
-        if let Some(path) = self.options.path.take() {
-            match camera_file::read_path(&path, &info.file_frame) {
-                Ok(path) => {
-                    self.tape.path = Some(path);
-                    self.commands.push(Command::TogglePlayback);
-                }
-                Err(error) => self.messages.add(Kind::Error, error.to_string(), now_s),
-            }
-        }
         (self.opening, self.wish, self.exporting) = (None, None, None);
         if let Some(old) = self.shown.take() {
             self.session.recycle(old.pictures);
@@ -258,6 +251,19 @@ impl Viewer {
         self.history.clear();
         self.open_list.close();
         self.info = Some(info);
+        self.replay_given_path(now_s);
+    }
+
+    /// Replays the path that the window was started with.
+    fn replay_given_path(&mut self, now_s: f64) {
+        let (Some(file), Some(info)) = (self.options.path.take(), &self.info) else { return };
+        match camera_file::read_path(&file, &info.file_frame) {
+            Ok(path) => {
+                self.take_path(path, now_s);
+                self.commands.push(Command::TogglePlayback);
+            }
+            Err(error) => self.messages.add(Kind::Error, error.to_string(), now_s),
+        }
     }
 
     /// Takes over a finished frame: its pictures become textures, its times go into the history.
@@ -268,6 +274,10 @@ impl Viewer {
         let filter = if exact { egui::TextureOptions::NEAREST } else { egui::TextureOptions::LINEAR };
         for (i, picture) in finished.pictures.iter().enumerate() {
             match self.textures.get_mut(i) {
+                // Of the same size, it is written over: a new texture would first have to be made.
+                Some(texture) if texture.size() == picture.image.size => {
+                    texture.set_partial([0, 0], Arc::clone(&picture.image), filter);
+                }
                 Some(texture) => texture.set(Arc::clone(&picture.image), filter),
                 None => {
                     let name = format!("{} {i}", info.title);
@@ -288,6 +298,7 @@ impl Viewer {
         if let Some(index) = finished.job.replayed {
             self.tape.shown(index);
         }
+        self.clock.scales += finished.job.scale;
         self.count_frame(ctx);
         if let Some(old) = self.shown.replace(finished) {
             self.session.recycle(old.pictures);
@@ -341,6 +352,7 @@ impl Viewer {
         summary.render_ms_median = self.history.median(|f| f.render_ms).unwrap_or(0.0);
         summary.latency_ms_median = self.history.median(|f| f.latency_ms).unwrap_or(0.0);
         summary.pass_ms_median = crate::history::median(self.clock.pass_ms.clone()).unwrap_or(0.0);
+        summary.scale_mean = self.clock.scales / self.clock.frames_shown.max(1) as f64;
         summary.frame_size_px = self.wish.as_ref().map_or([0; 2], |wish| wish.size_px);
     }
 }

@@ -5,6 +5,7 @@ use crate::{
     camera_file, export,
     keymap::Command,
     messages::Kind,
+    path::CameraPath,
     session::{ExportOrder, Location, Order},
 };
 use egui::{Context, ViewportCommand};
@@ -158,11 +159,23 @@ impl Viewer {
                 let text =
                     format!("{} poses, {:.1} s, from {}.", path.poses().len(), path.duration_s(), file.display());
                 self.tape.stop();
-                self.tape.path = Some(path);
                 self.messages.add(Kind::Done, text, now_s);
+                self.take_path(path, now_s);
             }
             Err(error) => self.messages.add(Kind::Error, error.to_string(), now_s),
         }
+    }
+
+    /// Takes a path over as it is, also where it leaves the headbox: a script may want to see what is there.
+    pub(crate) fn take_path(&mut self, path: CameraPath, now_s: f64) {
+        if let Some(bounds) = self.info.as_ref().and_then(|info| info.bounds) {
+            let outside = path.poses().iter().filter(|timed| !bounds.contains(timed.pose.eye)).count();
+            if outside > 0 {
+                let text = format!("{outside} poses of the path are outside of the headbox: holes are to be expected.");
+                self.messages.add(Kind::Done, text, now_s);
+            }
+        }
+        self.tape.path = Some(path);
     }
 
     fn export_path(&mut self, now_s: f64) {

@@ -90,8 +90,8 @@ pub use path::{CameraPath, PathError, TimedPose};
 pub use pose::Pose;
 pub use setting::{Control, Setting, SettingError, SettingValue, SettingValues};
 pub use source::{
-    Entry, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Plan, Refinement, Room, Stage,
-    Thumbnail,
+    Entry, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Plan, Refinement, Room, Stage,
+    Swatch, Thumbnail,
 };
 pub use tape::ReplayMode;
 pub use views::Stereo;

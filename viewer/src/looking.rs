@@ -20,8 +20,9 @@ const MAX_STEP_S: f64 = 0.1;
 /// Time between passes while moving, if no frame is being made.
 const MOVING_PASS: Duration = Duration::from_millis(15);
 /// The longest wait for a frame in the making while moving. Its arrival wakes the window, which then asks for the next one;
-/// drawing the old frame again meanwhile would only take time from the renderer where there is no GPU.
-const AWAITING_PASS: Duration = Duration::from_millis(50);
+/// drawing the old frame again meanwhile would only take time from the renderer where there is no GPU. No more than
+/// [`MAX_STEP_S`], or the eye would lag behind the hands.
+const AWAITING_PASS: Duration = Duration::from_millis(100);
 /// Points of scrolling in one notch of the wheel.
 const POINTS_PER_NOTCH: f64 = 50.0;
 /// Width of the strip in which the divider can be grabbed, points.
@@ -36,7 +37,8 @@ impl Viewer {
             self.commands.push(Command::Centre);
         }
         self.steer(ui, &response, now_s);
-        let moving = now_s - self.eye.moved_s < REST_S;
+        // Between two poses of a replay the eye does not rest, however long their frames take.
+        let moving = now_s - self.eye.moved_s < REST_S || self.tape.is_playing();
         self.ask(ui, rect, moving);
         if moving || self.eye.motion.is_moving() || self.tape.is_playing() {
             // The eye coasts, or rests soon: either way there is another pass to come.
@@ -48,6 +50,7 @@ impl Viewer {
             panels::divider::paint(ui.painter(), rect, self.divider_x(rect), &divider);
         }
         self.paint_insets(ui.painter(), rect);
+        self.paint_legend(ui.painter(), rect);
     }
 
     /// Moves the eye by what the hands or the replay want.
@@ -212,6 +215,17 @@ impl Viewer {
         if let Some(plan) = &info.plan {
             let area = panels::inset::frame(painter, &mut corner, "Plan");
             panels::plan::paint(painter, area, plan, &self.eye.pose);
+        }
+    }
+}
+
+impl Viewer {
+    /// Says what colours mean, where they are not what is seen: of A, or else of B.
+    fn paint_legend(&self, painter: &Painter, rect: Rect) {
+        let legends = self.shown.iter().flat_map(|shown| &shown.pictures).map(|picture| &picture.report.legend);
+        if let Some(legend) = legends.into_iter().find(|legend| !legend.is_empty()) {
+            let margin = panels::inset::MARGIN_POINTS;
+            panels::legend::paint(painter, rect.left_bottom() + vec2(margin, -margin), legend);
         }
     }
 }

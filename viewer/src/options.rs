@@ -24,6 +24,9 @@ pub struct ViewerOptions {
     pub compare: Option<Vec<(String, String)>>,
     /// One eye or two at first.
     pub stereo: Stereo,
+    /// The longest that a frame should take while the eye moves, ms, or else it is rendered with fewer pixels at first; none:
+    /// always with all pixels.
+    pub moving_limit_ms: Option<f64>,
     /// A path file that is replayed at once.
     pub path: Option<PathBuf>,
     /// How paths are replayed at first.
@@ -34,6 +37,11 @@ pub struct ViewerOptions {
     pub screenshot: Option<PathBuf>,
     /// When the window closes by itself.
     pub exit: Exit,
+}
+
+impl ViewerOptions {
+    /// 60 frames a second.
+    pub const MOVING_LIMIT_MS: f64 = 16.0;
 }
 
 impl Default for ViewerOptions {
@@ -47,6 +55,7 @@ impl Default for ViewerOptions {
             settings: Vec::new(),
             compare: None,
             stereo: Stereo::Off,
+            moving_limit_ms: Some(ViewerOptions::MOVING_LIMIT_MS),
             path: None,
             replay: ReplayMode::InTime,
             output_dir: PathBuf::from("."),
@@ -90,6 +99,8 @@ pub struct Summary {
     pub pass_ms_median: f64,
     /// Size of the last frame, pixels.
     pub frame_size_px: [u32; 2],
+    /// Mean share of each side of the frame that was rendered: 1 if pixels were never saved.
+    pub scale_mean: f64,
 }
 
 /// Why the window could not do its work.

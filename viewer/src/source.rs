@@ -150,6 +150,10 @@ pub struct FrameReport {
     pub stages: Vec<Stage>,
     /// Further figures.
     pub figures: Vec<Figure>,
+    /// What is known in words, such as the name of the room.
+    pub facts: Vec<Fact>,
+    /// What the colours of the picture mean, if they are not what is seen: shown in a corner of the frame.
+    pub legend: Vec<Swatch>,
     /// Whether the same request, asked again, would give a better frame: the window asks again while nothing newer is
     /// wanted.
     pub refinement: Refinement,
@@ -186,6 +190,24 @@ pub struct Figure {
     pub value: f64,
     /// Unit as it is printed behind the value, or "" for a bare number.
     pub unit: &'static str,
+}
+
+/// One thing known about a frame, in words.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Fact {
+    /// Name, the same in every frame.
+    pub name: &'static str,
+    /// What is known.
+    pub text: String,
+}
+
+/// One line of a legend.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Swatch {
+    /// sRGB.
+    pub color: [u8; 3],
+    /// What it means, with its unit.
+    pub label: String,
 }
 
 /// A plan of rooms seen from above, in world metres: (x, z) pairs, as x grows to the right and z downward on the page.

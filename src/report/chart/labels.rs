@@ -10,6 +10,8 @@ type Box4 = [f64; 4];
 pub(super) struct Labels {
     paper: Box4,
     taken: Vec<Box4>,
+    /// Middles of dots: a name must not be nearer to another's than to its own.
+    dots: Vec<[f64; 2]>,
     /// Points of lines: names may cross them if there is no other place.
     crossed: Vec<[f64; 2]>,
 }
@@ -17,11 +19,12 @@ pub(super) struct Labels {
 impl Labels {
     /// Nothing yet, on paper of this extent.
     pub(super) fn new(paper: Box4) -> Self {
-        Self { paper, taken: Vec::new(), crossed: Vec::new() }
+        Self { paper, taken: Vec::new(), dots: Vec::new(), crossed: Vec::new() }
     }
 
     pub(super) fn avoid_dot(&mut self, [x, y]: [f64; 2], radius: f64) {
         self.taken.push([x - radius, y - radius, x + radius, y + radius]);
+        self.dots.push([x, y]);
     }
 
     pub(super) fn avoid_line(&mut self, points: &[[f64; 2]]) {
@@ -71,7 +74,12 @@ impl Labels {
                 + (place[2] - self.paper[2]).max(0.0)
                 + (place[3] - self.paper[3]).max(0.0);
             let covered: f64 = self.taken.iter().map(overlaps).sum();
-            1e3 * over_edge + 10.0 * covered + 8.0 * self.crossed.iter().filter(inside).count() as f64
+            let own = distance(place, at);
+            let strangers = self.dots.iter().filter(|&&dot| dot != at && distance(place, dot) < own + STRANGER_PX);
+            1e3 * over_edge
+                + 10.0 * covered
+                + 300.0 * strangers.count() as f64
+                + 8.0 * self.crossed.iter().filter(inside).count() as f64
         };
         let mut best = (f64::INFINITY, candidates[0]);
         for (rank, &(offset, anchor)) in candidates.iter().enumerate() {
@@ -84,6 +92,15 @@ impl Labels {
         self.taken.push(around(offset, anchor));
         ([at[0] + offset[0], at[1] + offset[1]], anchor)
     }
+}
+
+/// How much nearer a name should be to its own dot than to another.
+const STRANGER_PX: f64 = 6.0;
+
+/// From a rectangle to a point, 0 inside.
+fn distance([left, top, right, bottom]: &Box4, [x, y]: [f64; 2]) -> f64 {
+    let beyond = |low: f64, v: f64, high: f64| (low - v).max(v - high).max(0.0);
+    beyond(*left, x, *right).hypot(beyond(*top, y, *bottom))
 }
 
 #[cfg(test)]
@@ -105,6 +122,19 @@ mod tests {
                 let along = |low: usize| a[low + 2].min(b[low + 2]) - a[low].max(b[low]);
                 assert!(along(0) <= 0.0 || along(1) <= 0.0, "{a:?} over {b:?}");
             }
+        }
+    }
+    #[test]
+    fn a_name_is_nearest_to_its_own_dot() {
+        let mut labels = Labels::new([0.0, 0.0, 400.0, 300.0]);
+        // One above the other, as the bytes of one capture drawn in two ways.
+        let points = [[100.0, 100.0], [100.0, 122.0], [100.0, 50.0], [180.0, 118.0]];
+        points.iter().for_each(|p| labels.avoid_dot(*p, 5.0));
+        for (i, at) in points.iter().enumerate() {
+            labels.place(*at, "name", 12.0, 5.0);
+            let place = labels.taken.last().expect("placed");
+            let others = points.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, other)| distance(place, *other));
+            assert!(others.fold(f64::INFINITY, f64::min) > distance(place, *at), "{i}: {place:?}");
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::{Draw, Picture};
 use crate::capture::Camera;
 use crate::ldi::CubeLdi;
-use crate::packed::PackedCube;
+use crate::packed::{ExactCube, PackedCube};
 use crate::warp::oracle::render_oracle;
 use crate::warp::{RenderSettings, Renderer};
 use std::sync::Arc;
@@ -29,6 +29,30 @@ impl Draw for LdiDraw {
 
     fn picture(&mut self, camera: &Camera) -> Picture {
         Picture::of_frame(self.renderer.render(&self.cube, camera, &self.settings).0)
+    }
+}
+
+/// A cube LDI of which no depth pixel is quantised, by the same renderer.
+pub struct ExactDraw {
+    exact: ExactCube,
+    settings: RenderSettings,
+    renderer: Renderer,
+}
+
+impl ExactDraw {
+    /// Draws `exact`.
+    pub fn new(exact: ExactCube, settings: RenderSettings) -> Self {
+        Self { exact, settings, renderer: Renderer::new() }
+    }
+}
+
+impl Draw for ExactDraw {
+    fn draw(&mut self, camera: &Camera) -> u64 {
+        self.renderer.render_exact(&self.exact, camera, &self.settings).1.depth_pixels_in
+    }
+
+    fn picture(&mut self, camera: &Camera) -> Picture {
+        Picture::of_frame(self.renderer.render_exact(&self.exact, camera, &self.settings).0)
     }
 }
 

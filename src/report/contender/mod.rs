@@ -11,7 +11,7 @@ mod traced;
 mod warp_only;
 
 pub use baked::{BakedLight, BakedRays};
-pub use ldi::{LdiDraw, OracleDraw};
+pub use ldi::{ExactDraw, LdiDraw, OracleDraw};
 pub use points::PointCloud;
 pub use raster::RasterDraw;
 pub use sprites::{SpriteDraw, bytes_of as sprite_bytes};

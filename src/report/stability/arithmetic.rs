@@ -101,6 +101,33 @@ pub(super) fn cases() -> Vec<Case> {
             measure: |seed| window_depths(seed, Some(16)),
         },
         Case {
+            name: "depth ranges the wrong way round",
+            what: "Depth buffers with near and far exchanged (reversed Z), equal, 0, negative, infinite or NaN: imports that are not refused.",
+            unit: "imports",
+            bound: 0.0,
+            reason: "Which way a buffer runs cannot be seen from its values: a range that is none is an error that names it.",
+            measure: |seed| {
+                let near = Dice::new(seed, 48).between(1e-3, 10.0);
+                let camera = look(DVec3::ZERO, DVec3::NEG_Z, 60.0, [8, 8]).ok()?;
+                let (far, never) = (near * 100.0, f64::NAN);
+                let ranges = [
+                    (far, near),
+                    (near, near),
+                    (0.0, far),
+                    (-near, far),
+                    (near, -far),
+                    (near, 0.0),
+                    (f64::INFINITY, near),
+                    (never, far),
+                    (near, never),
+                ];
+                let plane = Some(Plane::parallel_to_image(&camera, near * 2.0));
+                let accepted =
+                    ranges.iter().filter(|range| window_import_on(camera, &[0.5; 64], **range, plane).is_some());
+                Some(accepted.count() as f64)
+            },
+        },
+        Case {
             name: "background in depth buffers",
             what: "Pixels of window depth 1, above 1, negative or NaN that become geometry.",
             unit: "px",
@@ -190,9 +217,18 @@ fn f32_along_rows(seed: u64) -> Option<f64> {
 }
 
 fn window_import(camera: Camera, depth: &[f32], window_range_m: (f64, f64)) -> Option<crate::sprite::SpriteWithDepth> {
-    let color = RgbaImage::from_pixel(camera.width(), camera.height(), Rgba([200, 100, 50, 255]));
     // In the middle of the range of inverse depths, where displacements are smallest.
     let plane = Some(Plane::parallel_to_image(&camera, 2.0 / (1.0 / window_range_m.0 + 1.0 / window_range_m.1)));
+    window_import_on(camera, depth, window_range_m, plane)
+}
+
+fn window_import_on(
+    camera: Camera,
+    depth: &[f32],
+    window_range_m: (f64, f64),
+    plane: Option<Plane>,
+) -> Option<crate::sprite::SpriteWithDepth> {
+    let color = RgbaImage::from_pixel(camera.width(), camera.height(), Rgba([200, 100, 50, 255]));
     let (depth_kind, format) = (DepthKind::WindowDepth, DisplacementFormat::F32);
     DepthImport { color, camera, depth, depth_kind, window_range_m, plane, format }.build().ok()
 }

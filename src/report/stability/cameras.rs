@@ -42,6 +42,19 @@ pub(super) fn cases() -> Vec<Case> {
             },
         },
         Case {
+            name: "magnified thirty times",
+            what: "The wall on faces of 40 px at 4.58 degrees, 30 frame pixels to a sample, seen from near the centre: share of pixels that are holes.",
+            unit: "%",
+            bound: 0.0,
+            reason: "Tents reach from sample to sample, 30 px here and 31.6 from where the eye may be; the largest footprint reaches 32 px.",
+            measure: |seed| {
+                let mut dice = Dice::new(seed, 39);
+                let camera = look(dice.in_cube(0.03), dice.direction(), 4.58, [64, 48]).ok()?;
+                let frame = draw(&pack(&walls(40))?, &camera, &RenderSettings::default());
+                Some(100.0 * frame.hole_count() as f64 / frame.color.len() as f64)
+            },
+        },
+        Case {
             name: "frames of every size",
             what: "Frames of 1x1, 1x97, 97x1, primes, one more and one less than a band: pixels of a closed cube that are holes, and frames of another size than asked for.",
             unit: "px",

@@ -7,7 +7,7 @@ use crate::capture::rig::Face;
 use crate::ldi::CubeLdi;
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
 use crate::splat::SplatKernel;
-use crate::warp::RenderSettings;
+use crate::warp::{Parallel, RenderSettings};
 use glam::{DVec3, dvec3};
 
 pub(super) fn cases() -> Vec<Case> {
@@ -179,7 +179,35 @@ pub(super) fn cases() -> Vec<Case> {
                 }))
             },
         },
+        Case {
+            name: "fragments along epipolar lines",
+            what: "Pixels in which frames drawn in 1, 2, 3, 7 and 16 fragments differ from frames drawn in bands: eyes at the centre, on its planes, with the epipole on a corner of pixels and in one, in the cube and outside; faces of 128 px, and of 9 px, where fragments are more than columns.",
+            unit: "px",
+            bound: 0.0,
+            reason: "What two fragments both touch is drawn again in drawing order: every pixel sees the same splats in the same order (P5, P6, C16).",
+            measure: fragments_against_bands,
+        },
     ]
+}
+
+/// Pixels of frames that fragments change.
+fn fragments_against_bands(seed: u64) -> Option<f64> {
+    let mut dice = Dice::new(seed, 9);
+    let room = ROOM.as_ref()?;
+    let tiny = pack(&ldi_of(9, &Face::ALL, |face, x, y| vec![sample(face, 0.5, [25 * x as u8, 25 * y as u8, 90])]))?;
+    let toward = dice.direction();
+    let corner_of_pixels = dvec3(8.0 / 64.0, -16.0 / 64.0, 1.0) * 0.5;
+    let eyes =
+        [DVec3::ZERO, dvec3(0.3, 0.0, 0.0), corner_of_pixels, dice.in_cube(0.9), dice.in_cube(0.9), toward * 3.0];
+    largest(eyes.into_iter().flat_map(|offset| [(&room.cube, offset), (&tiny, offset)]).map(|(cube, offset)| {
+        let eye = cube.info.centre + offset * cube.info.half_size_m;
+        let camera = super::bed::look(eye, dice.direction(), 75.0, [64, 48]).ok()?;
+        let expected = draw(cube, &camera, &default());
+        largest([1, 2, 3, 7, 16].map(|count| {
+            let settings = RenderSettings { parallel: Parallel::Fragments(count), ..default() };
+            Some(differing(&expected, &draw(cube, &camera, &settings), 0) as f64)
+        }))
+    }))
 }
 
 fn default() -> RenderSettings {

@@ -102,6 +102,22 @@ pub(super) fn cases() -> Vec<Case> {
             measure: |seed| near_contact(seed, 1e-9),
         },
         Case {
+            name: "how near panels stay closed",
+            what: "The same panels, eyes from 4 cm to 2 mm away: the nearest distance from which more than 1 % of the frame shows what is behind.",
+            unit: "cm",
+            bound: 4.0,
+            reason: "At 4 cm a sample is 32 px wide, half of the largest footprint; twice as near, footprints only just touch.",
+            measure: |seed| {
+                let open = |gap: &f64| near_contact(seed, *gap).is_none_or(|share| share > 1.0);
+                Some(
+                    [0.08, 0.06, 0.05, 0.04, 0.03, 0.02, 0.01, 0.004]
+                        .iter()
+                        .find(|gap| open(gap))
+                        .map_or(0.0, |gap| gap * 50.0),
+                )
+            },
+        },
+        Case {
             name: "geometry 4 cm from the eye",
             what: "The same panels, eyes 4 cm away from them.",
             unit: "%",

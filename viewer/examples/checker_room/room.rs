@@ -2,8 +2,8 @@
 
 use glam::{DVec3, Vec3, dvec3, vec3};
 use headbox_viewer::{
-    Entry, EyeBounds, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Plan, Pose, Refinement,
-    Room, Setting, Stage, Thumbnail,
+    Entry, EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Plan, Pose,
+    Refinement, Room, Setting, Stage, Swatch, Thumbnail,
 };
 use std::{path::Path, sync::Arc, time::Instant};
 
@@ -166,6 +166,8 @@ impl FrameSource for CheckerRoom {
                 Figure { name: "rays", value: pixels.len() as f64, unit: "" },
                 Figure { name: "nearest", value: near.into(), unit: "m" },
             ],
+            facts: self.place(request.camera.eye()).into_iter().collect(),
+            legend: if overlay == 2 { face_legend() } else { Vec::new() },
             refinement: if noise > 0 { Refinement::Next } else { Refinement::Done },
         })
     }
@@ -182,6 +184,13 @@ impl FrameSource for CheckerRoom {
 }
 
 impl CheckerRoom {
+    /// The room of the plan that the eye is in.
+    fn place(&self, eye: DVec3) -> Option<Fact> {
+        let plan = self.plan()?;
+        let text = plan.room_at(eye).map_or_else(|| "outside".into(), |room| plan.rooms[room].name.clone());
+        Some(Fact { name: "the eye is in", text })
+    }
+
     /// Finds what every `step`th pixel of a row sees.
     fn cast(&mut self, camera: &headbox_capture::Camera, row: usize, step: usize) {
         let eye = camera.eye().as_vec3();
@@ -202,6 +211,11 @@ impl CheckerRoom {
 
 const FACE_COLORS: [[u8; 3]; 7] =
     [[214, 96, 77], [244, 165, 130], [146, 197, 222], [67, 147, 195], [180, 180, 180], [90, 174, 97], [153, 112, 171]];
+
+fn face_legend() -> Vec<Swatch> {
+    let names = ["left", "right", "floor", "ceiling", "front", "back", "ball"];
+    FACE_COLORS.iter().zip(names).map(|(&color, name)| Swatch { color, label: name.into() }).collect()
+}
 
 /// The nearest surface along a ray (of any length) from inside the room.
 fn hit(eye: Vec3, ray: Vec3) -> Hit {

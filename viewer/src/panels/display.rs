@@ -1,6 +1,6 @@
 //! How the frame is shown: resolution, stereo, comparison.
 
-use crate::{app::Sets, views::Stereo};
+use crate::{app::Sets, options::ViewerOptions, views::Stereo};
 use egui::{Checkbox, Slider, Ui};
 use std::sync::Arc;
 
@@ -22,12 +22,13 @@ pub(crate) struct Display {
     pub insets: bool,
 }
 
-impl Default for Display {
-    fn default() -> Self {
+impl Display {
+    /// One eye or two, and the longest a frame should take while the eye moves, ms, if that matters.
+    pub(crate) fn new(stereo: Stereo, moving_limit_ms: Option<f64>) -> Self {
         Self {
-            lower_resolution: true,
-            target_ms: 16.0,
-            stereo: Stereo::Off,
+            lower_resolution: moving_limit_ms.is_some(),
+            target_ms: moving_limit_ms.unwrap_or(ViewerOptions::MOVING_LIMIT_MS),
+            stereo,
             separation_m: 0.063,
             compare: false,
             divider: 0.5,

@@ -7,6 +7,7 @@ pub(crate) mod display;
 pub(crate) mod divider;
 pub(crate) mod inset;
 pub(crate) mod keys;
+pub(crate) mod legend;
 pub(crate) mod messages;
 pub(crate) mod open;
 pub(crate) mod plan;

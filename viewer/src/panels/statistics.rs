@@ -45,7 +45,15 @@ pub(crate) fn show(ui: &mut Ui, shown: Option<&Finished>, history: &History) {
             }
             ui.end_row();
         }
-        // Figures of the left picture: both eyes see nearly the same.
+        // Facts and figures of the left picture: both eyes see nearly the same.
+        for fact in &shown.pictures[0].report.facts {
+            ui.label(fact.name).on_hover_text(format!("{}: in words, reported by the view for this frame.", fact.name));
+            for picture in shown.pictures.iter().take(sets) {
+                let same = picture.report.facts.iter().find(|f| f.name == fact.name);
+                ui.label(same.map_or("", |f| f.text.as_str()));
+            }
+            ui.end_row();
+        }
         for figure in &shown.pictures[0].report.figures {
             ui.label(figure.name).on_hover_text(tooltip(figure));
             for picture in shown.pictures.iter().take(sets) {

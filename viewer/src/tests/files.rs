@@ -130,3 +130,17 @@ fn a_damaged_path_is_a_message() {
     let window = room_with(Kind::Headbox, ViewerOptions { path: Some(file), ..ViewerOptions::default() });
     assert!(texts(&window)[0].contains("bad.json"), "{:?}", texts(&window));
 }
+
+#[test]
+fn a_path_that_leaves_the_headbox_is_shown_and_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("far.json");
+    let pose = |x: f64| format!(r#"{{"eye":[{x},0,0],"look_at":[{x},0,-1],"up":[0,1,0],"fov":60}}"#);
+    std::fs::write(&file, format!("[{},{},{}]", pose(0.0), pose(7.0), pose(1e30))).unwrap();
+    let mut window = room_with(Kind::Headbox, ViewerOptions { path: Some(file), ..ViewerOptions::default() });
+    wait(&mut window, "the end of the replay", |viewer| viewer.path_ended);
+    assert!(texts(&window)[0].starts_with("2 poses of the path are outside"), "{:?}", texts(&window));
+    settle(&mut window);
+    press(&mut window, Key::Home);
+    assert_eq!(window.state().eye.pose, window.state().info.as_ref().unwrap().start_pose);
+}

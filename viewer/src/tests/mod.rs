@@ -1,11 +1,13 @@
-//! The whole window without a display: events in, state out. Nothing is drawn, so no graphics driver is needed; the frames
-//! are real ones, from the render thread.
+//! The whole window without a display: events in, state out, and pictures by a painter in plain code. No graphics driver
+//! is needed; the frames are real ones, from the render thread.
 
 mod eye;
 mod files;
 mod frames;
+mod painter;
 mod panels;
 mod script;
+mod snapshots;
 
 #[path = "../../examples/checker_room/room.rs"]
 mod room;
@@ -35,12 +37,22 @@ const PASS_S: f32 = 1.0 / 60.0;
 /// Patience with the render thread on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-fn open(source: Option<Box<dyn FrameSource>>, mut options: ViewerOptions) -> Window {
+fn open(source: Option<Box<dyn FrameSource>>, options: ViewerOptions) -> Window {
+    // Few pixels, so that the tests are quick also without optimisation; all of the side panel is in view.
+    open_on(source, options, [600.0, 1400.0], painter::Painter::default())
+}
+
+/// Opens a window of some size, points, that tells `painter` of its textures.
+fn open_on(
+    source: Option<Box<dyn FrameSource>>,
+    mut options: ViewerOptions,
+    size: [f32; 2],
+    painter: painter::Painter,
+) -> Window {
     let (library, can_open) = (options.library.take(), source.is_none());
     let session = Session::start(source, library, Arc::new(|| ())).unwrap();
     let viewer = Viewer::new(session, options, can_open, Arc::new(Mutex::new(Outcome::default())));
-    // Few pixels, so that the tests are quick also without optimisation; all of the side panel is in view.
-    let harness = Harness::builder().with_size([600.0, 1400.0]).with_step_dt(PASS_S);
+    let harness = Harness::builder().with_size(size).with_step_dt(PASS_S).renderer(painter);
     let harness = harness.with_context_setup(crate::panels::theme::install);
     harness.build_ui_state(|ui, viewer: &mut Viewer| viewer.pass(ui, None), viewer)
 }

@@ -105,6 +105,9 @@ pub(super) struct Home {
     pub(super) unreadable: usize,
 }
 
+/// A wall thicker than this is no wall, centimetres.
+const THICKEST_WALL: f64 = 2_000.0;
+
 /// Height of walls where the home does not say, centimetres: Sweet Home 3D's own.
 const WALL_HEIGHT: f64 = 250.0;
 
@@ -240,6 +243,10 @@ fn opening(node: Node, level: Level) -> Option<Opening> {
     let bottom = level.elevation + number(node, "elevation").unwrap_or(0.0);
     // Shares of the piece's depth, from its back.
     let thickness = number(node, "wallThickness").unwrap_or(1.0) * depth;
+    // Rooms are looked for step by step through the wall: a wild number would never come to an end.
+    if !(0.0..=THICKEST_WALL).contains(&thickness) {
+        return None;
+    }
     let distance = number(node, "wallDistance").unwrap_or(0.0) * depth;
     Some(Opening {
         name: node.attribute("name").unwrap_or("opening").trim().to_owned(),
