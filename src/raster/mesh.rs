@@ -176,8 +176,8 @@ impl RasterMesh {
         }
         if bounds[0].x <= bounds[1].x {
             let vertices = first_vertex..self.vertices.len() as u32;
-            let materials = self.faces[run.start as usize..end as usize].iter().map(|face| face.material);
-            let has_cutouts = materials.into_iter().any(|material| self.surfaces[material as usize].has_cutout);
+            let faces = &self.faces[run.start as usize..end as usize];
+            let has_cutouts = faces.iter().any(|face| self.surfaces[face.material as usize].has_cutout);
             self.clusters.push(Cluster { vertices, triangles: run.start..end, bounds, has_cutouts });
         }
         end
