@@ -48,6 +48,22 @@ fn a_house_is_written_described_and_walked() {
     let geometry = json(at, "render a.house -o two.png --size 64x48 --variant geometry --json");
     assert_eq!(geometry["statistics"]["portals"], 0);
 
+    // In the wall beside a door, and far outside.
+    let corner = |i: usize| {
+        let numbers = made["portals"][0]["polygon"][i].as_array().expect("a corner").iter().map(|v| v.as_f64());
+        numbers.collect::<Option<Vec<f64>>>().expect("numbers")
+    };
+    let (left, right) = (corner(0), corner(1));
+    let beside = |i: usize| right[i] + (right[i] - left[i]) * 0.1;
+    let eye = format!("--eye {:.3},1.2,{:.3}", beside(0), beside(2));
+    let says = |eye: &str| {
+        let output = headbox(at, &format!("render a.house -o wall.png --size 64x48 {eye}"));
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    assert!(says(&eye).contains("the eye is in no cell (inside a wall?); all cells are drawn as geometry"), "{eye}");
+    assert!(!says("--eye 500,2,500").contains("in no cell"), "that is in the outside cell");
+
     refused(at, "render a.house -o x.png --variant holograms", 2, "window-ldi");
     refused(at, "render a.house a.house -o x.png", 2, "alone");
     refused(
@@ -68,6 +84,9 @@ fn a_house_is_written_described_and_walked() {
     assert!(report["exposure"].as_array().map(Vec::len) == Some(1) && report["poses"] == 2, "{report}");
     let page = std::fs::read_to_string(at.join("measured/walk.md")).expect("a page");
     assert!(page.contains("| image |") && at.join("measured/pose_000.png").exists(), "{page}");
+    let chart = std::fs::read_to_string(at.join("measured/along_path.svg")).expect("a chart");
+    assert!(chart.contains(">geometry</text>") && chart.contains(">primary rays</text>"), "{chart}");
+    assert!(at.join("measured/along_path.png").exists());
     refused(at, "walk a.house -o measured --variants mirrors", 2, "there are: geometry");
 
     let mut bytes = std::fs::read(at.join("a.house")).expect("bytes");

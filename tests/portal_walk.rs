@@ -15,7 +15,7 @@ use headbox::portal::house::{House, HouseError};
 use headbox::portal::path::WalkPath;
 use headbox::portal::store::{Builder, Store};
 use headbox::portal::tour::Tour;
-use headbox::portal::walk::{Near, WalkSettings, Walker, likely};
+use headbox::portal::walk::{Division, Near, WalkSettings, Walker, likely};
 use headbox::raster::Seen;
 use std::sync::Arc;
 
@@ -253,6 +253,30 @@ fn backdrops_show_what_is_behind_and_only_there() {
         assert!(wrong(kind) < most, "{kind:?}: {shares:?}");
     }
     assert!(wrong(Kind::WindowLdi) < wrong(Kind::Texture), "{shares:?}");
+}
+
+#[test]
+fn frames_do_not_depend_on_how_threads_share_them() {
+    let house = house();
+    let store = stocked(&house, Kind::WindowLdi);
+    let camera = poses()[1];
+    let frame = |threads: usize, division: Division| {
+        let settings = WalkSettings {
+            backdrops: Some(Kind::WindowLdi),
+            near: Near::Distance(0.5),
+            division,
+            ..WalkSettings::default()
+        };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        let mut walker = Walker::new();
+        let drawn = pool.install(|| walker.frame(&house, &store, &camera, &settings).0.clone());
+        assert!(walker.stats().portals >= 1);
+        drawn
+    };
+    let reference = frame(1, Division::Bands);
+    for (threads, division) in [(3, Division::Bands), (2, Division::Portals), (3, Division::Fragments)] {
+        assert_eq!(frame(threads, division), reference, "{division:?}");
+    }
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use headbox_capture::load::{LoadedModel, ModelOptions, load_model};
 use headbox_capture::portal_model::{Finding, PortalModel, Severity};
-use headbox_capture::trace::Tracer;
+use headbox_capture::trace::{Ray, Tracer};
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -234,6 +234,69 @@ fn an_archive_is_read_like_its_plan() {
     assert!(error_of(&folder, "flat.sh3d").contains("it has no Home.xml; save the home with"));
 }
 
+/// The walls of the two rooms, joined at three corners, and a table whose model has its front at its negative x.
+const WALLS: &str = "<wall id='a' wallAtEnd='b' xStart='-5' yStart='0' xEnd='800' yEnd='0' thickness='10' \
+    leftSideColor='FFFF0000'/><wall id='b' wallAtStart='a' wallAtEnd='c' xStart='800' yStart='0' xEnd='800' yEnd='300' \
+    thickness='10'/><wall id='c' wallAtStart='b' wallAtEnd='d' xStart='800' yStart='300' xEnd='0' yEnd='300' \
+    thickness='10'/><wall id='d' wallAtStart='c' xStart='0' yStart='300' xEnd='0' yEnd='-5' thickness='10'/><wall id='e' \
+    xStart='400' yStart='5' xEnd='400' yEnd='295' thickness='10'/><pieceOfFurniture name='Table' x='600' y='100' \
+    elevation='10' width='100' depth='40' height='70' angle='1.5707963' model='3' modelRotation='0 0 1 0 1 0 -1 0 0'>\
+    <material name='top' color='FF336699'/></pieceOfFurniture><light x='100' y='100' width='20' depth='20' height='30' \
+    model='none'/>";
+
+/// One triangle that spans a box of 2 by 1 by 4.
+const TABLE: &str = "v 0 0 0\nv 2 1 0\nv 2 0 4\nusemtl top\nf 1 2 3\n";
+
+#[test]
+fn an_archive_alone_is_built_from_its_plan() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut archive = zip::ZipWriter::new(fs::File::create(folder.path().join("flat.sh3d")).expect("created"));
+    for (name, text) in [("Home.xml", home_xml(ROOMS, &[WALLS, DOOR].concat())), ("3", TABLE.into())] {
+        archive.start_file(name, zip::write::SimpleFileOptions::default()).expect("started");
+        std::io::Write::write_all(&mut archive, text.as_bytes()).expect("written");
+    }
+    archive.finish().expect("finished");
+    let LoadedModel { model, findings } = load(&folder, "flat.sh3d");
+    assert!(findings.iter().all(|f| matches!(f, Finding::Unreachable { .. })), "{findings:?}");
+    assert_eq!(model.portals, load(&home(ROOMS, DOOR), "Home.xml").model.portals);
+    let notes = &model.scene.summary.notes;
+    assert!(notes.iter().any(|n| n.starts_with("there is no OBJ export beside the archive")), "{notes:?}");
+    assert!(notes.iter().any(|n| n.starts_with("1 pieces of furniture are boxes")), "{notes:?}");
+
+    let tracer = Tracer::new(Arc::new(model.scene.clone()), glam::DVec3::ZERO);
+    assert_eq!(model.leaks(&tracer, 2000, 1), [], "walls are closed but for the door");
+    let distance = |from: [f64; 3], direction: [f32; 3]| {
+        let origin = glam::DVec3::from(from).as_vec3();
+        let ray = Ray { origin, direction: direction.into(), t_min: 0.0, t_max: f32::INFINITY };
+        tracer.closest(&ray).map(|hit| hit.t)
+    };
+    let near = |found: Option<f32>, expected: f32| found.is_some_and(|found| (found - expected).abs() < 1e-4);
+    // Through the door from wall to wall, beside it to the wall between, and above it.
+    assert!(near(distance([2.0, 1.0, 1.5], [1.0, 0.0, 0.0]), 5.95));
+    assert!(near(distance([2.0, 1.0, 0.8], [1.0, 0.0, 0.0]), 1.95));
+    assert!(near(distance([2.0, 2.2, 1.5], [1.0, 0.0, 0.0]), 1.95));
+    assert!(near(distance([4.0, 1.0, 1.5], [0.0, 1.0, 0.0]), 1.0), "the lintel");
+    assert!(
+        near(distance([2.0, 1.0, 1.5], [0.0, 0.0, -1.0]), 1.45)
+            && near(distance([2.0, 1.0, 1.5], [0.0, 1.0, 0.0]), 1.5)
+    );
+    // The table: 40 cm along x and 100 cm along z after its turn, 70 cm high from 10 cm on.
+    let table: Vec<u32> = (0..model.scene.triangles.len() as u32)
+        .filter(|&t| {
+            model.scene.materials[model.scene.triangles[t as usize].material as usize].albedo == [0.2, 0.4, 0.6]
+        })
+        .collect();
+    let [triangle] = table[..] else { panic!("{table:?}") };
+    let corners = model.scene.corners(triangle);
+    let low = corners.into_iter().reduce(|a, b| a.min(b)).expect("corners");
+    let high = corners.into_iter().reduce(|a, b| a.max(b)).expect("corners");
+    assert!(
+        (low - glam::dvec3(5.8, 0.1, 0.5)).length() < 1e-6 && (high - glam::dvec3(6.2, 0.8, 1.5)).length() < 1e-6,
+        "{low} {high}"
+    );
+    assert!(model.cells[1].triangles.contains(&triangle), "in the right room");
+}
+
 #[test]
 fn homes_that_lack_something_say_so() {
     let LoadedModel { model, findings } = load(&home(ROOMS, ""), "Home.xml");
@@ -253,7 +316,7 @@ fn homes_that_lack_something_say_so() {
 
     let no_number = load(&home(&ROOMS.replace("x='795'", "x='?'"), DOOR), "Home.xml").model;
     assert_eq!(no_number.cells.len(), 2);
-    assert!(no_number.scene.summary.notes.iter().any(|n| n.starts_with("1 rooms, doors or windows left out")));
+    assert!(no_number.scene.summary.notes.iter().any(|n| n.starts_with("1 rooms, walls, doors")));
 }
 
 #[test]
@@ -404,4 +467,33 @@ fn the_real_apartment() {
     assert_eq!(model.leaks(&tracer, 500, 1), []);
     let archive = load_model(&folder.join("3-BedroomApartment.sh3d"), &ModelOptions::default()).expect("loads");
     assert_eq!(cells(&archive.model), cells(&model));
+
+    let alone = tempfile::tempdir().expect("a folder");
+    fs::copy(folder.join("3-BedroomApartment.sh3d"), alone.path().join("alone.sh3d")).expect("copied");
+    let built = load(&alone, "alone.sh3d").model;
+    assert_eq!((&built.portals, built.check()), (&model.portals, Vec::new()));
+    let of_built = Tracer::new(Arc::new(built.scene.clone()), tracer.origin());
+    assert_eq!(built.leaks(&of_built, 500, 1), []);
+    // What is seen from the middle of every room, in the export and in what was built.
+    let (mut same, mut all) = (0, 0);
+    for cell in model.cells.iter().filter(|cell| !cell.space.is_empty()) {
+        let outline = &cell.space[0].outline;
+        let middle = outline.iter().sum::<glam::DVec2>() / outline.len() as f64;
+        let origin = (glam::dvec3(middle.x, 1.5, middle.y) - tracer.origin()).as_vec3();
+        for i in 0..2000_u32 {
+            // A spiral over the sphere.
+            let (y, turn) = (1.0 - (f64::from(i) + 0.5) / 1000.0, f64::from(i) * 2.399_963);
+            let flat = (1.0 - y * y).sqrt();
+            let direction = glam::dvec3(flat * turn.cos(), y, flat * turn.sin()).as_vec3();
+            let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
+            let [a, b] = [&tracer, &of_built].map(|tracer| tracer.closest(&ray).map_or(1e9, |hit| hit.t));
+            all += 1;
+            same += u32::from((a - b).abs() < 0.01 * a);
+        }
+    }
+    println!("{same} of {all} rays meet what they meet in the export");
+    assert!(same * 100 > all * SAME_PERCENT, "{same} of {all}");
 }
+
+/// Rays of a hundred that meet a surface in the same place (1 %) in an export and in what is built without one.
+const SAME_PERCENT: u32 = 95;

@@ -6,7 +6,7 @@ use super::output::{print_json, print_notes, save_png};
 use crate::capture::load::{LoadedModel, ModelOptions, load_model};
 use crate::capture::portal_model::{Finding, PortalModel};
 use crate::capture::trace::Tracer;
-use crate::portal::plan::Plan;
+use crate::portal::plan::{Plan, storeys};
 use anyhow::Context;
 use clap::Args;
 use glam::DVec2;
@@ -17,9 +17,9 @@ use std::sync::Arc;
 
 #[derive(Args)]
 pub(super) struct House {
-    /// A Sweet Home 3D Home.xml or .sh3d with its OBJ export beside it, a .toml model, or builtin:house
+    /// A Sweet Home 3D .sh3d, or Home.xml with its OBJ export beside it, a .toml model, or builtin:house
     model: String,
-    /// Draw the plan, as PNG or SVG by its ending
+    /// Draw the plan, as PNG or SVG by its ending; storeys above the first get names of their own, as plan_2.png
     #[arg(long, value_name = "PLAN.png|.svg")]
     plan: Option<PathBuf>,
     /// Height above the floor at which the plan is cut, metres
@@ -64,10 +64,9 @@ impl House {
             findings.extend(model.leaks(&tracer, self.rays, self.seed));
         }
         let survey = Survey { model, findings };
-        if let Some(path) = &self.plan {
-            self.draw(&survey.model, path)?;
-        }
+        let plans = self.plan.as_ref().map(|path| self.draw(&survey.model, path)).transpose()?.unwrap_or_default();
         let mut found = survey.to_json();
+        found["plans"] = json!(plans);
         if !self.json {
             survey.print();
         }
@@ -98,16 +97,30 @@ impl House {
         }
     }
 
-    fn draw(&self, model: &PortalModel, path: &Path) -> anyhow::Result<()> {
-        let floors = model.cells.iter().flat_map(|cell| &cell.space).map(|prism| prism.floor_y);
-        let lowest = floors.fold(f64::INFINITY, f64::min);
-        let floor = if lowest.is_finite() { lowest } else { 0.0 };
-        let plan = Plan::new(model, floor + self.cut);
-        match plan_kind(path)? {
-            PlanKind::Png => save_png(path, &plan.to_image()),
-            PlanKind::Svg => crate::files::write_atomically(path, |w| w.write_all(plan.to_svg().as_bytes()))
-                .with_context(|| format!("{} could not be written", path.display())),
+    /// One plan for each storey; those above the first have their number in their name. Returns what was written.
+    fn draw(&self, model: &PortalModel, path: &Path) -> anyhow::Result<Vec<PathBuf>> {
+        let mut written = Vec::new();
+        for (storey, floor) in (1..).zip(storeys(model)) {
+            let plan = Plan::new(model, floor + self.cut);
+            let path = of_storey(path, storey);
+            match plan_kind(&path)? {
+                PlanKind::Png => save_png(&path, &plan.to_image())?,
+                PlanKind::Svg => crate::files::write_atomically(&path, |w| w.write_all(plan.to_svg().as_bytes()))
+                    .with_context(|| format!("{} could not be written", path.display()))?,
+            }
+            written.push(path);
         }
+        Ok(written)
+    }
+}
+
+/// `plan.png` for the first storey, `plan_2.png` for the second.
+fn of_storey(path: &Path, storey: usize) -> PathBuf {
+    match (storey, path.file_stem(), path.extension()) {
+        (2.., Some(stem), Some(ending)) => {
+            path.with_file_name(format!("{}_{storey}.{}", stem.to_string_lossy(), ending.to_string_lossy()))
+        }
+        _ => path.to_path_buf(),
     }
 }
 

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 pub(super) struct Walk {
     /// A .house file
     file: PathBuf,
-    /// Folder for walk.md, walk.json and frames beside truth
+    /// Folder for walk.md, walk.json, a chart of frame times along the path, and frames beside truth
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Poses of the walk
@@ -79,6 +79,11 @@ impl Walk {
         saved?;
         let page = report.to_markdown();
         write_text(&self.output.join("walk.md"), &page)?;
+        let drawing = report.chart().draw();
+        write_text(&self.output.join("along_path.svg"), &drawing.to_svg())?;
+        if let Some(image) = drawing.to_image() {
+            save_png(&self.output.join("along_path.png"), &image)?;
+        }
         let value = serde_json::to_value(&report)?;
         write_text(&self.output.join("walk.json"), &format!("{value:#}\n"))?;
         if self.json {

@@ -132,7 +132,8 @@ impl House {
     }
 
     /// The cell in which an eye stands (world metres). In the thickness of a wall, between the two sides of a portal, the
-    /// portal's plane decides; elsewhere the cells' space does. `None` in a wall of a model without an outside.
+    /// portal's plane decides; elsewhere the cells' space does. `None` in a wall: between the
+    /// backs of two surfaces close together, or in no cell's space.
     pub fn cell_of_eye(&self, eye: DVec3) -> Option<u32> {
         let passing = (0..self.plan.portals.len()).find_map(|portal| {
             let opening = Opening::new(&self.plan.portals[portal], 0)?;
@@ -140,7 +141,20 @@ impl House {
             let inside = in_front.abs() < REVEAL_M && opening.contains(eye);
             inside.then(|| self.plan.portals[portal].cells[usize::from(in_front < 0.0)])
         });
-        passing.or_else(|| self.plan.cell_at(eye))
+        passing.or_else(|| self.plan.cell_at(eye).filter(|_| !self.is_in_wall(eye)))
+    }
+
+    /// Whether a point lies between the backs of two surfaces no farther apart than a wall is thick.
+    fn is_in_wall(&self, p: DVec3) -> bool {
+        let origin = (p - self.tracer.origin()).as_vec3();
+        let to_back = |direction: Vec3| {
+            let hit = self.tracer.closest(&Ray { origin, direction, t_min: 0.0, t_max: 2.0 * REVEAL_M as f32 })?;
+            (self.scene().geometric_normal(hit.primitive).dot(direction) > 0.0).then_some(hit.t)
+        };
+        [Vec3::X, Vec3::Z].into_iter().any(|axis| {
+            let between = to_back(axis).zip(to_back(-axis)).map(|(a, b)| f64::from(a + b));
+            between.is_some_and(|between| between < 2.0 * REVEAL_M)
+        })
     }
 }
 

@@ -1,6 +1,6 @@
 //! The plan of a portal model, seen from above: rooms, walls, and numbered portals, as PNG or SVG.
 
-use crate::capture::portal_model::{Portal, PortalModel, Prism};
+use crate::capture::portal_model::{Cell, Portal, PortalModel, Prism};
 use crate::report::font::TextStyle;
 use glam::{DVec2, DVec3};
 use image::{Rgb, RgbImage};
@@ -26,6 +26,11 @@ const STEEP: f64 = 0.3;
 
 /// How far below the cut low furniture is cut, metres.
 const LOWER_M: f64 = 0.75;
+/// A portal may begin so far above the cut and still belong to the storey, metres: a high window, and a hatch in the ceiling,
+/// which is no thicker than [`LEVEL_M`].
+const HIGH_M: f64 = 0.9;
+const HATCH_M: f64 = 2.0;
+const LEVEL_M: f64 = 0.1;
 /// Colours of the lower cut and of the cut.
 const CUT_COLORS: [[u8; 3]; 2] = [[165; 3], [40; 3]];
 
@@ -57,12 +62,37 @@ struct Opening {
     to_outside: bool,
 }
 
+/// Floors closer to each other than this belong to one storey, metres.
+const STOREY_M: f64 = 1.5;
+
+/// Heights of the floors of a model's storeys, world metres, from below; 0 if it has no rooms.
+pub fn storeys(model: &PortalModel) -> Vec<f64> {
+    // Of each room the lowest part: others are niches of windows.
+    let floor = |cell: &Cell| cell.space.iter().map(|prism| prism.floor_y).filter(|y| y.is_finite()).reduce(f64::min);
+    let mut floors: Vec<f64> = model.cells.iter().filter_map(floor).collect();
+    floors.sort_by(f64::total_cmp);
+    let mut storeys: Vec<f64> = Vec::new();
+    for floor in floors {
+        if storeys.last().is_none_or(|last| floor - last > STOREY_M) {
+            storeys.push(floor);
+        }
+    }
+    if storeys.is_empty() { vec![0.0] } else { storeys }
+}
+
 impl Plan {
-    /// Draws up the plan of a model, cut `cut_y` metres above the world's origin (a metre above the floor shows walls,
-    /// windows and high furniture; low furniture is shown paler). Portals carry their index as a number.
+    /// Draws up the plan of the storey that a level plane `cut_y` metres above the world's origin cuts (a metre above the floor
+    /// shows walls, windows and high furniture; low furniture is shown paler): rooms and portals that it passes through.
+    /// Portals carry their index as a number. All plans of a model have one scale and place.
     pub fn new(model: &PortalModel, cut_y: f64) -> Self {
         let spaces = || model.cells.iter().flat_map(|cell| cell.space.iter().flat_map(|prism| &prism.outline));
         let openings = || model.portals.iter().flat_map(|portal| portal.polygon.iter().map(in_plan));
+        let on_storey = |portal: &Portal| {
+            let heights = || portal.polygon.iter().map(|p| p.y);
+            let [low, high] = [heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max)];
+            let reach = if high - low < LEVEL_M { HATCH_M } else { HIGH_M };
+            low <= cut_y + reach && high >= cut_y - LOWER_M
+        };
         let bounds = |points: &mut dyn Iterator<Item = DVec2>| {
             points.fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
         };
@@ -90,10 +120,17 @@ impl Plan {
                 .cells
                 .iter()
                 .enumerate()
+                .filter(|(_, cell)| cell.space.iter().any(|p| p.floor_y <= cut_y && cut_y < p.ceiling_y))
                 .filter_map(|(i, cell)| room(i, &cell.name, &cell.space, to_px))
                 .collect(),
             cuts: [cut(cut_y - LOWER_M), cut(cut_y)],
-            openings: model.portals.iter().enumerate().map(|(i, portal)| opening(model, i, portal, to_px)).collect(),
+            openings: model
+                .portals
+                .iter()
+                .enumerate()
+                .filter(|(_, portal)| on_storey(portal))
+                .map(|(i, portal)| opening(model, i, portal, to_px))
+                .collect(),
         }
     }
 

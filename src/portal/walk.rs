@@ -15,7 +15,8 @@ use super::store::{Key, Store};
 use crate::capture::Camera;
 use crate::frame::{Coverage, Frame};
 use crate::raster::{GroupWindow, Marker, RasterFrame, RasterStats, RasterView, Rasterizer, Seen};
-use crate::warp::RenderSettings;
+use crate::warp::{Parallel, RenderSettings};
+use rayon::prelude::*;
 use serde::Serialize;
 use std::ops::Range;
 use std::sync::Arc;
@@ -62,6 +63,32 @@ impl Near {
     }
 }
 
+/// How threads share the work behind portals; all ways give the same frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Division {
+    /// One backdrop after the other, each in a band of rows for each thread: a depth pixel near the border of two is warped for
+    /// both.
+    #[default]
+    Bands,
+    /// Each portal's backdrop, a sheet of R6, by one thread.
+    Portals,
+    /// One backdrop after the other, each in the fragments of P5 and P6 for each thread.
+    Fragments,
+}
+
+impl Division {
+    /// Of the settings for one backdrop of so many rows.
+    fn settings(self, warp: &RenderSettings, rows: u32) -> RenderSettings {
+        let threads = rayon::current_num_threads() as u32;
+        match self {
+            Self::Bands if warp.band_rows > 0 => *warp,
+            Self::Bands => RenderSettings { band_rows: rows / threads + 1, ..*warp },
+            Self::Portals => RenderSettings { band_rows: rows, ..*warp },
+            Self::Fragments => RenderSettings { parallel: Parallel::Fragments(threads), ..*warp },
+        }
+    }
+}
+
 /// How a walk is drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WalkSettings {
@@ -71,6 +98,8 @@ pub struct WalkSettings {
     pub near: Near,
     /// How layered depth images are drawn.
     pub warp: RenderSettings,
+    /// How threads share that.
+    pub division: Division,
     /// Holes show what the last frame had there (R8).
     pub persistence: bool,
     /// Bounds of the visit.
@@ -114,11 +143,23 @@ struct Boundary {
     window: [Range<u32>; 2],
 }
 
+/// The part of a frame that a backdrop fills.
+struct Part<'a> {
+    /// Of the portal's marker.
+    number: u32,
+    backdrop: &'a Backdrop,
+    columns: Range<u32>,
+    rows: Range<u32>,
+    /// Sees just that.
+    camera: Camera,
+}
+
 /// Draws the frames of a walk; owns the buffers.
 #[derive(Default)]
 pub struct Walker {
     rasterizer: Rasterizer,
-    drawer: Drawer,
+    /// One for each portal where portals are drawn side by side, else one.
+    drawers: Vec<Drawer>,
     previous: Frame,
     stats: WalkStats,
 }
@@ -191,9 +232,7 @@ impl Walker {
         stats.pixels = u64::from(camera.width()) * u64::from(camera.height());
         stats.backdrop_pixels = stats.raster.marker_pixels;
         let geometry_done = Instant::now();
-        for (number, boundary) in (0..).zip(&boundaries) {
-            self.fill(number, boundary, camera, settings, &mut stats);
-        }
+        self.fill(&boundaries, camera, settings, &mut stats);
         let output = self.rasterizer.output_mut();
         if settings.persistence {
             persist(output, &self.previous, camera);
@@ -216,33 +255,51 @@ impl Walker {
         self.rasterizer.output()
     }
 
-    /// Draws a backdrop into the pixels of its marker.
-    fn fill(
-        &mut self,
-        number: u32,
-        boundary: &Boundary,
-        camera: &Camera,
-        settings: &WalkSettings,
-        stats: &mut WalkStats,
-    ) {
+    /// Draws the backdrops into the pixels of their markers.
+    fn fill(&mut self, boundaries: &[Boundary], camera: &Camera, settings: &WalkSettings, stats: &mut WalkStats) {
         let output = self.rasterizer.output_mut();
-        let Some([columns, rows]) = touched(output, number, &boundary.window) else { return };
-        let Ok(part) = camera.cropped(columns.clone(), rows.clone()) else { return };
-        // A band for each thread: a depth pixel near the border of two is warped for both.
-        let band_rows = match settings.warp.band_rows {
-            0 => rows.len() as u32 / rayon::current_num_threads() as u32 + 1,
-            asked => asked,
-        };
-        let warp = RenderSettings { band_rows, ..settings.warp };
-        let (drawn, took) = self.drawer.draw(&boundary.backdrop, &part, &warp);
+        let numbered = (0..).zip(boundaries);
+        let parts: Vec<Part> =
+            numbered.filter_map(|(number, boundary)| Part::of(output, number, boundary, camera)).collect();
+        let wanted = if settings.division == Division::Portals { parts.len() } else { 1 };
+        self.drawers.resize_with(self.drawers.len().max(wanted), Drawer::default);
+        if settings.division == Division::Portals {
+            let side_by_side = self.drawers.par_iter_mut().zip(&parts);
+            let drawn: Vec<_> = side_by_side.map(|(drawer, part)| part.draw(drawer, settings)).collect();
+            for (part, (drawn, took)) in parts.iter().zip(drawn) {
+                part.copy(drawn, took, output, stats);
+            }
+        } else if let Some(drawer) = self.drawers.first_mut() {
+            for part in &parts {
+                let (drawn, took) = part.draw(drawer, settings);
+                part.copy(drawn, took, output, stats);
+            }
+        }
+    }
+}
+
+impl<'a> Part<'a> {
+    fn of(output: &RasterFrame, number: u32, boundary: &'a Boundary, camera: &Camera) -> Option<Self> {
+        let [columns, rows] = touched(output, number, &boundary.window)?;
+        let part = camera.cropped(columns.clone(), rows.clone()).ok()?;
+        Some(Self { number, backdrop: &boundary.backdrop, columns, rows, camera: part })
+    }
+
+    fn draw<'d>(&self, drawer: &'d mut Drawer, settings: &WalkSettings) -> (&'d Frame, BackdropStats) {
+        let warp = settings.division.settings(&settings.warp, self.rows.len() as u32);
+        drawer.draw(self.backdrop, &self.camera, &warp)
+    }
+
+    /// Copies what was drawn of it into the marker's pixels.
+    fn copy(&self, drawn: &Frame, took: BackdropStats, output: &mut RasterFrame, stats: &mut WalkStats) {
         stats.portals += 1;
         stats.backdrop.samples += took.samples;
         stats.backdrop.depth_pixels_in += took.depth_pixels_in;
         stats.backdrop.splatted += took.splatted;
-        for (y, row) in rows.zip(0..) {
-            for (x, column) in columns.clone().zip(0..) {
-                let at = y as usize * camera.width() as usize + x as usize;
-                if output.seen(at) == Seen::Marker(number) {
+        for (y, row) in self.rows.clone().zip(0..) {
+            for (x, column) in self.columns.clone().zip(0..) {
+                let at = y as usize * output.frame.width as usize + x as usize;
+                if output.seen(at) == Seen::Marker(self.number) {
                     let from = row as usize * drawn.width as usize + column as usize;
                     (output.frame.color[at], output.frame.coverage[at]) = (drawn.color[from], drawn.coverage[from]);
                     stats.hole_pixels += u64::from(drawn.coverage[from].is_hole());

@@ -41,7 +41,8 @@ impl SrgbTable {
         if bits < FIRST_BITS {
             return 0;
         }
-        let (level, next) = self.entries[((bits - FIRST_BITS) >> SHIFT) as usize % ENTRIES];
+        // The bound is never met (1 has the last entry), but spares a check.
+        let (level, next) = self.entries[(((bits - FIRST_BITS) >> SHIFT) as usize).min(ENTRIES - 1)];
         level + u8::from(level < 255 && f32::from_bits(bits) >= next)
     }
 }

@@ -24,6 +24,8 @@ pub(super) struct Cluster {
     pub(super) triangles: Range<u32>,
     /// Lowest and highest corner of its box, local metres.
     pub(super) bounds: [Vec3; 2],
+    /// Whether some of its triangles have a cut-out material.
+    pub(super) has_cutouts: bool,
 }
 
 /// What shading needs of a vertex: half a cache line.
@@ -174,7 +176,9 @@ impl RasterMesh {
         }
         if bounds[0].x <= bounds[1].x {
             let vertices = first_vertex..self.vertices.len() as u32;
-            self.clusters.push(Cluster { vertices, triangles: run.start..end, bounds });
+            let faces = &self.faces[run.start as usize..end as usize];
+            let has_cutouts = faces.iter().any(|face| self.surfaces[face.material as usize].has_cutout);
+            self.clusters.push(Cluster { vertices, triangles: run.start..end, bounds, has_cutouts });
         }
         end
     }

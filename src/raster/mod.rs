@@ -2,7 +2,8 @@
 //!
 //! A frame is drawn in bands of rows, each by one thread from its first triangle to its last pixel:
 //!
-//! 1. `mesh`: triangles in clusters of at most 128, each with a box; clusters outside the window are dropped (`cull`);
+//! 1. `mesh`: triangles in clusters of at most 128, each with a box; clusters outside the window are dropped, the nearest
+//!    drawn first, and those left out that what is drawn already hides (`cull`);
 //! 2. `view`: the vertices of a cluster to the frame, 16 at a time, snapped to 1/256 px; triangles that reach behind the eye
 //!    or far outside the frame are clipped in `clip`;
 //! 3. `scan`: exact integer edge functions with the top-left rule, so that neighbours share no pixel and leave none out;
@@ -28,7 +29,7 @@ pub use mesh::RasterMesh;
 use crate::capture::Camera;
 use crate::frame::Frame;
 use crate::ldi::Environment;
-use cull::VisibleCluster;
+use cull::{Farthest, VisibleCluster};
 use fearless_simd::Level;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -132,7 +133,9 @@ pub struct RasterStats {
     pub triangles_in: u64,
     /// Of these, in clusters that may show.
     pub triangles_kept: u64,
-    /// Of these, set up: they cover the centre of a pixel's column and row, once for each band.
+    /// Of these, in clusters that are not hidden by nearer ones, once for each band.
+    pub triangles_drawn: u64,
+    /// Of these, set up: they cover the centre of a pixel's column and row.
     pub triangles_set_up: u64,
     /// Pixels that passed the depth test.
     pub pixels_written: u64,
@@ -145,7 +148,7 @@ pub struct RasterStats {
 /// Draws frames; owns its buffers.
 pub struct Rasterizer {
     level: Level,
-    /// Rows of a band; any number gives the same frame.
+    /// Rows of a band, or 0 for [`BANDS_A_THREAD`]; any number gives the same frame.
     band_rows: u32,
     output: RasterFrame,
     stats: RasterStats,
@@ -158,18 +161,17 @@ impl Default for Rasterizer {
     }
 }
 
-/// Rows of a band: 32 rows of 8 bytes by 640 to 1,280 pixels stay in the level 2 cache.
-const BAND_ROWS: u32 = 32;
+/// Bands for each thread: few, as a cluster is transferred for each band that it touches, but enough to even out the work.
+const BANDS_A_THREAD: u32 = 3;
 
 impl Rasterizer {
     /// A rasteriser that has drawn nothing yet.
     pub fn new() -> Self {
-        Self::with(Level::new(), BAND_ROWS)
+        Self::with(Level::new(), 0)
     }
 
     /// A rasteriser that uses one SIMD level and bands of a number of rows (0: the default). All give the same frame.
     pub fn with(level: Level, band_rows: u32) -> Self {
-        let band_rows = if band_rows == 0 { BAND_ROWS } else { band_rows };
         Self { level, band_rows, output: RasterFrame::default(), stats: RasterStats::default(), visible: Vec::new() }
     }
 
@@ -207,8 +209,12 @@ impl Rasterizer {
         let markers: Vec<_> =
             what.markers.iter().map(|marker| (marker, clip::project_polygon(camera, marker))).collect();
 
-        let pixels = width as usize * self.band_rows.min(height) as usize;
-        let (rows, visible) = (self.band_rows, &self.visible);
+        let rows = match self.band_rows {
+            0 => height.div_ceil(BANDS_A_THREAD * rayon::current_num_threads() as u32),
+            asked => asked.min(height),
+        };
+        let pixels = width as usize * rows as usize;
+        let visible = &self.visible;
         let colors = output.frame.color.par_chunks_mut(pixels).zip(output.frame.coverage.par_chunks_mut(pixels));
         let depths = output.inverse_depth.par_chunks_mut(pixels).zip(output.surface.par_chunks_mut(pixels));
         let bands = colors.zip(depths).enumerate().with_max_len(1);
@@ -217,17 +223,23 @@ impl Rasterizer {
             let band = start..start.saturating_add(rows).min(height);
             let mut target =
                 Target { width, rows: band.clone(), inverse_depth, surface, stats: RasterStats::default() };
-            for cluster in visible.iter().filter(|cluster| cluster.touches(&band)) {
-                view.draw_cluster(mesh, cluster, &mut target);
-            }
+            // First, for what they hide: of surfaces in the same place they never show.
             for (marker, triangles) in &markers {
                 triangles.iter().for_each(|corners| target.triangle(*corners, SurfaceId::marker(marker.number), None));
+            }
+            let mut farthest = Farthest::new(width, &band);
+            for cluster in visible.iter().filter(|cluster| cluster.touches(&band)) {
+                if !farthest.hides(cluster, width, &band, target.inverse_depth) {
+                    target.stats.triangles_drawn += u64::from(cluster.triangles);
+                    view.draw_cluster(mesh, cluster, &mut target);
+                }
             }
             let shader = shade::Shader { mesh, view: &view, camera, environment, exposure: what.exposure };
             shader.resolve(&mut target, color, coverage);
             target.stats
         });
         self.stats = drawn.reduce(RasterStats::default, |a, b| RasterStats {
+            triangles_drawn: a.triangles_drawn + b.triangles_drawn,
             triangles_set_up: a.triangles_set_up + b.triangles_set_up,
             pixels_written: a.pixels_written + b.pixels_written,
             marker_pixels: a.marker_pixels + b.marker_pixels,

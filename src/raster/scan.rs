@@ -115,8 +115,20 @@ impl DepthPlane {
     }
 }
 
-/// Boxes of up to so many pixels are tested pixel by pixel; in larger ones the ends of each row are computed.
-const SMALL_BOX: u32 = 16;
+/// Whether a surface replaces what a pixel shows; both 1 / eye depths and surfaces are given new one first. Of surfaces in the
+/// same place the one with the smaller number shows, whichever is drawn first; markers have the largest.
+#[inline(always)]
+fn is_nearer([value, depth]: [f32; 2], [id, shown]: [SurfaceId; 2]) -> bool {
+    (value > depth) | ((value == depth) & (id.0 < shown.0))
+}
+
+/// Pixels that are tested at once.
+const LANES: usize = 16;
+
+/// Of triangles of up to so many columns, whole rows of the box are tested; of wider ones the ends of each row are computed.
+/// Over this width E / 256 fits into 32 bits: with corners within [`GUARD_PX`](super::view::GUARD_PX), an edge is 2^14 by
+/// 2^23 units at most, and E no more than 2^38.3 within 80 columns of the box's start.
+const NARROW_PX: u32 = 64;
 
 impl Target<'_> {
     /// Draws a triangle, of either orientation: surfaces have two sides.
@@ -146,41 +158,68 @@ impl Target<'_> {
         let edge = |a: Snapped, b: Snapped| Edge::new(a, b, columns.start, rows.start);
         let edges = [edge(a, b), edge(b, c), edge(c, a)];
         let plane = DepthPlane::new([a, b, c], twice_area);
-        if (columns.end - columns.start) * (rows.end - rows.start) <= SMALL_BOX {
-            self.small(&columns, &rows, edges, &plane, id, cutout);
-        } else {
-            self.large(&columns, &rows, edges, &plane, id, cutout);
+        let is_narrow = a.x.max(b.x).max(c.x) - a.x.min(b.x).min(c.x) <= (NARROW_PX * 256) as i32;
+        match cutout {
+            None if is_narrow => self.narrow(&columns, &rows, edges, &plane, id),
+            _ => self.wide(&columns, &rows, edges, &plane, id, cutout),
         }
     }
 
+    /// All pixels of the box, [`LANES`] at a time: without a branch, so that the compiler can take them together.
     #[inline(always)]
-    fn small(
-        &mut self,
-        columns: &Range<u32>,
-        rows: &Range<u32>,
-        mut edges: [Edge; 3],
-        plane: &DepthPlane,
-        id: SurfaceId,
-        cutout: Option<CutoutTest>,
-    ) {
+    fn narrow(&mut self, columns: &Range<u32>, rows: &Range<u32>, edges: [Edge; 3], plane: &DepthPlane, id: SurfaceId) {
+        let count = (columns.end - columns.start) as i32;
+        let along = edges.map(|edge| std::array::from_fn::<i32, LANES, _>(|lane| edge.column as i32 * lane as i32));
+        let [step, least, most] = [plane.per_column as f32, plane.range[0], plane.range[1]];
+        let mut at_row = edges.map(|edge| edge.start as i32);
+        let mut written = 0;
         for y in rows.clone() {
-            let (mut a, mut b, mut c) = (edges[0].start, edges[1].start, edges[2].start);
-            for x in columns.clone() {
-                if a | b | c >= 0 {
-                    self.span(x..x + 1, y, plane, id, cutout);
+            let first = plane.at(columns.start, y);
+            let row = (y - self.rows.start) as usize * self.width as usize + columns.start as usize;
+            for done in (0..count).step_by(LANES) {
+                let [a, b, c] = [0, 1, 2].map(|i| at_row[i].wrapping_add(edges[i].column as i32 * done));
+                let covered = |lane: usize| {
+                    let inside = a.wrapping_add(along[0][lane])
+                        | b.wrapping_add(along[1][lane])
+                        | c.wrapping_add(along[2][lane]);
+                    // Also negative beyond the box, where the next row of the frame begins.
+                    (inside | (count - 1 - done - lane as i32)) >= 0
+                };
+                let value = |lane: usize| (first + step * (done + lane as i32) as f32).max(least).min(most);
+                let start = row + done as usize;
+                let lanes = self.inverse_depth.get_mut(start..).and_then(<[f32]>::first_chunk_mut::<LANES>);
+                match (lanes, self.surface.get_mut(start..).and_then(<[SurfaceId]>::first_chunk_mut::<LANES>)) {
+                    (Some(depths), Some(surfaces)) => {
+                        for lane in 0..LANES {
+                            let value = value(lane);
+                            let nearer = covered(lane) & is_nearer([value, depths[lane]], [id, surfaces[lane]]);
+                            depths[lane] = if nearer { value } else { depths[lane] };
+                            surfaces[lane] = if nearer { id } else { surfaces[lane] };
+                            written += u32::from(nearer);
+                        }
+                    }
+                    // The end of the band.
+                    _ => {
+                        let rest = self.inverse_depth.iter_mut().zip(self.surface.iter_mut()).skip(start);
+                        for (lane, (depth, surface)) in rest.enumerate() {
+                            let value = value(lane);
+                            if covered(lane) && is_nearer([value, *depth], [id, *surface]) {
+                                (*depth, *surface) = (value, id);
+                                written += 1;
+                            }
+                        }
+                    }
                 }
-                a += edges[0].column;
-                b += edges[1].column;
-                c += edges[2].column;
             }
-            for edge in &mut edges {
-                edge.start += edge.row;
+            for (at, edge) in at_row.iter_mut().zip(&edges) {
+                *at = at.wrapping_add(edge.row as i32);
             }
         }
+        self.stats.pixels_written += u64::from(written);
     }
 
     #[inline(always)]
-    fn large(
+    fn wide(
         &mut self,
         columns: &Range<u32>,
         rows: &Range<u32>,
@@ -216,11 +255,11 @@ impl Target<'_> {
         let value = |k: u32| (first + step * k as f32).max(least).min(most);
         let mut written = 0;
         match cutout {
-            // Without a branch, so that the compiler can take several pixels at a time.
+            // Without a branch, as above.
             None => {
                 for ((k, depth), surface) in (0u32..).zip(depths).zip(surfaces) {
                     let value = value(k);
-                    let nearer = value > *depth;
+                    let nearer = is_nearer([value, *depth], [id, *surface]);
                     *depth = if nearer { value } else { *depth };
                     *surface = if nearer { id } else { *surface };
                     written += u32::from(nearer);
@@ -229,7 +268,7 @@ impl Target<'_> {
             Some(cutout) => {
                 for (((k, x), depth), surface) in (0u32..).zip(columns).zip(depths).zip(surfaces) {
                     let value = value(k);
-                    if value > *depth && cutout.is_solid(x, y) {
+                    if is_nearer([value, *depth], [id, *surface]) && cutout.is_solid(x, y) {
                         (*depth, *surface) = (value, id);
                         written += 1;
                     }

@@ -59,6 +59,12 @@ impl View {
         Vec3::new(along(x), along(y), along(w))
     }
 
+    /// No point of a box is farther from the eye than this, as a sum of three coordinates.
+    pub(super) fn reach(&self, low: Vec3, high: Vec3) -> f32 {
+        let farthest = (low - self.eye).abs().max((high - self.eye).abs());
+        farthest.x + farthest.y + farthest.z
+    }
+
     /// As [`Self::homogeneous`]: a corner 2 km behind the eye decides where its edge passes a millimetre in front of it.
     fn homogeneous_f64(&self, position: Vec3) -> DVec3 {
         let d = position.as_dvec3() - self.eye_f64;
@@ -105,8 +111,8 @@ impl View {
             let corners = face.corners;
             let local = |corner: u32| corner.wrapping_sub(cluster.vertices.start) as usize % CLUSTER_VERTICES;
             let (i, j, k) = (local(corners[0]), local(corners[1]), local(corners[2]));
-            let cutout =
-                mesh.surfaces[face.material as usize].has_cutout.then_some(CutoutTest { mesh, view: self, primitive });
+            let has_cutout = cluster.has_cutouts && mesh.surfaces[face.material as usize].has_cutout;
+            let cutout = has_cutout.then_some(CutoutTest { mesh, view: self, primitive });
             if vertices.outside[i] | vertices.outside[j] | vertices.outside[k] {
                 let homogeneous = mesh.corners(face).map(|corner| self.homogeneous_f64(corner.position));
                 let snapped = [i, j, k].map(|i| (!vertices.outside[i]).then(|| vertices.snapped(i)));

@@ -29,7 +29,29 @@ pub(super) fn load(path: &Path, bytes: &[u8], frame: FileFrame, groups: bool) ->
     let survey = Survey::of(&text);
     let mut notes = Notes::default();
     let mtl_materials = read_libraries(&survey, folder_of(path), &mut notes);
-    let (models, mended_notes) = parse(path, &text, &survey, &mtl_materials, groups)?;
+    build(path, &text, &survey, mtl_materials, notes, frame, groups)
+}
+
+/// As [`load`], from a text and materials at hand; `path` is for messages.
+pub(super) fn load_text(
+    path: &Path,
+    text: &str,
+    materials: Vec<MtlMaterial>,
+    frame: FileFrame,
+) -> Result<GroupedScene, LoadError> {
+    build(path, text, &Survey::of(text), materials, Notes::default(), frame, true)
+}
+
+fn build(
+    path: &Path,
+    text: &str,
+    survey: &Survey,
+    mtl_materials: Vec<MtlMaterial>,
+    mut notes: Notes,
+    frame: FileFrame,
+    groups: bool,
+) -> Result<GroupedScene, LoadError> {
+    let (models, mended_notes) = parse(path, text, survey, &mtl_materials, groups)?;
     notes.merge(mended_notes);
     let undefined = survey.used_materials.iter().filter(|&name| mtl_materials.iter().all(|m| m.name != *name));
     undefined.for_each(|name| notes.add_named(Note::MaterialUndefined, name));

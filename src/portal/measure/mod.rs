@@ -8,8 +8,10 @@
 //! * `exposure`: pixels whose backdrop shows nothing or a wrong surface.
 //! * `layers`: how many samples lie in which layer.
 //! * `threads`: what threads gain, and how evenly sheets and fragments would divide the work.
+//! * `chart`: frame time along the path, as figure 6 of R.
 //! * `table`: what was found, as a page.
 
+mod chart;
 mod exposure;
 mod layers;
 mod rays;
@@ -124,6 +126,8 @@ pub struct VariantRow {
     pub name: &'static str,
     /// Whole frame, ms.
     pub frame_ms: Spread,
+    /// Whole frame of each pose, ms.
+    pub along_path_ms: Vec<f64>,
     /// Culling and geometry, ms.
     pub geometry_ms: Spread,
     /// Backdrops, ms.
@@ -178,6 +182,8 @@ pub struct WalkReport {
     pub threads: usize,
     /// A frame by one ray a pixel, ms.
     pub primary_rays_ms: Spread,
+    /// The same of each pose.
+    pub primary_rays_along_path_ms: Vec<f64>,
     /// Times and errors.
     pub rows: Vec<VariantRow>,
     /// Exposure errors.
@@ -257,6 +263,7 @@ pub fn measure(
         truth_poses,
         threads: rayon::current_num_threads(),
         primary_rays_ms: Spread::of(&rays_ms),
+        primary_rays_along_path_ms: rays_ms.clone(),
         rows: rows(&courses, store, &rays_ms),
         layers: layers::layers(store),
         parallel: threads::gains(house, store, &sparse, &settings.variants)?,
@@ -398,6 +405,7 @@ impl Course {
         VariantRow {
             name: self.variant.name,
             frame_ms: spread(&|s| s.frame_ms),
+            along_path_ms: of(&|s| s.frame_ms),
             geometry_ms: spread(&|s| s.geometry_ms),
             backdrop_ms: spread(&|s| s.backdrop_ms),
             behind_speedup: share(behind_ms, backdrops_ms),

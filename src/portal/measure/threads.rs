@@ -1,5 +1,6 @@
-//! What threads gain: bands as they are drawn, by the clock; and the sheets of R6 and the fragments of R14 and P5, by how evenly
-//! they would divide the samples (no time is lost in these to anything but imbalance).
+//! What threads gain against one thread that draws in bands: by the clock, in each [`Division`]; and the sheets of R6 and the
+//! fragments of R14 and P5 by how evenly they would divide the samples among more processors (nothing is lost to anything but
+//! imbalance there).
 
 use super::{MeasureError, share};
 use crate::capture::Camera;
@@ -8,7 +9,7 @@ use crate::portal::backdrop::{Backdrop, Kind};
 use crate::portal::house::House;
 use crate::portal::store::Store;
 use crate::portal::variant::Variant;
-use crate::portal::walk::{WalkSettings, Walker};
+use crate::portal::walk::{Division, WalkSettings, Walker};
 use glam::DVec3;
 use serde::Serialize;
 
@@ -17,6 +18,13 @@ const POSES: usize = 24;
 
 /// Frames of each pose, of which the fastest counts.
 const REPEATS: u32 = 3;
+
+/// What is measured by the clock: names of the gain behind portals, and of that of the whole frame.
+const DIVISIONS: [(Division, &str, Option<&str>); 3] = [
+    (Division::Portals, "sheets only: each portal's backdrop on a thread", None),
+    (Division::Fragments, "fragments of each backdrop", None),
+    (Division::Bands, "tiles: bands of each backdrop", Some("whole frame, backdrops in bands")),
+];
 
 /// A way to divide the work.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -43,15 +51,14 @@ pub(super) fn gains(
     let settings = WalkSettings { backdrops: Some(kind), ..WalkSettings::default() };
     let cameras: Vec<Camera> = cameras.iter().step_by(cameras.len().div_ceil(POSES).max(1)).copied().collect();
     let threads = rayon::current_num_threads();
-    let [one, all] = [1, threads].map(|threads| times(house, store, &cameras, &settings, threads));
-    let (one, all) = (one?, all?);
-    let clock = |division, i: usize| ThreadRow {
-        division,
-        by_the_clock: true,
-        processors: threads,
-        speedup: share(one[i], all[i]),
-    };
-    let mut rows = vec![clock("bands of the backdrops", 0), clock("whole frame", 1)];
+    let one = times(house, store, &cameras, &settings, 1)?;
+    let clock = |division, speedup| ThreadRow { division, by_the_clock: true, processors: threads, speedup };
+    let mut rows = Vec::new();
+    for (division, name, of_frame) in DIVISIONS {
+        let all = times(house, store, &cameras, &WalkSettings { division, ..settings }, threads)?;
+        rows.push(clock(name, share(one[0], all[0])));
+        rows.extend(of_frame.map(|name| clock(name, share(one[1], all[1]))));
+    }
     for processors in [2, 4] {
         let mut sheets = Balance::default();
         let mut fragments = Balance::default();
@@ -63,7 +70,7 @@ pub(super) fn gains(
                 }
             }
         }
-        for (division, balance) in [("sheets", sheets), ("fragments", fragments)] {
+        for (division, balance) in [("sheets about the epipole", sheets), ("fragments", fragments)] {
             let speedup = share(balance.all as f64, balance.slowest as f64);
             rows.push(ThreadRow { division, by_the_clock: false, processors, speedup });
         }

@@ -77,6 +77,8 @@ const GRID: Color = [228, 230, 235];
 const FRONT: Color = [150, 156, 168];
 const NAME_PX: f64 = 12.0;
 const DOT_PX: f64 = 4.5;
+/// A line of more points than this is drawn thin and without dots.
+const MOST_DOTS: usize = 80;
 
 impl Chart {
     /// Colours that people with any sight can tell apart (Okabe and Ito 2008), without yellow, which is faint on white.
@@ -109,9 +111,11 @@ impl Chart {
             let line: Vec<[f64; 2]> = placed.iter().map(|(_, at)| *at).collect();
             if series.joined && line.len() > 1 {
                 labels.avoid_line(&line);
-                marks.push(Mark::Line { points: line.clone(), color, width: 2.0, dashed: false });
+                let width = if line.len() > MOST_DOTS { 1.0 } else { 2.0 };
+                marks.push(Mark::Line { points: line.clone(), color, width, dashed: false });
             }
-            for (point, at) in &placed {
+            let dotted = !series.joined || line.len() <= MOST_DOTS;
+            for (point, at) in placed.iter().filter(|_| dotted) {
                 let ends = point.spread.map(|ends| ends.map(|x| frame.place([x, point.at[1]])));
                 if let Some(ends) = ends.filter(|ends| ends.as_flattened().iter().all(|c| c.is_finite())) {
                     labels.avoid_line(&ends);

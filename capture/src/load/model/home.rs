@@ -1,7 +1,7 @@
 //! The plan of a Sweet Home 3D home, as its `Home.xml` says: x to the right and y down in plan (x and z of the export),
 //! centimetres, angles clockwise in plan.
 
-use glam::DVec2;
+use glam::{DMat3, DVec2, DVec3};
 use roxmltree::{Document, Node};
 use std::collections::HashMap;
 
@@ -22,6 +22,46 @@ pub(super) struct Room {
     pub(super) ceiling: f64,
     /// Whether it has a ceiling, and so is a room and not a terrace.
     pub(super) covered: bool,
+    pub(super) has_floor: bool,
+    pub(super) floor_color: Option<[f32; 3]>,
+    pub(super) ceiling_color: Option<[f32; 3]>,
+}
+
+/// A wall, upright on its level.
+#[derive(Clone, Debug)]
+pub(super) struct Wall {
+    /// Ends of its middle line in plan.
+    pub(super) start: DVec2,
+    pub(super) end: DVec2,
+    pub(super) thickness: f64,
+    pub(super) bottom: f64,
+    /// Above its bottom, at its start and end.
+    pub(super) heights: [f64; 2],
+    /// Colours of its sides to the left and right of the way from start to end, in a plan with y down.
+    pub(super) colors: [Option<[f32; 3]>; 2],
+    /// How far it runs on beyond its start and end, into the walls that it is joined to.
+    pub(super) extension: [f64; 2],
+}
+
+/// A piece of furniture, a lamp, or a door or window, as a model.
+#[derive(Clone, Debug)]
+pub(super) struct Piece {
+    /// Name of the model in the archive.
+    pub(super) model: Option<String>,
+    pub(super) is_opening: bool,
+    /// Middle in plan, and height of the lower side.
+    pub(super) centre: DVec2,
+    pub(super) elevation: f64,
+    /// Width, height, depth.
+    pub(super) size: DVec3,
+    /// Clockwise in plan, radians.
+    pub(super) angle: f64,
+    pub(super) mirrored: bool,
+    /// Turns the model before it is brought to its size.
+    pub(super) rotation: Option<DMat3>,
+    /// Of all of it, and of some of its materials.
+    pub(super) color: Option<[f32; 3]>,
+    pub(super) materials: Vec<(String, [f32; 3])>,
 }
 
 /// A door or window.
@@ -59,7 +99,9 @@ impl Opening {
 pub(super) struct Home {
     pub(super) rooms: Vec<Room>,
     pub(super) openings: Vec<Opening>,
-    /// Rooms, doors and windows left out because a number is missing or no number.
+    pub(super) walls: Vec<Wall>,
+    pub(super) pieces: Vec<Piece>,
+    /// Rooms, walls, furniture, doors and windows left out because a number is missing or no number.
     pub(super) unreadable: usize,
 }
 
@@ -97,11 +139,27 @@ impl Home {
                 None => home.unreadable += 1,
             }
         }
-        // A door that is not shown is not cut out of its wall.
-        for node in elements(root, "doorOrWindow").filter(|node| node.attribute("visible") != Some("false")) {
-            match opening(node, level_of(node)) {
-                Some(opening) => home.openings.push(opening),
+        let by_id: HashMap<&str, Node> =
+            elements(root, "wall").filter_map(|node| Some((node.attribute("id")?, node))).collect();
+        for node in elements(root, "wall") {
+            match wall(node, level_of(node), wall_height, &by_id) {
+                Some(wall) => home.walls.push(wall),
                 None => home.unreadable += 1,
+            }
+        }
+        // A door that is not shown is not cut out of its wall.
+        let is_shown = |node: &Node| node.attribute("visible") != Some("false");
+        for kind in ["doorOrWindow", "pieceOfFurniture", "light", "shelfUnit"] {
+            for node in elements(root, kind).filter(is_shown) {
+                let level = level_of(node);
+                let opening = (kind == "doorOrWindow").then(|| opening(node, level));
+                match (piece(node, level, opening.is_some()), opening) {
+                    (_, Some(None)) | (None, _) => home.unreadable += 1,
+                    (Some(piece), opening) => {
+                        home.openings.extend(opening.flatten());
+                        home.pieces.push(piece);
+                    }
+                }
             }
         }
         Ok(home)
@@ -127,6 +185,55 @@ fn room(node: Node, level: Level) -> Option<Room> {
         floor: level.elevation,
         ceiling: level.elevation + level.height,
         covered: node.attribute("ceilingVisible") != Some("false"),
+        has_floor: node.attribute("floorVisible") != Some("false"),
+        floor_color: color(node, "floorColor"),
+        ceiling_color: color(node, "ceilingColor"),
+    })
+}
+
+/// A colour written as alpha, red, green and blue in hexadecimal; taken as linear, as the export does.
+fn color(node: Node, attribute: &str) -> Option<[f32; 3]> {
+    let argb = u32::from_str_radix(node.attribute(attribute)?, 16).ok()?;
+    Some([16, 8, 0].map(|shift| f32::from((argb >> shift) as u8) / 255.0))
+}
+
+fn wall(node: Node, level: Level, wall_height: f64, by_id: &HashMap<&str, Node>) -> Option<Wall> {
+    let thickness = number(node, "thickness").filter(|&thickness| thickness > 0.0)?;
+    let height = number(node, "height").unwrap_or(wall_height);
+    let into = |joined: &str| {
+        let other = node.attribute(joined).and_then(|id| by_id.get(id));
+        other.and_then(|other| number(*other, "thickness")).map_or(0.0, |thickness| thickness / 2.0)
+    };
+    Some(Wall {
+        start: DVec2::new(number(node, "xStart")?, number(node, "yStart")?),
+        end: DVec2::new(number(node, "xEnd")?, number(node, "yEnd")?),
+        thickness,
+        bottom: level.elevation,
+        heights: [height, number(node, "heightAtEnd").unwrap_or(height)],
+        colors: ["leftSideColor", "rightSideColor"].map(|side| color(node, side)),
+        extension: ["wallAtStart", "wallAtEnd"].map(into),
+    })
+}
+
+fn piece(node: Node, level: Level, is_opening: bool) -> Option<Piece> {
+    let positive = |attribute: &str| number(node, attribute).filter(|&value| value > 0.0);
+    let rotation = node.attribute("modelRotation").and_then(|text| {
+        let numbers: Vec<f64> = text.split_whitespace().map(|word| word.parse().ok()).collect::<Option<_>>()?;
+        // Row by row.
+        Some(DMat3::from_cols_array(numbers.as_slice().try_into().ok()?).transpose())
+    });
+    let materials = elements(node, "material");
+    Some(Piece {
+        model: node.attribute("model").map(str::to_owned),
+        is_opening,
+        centre: DVec2::new(number(node, "x")?, number(node, "y")?),
+        elevation: level.elevation + number(node, "elevation").unwrap_or(0.0),
+        size: DVec3::new(positive("width")?, positive("height")?, positive("depth")?),
+        angle: number(node, "angle").unwrap_or(0.0),
+        mirrored: node.attribute("modelMirrored") == Some("true"),
+        rotation,
+        color: color(node, "color"),
+        materials: materials.filter_map(|m| Some((m.attribute("name")?.to_owned(), color(m, "color")?))).collect(),
     })
 }
 

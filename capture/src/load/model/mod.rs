@@ -3,6 +3,7 @@
 mod assign;
 mod home;
 mod leaves;
+mod plain;
 mod split;
 mod sweethome;
 mod toml;
@@ -34,12 +35,13 @@ impl LoadedModel {
     }
 }
 
-/// Loads a portal model: the `Home.xml` of a Sweet Home 3D home or its `.sh3d` archive, with the home's OBJ export
-/// beside it, or a `.toml` model. The formats are described below.
+/// Loads a portal model: the `Home.xml` of a Sweet Home 3D home with the home's OBJ export beside it, its `.sh3d` archive
+/// with or without an export, or a `.toml` model. The formats are described below.
 ///
 /// # Sweet Home 3D
 /// The geometry is the home's OBJ export in the same folder: `home.obj`, an OBJ of the plan's own name, or the only OBJ
-/// there is. Each room with a ceiling becomes a cell; a balcony or terrace open to the sky is outside. Each door and
+/// there is. Of an archive without one it is made from the plan and the models in the archive: walls with their openings,
+/// floors, ceilings and furniture, without textures; corners of walls overlap, and what is no OBJ becomes a box. Each room with a ceiling becomes a cell; a balcony or terrace open to the sky is outside. Each door and
 /// window becomes a portal in the middle of its wall, between the rooms on its two sides or a room and the outside; the
 /// space in the wall belongs to the room on its side. Leaves and panes that close an opening are left out with their
 /// handles, open ones stay. Furniture goes as a whole to the cell that it stands in; walls and floors go, triangle by

@@ -3,9 +3,12 @@
 use super::assign::{Assignment, Portion};
 use super::home::{Home, Opening, Room};
 use super::leaves::closing_groups;
+use super::plain::PlainHome;
 use super::{LoadedModel, ModelOptions};
-use crate::load::{Group, LoadError, LoadOptions, folder_of, load_grouped, read};
+use crate::load::obj::load_text as load_obj_text;
+use crate::load::{Group, GroupedScene, LoadError, LoadOptions, folder_of, load_grouped, read};
 use crate::portal_model::{Cell, Portal, PortalModel, Prism};
+use crate::scene::FileFrame;
 use glam::{DVec2, DVec3};
 use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
@@ -24,12 +27,16 @@ const LONGEST_XML: u64 = 1 << 28;
 pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, LoadError> {
     let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };
     let bytes = read(path)?;
-    let text = if bytes.starts_with(b"PK") { unpack(&bytes).map_err(malformed)? } else { bytes };
-    let home = Home::parse(&String::from_utf8_lossy(&text)).map_err(malformed)?;
-    let obj = find_export(path).map_err(malformed)?;
-    let grouped = load_grouped(&obj, &LoadOptions { up: None, unit_m: Some(UNIT_M) })?;
-
+    let is_archive = bytes.starts_with(b"PK");
+    let unpacked = if is_archive { Some(unpack(&bytes).map_err(malformed)?) } else { None };
+    let home = Home::parse(&String::from_utf8_lossy(unpacked.as_ref().unwrap_or(&bytes))).map_err(malformed)?;
     let mut notes = Vec::new();
+    let grouped = match find_export(path) {
+        Ok(obj) => load_grouped(&obj, &LoadOptions { up: None, unit_m: Some(UNIT_M) })?,
+        Err(_) if is_archive => without_export(path, &home, &bytes, &mut notes)?,
+        Err(cause) => return Err(malformed(cause)),
+    };
+
     let mut cells = cells_of(&home, &mut notes);
     let outside = cells.len() as u32;
     cells.push(Cell { name: "Outside".into(), space: Vec::new(), triangles: 0..0 });
@@ -38,7 +45,10 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
         add_portal(&mut model, opening);
     }
     if home.unreadable > 0 {
-        notes.push(format!("{} rooms, doors or windows left out because a number is missing", home.unreadable));
+        notes.push(format!(
+            "{} rooms, walls, doors, windows or pieces of furniture left out because a number is missing",
+            home.unreadable
+        ));
     }
 
     let doors = DoorGroups::find(&model, &home, &grouped.groups);
@@ -47,6 +57,21 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
     model.scene.name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     Assignment { groups: &grouped.groups, portions: &portions }.apply(&mut model);
     Ok(LoadedModel::new(model))
+}
+
+/// The geometry of an archive without an export.
+fn without_export(
+    path: &Path,
+    home: &Home,
+    archive: &[u8],
+    notes: &mut Vec<String>,
+) -> Result<GroupedScene, LoadError> {
+    let plain = PlainHome::new(home, archive);
+    notes.push("there is no OBJ export beside the archive: walls are made from the plan, without textures".into());
+    if plain.boxes > 0 {
+        notes.push(format!("{} pieces of furniture are boxes, as their models are no OBJ", plain.boxes));
+    }
+    load_obj_text(path, &plain.text, plain.materials, FileFrame { unit_m: UNIT_M, ..FileFrame::default() })
 }
 
 /// The `Home.xml` of an archive.
