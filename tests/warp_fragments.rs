@@ -3,12 +3,12 @@
 mod common;
 
 use common::bed::{Random, leaves, room};
-use common::capture::quick;
+use common::capture::{one_layer, quick};
 use glam::{DVec3, dvec3};
 use headbox::capture::Camera;
 use headbox::capture::rig::Face;
 use headbox::frame::Frame;
-use headbox::ldi::LayeredDepthImage;
+use headbox::ldi::{DepthPixel, EncodedNormal, LayeredDepthImage};
 use headbox::packed::{PackedCube, SplatIndexLayout, Split};
 use headbox::splat::SplatKernel;
 use headbox::warp::{FrameStats, Parallel, RenderSettings, Renderer};
@@ -185,5 +185,32 @@ fn fragments_have_about_equally_many_depth_pixels() {
         let mean = (stats.depth_pixels_in - stats.redone_depth_pixels) as f64 / 4.0;
         let largest = stats.largest_fragment as f64;
         assert!(largest <= UNEVEN * mean, "{name}: {largest} of {mean}");
+    }
+}
+
+/// On a face of an odd number of pixels, the middle one lies on the baseline of an eye at the centre, and has no angle.
+#[test]
+fn a_pixel_on_the_baseline_takes_no_neighbours_along() {
+    let mut pair = Pair::new();
+    let forwards = [dvec3(-0.113_878_676_628, -0.057_211_210_838, 0.991_846_018_475), DVec3::X, dvec3(-1.0, 0.0, 0.7)];
+    for face_px in [1, 3, 5] {
+        let ldi = one_layer(DVec3::ZERO, face_px, &Face::ALL, |face, x, y| {
+            let color = [x as u8 * 40, y as u8 * 40, 90, 255];
+            let normal = EncodedNormal::new(-face.normal().as_vec3());
+            Some(DepthPixel { inverse_depth: 0.5, normal, color_srgb: color })
+        });
+        let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
+        for forward in forwards {
+            let camera = Camera::look_at(DVec3::ZERO, forward, DVec3::Y, 75.0, 64, 48).expect("valid");
+            for kernel in KERNELS {
+                let settings = RenderSettings { kernel, ..RenderSettings::default() };
+                let expected = pair.serial.render(&cube, &camera, &settings).0;
+                for count in [2, 3, 7] {
+                    let settings = RenderSettings { parallel: Parallel::Fragments(count), ..settings };
+                    let found = pair.fragments.render(&cube, &camera, &settings).0;
+                    assert_eq!(differing(expected, found), DIFFERING_PIXELS, "{face_px} px, {kernel:?}, {count}");
+                }
+            }
+        }
     }
 }

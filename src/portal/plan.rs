@@ -26,11 +26,11 @@ const STEEP: f64 = 0.3;
 
 /// How far below the cut low furniture is cut, metres.
 const LOWER_M: f64 = 0.75;
-/// A portal may begin so far above the cut and still belong to the storey, metres: a high window, and a hatch in the ceiling,
-/// which is no thicker than [`LEVEL_M`].
+/// A portal may begin so far above the cut and still belong to the storey, metres: a high window.
 const HIGH_M: f64 = 0.9;
-const HATCH_M: f64 = 2.0;
+/// A portal no thicker than this is a hatch, metres, in the ceiling or in the floor: so far above the cut, and below it.
 const LEVEL_M: f64 = 0.1;
+const HATCH_M: [f64; 2] = [2.0, 1.2];
 /// Colours of the lower cut and of the cut.
 const CUT_COLORS: [[u8; 3]; 2] = [[165; 3], [40; 3]];
 
@@ -90,8 +90,8 @@ impl Plan {
         let on_storey = |portal: &Portal| {
             let heights = || portal.polygon.iter().map(|p| p.y);
             let [low, high] = [heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max)];
-            let reach = if high - low < LEVEL_M { HATCH_M } else { HIGH_M };
-            low <= cut_y + reach && high >= cut_y - LOWER_M
+            let [above, below] = if high - low < LEVEL_M { HATCH_M } else { [HIGH_M, LOWER_M] };
+            low <= cut_y + above && high >= cut_y - below
         };
         let bounds = |points: &mut dyn Iterator<Item = DVec2>| {
             points.fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])

@@ -272,7 +272,8 @@ pub(super) fn spans(boundaries: &[Boundary], k: usize, rays: &Rays, range: &Rang
     let (a, b) = (cut(first), cut(next));
     // Whoever lies within rounding of a boundary lies in its mask, so that either side will do for it.
     [range.start..a.min(b), a.min(b)..a.max(b), a.max(b)..range.end].map(|span| {
-        let middle = f64::from(span.start + span.len() as u32 / 2) + 0.5;
+        // Between pixels if need be: one that lies on the baseline itself has no angle.
+        let middle = f64::from(span.start) + f64::from(span.end - span.start) / 2.0;
         if !span.is_empty() && inside(turn_of(rays.at(middle))) { span } else { span.end..span.end }
     })
 }
