@@ -15,6 +15,7 @@ pub(crate) mod linear;
 pub(crate) mod over;
 pub(crate) mod size;
 pub(crate) mod surface;
+#[cfg(feature = "viewer")] // whose overlays alone ask for it
 pub(crate) mod touched;
 
 use crate::warp::Spans;

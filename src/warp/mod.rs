@@ -19,6 +19,7 @@ mod epipolar;
 mod finish;
 mod format;
 mod fragments;
+#[cfg(feature = "viewer")] // whose overlays alone ask for it
 pub(crate) mod inspect;
 mod kernel;
 pub mod oracle;
