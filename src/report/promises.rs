@@ -33,7 +33,7 @@ impl Keeps {
             Self::Alike(times) => {
                 let least = figures.iter().copied().fold(f64::INFINITY, f64::min);
                 let most = figures.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-                !figures.iter().any(|v| v.is_nan()) && least > 0.0 && most <= least * times
+                !figures.is_empty() && figures.iter().all(|v| *v > 0.0) && most <= least * times
             }
         }
     }
