@@ -9,7 +9,7 @@ fn asks_to_close(window: &Window) -> bool {
 #[test]
 fn the_window_closes_after_the_frames_asked_for() {
     let mut window = room_with(Kind::Headbox, ViewerOptions { exit: Exit::AfterFrames(5), ..ViewerOptions::default() });
-    step_until(&mut window, "the end", asks_to_close);
+    step_until(&mut window, "the end", |window| asks_to_close(window) || window.state().automation.is_closing());
     let outcome = window.state().outcome.lock().unwrap().clone();
     assert!(outcome.error.is_none());
     assert!(outcome.summary.frames_shown >= 5 && outcome.summary.first_image_s.is_some(), "{:?}", outcome.summary);
@@ -29,7 +29,7 @@ fn the_window_closes_when_the_view_cannot_become_better() {
     let settings = vec![("refine".into(), "on".into())];
     let options = ViewerOptions { exit: Exit::WhenRefined, settings, ..ViewerOptions::default() };
     let mut window = room_with(Kind::Headbox, options);
-    step_until(&mut window, "the end", asks_to_close);
+    wait(&mut window, "the end", |viewer| viewer.automation.is_closing());
     let shown = window.state().shown.as_ref().unwrap();
     assert!(shown.job.round > 0 && shown.pictures[0].report.refinement == crate::Refinement::Done);
 }
