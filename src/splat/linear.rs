@@ -10,7 +10,7 @@ use std::sync::LazyLock;
 /// The two transfer curves as tables, 12 bits for linear light.
 pub(crate) struct LinearLight {
     linear: [u16; 256],
-    srgb: Box<[u8; LINEAR_MAX as usize + 1]>,
+    srgb: [u8; LINEAR_MAX as usize + 1],
 }
 
 const LINEAR_MAX: u16 = 4095;
@@ -19,7 +19,7 @@ static RECIPROCALS: [u64; 256] = super::reciprocals();
 
 static TABLES: LazyLock<LinearLight> = LazyLock::new(|| LinearLight {
     linear: std::array::from_fn(|c| (linear_from_srgb8(c as u8) * f32::from(LINEAR_MAX) + 0.5) as u16),
-    srgb: Box::new(std::array::from_fn(|v| srgb8_from_linear(v as f32 / f32::from(LINEAR_MAX)))),
+    srgb: std::array::from_fn(|v| srgb8_from_linear(v as f32 / f32::from(LINEAR_MAX))),
 });
 
 impl LinearLight {

@@ -3,6 +3,7 @@
 //!
 //! * `size`: the two ways to know a footprint's size, the paper's table and the tangent plane.
 //! * `over`: the canvas of the kernels that blend each footprint *over* what is there.
+//! * `tent`: what splats weigh in the pixels around them.
 //! * `surface`: the canvas that averages the footprints of one surface before it blends surfaces.
 //! * `ellipse`: the same with elliptical Gaussians in floating point.
 //! * `linear`: blending in linear light.
@@ -15,6 +16,7 @@ pub(crate) mod linear;
 pub(crate) mod over;
 pub(crate) mod size;
 pub(crate) mod surface;
+mod tent;
 #[cfg(feature = "viewer")] // whose overlays alone ask for it
 pub(crate) mod touched;
 
