@@ -28,6 +28,7 @@ mod images;
 mod import;
 mod patches;
 mod plane;
+mod planes;
 mod render;
 mod sampling;
 mod set;
