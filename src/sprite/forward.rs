@@ -404,3 +404,38 @@ fn encode<S: Simd>(
     let y = slope_units(slope_y * encoding.slopes_per_unit);
     (source & VISIBLE) | (value << 16) | (x << 8) | y
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capture::Camera;
+    use crate::sprite::{Displacement, DisplacementFormat, Plane, Sprite};
+    use glam::{DMat3, DVec3, dvec3};
+    use image::{Rgba, RgbaImage};
+
+    #[test]
+    fn bands_agree_with_the_whole() {
+        const SIDE: u32 = 144;
+        let camera = Camera::look_at(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 50.0, SIDE, SIDE).expect("valid");
+        let color = RgbaImage::from_pixel(SIDE, SIDE, Rgba([255; 4]));
+        let sprite = Sprite::new(color, camera, Plane::through(DVec3::ZERO, DVec3::Z)).expect("valid");
+        // Squares at heights of their own: gaps of more rows than filling takes steps lie everywhere.
+        let height = |x: u32, y: u32| ((x / 24 * 37 + y / 24 * 101) % 11) as f32 / 11.0;
+        let values: Vec<f32> = (0..SIDE * SIDE).map(|i| height(i % SIDE, i / SIDE)).collect();
+        let displacement = Displacement::new(SIDE, SIDE, &values, DisplacementFormat::F32).expect("finite");
+        let field = Field::of_sprite(&sprite, &displacement);
+        let transfer = Transfer::from_parts(DMat3::IDENTITY, dvec3(4.0, 60.0, 0.05), 1.0).expect("regular");
+        let moved = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            let (mut out, mut memory) = (Field::empty(), Vec::new());
+            let pass = FirstPass { cell_px: [1.0; 2], stored: Stored::Corrected, fill_steps: 5 };
+            pool.install(|| forward(Level::new(), &field, &transfer, pass, &mut out, &mut memory));
+            out
+        };
+        let whole = moved(1);
+        assert!(whole.cells.contains(&0) && whole.cells.iter().any(|&cell| cell != 0), "gaps wider than are filled");
+        for threads in 2..7 {
+            assert!(moved(threads) == whole, "{threads} threads");
+        }
+    }
+}
