@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
 
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 fn headbox(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_headbox")).args(arguments).current_dir(folder).output().unwrap()
@@ -202,4 +202,14 @@ fn a_window_without_a_display_is_one_sentence_and_exit_1() {
     let (code, message) = view(&["nothing.ldi"]);
     assert!(code == Some(1) && message.contains("nothing.ldi"), "{code:?}: {message}");
     assert_eq!(view(&["--frames", "3"]).0, Some(2), "a script needs something to show");
+}
+
+#[test]
+fn output_that_nobody_reads_ends_the_program_quietly() {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_headbox"));
+    let mut child =
+        command.arg("scenes").stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts");
+    drop(child.stdout.take());
+    let output = child.wait_with_output().expect("the program ends");
+    assert_eq!((output.status.code(), String::from_utf8_lossy(&output.stderr).as_ref()), (Some(0), ""));
 }

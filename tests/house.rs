@@ -9,6 +9,7 @@ use headbox::capture::light::Lighting;
 use headbox::capture::trace::Tracer;
 use headbox::ldi::build::Silent;
 use headbox::{metrics, truth};
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::process::{Command, Output};
 use std::sync::Arc;
@@ -166,7 +167,7 @@ fn baked_light_looks_like_truth() {
 
     let options =
         BakeOptions { edge_m: 0.06, samples: 16, smoothing: 2, max_triangles: 300_000, ..BakeOptions::default() };
-    let baked = Arc::new(bake(&source, &options, &|_, _| {}).scene);
+    let baked = Arc::new(bake(&source, &options, &|_, _| ControlFlow::Continue(())).scene);
     let tracer = Tracer::new(baked, eye);
     let unlit = truth::render(&tracer, &Lighting::of_scene(&tracer, 0), false, &camera, 16, &Silent).color;
     let (comparison, _) = metrics::compare_with_map(&lit, &unlit).unwrap();

@@ -8,7 +8,9 @@ use headbox_capture::portal_model::{Cell, PortalModel};
 use headbox_capture::scene::{Scene, Sky, SuggestedHeadbox, Sun, Triangle};
 use headbox_capture::trace::Tracer;
 use std::collections::HashSet;
+use std::ops::ControlFlow;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A grid of vertices shared by triangles of very different sizes, so that long and short edges meet.
 fn uneven_grid() -> Scene {
@@ -32,7 +34,7 @@ fn options(edge_m: f64) -> BakeOptions {
 }
 
 fn baked(scene: &Scene, options: &BakeOptions) -> Baked {
-    bake(&Arc::new(scene.clone()), options, &|_, _| {})
+    bake(&Arc::new(scene.clone()), options, &|_, _| ControlFlow::Continue(()))
 }
 
 fn area(scene: &Scene, triangles: std::ops::Range<u32>) -> f64 {
@@ -137,7 +139,7 @@ fn colours_are_what_the_estimator_says() {
     for flipped in [false, true] {
         let source = Arc::new(floor_and_post(flipped));
         let options = BakeOptions { edge_m: 0.3, samples: 32, smoothing: 1, bounces: 1, ..BakeOptions::default() };
-        let Baked { scene, pieces, exposure, .. } = bake(&source, &options, &|_, _| {});
+        let Baked { scene, pieces, exposure, .. } = bake(&source, &options, &|_, _| ControlFlow::Continue(()));
         let tracer = Tracer::new(Arc::clone(&source), DVec3::ZERO);
         let lighting = Lighting::measure(&tracer, 1);
         let floor: Vec<u32> = scene.triangles[..pieces[2] as usize].iter().flat_map(|t| t.vertices).collect();
@@ -181,10 +183,24 @@ fn cells_keep_their_surfaces() {
     let cell = |triangles| Cell { name: String::new(), space: Vec::new(), triangles };
     let areas = [area(&scene, 0..2), area(&scene, 2..4)];
     let model = PortalModel { scene, cells: vec![cell(0..2), cell(2..4)], portals: Vec::new(), outside: None };
-    let model = bake_model(model, &options(0.5), &|_, _| {});
+    let model = bake_model(model, &options(0.5), &|_, _| ControlFlow::Continue(()));
     assert_eq!(model.cells[0].triangles.end, model.cells[1].triangles.start);
     assert_eq!(model.cells[1].triangles.end as usize, model.scene.triangles.len());
     for (cell, expected) in model.cells.iter().zip(areas) {
         assert!((area(&model.scene, cell.triangles.clone()) - expected).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn a_bake_that_is_given_up_does_not_reach_its_end() {
+    let source = Arc::new(uneven_grid());
+    for (answer, expected) in [(ControlFlow::Continue(()), true), (ControlFlow::Break(()), false)] {
+        let ended = AtomicBool::new(false);
+        let baked = bake(&source, &options(0.02), &|of_all, all| {
+            ended.fetch_or(of_all == all, Ordering::Relaxed);
+            answer
+        });
+        assert!(baked.scene.positions.len() > 20_000, "enough for reports on the way");
+        assert_eq!(ended.into_inner(), expected);
     }
 }

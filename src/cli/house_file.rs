@@ -22,6 +22,7 @@ use anyhow::Context;
 use clap::Args;
 use image::RgbImage;
 use serde_json::{Value, json};
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -118,6 +119,7 @@ impl HouseFileArgs {
                 bar.begin("light", "vertices", all as u64);
             }
             bar.advance((of_all as u64).saturating_sub(before));
+            ControlFlow::Continue(())
         });
         bar.finish();
         baked

@@ -1,5 +1,16 @@
 //! The command line: one file per subcommand. Library code knows nothing of it.
 
+/// The standard library's `println` panics where nobody reads any more, as in `headbox info FILE | head`. This one ends
+/// the program then, as other programs do.
+macro_rules! println {
+    ($($text:tt)*) => { $crate::cli::output::print_text(format_args!("{}\n", format_args!($($text)*))) };
+}
+
+/// As `println` above.
+macro_rules! print {
+    ($($text:tt)*) => { $crate::cli::output::print_text(format_args!($($text)*)) };
+}
+
 mod args;
 mod capture;
 mod compare;

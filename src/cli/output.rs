@@ -2,11 +2,24 @@
 
 use anyhow::Context;
 use image::ImageEncoder;
+use std::io::Write;
 use std::path::Path;
 
 /// Prints one JSON object on standard output.
 pub(super) fn print_json(value: &serde_json::Value) {
     println!("{value:#}");
+}
+
+/// Prints on standard output. Where nobody reads it any more, the program ends: quietly if a reader has gone, as `head`
+/// does, else with a sentence.
+pub(super) fn print_text(text: std::fmt::Arguments<'_>) {
+    if let Err(error) = std::io::stdout().write_fmt(text) {
+        if error.kind() == std::io::ErrorKind::BrokenPipe {
+            std::process::exit(0);
+        }
+        eprintln!("error: standard output could not be written: {error}");
+        std::process::exit(1);
+    }
 }
 
 /// Prints what a loader met and survived to standard error.

@@ -87,24 +87,29 @@ fn rows<S: Simd, const NEAREST: bool>(simd: S, view: &View, width: usize, first:
     let mut footprints = Footprints::new();
     let mut found = Found::new();
     let mut drawn = [0; BLOCK];
-    for (y, row) in pixels.chunks_mut(width).enumerate() {
-        let mut x = 0;
-        while x < width {
-            let pixels = one_level(view, [x, first + y], BLOCK.min(width - x));
-            let out = &mut row[x..x + pixels];
-            let place = Block::new(view, cells, [x, first + y], pixels);
-            x += pixels;
-            let Some(place) = place else {
-                out.fill(0);
-                continue;
-            };
-            let count = out.len().next_multiple_of(LANES);
-            match view.parallax {
-                Parallax::None => straight::<S, NEAREST>(simd, &place, count, &mut footprints),
-                _ => displaced::<S, NEAREST>(simd, view.parallax, &place, count, &mut found, &mut footprints),
+    // Tile by tile: what a row reads the next reads again, from the nearest cache while rows are short.
+    for left in (0..width).step_by(BLOCK) {
+        let right = width.min(left + BLOCK);
+        for (y, row) in pixels.chunks_mut(width).enumerate() {
+            let y = first + y;
+            let mut x = left;
+            while x < right {
+                let pixels = one_level(view, [x, y], right - x);
+                let out = &mut row[x..x + pixels];
+                let place = Block::new(view, cells, [x, y], pixels);
+                x += pixels;
+                let Some(place) = place else {
+                    out.fill(0);
+                    continue;
+                };
+                let count = pixels.next_multiple_of(LANES);
+                match view.parallax {
+                    Parallax::None => straight::<S, NEAREST>(simd, &place, count, &mut footprints),
+                    _ => displaced::<S, NEAREST>(simd, view.parallax, &place, count, &mut found, &mut footprints),
+                }
+                sample::<S, NEAREST>(simd, view.texture, &mut footprints, count, &mut drawn);
+                out.copy_from_slice(&drawn[..pixels]);
             }
-            sample::<S, NEAREST>(simd, view.texture, &place.texels, &mut footprints, count, &mut drawn);
-            out.copy_from_slice(&drawn[..out.len()]);
         }
     }
 }
@@ -300,7 +305,8 @@ fn straight<S: Simd, const NEAREST: bool>(simd: S, place: &Block, count: usize, 
     }
 }
 
-/// A block's positions on the plane and the cells found there.
+/// A block's positions on the plane and the cells found there; aligned as cache lines are.
+#[repr(align(64))]
 struct Found {
     x: [f32; BLOCK],
     y: [f32; BLOCK],

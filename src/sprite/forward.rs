@@ -1,13 +1,16 @@
 //! First pass: moving displacements by pure parallax (Eq. 6), d1(x1, y1) to d3(x3, y3) with d3 = d1 / w3 (C5).
 //!
-//! Tiles that lie on planes ([`super::patches`]) are drawn whole, as the parallelograms that they become; the cells of
-//! all others go one by one. On the benchmark's hemisphere of 256 x 256 cells the tiles, nine tenths of the field, take 46 us, the
-//! 404 blocks of cells 35 us; cells alone took 165 us. Tried and lost: drawing every cell that is magnified by more than
-//! 1.05 as a patch (90 us more, where a step of filling closes the same gaps).
+//! Tiles that lie on planes ([`super::patches`]) are drawn whole, as the parallelograms that they become
+//! ([`super::planes`]); the cells of all others go one by one. On the benchmark's hemisphere of 256 x 256 cells, nine tenths
+//! of which are tiles, that takes half the time of cells alone. Tried and lost: drawing every cell that is magnified by
+//! more than 1.05 as a patch (half as much again, where a step of filling closes the same gaps); more bands of rows
+//! than threads (four of 65 rows take 1.5 times the time of one: neighbours draw the same tiles).
 
 use super::field::{Coding, Field, VISIBLE, slopes};
+use super::fill::{Gaps, fill};
 use super::patches::{BLOCK_SIDE, GROUP, PatchGroup, TILE};
-use super::sampling::{COPIES, LANE_NUMBERS};
+use super::planes::{Setups, draw_patch, set_up, slope_units};
+use super::sampling::COPIES;
 use super::transfer::Transfer;
 use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, prelude::*, u8x64, u32x4, u32x16};
 use rayon::prelude::*;
@@ -26,25 +29,54 @@ pub(super) enum Stored {
 }
 
 /// Pure parallax in units of displacement cells.
-struct Parallax {
-    epipole: [f32; 3],
-    stored: Stored,
+pub(super) struct Parallax {
+    pub(super) epipole: [f32; 3],
+    pub(super) stored: Stored,
     /// Added to the column (row) of a cell in the source to find it in the output.
-    origin: [f32; 2],
-    width: f32,
-    height: f32,
+    pub(super) origin: [f32; 2],
+    pub(super) width: f32,
+    pub(super) height: f32,
     /// By how much displacements leave their patches' planes.
-    tolerance: f32,
-    source_coding: Coding,
-    encoding: Encoding,
+    pub(super) tolerance: f32,
+    pub(super) source_coding: Coding,
+    pub(super) encoding: Encoding,
+}
+
+impl Parallax {
+    /// For a pass, and the displacements that stay in front of the target eye. `out` takes its place, size and coding.
+    fn new(source: &Field, transfer: &Transfer, pass: FirstPass, out: &mut Field) -> (Self, [f32; 2]) {
+        let e = transfer.epipole_in_sprite;
+        let epipole = [(e.x / pass.cell_px[0]) as f32, (e.y / pass.cell_px[1]) as f32, e.z as f32];
+        let range = in_front(source.range, epipole[2]);
+        let [x0, x1] = reach(source.width, range, epipole[0], epipole[2]);
+        let [y0, y1] = reach(source.height, range, epipole[1], epipole[2]);
+        (out.x0, out.y0) = (x0, y0);
+        (out.width, out.height) = ((x1 - x0) as u32, (y1 - y0) as u32);
+        let share = |d: f32| if pass.stored == Stored::Corrected { d / (1.0 + d * epipole[2]) } else { d };
+        let [a, b] = range.map(share);
+        let shallowest = range.map(|d| 1.0 + d * epipole[2]).into_iter().fold(1.0, f32::min);
+        let steepest = 127.0 * source.coding.slope_scale / shallowest * 1.25;
+        out.coding = Coding::new(a.min(b), a.max(b), steepest, transfer.side as f32);
+        let parallax = Self {
+            epipole,
+            stored: pass.stored,
+            origin: [-x0 as f32, -y0 as f32],
+            width: out.width as f32,
+            height: out.height as f32,
+            tolerance: source.patches.tolerance,
+            source_coding: source.coding,
+            encoding: Encoding::of(&out.coding),
+        };
+        (parallax, range)
+    }
 }
 
 /// A [`Coding`] as reciprocals, for packing.
-struct Encoding {
-    steps_per_unit: f32,
+pub(super) struct Encoding {
+    pub(super) steps_per_unit: f32,
     /// Value of zero, and the half that makes truncation round to nearest.
-    rounded_zero: f32,
-    slopes_per_unit: f32,
+    pub(super) rounded_zero: f32,
+    pub(super) slopes_per_unit: f32,
 }
 
 impl Encoding {
@@ -82,52 +114,68 @@ fn reach(length: u32, range: [f32; 2], epipole: f32, epipole_z: f32) -> [i32; 2]
     [low.max(-length).floor() as i32, high.min(2.0 * length).ceil() as i32]
 }
 
-/// Moves `source` (the sprite's d1) into `out`, which takes the size that the parallax needs. `cell_px` is the size of a
-/// cell in pixels. A pure function of its input: bands of rows are only a matter of threads.
+/// The first pass as it is to be done.
+#[derive(Clone, Copy)]
+pub(super) struct FirstPass {
+    /// The size of a cell in pixels.
+    pub cell_px: [f64; 2],
+    pub stored: Stored,
+    /// Cells by which gaps are filled.
+    pub fill_steps: u32,
+}
+
+/// What a band of rows needs beside the output, kept from frame to frame.
+#[derive(Clone, Debug, Default)]
+pub(super) struct BandMemory {
+    /// The band's rows and those around it that filling looks at.
+    cells: Vec<u32>,
+    gaps: Gaps,
+}
+
+/// Moves `source` (the sprite's d1) into `out`, which takes the size that the parallax needs, and fills its gaps.
+///
+/// A pure function of its input: bands of rows are only a matter of threads. Filling looks as many rows up and down as
+/// it takes steps: a band draws these too, in memory of its own, so that no thread waits for another in between.
 pub(super) fn forward(
     level: Level,
     source: &Field,
     transfer: &Transfer,
-    cell_px: [f64; 2],
-    stored: Stored,
+    pass: FirstPass,
     out: &mut Field,
+    memory: &mut Vec<BandMemory>,
 ) {
-    let e = transfer.epipole_in_sprite;
-    let epipole = [(e.x / cell_px[0]) as f32, (e.y / cell_px[1]) as f32, e.z as f32];
-    let range = in_front(source.range, epipole[2]);
-    let [x0, x1] = reach(source.width, range, epipole[0], epipole[2]);
-    let [y0, y1] = reach(source.height, range, epipole[1], epipole[2]);
-    (out.x0, out.y0) = (x0, y0);
-    (out.width, out.height) = ((x1 - x0) as u32, (y1 - y0) as u32);
-    let share = |d: f32| if stored == Stored::Corrected { d / (1.0 + d * epipole[2]) } else { d };
-    let [a, b] = range.map(share);
-    let shallowest = range.map(|d| 1.0 + d * epipole[2]).into_iter().fold(1.0, f32::min);
-    let steepest = 127.0 * source.coding.slope_scale / shallowest * 1.25;
-    out.coding = Coding::new(a.min(b), a.max(b), steepest, transfer.side as f32);
-    let origin = [-x0 as f32, -y0 as f32];
-    let parallax = Parallax {
-        epipole,
-        stored,
-        origin,
-        width: out.width as f32,
-        height: out.height as f32,
-        tolerance: source.patches.tolerance,
-        source_coding: source.coding,
-        encoding: Encoding::of(&out.coding),
+    let (parallax, range) = Parallax::new(source, transfer, pass, out);
+    let (width, height) = (out.width as usize, out.height as usize);
+    out.cells.resize(width * height, 0);
+    let steps = pass.fill_steps as usize;
+    // A band shorter than what it draws beside it would be mostly that.
+    let bands = rayon::current_num_threads().min(height / (2 * steps).max(1)).max(1);
+    let band_rows = height.div_ceil(bands).max(1);
+    memory.resize_with(bands, BandMemory::default);
+    let coding = out.coding;
+    let finish = |rows: [usize; 2], cells: &mut [u32], gaps: &mut Gaps| {
+        cells.fill(0);
+        dispatch!(level, simd => {
+            forward_band(simd, source, &parallax, range, rows, cells);
+            fill(simd, cells, width, &coding, pass.fill_steps, gaps);
+        });
     };
-
-    let width = out.width as usize;
-    out.cells.clear();
-    out.cells.resize(width * out.height as usize, 0);
-    let band_rows = (out.height as usize).div_ceil(rayon::current_num_threads()).max(1);
-    let move_band = |(band, cells): (usize, &mut [u32])| {
-        let rows = [band * band_rows, band * band_rows + cells.len() / width];
-        dispatch!(level, simd => forward_band(simd, source, &parallax, range, rows, cells));
+    let whole_band = |(band, (own, memory)): (usize, (&mut [u32], &mut BandMemory))| {
+        let first = band * band_rows;
+        let end = first + own.len() / width;
+        let around = [first.saturating_sub(steps), (end + steps).min(height)];
+        if around == [first, end] {
+            finish(around, own, &mut memory.gaps);
+            return;
+        }
+        memory.cells.resize((around[1] - around[0]) * width, 0);
+        finish(around, &mut memory.cells, &mut memory.gaps);
+        own.copy_from_slice(&memory.cells[(first - around[0]) * width..][..own.len()]);
     };
-    if band_rows >= out.height as usize {
-        move_band((0, &mut out.cells));
+    if let [memory] = memory.as_mut_slice() {
+        whole_band((0, (&mut out.cells, memory)));
     } else {
-        out.cells.par_chunks_mut(width * band_rows).enumerate().for_each(move_band);
+        out.cells.par_chunks_mut(width * band_rows).zip(memory).enumerate().for_each(whole_band);
     }
 }
 
@@ -176,14 +224,14 @@ fn forward_band<S: Simd>(
 }
 
 /// The part of the output that a thread writes.
-struct Band<'a> {
-    cells: &'a mut [u32],
+pub(super) struct Band<'a> {
+    pub(super) cells: &'a mut [u32],
     /// First row.
-    first: i32,
+    pub(super) first: i32,
     /// Rows.
-    rows: i32,
+    pub(super) rows: i32,
     /// Columns.
-    width: i32,
+    pub(super) width: i32,
 }
 
 /// Moves a square of cells one by one, in blocks of [`BLOCK_SIDE`]. A cell that is magnified moves as a patch too, so that
@@ -331,165 +379,6 @@ fn move_cells<S: Simd>(
 /// from its neighbours.
 const MAGNIFIED: f32 = 1.5;
 
-/// Where patches of a group lie in the output, and how their values run there. Linear quantities are given at the
-/// first column and row, with their change per column and row.
-struct Setups {
-    /// First column and row, columns and rows of the patch's box.
-    boxes: [[i32; GROUP]; 4],
-    /// Position in the source relative to the patch's centre times the source's share of depth: across, down.
-    across: [[f32; GROUP]; 3],
-    down: [[f32; GROUP]; 3],
-    /// How far either may be from 0.
-    reach: [[f32; GROUP]; 3],
-    /// Value in units of 2^-16.
-    value: [[i32; GROUP]; 3],
-    /// Visibility and slopes.
-    rest: [u32; GROUP],
-}
-
-impl Setups {
-    fn new() -> Self {
-        let linear = [[0.0; GROUP]; 3];
-        let (boxes, value, rest) = ([[0; GROUP]; 4], [[0; GROUP]; 3], [0; GROUP]);
-        Self { boxes, across: linear, down: linear, reach: linear, value, rest }
-    }
-}
-
-/// Finds where the patches of a group go. The result has a bit for each that moves whole: that is turned towards
-/// the target eye, in front of it and inside the output.
-///
-/// On a plane `d1 = a + b u + c v` about the patch's centre pure parallax gives, about the same place,
-/// `d3 = (a + b U + c V) / (1 + a e_z + b e_x + c e_y)`, e relative to the centre, and (U, V) comes from
-/// `(u, v) = ((U, V) - d3 (e_x, e_y)) / (1 - d3 e_z)`: all linear in (U, V) but for the last division, which a
-/// comparison does not need.
-#[inline(always)]
-fn set_up<S: Simd>(simd: S, parallax: &Parallax, group: &PatchGroup, out: &mut Setups) -> u64 {
-    let load = |values: &[f32; GROUP]| f32x16::load_array_ref(simd, values);
-    let (x, y, half) = (load(&group.x), load(&group.y), load(&group.half));
-    let (a, b, c) = (load(&group.d), load(&group.slope_x), load(&group.slope_y));
-    let [ex, ey, ez] = parallax.epipole;
-    let one = f32x16::splat(simd, 1.0);
-    let (ex, ey) = (f32x16::splat(simd, ex) - x * ez, f32x16::splat(simd, ey) - y * ez);
-    let w3 = a * ez + 1.0;
-    let stretch = w3 + b * ex + c * ey;
-    let share = one / stretch;
-    let (p, q, r) = (a * share, b * share, c * share);
-
-    // The box of the corners, and the range of values at them.
-    let (across, down) = (b * half, c * half);
-    let mut boxed = [[f32x16::splat(simd, f32::MAX), f32x16::splat(simd, f32::MIN)]; 3];
-    let mut shallowest = w3;
-    for (right, below) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
-        let d = a + across * right + down * below;
-        let w3 = d * ez + 1.0;
-        shallowest = shallowest.min(w3);
-        let share = one / w3;
-        let corner = [(half * right + d * ex) * share, (half * below + d * ey) * share, d * share];
-        for (range, at) in boxed.iter_mut().zip(corner) {
-            *range = [range[0].min(at), range[1].max(at)];
-        }
-    }
-    // Neighbouring planes miss each other by twice what displacements are off them.
-    let margin = (ex.max(-ex).max(ey.max(-ey)) * (2.0 * parallax.tolerance) + MARGIN).min(0.45);
-    let [cx, cy] = [x + (parallax.origin[0] - 0.5), y + (parallax.origin[1] - 0.5)];
-    let (column, row) = ((boxed[0][0] + cx - margin).ceil(), (boxed[1][0] + cy - margin).ceil());
-    let (last_column, last_row) = ((boxed[0][1] + cx + margin).floor(), (boxed[1][1] + cy + margin).floor());
-    let Encoding { steps_per_unit, rounded_zero, slopes_per_unit } = parallax.encoding;
-    let slack = (q.max(-q) + r.max(-r)) * margin;
-    let ends = [boxed[2][0] - slack, boxed[2][1] + slack].map(|d| d * steps_per_unit + rounded_zero);
-    let whole = stretch.simd_ge(w3 * LEAST_STRETCH)
-        & shallowest.simd_ge(NEAREST_DEPTH_SHARE)
-        & half.simd_gt(0.0)
-        & column.simd_ge(0.0)
-        & row.simd_ge(0.0)
-        & last_column.simd_lt(parallax.width)
-        & last_row.simd_lt(parallax.height)
-        & ends[0].min(ends[1]).simd_ge(1.0)
-        & ends[0].max(ends[1]).simd_lt(32768.0);
-    if parallax.stored == Stored::AsPrinted {
-        return 0;
-    }
-
-    let (from_x, from_y) = (column - cx, row - cy);
-    let d3 = p + q * from_x + r * from_y;
-    let store = |values: [f32x16<S>; 3], out: &mut [[f32; GROUP]; 3]| {
-        for (values, out) in values.into_iter().zip(out) {
-            values.store_slice(out);
-        }
-    };
-    store([from_x - d3 * ex, one - q * ex, -(r * ex)], &mut out.across);
-    store([from_y - d3 * ey, -(q * ey), one - r * ey], &mut out.down);
-    let depth = half * ez;
-    store([half + margin - d3 * depth, -(q * depth), -(r * depth)], &mut out.reach);
-    let boxes = [column, row, last_column - column + 1.0, last_row - row + 1.0];
-    for (value, out) in boxes.into_iter().zip(&mut out.boxes) {
-        value.to_int::<i32x16<S>>().store_slice(out);
-    }
-    let fixed = steps_per_unit * 65536.0;
-    let values = [d3 * fixed + rounded_zero * 65536.0, q * fixed, r * fixed];
-    for (value, out) in values.into_iter().zip(&mut out.value) {
-        value.to_int::<i32x16<S>>().store_slice(out);
-    }
-    let slopes = (slope_units(q * slopes_per_unit) << 8) | slope_units(r * slopes_per_unit);
-    (slopes | u32x16::load_array_ref(simd, &group.visible)).store_slice(&mut out.rest);
-    whole.to_bitmask()
-}
-
-/// Least cells by which a patch reaches beyond its square, for the rounding of its edges.
-const MARGIN: f32 = 1e-3;
-
-/// Surfaces that pure parallax compresses by more than this, or turns round, move cell by cell.
-const LEAST_STRETCH: f32 = 0.25;
-
-/// Puts a patch where it is nearer than what is there.
-#[inline(always)]
-fn draw_patch<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &mut Band) {
-    let [column, row, columns, rows] = setups.boxes.map(|values| values[lane]);
-    if row >= band.first + band.rows || row + rows <= band.first {
-        return;
-    }
-    let lanes = f32x16::load_array_ref(simd, &LANE_NUMBERS);
-    let whole_lanes = i32x16::load_array_ref(simd, &WHOLE_LANE_NUMBERS);
-    let rest = u32x16::splat(simd, setups.rest[lane]);
-    let linear = |values: &[[f32; GROUP]; 3], skipped: f32| {
-        let [start, step, down] = [values[0][lane], values[1][lane], values[2][lane]];
-        (lanes * step + (start + step * skipped), f32x16::splat(simd, down))
-    };
-    for skipped in (0..columns).step_by(16) {
-        let (mut across, across_down) = linear(&setups.across, skipped as f32);
-        let (mut down, down_down) = linear(&setups.down, skipped as f32);
-        let (mut reach, reach_down) = linear(&setups.reach, skipped as f32);
-        let [start, step, value_down] = setups.value.map(|values| values[lane]);
-        let start = start.wrapping_add(step.wrapping_mul(skipped));
-        let mut value = whole_lanes * step + start;
-        for y in row - band.first..row - band.first + rows {
-            if (0..band.rows).contains(&y) {
-                let farthest = across.abs().max(down.abs());
-                let packed = (value.bitcast::<u32x16<S>>() & 0x7fff_0000) | rest;
-                let packed = farthest.simd_le(reach).select(packed, u32x16::splat(simd, 0));
-                put(simd, packed, (y * band.width + column + skipped) as usize, band.cells);
-            }
-            (across, down, reach) = (across + across_down, down + down_down, reach + reach_down);
-            value += value_down;
-        }
-    }
-}
-
-/// The larger of what is there and what comes.
-#[inline(always)]
-fn put<S: Simd>(simd: S, values: u32x16<S>, index: usize, cells: &mut [u32]) {
-    if let Some(target) = cells.get_mut(index..index + 16) {
-        u32x16::from_slice(simd, target).max(values).store_slice(target);
-    } else if let Some(target) = cells.get_mut(index..) {
-        for (cell, value) in target.iter_mut().zip(values.to_array()) {
-            *cell = value.max(*cell);
-        }
-    }
-}
-
-/// Numbers of the cells in a vector.
-const WHOLE_LANE_NUMBERS: [i32; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
-
 /// [`Coding::displacement`] at the centre, and the slopes.
 #[inline(always)]
 fn decode<S: Simd>(cells: u32x16<S>, coding: &Coding) -> (f32x16<S>, f32x16<S>, f32x16<S>) {
@@ -516,9 +405,37 @@ fn encode<S: Simd>(
     (source & VISIBLE) | (value << 16) | (x << 8) | y
 }
 
-/// A slope in units as 8 bits, rounded to nearest: shifted to be positive, so that truncation rounds.
-#[inline(always)]
-fn slope_units<S: Simd>(units: f32x16<S>) -> u32x16<S> {
-    let units = units.max(-127.0).min(127.0) + 128.5;
-    (units.to_int::<i32x16<S>>() - 128).bitcast::<u32x16<S>>() & 0xff
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capture::Camera;
+    use crate::sprite::{Displacement, DisplacementFormat, Plane, Sprite};
+    use glam::{DMat3, DVec3, dvec3};
+    use image::{Rgba, RgbaImage};
+
+    #[test]
+    fn bands_agree_with_the_whole() {
+        const SIDE: u32 = 144;
+        let camera = Camera::look_at(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 50.0, SIDE, SIDE).expect("valid");
+        let color = RgbaImage::from_pixel(SIDE, SIDE, Rgba([255; 4]));
+        let sprite = Sprite::new(color, camera, Plane::through(DVec3::ZERO, DVec3::Z)).expect("valid");
+        // Squares at heights of their own: gaps of more rows than filling takes steps lie everywhere.
+        let height = |x: u32, y: u32| ((x / 24 * 37 + y / 24 * 101) % 11) as f32 / 11.0;
+        let values: Vec<f32> = (0..SIDE * SIDE).map(|i| height(i % SIDE, i / SIDE)).collect();
+        let displacement = Displacement::new(SIDE, SIDE, &values, DisplacementFormat::F32).expect("finite");
+        let field = Field::of_sprite(&sprite, &displacement);
+        let transfer = Transfer::from_parts(DMat3::IDENTITY, dvec3(4.0, 60.0, 0.05), 1.0).expect("regular");
+        let moved = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            let (mut out, mut memory) = (Field::empty(), Vec::new());
+            let pass = FirstPass { cell_px: [1.0; 2], stored: Stored::Corrected, fill_steps: 5 };
+            pool.install(|| forward(Level::new(), &field, &transfer, pass, &mut out, &mut memory));
+            out
+        };
+        let whole = moved(1);
+        assert!(whole.cells.contains(&0) && whole.cells.iter().any(|&cell| cell != 0), "gaps wider than are filled");
+        for threads in 2..7 {
+            assert!(moved(threads) == whole, "{threads} threads");
+        }
+    }
 }

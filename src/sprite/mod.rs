@@ -9,7 +9,7 @@
 //! | paper | here |
 //! |---|---|
 //! | camera with the plane as third row, homography, epipole (Eq. 1 to 6; C4, C6) | `transfer` |
-//! | first pass: d1 to d3 (Eq. 6; C5, C7), in pieces of planes; gap filling (S9) | `patches`, `forward`, `fill` |
+//! | first pass: d1 to d3 (Eq. 6; C5, C7), in pieces of planes; gap filling (S9) | `patches`, `forward`, `planes`, `fill` |
 //! | second pass (Eq. 7, 8; C5), crude one-pass, displacement field, affine parallax | `backward` |
 //! | forward mapping of colours (Eq. 4), what the paper argues against | `splat` |
 //!
@@ -28,6 +28,7 @@ mod images;
 mod import;
 mod patches;
 mod plane;
+mod planes;
 mod render;
 mod sampling;
 mod set;

@@ -2,8 +2,7 @@
 
 use super::backward::{Parallax, View, backward};
 use super::field::Field;
-use super::fill::fill;
-use super::forward::{Stored, forward};
+use super::forward::{BandMemory, FirstPass, Stored, forward};
 use super::sampling::Sampling;
 use super::shift::ShiftField;
 use super::splat::splat;
@@ -127,6 +126,7 @@ impl PreparedSprite {
 pub struct SpriteRenderer {
     level: Level,
     moved: Field,
+    bands: Vec<BandMemory>,
     nearness: Vec<f32>,
 }
 
@@ -144,7 +144,7 @@ impl SpriteRenderer {
 
     /// For a given SIMD level: every level gives the same bytes, as does every number of threads.
     pub fn with_level(level: Level) -> Self {
-        Self { level, moved: Field::empty(), nearness: Vec::new() }
+        Self { level, moved: Field::empty(), bands: Vec::new(), nearness: Vec::new() }
     }
 
     /// Draws `sprite` as `target` sees it into `frame`, which takes the target's size; what was in it is gone. Runs on
@@ -191,8 +191,8 @@ impl SpriteRenderer {
         if moves {
             let as_printed = options.variant == Variant::AsPrinted;
             let stored = if as_printed { Stored::AsPrinted } else { Stored::Corrected };
-            forward(self.level, field, transfer, *cell_px, stored, &mut self.moved);
-            fill(self.level, &mut self.moved, options.fill_steps);
+            let pass = FirstPass { cell_px: *cell_px, stored, fill_steps: options.fill_steps };
+            forward(self.level, field, transfer, pass, &mut self.moved, &mut self.bands);
         }
         let shifts;
         let parallax = match options.variant {

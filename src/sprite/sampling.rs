@@ -29,7 +29,8 @@ pub(super) const LANES: usize = 16;
 pub(super) const LANE_NUMBERS: [f32; LANES] =
     [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
 
-/// Addresses and texels of a block on their way.
+/// Addresses and texels of a block on their way. Aligned as cache lines are: vectors that lie across two cost twice.
+#[repr(align(64))]
 pub(super) struct Footprints {
     /// Index of the top left texel.
     offsets: [u32; BLOCK],
@@ -37,13 +38,13 @@ pub(super) struct Footprints {
     upper: [u32; BLOCK],
     /// Weights of the two lower texels.
     lower: [u32; BLOCK],
-    /// Top left, top right, bottom left, bottom right; in the order that [`mix`] wants.
-    texels: [[u32; 4]; BLOCK],
+    /// Top left, bottom left, top right, bottom right; in the order that [`mix`] wants.
+    texels: [[[u32; 2]; 2]; BLOCK],
 }
 
 impl Footprints {
     pub(super) fn new() -> Self {
-        Self { offsets: [0; BLOCK], upper: [0; BLOCK], lower: [0; BLOCK], texels: [[0; 4]; BLOCK] }
+        Self { offsets: [0; BLOCK], upper: [0; BLOCK], lower: [0; BLOCK], texels: [[[0; 2]; 2]; BLOCK] }
     }
 }
 
@@ -134,7 +135,7 @@ const fn in_each_block(indices: [u8; 16]) -> [u8; 64] {
 }
 
 /// Left and right of each channel, the upper texel in the low byte, the lower one in the high byte.
-const BY_CHANNEL: [u8; 64] = in_each_block([0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 11, 7, 15]);
+const BY_CHANNEL: [u8; 64] = in_each_block([0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15]);
 /// Rows become columns.
 const TRANSPOSED: [u8; 64] = in_each_block([0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15]);
 /// The k-th of four 32-bit numbers, four times.
@@ -150,7 +151,6 @@ pub(super) const COPIES: [[u8; 64]; 4] = [
 pub(super) fn sample<S: Simd, const NEAREST: bool>(
     simd: S,
     texture: &Texture,
-    map: &TexelMap,
     footprints: &mut Footprints,
     count: usize,
     out: &mut [u32; BLOCK],
@@ -158,17 +158,16 @@ pub(super) fn sample<S: Simd, const NEAREST: bool>(
     let texels = texture.texels.as_slice();
     if NEAREST {
         for (out, &offset) in out.iter_mut().zip(&footprints.offsets[..count]) {
-            *out = texels.get(offset as usize).copied().unwrap_or(0);
+            *out = texels.get(offset as usize).map_or(0, |texel| texel[0]);
         }
         return;
     }
-    let stride = map.level.stride as usize;
     let offsets = footprints.offsets[..count].chunks_exact(LANES);
     for (offsets, fetched) in offsets.zip(footprints.texels.chunks_exact_mut(LANES)) {
         for lane in 0..LANES {
             let offset = offsets[lane] as usize;
-            if let Some(window) = texels.get(offset..offset + stride + 2) {
-                fetched[lane % 4 * 4 + lane / 4] = [window[0], window[1], window[stride], window[stride + 1]];
+            if let Some(window) = texels.get(offset..offset + 2) {
+                fetched[lane % 4 * 4 + lane / 4] = [window[0], window[1]];
             }
         }
     }

@@ -26,7 +26,7 @@ pub(super) fn splat(
     let level = texture.levels[0];
     for y in 0..level.height {
         for x in 0..level.width {
-            let color = texture.texels[(level.origin + y * level.stride + x) as usize];
+            let color = texture.texels[(level.origin + y * level.stride + x) as usize][0];
             if color >> 24 == 0 {
                 continue;
             }

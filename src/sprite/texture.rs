@@ -29,7 +29,8 @@ pub(super) struct MipLevel {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Texture {
-    pub texels: Vec<u32>,
+    /// Each texel with the one below it, so that a bilinear footprint is one piece of memory.
+    pub texels: Vec<[u32; 2]>,
     pub levels: Vec<MipLevel>,
 }
 
@@ -54,11 +55,13 @@ impl Texture {
         let stride = width + BORDER;
         let start = self.texels.len();
         let origin = start + stride as usize + 1;
-        self.texels.resize(start + stride as usize * (height + BORDER) as usize, 0);
+        self.texels.resize(start + stride as usize * (height + BORDER) as usize, [0; 2]);
         for (y, row) in pixels.chunks_exact(width as usize).enumerate() {
             let first = origin + y * stride as usize;
-            for (texel, &pixel) in self.texels[first..].iter_mut().zip(row) {
-                *texel = u32::from_le_bytes(pixel);
+            for (x, &pixel) in row.iter().enumerate() {
+                let pixel = u32::from_le_bytes(pixel);
+                self.texels[first + x][0] = pixel;
+                self.texels[first + x - stride as usize][1] = pixel;
             }
         }
         self.levels.push(MipLevel { origin: origin as u32, stride, width, height });
@@ -96,8 +99,9 @@ mod tests {
         let sizes: Vec<_> = texture.levels.iter().map(|l| (l.width, l.height)).collect();
         assert_eq!(sizes, [(5, 3), (3, 2), (2, 1), (1, 1)]);
         for level in &texture.levels {
-            let at =
-                |x: i64, y: i64| texture.texels[(i64::from(level.origin) + y * i64::from(level.stride) + x) as usize];
+            let at = |x: i64, y: i64| {
+                texture.texels[(i64::from(level.origin) + y * i64::from(level.stride) + x) as usize][0]
+            };
             let (w, h) = (i64::from(level.width), i64::from(level.height));
             for y in -1..h + 2 {
                 assert_eq!([at(-1, y), at(w, y), at(w + 1, y)], [0; 3]);
@@ -107,7 +111,7 @@ mod tests {
             }
             assert_ne!(at(0, 0), 0);
         }
-        assert_eq!(texture.texels[texture.levels[0].origin as usize], u32::from_le_bytes([255, 128, 0, 255]));
+        assert_eq!(texture.texels[texture.levels[0].origin as usize][0], u32::from_le_bytes([255, 128, 0, 255]));
     }
 
     #[test]

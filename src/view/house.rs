@@ -22,8 +22,10 @@ use headbox_viewer::{
     Control, Fact, Figure, FrameReport, FrameRequest, FrameSource, Navigation, Plan, Pose, Refinement, Room, Setting,
     Stage,
 };
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, TryRecvError};
 use std::time::Duration;
 
@@ -51,8 +53,20 @@ pub(super) struct HouseSource {
     /// The variant to begin with.
     initial: Variant,
     threads: FewerThreads,
-    /// The same house with its light baked in, from a thread of low priority, which ends by itself.
-    lit: Option<Receiver<Result<House, String>>>,
+    /// The same house with its light baked in, if that is still to come.
+    lit: Option<LitLater>,
+}
+
+/// A house whose light is baked on a thread of low priority, for as long as this lives.
+struct LitLater {
+    house: Receiver<Result<House, String>>,
+    given_up: Arc<AtomicBool>,
+}
+
+impl Drop for LitLater {
+    fn drop(&mut self) {
+        self.given_up.store(true, Ordering::Relaxed);
+    }
 }
 
 impl HouseSource {
@@ -73,7 +87,7 @@ impl HouseSource {
         let mut model = scenes::house(0, BUILTIN_TRIANGLES);
         model.mend();
         let house = House::new(model.clone()).map_err(|error| error.to_string())?;
-        let lit = Some(bake_in_background(model)?);
+        let lit = Some(LitLater::begin(model)?);
         let plain = Self::new("builtin:house".into(), house, Store::new(BUDGET_BYTES), Quality::default());
         Ok(Self { lit, ..plain })
     }
@@ -87,7 +101,7 @@ impl HouseSource {
     /// Takes the lit house over once it is there. Returns whether it is still to come.
     fn awaits_light(&mut self) -> Result<bool, String> {
         let Some(lit) = &self.lit else { return Ok(false) };
-        let house = match lit.try_recv() {
+        let house = match lit.house.try_recv() {
             Err(TryRecvError::Empty) => return Ok(true),
             Err(TryRecvError::Disconnected) => {
                 Err("Light could not be baked because of an error in the program.".into())
@@ -101,17 +115,27 @@ impl HouseSource {
     }
 }
 
-/// Bakes the light of a model on a thread of low priority.
-fn bake_in_background(model: PortalModel) -> Result<Receiver<Result<House, String>>, String> {
-    let (sender, receiver) = mpsc::channel();
-    let pool = background::pool("light")?;
-    let work = move || {
-        let house = pool.install(|| House::new(bake_model(model, &BUILTIN_LIGHT, &|_, _| ())));
-        // The window may show something else by now.
-        let _ = sender.send(house.map_err(|error| error.to_string()));
-    };
-    std::thread::Builder::new().name("light".into()).spawn(work).map_err(|e| format!("Cannot start a thread: {e}."))?;
-    Ok(receiver)
+impl LitLater {
+    /// Begins to bake the light of a model.
+    fn begin(model: PortalModel) -> Result<Self, String> {
+        let (sender, house) = mpsc::channel();
+        let given_up = Arc::new(AtomicBool::new(false));
+        let unwanted = Arc::clone(&given_up);
+        let pool = background::pool("light")?;
+        let work = move || {
+            let is_unwanted = || unwanted.load(Ordering::Relaxed);
+            let go_on = |_, _| if is_unwanted() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+            let model = pool.install(|| bake_model(model, &BUILTIN_LIGHT, &go_on));
+            if !is_unwanted() {
+                let house = pool.install(|| House::new(model));
+                // The window may show something else by now.
+                let _ = sender.send(house.map_err(|error| error.to_string()));
+            }
+        };
+        let thread = std::thread::Builder::new().name("light".into()).spawn(work);
+        thread.map_err(|error| format!("Cannot start a thread: {error}."))?;
+        Ok(Self { house, given_up })
+    }
 }
 
 /// Inside a room, at the height of an eye, looking toward the door by which a walk through the house begins. Where there is

@@ -1,13 +1,13 @@
 //! Irradiance at vertices.
 
-use super::BakeOptions;
+use super::{BakeOptions, Progress};
 use crate::light::{LightSample, Lighting, LitPoint, luminance};
 use crate::sampler::{random4, unit_float};
 use crate::scene::{Scene, Triangle};
 use crate::trace::Tracer;
 use glam::Vec3;
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 /// Triangles around a vertex without a normal share its light where their normals differ by no more than this: the
 /// cosine of 30 degrees.
@@ -46,16 +46,21 @@ struct Light {
 impl VertexLight<'_> {
     /// Multiplies the vertex colours of `scene` by light. `sources` names the triangle of the tracer's scene that each
     /// of its triangles is a piece of.
-    pub(super) fn bake(&self, scene: &mut Scene, sources: &[u32], progress: &(dyn Fn(usize, usize) + Sync)) {
+    pub(super) fn bake(&self, scene: &mut Scene, sources: &[u32], progress: &Progress<'_>) {
         let corners = separate_creases(scene);
         let count = scene.positions.len();
-        let done = AtomicUsize::new(0);
+        let (done, given_up) = (AtomicUsize::new(0), AtomicBool::new(false));
         let mut lights: Vec<Light> = (0..count)
             .into_par_iter()
             .map(|vertex| {
+                if given_up.load(Ordering::Relaxed) {
+                    return Light::default();
+                }
                 let light = self.light(scene, sources, &corners, vertex);
-                if (done.fetch_add(1, Ordering::Relaxed) + 1).is_multiple_of(REPORT) {
-                    progress(done.load(Ordering::Relaxed), count);
+                if (done.fetch_add(1, Ordering::Relaxed) + 1).is_multiple_of(REPORT)
+                    && progress(done.load(Ordering::Relaxed), count).is_break()
+                {
+                    given_up.store(true, Ordering::Relaxed);
                 }
                 light
             })
@@ -63,7 +68,10 @@ impl VertexLight<'_> {
         for _ in 0..self.options.smoothing {
             lights = smooth(scene, &corners, &lights);
         }
-        progress(count, count);
+        if !given_up.into_inner() {
+            // The end of the work: nothing is left to be given up.
+            let _ = progress(count, count);
+        }
         let exposure = self.lighting.exposure;
         scene.colors.resize(count, Vec3::ONE);
         for (color, light) in scene.colors.iter_mut().zip(lights) {

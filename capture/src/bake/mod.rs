@@ -19,6 +19,7 @@ use crate::portal_model::PortalModel;
 use crate::scene::{Scene, Sky};
 use crate::trace::Tracer;
 use light::VertexLight;
+use std::ops::ControlFlow;
 use std::sync::Arc;
 use subdivide::subdivide;
 
@@ -59,9 +60,12 @@ pub struct Baked {
     pub exposure: f32,
 }
 
-/// Bakes the light of a valid scene ([`Scene::validate`]). `progress` is told now and then how many vertices, of how
-/// many, are done. The same bytes on any number of threads.
-pub fn bake(source: &Arc<Scene>, options: &BakeOptions, progress: &(dyn Fn(usize, usize) + Sync)) -> Baked {
+/// Is told now and then how many vertices, of how many, are done, in any order. After a `Break` the rest stays dark: the
+/// work ends soon, with something that nobody will look at.
+pub type Progress<'a> = dyn Fn(usize, usize) -> ControlFlow<()> + Sync + 'a;
+
+/// Bakes the light of a valid scene ([`Scene::validate`]). The same bytes on any number of threads.
+pub fn bake(source: &Arc<Scene>, options: &BakeOptions, progress: &Progress<'_>) -> Baked {
     let [low, high] = source.bounds();
     let tracer = Tracer::new(Arc::clone(source), (low + high) / 2.0);
     let lighting = Lighting::measure(&tracer, options.bounces);
@@ -85,7 +89,7 @@ pub fn bake(source: &Arc<Scene>, options: &BakeOptions, progress: &(dyn Fn(usize
 }
 
 /// Bakes the light of a portal model's scene (see [`bake`]); each cell keeps its surfaces.
-pub fn bake_model(model: PortalModel, options: &BakeOptions, progress: &(dyn Fn(usize, usize) + Sync)) -> PortalModel {
+pub fn bake_model(model: PortalModel, options: &BakeOptions, progress: &Progress<'_>) -> PortalModel {
     let baked = bake(&Arc::new(model.scene), options, progress);
     let piece = |triangle: u32| baked.pieces.get(triangle as usize).copied().unwrap_or_default();
     let mut cells = model.cells;
