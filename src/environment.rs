@@ -66,7 +66,7 @@ impl Environment {
         }
         let k = f32x16::load_array(simd, std::array::from_fn(|i| i as f32));
         let splat = |v: f32| f32x16::splat(simd, v);
-        let [x, y, z] = [0, 1, 2].map(|axis| k * step[axis] + start[axis]);
+        let (x, y, z) = (k * step.x + start.x, k * step.y + start.y, k * step.z + start.z);
         // As `Face::locate`: of a face, its number without the sign; right, up and depth.
         let (ax, ay, az) = (x.abs(), y.abs(), z.abs());
         let on_x = ax.simd_ge(ay) & ax.simd_ge(az);
@@ -123,11 +123,12 @@ impl Environment {
                 row[i] = self.texels.get(at..at + 2).map_or([[0; 4]; 2], |texels| [texels[0], texels[1]]);
             }
         }
-        let [[a, b], [c, d]] = rows.map(|pairs| {
+        let left_and_right = |pairs: [[[u8; 4]; 2]; 16]| {
             let words: [u32; 32] = bytemuck::cast(pairs);
-            let [low, high] = [&words[..16], &words[16..]].map(|words| u32x16::from_slice(simd, words));
-            <[u32x16<S>; 2]>::from(simd.deinterleave_u32x16(low, high))
-        });
+            let (low, high) = words.split_at(16);
+            simd.deinterleave_u32x16(u32x16::from_slice(simd, low), u32x16::from_slice(simd, high))
+        };
+        let ((a, b), (c, d)) = (left_and_right(rows[0]), left_and_right(rows[1]));
         let alpha = u32x16::splat(simd, u32::from_ne_bytes([0, 0, 0, 255]));
         let alike = ((a & b & c & d) & alpha).simd_eq((a | b | c | d) & alpha);
         // Two of the four bytes at a time, 16 bits each. Rounding of either step is at most half a level.

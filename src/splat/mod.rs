@@ -241,10 +241,10 @@ fn covered_lanes<S: Simd>(
 ) -> [i32x16<S>; 2] {
     let load = |values: &[f32; Splats::ROOM]| f32x16::from_slice(simd, &values[start..start + LANES]);
     let (position, radius) = (load(position), load(radius));
-    [position - radius, position + radius].map(|border| {
-        let inside = (border - 0.5).max(f32x16::splat(simd, first)).min(f32x16::splat(simd, end));
-        i32x16::truncate_from(inside.ceil())
-    })
+    let (first, end) = (f32x16::splat(simd, first), f32x16::splat(simd, end));
+    // Not by `map`: within a function of the standard library, which is compiled for no level, each operation is a call.
+    let beyond = |border: f32x16<S>| i32x16::truncate_from((border - 0.5).max(first).min(end).ceil());
+    [beyond(position - radius), beyond(position + radius)]
 }
 
 /// `v.ceil() as i32` for |v| < 2^24, without the call into libm that `ceil` is on processors before SSE4.1.

@@ -188,7 +188,8 @@ impl OverCanvas {
         let (mut columns, mut rows) = ([[0; Splats::ROOM]; 2], [[0; Splats::ROOM]; 2]);
         for at in (0..splats.count()).step_by(LANES) {
             let store = |found: [i32x16<S>; 2], to: &mut [[i32; Splats::ROOM]; 2]| {
-                to.iter_mut().zip(found).for_each(|(to, found)| found.store_slice(&mut to[at..at + LANES]));
+                found[0].store_slice(&mut to[0][at..at + LANES]);
+                found[1].store_slice(&mut to[1][at..at + LANES]);
             };
             store(covered_lanes(simd, [&splats.x, &splats.radius_x], at, [0.0, self.width as f32]), &mut columns);
             let bounds = [self.rows.start as f32, self.rows.end as f32];
@@ -250,7 +251,9 @@ impl Canvas for OverCanvas {
         let from = self.pixels.get(start..start + to.len()).unwrap_or(&[]);
         dispatch!(level, simd => {
             let _ = simd; // the code is plain; the level decides what it is compiled to
-            to.iter_mut().zip(from).for_each(|(to, from)| *to = straight(*from));
+            for (to, from) in to.iter_mut().zip(from) {
+                *to = straight(*from);
+            }
         });
     }
 }

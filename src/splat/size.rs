@@ -151,7 +151,7 @@ impl Size for FixedSize {
     #[inline(always)]
     fn footprints<S: Simd>(&self, simd: S, _: &Lanes<S>) -> FootprintLanes<S> {
         let radius = f32x16::splat(simd, self.radius_px);
-        let [weight, correlation] = [1.0, 0.0].map(|v| f32x16::splat(simd, v));
+        let (weight, correlation) = (f32x16::splat(simd, 1.0), f32x16::splat(simd, 0.0));
         FootprintLanes { radius_x: radius, radius_y: radius, weight, correlation }
     }
 }
@@ -293,7 +293,8 @@ impl TangentSize<'_> {
                     let plane = self.table.planes[index[i] as usize % SPLAT_INDEX_COUNT];
                     (xs[i], ys[i], zs[i]) = (plane.x, plane.y, plane.z);
                 }
-                [xs, ys, zs].map(|values| f32x16::load_array(simd, values))
+                let load = |values: [f32; LANES]| f32x16::load_array(simd, values);
+                [load(xs), load(ys), load(zs)]
             }
             Normals::Exact { normal: [x, y, z], .. } => {
                 let step = self.table.step;

@@ -113,7 +113,9 @@ impl<'a> SegmentWarp<'a> {
         let at_least = |radius: f32| count(shown & larger.simd_ge(splat(radius)));
         let (all, three, five, seven) = (count(shown), at_least(1.0), at_least(2.0), at_least(3.0));
         let counts = [all - three, three - five, five - seven, seven];
-        splats.by_footprint.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
+        for (sum, count) in splats.by_footprint.iter_mut().zip(counts) {
+            *sum += count;
+        }
         splats.len += all as usize;
     }
 }
