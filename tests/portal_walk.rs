@@ -15,7 +15,8 @@ use headbox::portal::house::{House, HouseError};
 use headbox::portal::path::WalkPath;
 use headbox::portal::store::{Builder, Store};
 use headbox::portal::tour::Tour;
-use headbox::portal::walk::{Division, Near, WalkSettings, Walker, likely};
+use headbox::portal::visit::likely;
+use headbox::portal::walk::{Division, Near, WalkSettings, Walker};
 use headbox::raster::Seen;
 use std::sync::Arc;
 
@@ -332,6 +333,26 @@ fn an_eye_in_a_wall_or_outside_sees_all_geometry() {
         let (frame, stats) = walker.frame(&house, &store, &camera, &WalkSettings::default());
         assert_eq!((stats.cell, stats.geometry_cells), (None, 3));
         assert!(wrong_share(frame, &truth(&house, &camera), |_| true) < 0.001);
+    }
+}
+
+/// Eyes where walls of the built-in house meet, in planes of portals and a hair off; and every eye of a walk.
+#[test]
+fn an_eye_where_walls_meet_is_in_a_wall() {
+    let house = House::new(headbox::scenes::house(0, 5_000)).expect("a valid model");
+    let in_walls = [
+        dvec3(10.4823, 1.025, 0.400001),
+        dvec3(-13.499999, 1.55, -1.51201),
+        dvec3(5.35658, 1.4, -6.98),
+        dvec3(10.500001, 1.025, -4.293937),
+        dvec3(0.91861, 1.4, -6.999999999),
+    ];
+    for eye in in_walls {
+        assert_eq!(house.cell_of_eye(eye), None, "{eye}");
+    }
+    let path = WalkPath { poses: 200, size: [64, 48], ..WalkPath::default() };
+    for camera in path.cameras(&house).expect("valid cameras") {
+        assert!(house.cell_of_eye(camera.eye()).is_some(), "{}", camera.eye());
     }
 }
 

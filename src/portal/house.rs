@@ -144,17 +144,23 @@ impl House {
         passing.or_else(|| self.plan.cell_at(eye).filter(|_| !self.is_in_wall(eye)))
     }
 
-    /// Whether a point lies between the backs of two surfaces no farther apart than a wall is thick.
+    /// Whether a point lies between the backs of two surfaces no farther apart than a wall is thick; or, where walls meet, sees
+    /// nothing but backs all around.
     fn is_in_wall(&self, p: DVec3) -> bool {
         let origin = (p - self.tracer.origin()).as_vec3();
-        let to_back = |direction: Vec3| {
-            let hit = self.tracer.closest(&Ray { origin, direction, t_min: 0.0, t_max: 2.0 * REVEAL_M as f32 })?;
+        let to_back = |direction: Vec3, t_max: f32| {
+            let hit = self.tracer.closest(&Ray { origin, direction, t_min: 0.0, t_max })?;
             (self.scene().geometric_normal(hit.primitive).dot(direction) > 0.0).then_some(hit.t)
         };
-        [Vec3::X, Vec3::Z].into_iter().any(|axis| {
-            let between = to_back(axis).zip(to_back(-axis)).map(|(a, b)| f64::from(a + b));
+        let between_two = [Vec3::X, Vec3::Z].into_iter().any(|axis| {
+            let reach = 2.0 * REVEAL_M as f32;
+            let between = to_back(axis, reach).zip(to_back(-axis, reach)).map(|(a, b)| f64::from(a + b));
             between.is_some_and(|between| between < 2.0 * REVEAL_M)
-        })
+        });
+        // None of them along a wall that stands square.
+        let around =
+            [[5.0, 12.0], [12.0, 5.0], [12.0, -5.0], [5.0, -12.0]].map(|[x, z]| Vec3::new(x / 13.0, 0.0, z / 13.0));
+        between_two || around.iter().flat_map(|d| [*d, -*d]).all(|d| to_back(d, f32::INFINITY).is_some())
     }
 }
 

@@ -7,6 +7,7 @@
 //! * [`backdrop`]: what stands in for everything behind a portal: textures, warped images, layered depth images.
 //! * [`file`](mod@file): the `.house` file, a model with its captures.
 //! * [`store`]: backdrops in memory, built in the background.
+//! * [`visit`]: which cells a frame draws as geometry, and where backdrops begin.
 //! * [`walk`]: a frame of all of this; [`variant`]: the ways to draw it; [`tour`]: with backdrops built ahead of need.
 //! * [`measure`]: time and error of every way along a walk.
 //! * [`path`]: a walk through every room.
@@ -23,4 +24,5 @@ pub mod plan;
 pub mod store;
 pub mod tour;
 pub mod variant;
+pub mod visit;
 pub mod walk;

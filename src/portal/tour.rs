@@ -3,7 +3,8 @@
 use super::backdrop::Quality;
 use super::house::House;
 use super::store::{Builder, Store};
-use super::walk::{WalkSettings, WalkStats, Walker, likely};
+use super::visit::likely;
+use super::walk::{WalkSettings, WalkStats, Walker};
 use crate::capture::Camera;
 use crate::frame::Frame;
 use crate::raster::RasterFrame;

@@ -21,8 +21,8 @@ pub struct Variant {
 
 impl Variant {
     /// All ways: culled geometry; each backdrop; one warped image over the frame before (R8); and the 13-image LDI with the
-    /// fixed stamps of R7 in place of footprints of the samples' sizes.
-    pub const ALL: [Self; 15] = [
+    /// fixed stamps of R7 in place of footprints of the samples' sizes; and the window LDI with opaque rectangles of those sizes.
+    pub const ALL: [Self; 16] = [
         Self { name: "geometry", kind: None, ..Self::PLAIN },
         Self::of(Kind::Texture),
         Self::of(Kind::Textures),
@@ -36,6 +36,7 @@ impl Variant {
         Self { name: "ldi-2x2", kind: Some(Kind::Ldi), kernel: SplatKernel::Square2, ..Self::PLAIN },
         Self { name: "ldi-3x3", kind: Some(Kind::Ldi), kernel: SplatKernel::Square3, ..Self::PLAIN },
         Self::of(Kind::WindowLdi),
+        Self { name: "window-ldi-opaque", kind: Some(Kind::WindowLdi), kernel: SplatKernel::Opaque, ..Self::PLAIN },
         Self::of(Kind::CellLdi),
         Self::of(Kind::Sprite),
     ];

@@ -1,7 +1,7 @@
 //! A frame of a walk: geometry for the eye's cell and for near ones, backdrops behind all other portals (inventory R3, R15,
 //! P1).
 //!
-//! 1. From the eye's cell on, cells are visited through portals ([`cull`]). A portal near the eye is passed: the next cell is
+//! 1. From the eye's cell on, cells are visited through portals ([`cull`](super::cull)). A portal near the eye is passed: the next cell is
 //!    drawn as geometry too. Any other ends the visit, if its backdrop is at hand; without one it is passed as well, so that
 //!    a missing image never leaves a hole.
 //! 2. The visited cells are rasterised, and the portals where the visit ended with them, as markers without colour: the depth
@@ -9,12 +9,13 @@
 //! 3. Each backdrop is drawn for the smallest rectangle that holds its portal's pixels, and copied into these alone.
 
 use super::backdrop::{Backdrop, BackdropError, BackdropStats, Drawer, Kind, PortalSide, Quality};
-use super::cull::{self, CellView, Limits};
+use super::cull::Limits;
 use super::house::House;
-use super::store::{Key, Store};
+use super::store::Store;
+use super::visit::{Boundary, union, visit};
 use crate::capture::Camera;
 use crate::frame::{Coverage, Frame};
-use crate::raster::{GroupWindow, Marker, RasterFrame, RasterStats, RasterView, Rasterizer, Seen};
+use crate::raster::{Marker, RasterFrame, RasterStats, RasterView, Rasterizer, Seen};
 use crate::warp::{Parallel, RenderSettings};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -63,16 +64,15 @@ impl Near {
     }
 }
 
-/// How threads share the work behind portals; all ways give the same frame.
+/// How threads share the work behind portals, whose backdrops are drawn side by side; all ways give the same frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Division {
-    /// One backdrop after the other, each in a band of rows for each thread: a depth pixel near the border of two is warped for
-    /// both.
+    /// Each backdrop in a band of rows for each thread: a depth pixel near the border of two is warped for both.
     #[default]
     Bands,
     /// Each portal's backdrop, a sheet of R6, by one thread.
     Portals,
-    /// One backdrop after the other, each in the fragments of P5 and P6 for each thread.
+    /// Each backdrop in the fragments of P5 and P6 for each thread.
     Fragments,
 }
 
@@ -135,14 +135,6 @@ pub struct WalkStats {
     pub backdrop_ms: f64,
 }
 
-/// A portal where the visit ended.
-struct Boundary {
-    at: PortalSide,
-    backdrop: Arc<Backdrop>,
-    /// Columns and rows that it can touch.
-    window: [Range<u32>; 2],
-}
-
 /// The part of a frame that a backdrop fills.
 struct Part<'a> {
     /// Of the portal's marker.
@@ -158,7 +150,7 @@ struct Part<'a> {
 #[derive(Default)]
 pub struct Walker {
     rasterizer: Rasterizer,
-    /// One for each portal where portals are drawn side by side, else one.
+    /// One for each portal that shows a backdrop.
     drawers: Vec<Drawer>,
     previous: Frame,
     stats: WalkStats,
@@ -261,19 +253,11 @@ impl Walker {
         let numbered = (0..).zip(boundaries);
         let parts: Vec<Part> =
             numbered.filter_map(|(number, boundary)| Part::of(output, number, boundary, camera)).collect();
-        let wanted = if settings.division == Division::Portals { parts.len() } else { 1 };
-        self.drawers.resize_with(self.drawers.len().max(wanted), Drawer::default);
-        if settings.division == Division::Portals {
-            let side_by_side = self.drawers.par_iter_mut().zip(&parts);
-            let drawn: Vec<_> = side_by_side.map(|(drawer, part)| part.draw(drawer, settings)).collect();
-            for (part, (drawn, took)) in parts.iter().zip(drawn) {
-                part.copy(drawn, took, output, stats);
-            }
-        } else if let Some(drawer) = self.drawers.first_mut() {
-            for part in &parts {
-                let (drawn, took) = part.draw(drawer, settings);
-                part.copy(drawn, took, output, stats);
-            }
+        self.drawers.resize_with(self.drawers.len().max(parts.len()), Drawer::default);
+        let side_by_side = self.drawers.par_iter_mut().zip(&parts).with_max_len(1);
+        let drawn: Vec<_> = side_by_side.map(|(drawer, part)| part.draw(drawer, settings)).collect();
+        for (part, (drawn, took)) in parts.iter().zip(drawn) {
+            part.copy(drawn, took, output, stats);
         }
     }
 }
@@ -309,64 +293,6 @@ impl<'a> Part<'a> {
     }
 }
 
-/// The cells to be drawn as geometry, and the portals where backdrops begin.
-fn visit(
-    house: &House,
-    store: &Store,
-    camera: &Camera,
-    settings: &WalkSettings,
-    stats: &mut WalkStats,
-) -> (Vec<GroupWindow>, Vec<Boundary>) {
-    let Some(cell) = stats.cell else {
-        let all = 0..house.mesh().group_count() as u32;
-        return (all.map(|group| GroupWindow { group, window: None }).collect(), Vec::new());
-    };
-    let near = settings.near.distance_m(camera);
-    let mut boundaries: Vec<Boundary> = Vec::new();
-    let views = cull::visible_cells(house.plan(), camera, cell, &settings.limits, |portal, view| {
-        let Some(kind) = settings.backdrops else { return true };
-        let Some(at) = side_toward(house, portal, view.cell) else { return true };
-        if at.opening(house).is_none_or(|opening| opening.distance(camera.eye()) < near) {
-            return true;
-        }
-        let window = view.window.rectangle(camera);
-        if let Some(known) = boundaries.iter_mut().find(|boundary| boundary.at == at) {
-            known.window = union(&known.window, &window);
-            return false;
-        }
-        let Some(backdrop) = store.get((at, kind)) else {
-            stats.missing.push(at);
-            return true;
-        };
-        boundaries.push(Boundary { at, backdrop, window });
-        false
-    });
-    (groups(&views, camera), boundaries)
-}
-
-/// The side of a portal that looks into a cell.
-fn side_toward(house: &House, portal: u32, cell: u32) -> Option<PortalSide> {
-    let cells = house.plan().portals.get(portal as usize)?.cells;
-    Some(PortalSide { portal, side: u8::from(cells[0] == cell) })
-}
-
-/// Each visited cell once, with the rectangle that holds all of its windows.
-fn groups(views: &[CellView], camera: &Camera) -> Vec<GroupWindow> {
-    let mut groups: Vec<GroupWindow> = Vec::new();
-    for view in views {
-        let window = view.window.rectangle(camera);
-        match groups.iter_mut().find(|group| group.group == view.cell) {
-            Some(group) => group.window = group.window.as_ref().map(|known| union(known, &window)),
-            None => groups.push(GroupWindow { group: view.cell, window: Some(window) }),
-        }
-    }
-    groups
-}
-
-fn union(a: &[Range<u32>; 2], b: &[Range<u32>; 2]) -> [Range<u32>; 2] {
-    [0, 1].map(|i| a[i].start.min(b[i].start)..a[i].end.max(b[i].end))
-}
-
 fn marker(house: &House, number: u32, boundary: &Boundary) -> Option<Marker> {
     Some(Marker { polygon: boundary.at.opening(house)?.corners, number })
 }
@@ -397,30 +323,4 @@ fn persist(output: &mut RasterFrame, previous: &Frame, camera: &Camera) {
             *color = *old;
         }
     }
-}
-
-/// The backdrops that an eye is likely to need, the likeliest first: those of its own cell by distance, then those of the
-/// cells behind near portals.
-pub fn likely(house: &House, eye: glam::DVec3, kind: Kind) -> Vec<Key> {
-    let Some(cell) = house.cell_of_eye(eye) else { return Vec::new() };
-    let sides = |cell: u32| {
-        let of_cell = house.plan().portals_of(cell);
-        let mut sides: Vec<(f64, PortalSide, u32)> = of_cell
-            .filter_map(|(portal, behind)| {
-                let at = side_toward(house, portal as u32, behind)?;
-                Some((at.opening(house)?.distance(eye), at, behind))
-            })
-            .collect();
-        sides.sort_by(|a, b| a.0.total_cmp(&b.0));
-        sides
-    };
-    let mut wanted: Vec<Key> = Vec::new();
-    let own = sides(cell);
-    let next = own.iter().flat_map(|(_, _, behind)| sides(*behind));
-    for (_, at, _) in own.iter().cloned().chain(next) {
-        if !wanted.contains(&(at, kind)) {
-            wanted.push((at, kind));
-        }
-    }
-    wanted
 }

@@ -1,4 +1,4 @@
-//! Which clusters can show: in the frame (the homogeneous box test of inventory C17), and in front of what is drawn already.
+//! Which clusters can show (the homogeneous box test of inventory C17).
 
 use super::GroupWindow;
 use super::mesh::{Cluster, RasterMesh};
@@ -14,11 +14,8 @@ pub(super) struct VisibleCluster {
     pub(super) cluster: u32,
     /// How many triangles it has.
     pub(super) triangles: u32,
-    /// Columns and rows of the frame that it can touch.
-    columns: Range<u32>,
+    /// Rows of the frame that it can touch.
     rows: Range<u32>,
-    /// No point of it has a larger 1 / eye depth, 1/m; infinite if it reaches as far as the eye.
-    nearest: f32,
 }
 
 impl VisibleCluster {
@@ -31,14 +28,11 @@ impl VisibleCluster {
 /// Rounding of positions and snapping move a corner by far less than this, px.
 const MARGIN_PX: f32 = 1.0;
 
-/// Corners nearer than this are not trusted to bound anything, metres.
+/// Corners nearer than this are not trusted to bound rows, metres.
 const TRUSTED_M: f32 = 0.01;
 
-/// Depth in `f32` is off by less than this part of the distance: four roundings of 2^-24 in each of three terms.
-const DEPTH_ERROR: f32 = 1e-6;
-
-/// Fills `visible` with the clusters of the groups that can show, those that come nearest first, and returns how many
-/// triangles the groups have.
+/// Fills `visible` with the clusters of the groups that can show, in the order of the groups, and returns how many triangles
+/// the groups have.
 pub(super) fn visible_clusters(
     mesh: &RasterMesh,
     view: &View,
@@ -52,19 +46,17 @@ pub(super) fn visible_clusters(
         let clusters = &mesh.clusters[run.start as usize..run.end as usize];
         triangles += clusters.iter().map(|cluster| cluster.triangles.len() as u64).sum::<u64>();
         let window = group.window.clone().unwrap_or([0..view.width, 0..view.height]);
-        let found = clusters
-            .par_iter()
-            .enumerate()
-            .with_min_len(512)
-            .filter_map(|(i, cluster)| touched(cluster, run.start + i as u32, view, &window));
+        let found = clusters.par_iter().enumerate().with_min_len(512).filter_map(|(i, cluster)| {
+            let rows = touched_rows(cluster, view, &window)?;
+            Some(VisibleCluster { cluster: run.start + i as u32, triangles: cluster.triangles.len() as u32, rows })
+        });
         visible.par_extend(found);
     }
-    visible.par_sort_unstable_by_key(|visible| (u32::MAX - visible.nearest.to_bits(), visible.cluster));
     triangles
 }
 
-/// The part of the window that a cluster can touch; `None` if it is outside.
-fn touched(cluster: &Cluster, number: u32, view: &View, [columns, rows]: &[Range<u32>; 2]) -> Option<VisibleCluster> {
+/// The rows of the window that a cluster can touch; `None` if it is outside.
+fn touched_rows(cluster: &Cluster, view: &View, [columns, rows]: &[Range<u32>; 2]) -> Option<Range<u32>> {
     let [low, high] = cluster.bounds;
     let corners: [Vec3; 8] = std::array::from_fn(|i| {
         let pick = |axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };
@@ -83,80 +75,11 @@ fn touched(cluster: &Cluster, number: u32, view: &View, [columns, rows]: &[Range
     if hidden {
         return None;
     }
-    let triangles = cluster.triangles.len() as u32;
-    let (columns, rows) = (columns.clone(), rows.clone());
-    let least = corners.iter().fold(f32::INFINITY, |least, h| least.min(h.z)) - DEPTH_ERROR * view.reach(low, high);
-    if least < TRUSTED_M {
-        return Some(VisibleCluster { cluster: number, triangles, columns, rows, nearest: f32::INFINITY });
+    if corners.iter().any(|h| h.z < TRUSTED_M) {
+        return Some(rows.clone());
     }
-    let between = |values: [f32; 8], within: Range<u32>| {
-        let first = values.into_iter().fold(f32::INFINITY, f32::min) - MARGIN_PX;
-        let last = values.into_iter().fold(f32::NEG_INFINITY, f32::max) + MARGIN_PX;
-        (first as u32).clamp(within.start, within.end)..(last.ceil() as u32).clamp(within.start, within.end)
-    };
-    Some(VisibleCluster {
-        cluster: number,
-        triangles,
-        columns: between(corners.map(|h| h.x / h.z), columns),
-        rows: between(corners.map(|h| h.y / h.z), rows),
-        nearest: 1.0 / least,
-    })
-}
-
-/// Pixels of a tile, along a row and down.
-const TILE_PX: [usize; 2] = [32, 8];
-
-/// Pixels of the band for which one triangle has to be drawn before the tiles are looked at again: looking at that many
-/// takes about as long as drawing a triangle.
-const PIXELS_A_TRIANGLE: usize = 64;
-
-/// The least 1 / eye depth of each tile of a band, as of some time ago: what comes no nearer is hidden.
-pub(super) struct Farthest {
-    /// Tiles of a row.
-    across: usize,
-    tiles: Vec<f32>,
-    /// Triangles that were drawn since.
-    drawn: usize,
-}
-
-impl Farthest {
-    /// Of a band that is empty.
-    pub(super) fn new(width: u32, rows: &Range<u32>) -> Self {
-        let across = (width as usize).div_ceil(TILE_PX[0]);
-        Self { across, tiles: vec![0.0; across * rows.len().div_ceil(TILE_PX[1])], drawn: 0 }
-    }
-
-    /// Whether nothing of a cluster can show in a band of these rows, the pixels of which are so deep by now.
-    pub(super) fn hides(
-        &mut self,
-        visible: &VisibleCluster,
-        width: u32,
-        rows: &Range<u32>,
-        inverse_depth: &[f32],
-    ) -> bool {
-        if self.drawn * PIXELS_A_TRIANGLE > inverse_depth.len() {
-            self.look(width as usize, inverse_depth);
-        }
-        let start = visible.rows.start.max(rows.start).saturating_sub(rows.start) as usize / TILE_PX[1];
-        let end = (visible.rows.end.min(rows.end).saturating_sub(rows.start) as usize).div_ceil(TILE_PX[1]);
-        let columns = visible.columns.start as usize / TILE_PX[0]..(visible.columns.end as usize).div_ceil(TILE_PX[0]);
-        let of_row = |row: usize| self.tiles.get(row * self.across..(row + 1) * self.across);
-        let hides = (start..end).filter_map(of_row).all(|row| {
-            row.get(columns.clone()).is_some_and(|tiles| tiles.iter().all(|farthest| *farthest > visible.nearest))
-        });
-        self.drawn += if hides { 0 } else { visible.triangles as usize };
-        hides
-    }
-
-    fn look(&mut self, width: usize, inverse_depth: &[f32]) {
-        self.drawn = 0;
-        for (tiles, rows) in self.tiles.chunks_mut(self.across).zip(inverse_depth.chunks(TILE_PX[1] * width)) {
-            tiles.fill(f32::INFINITY);
-            for row in rows.chunks(width) {
-                for (tile, pixels) in tiles.iter_mut().zip(row.chunks(TILE_PX[0])) {
-                    *tile = pixels.iter().fold(*tile, |least, depth| least.min(*depth));
-                }
-            }
-        }
-    }
+    let y = corners.map(|h| h.y / h.z);
+    let first = y.into_iter().fold(f32::INFINITY, f32::min) - MARGIN_PX;
+    let last = y.into_iter().fold(f32::NEG_INFINITY, f32::max) + MARGIN_PX;
+    Some((first as u32).clamp(rows.start, rows.end)..(last.ceil() as u32).clamp(rows.start, rows.end))
 }

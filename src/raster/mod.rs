@@ -2,8 +2,8 @@
 //!
 //! A frame is drawn in bands of rows, each by one thread from its first triangle to its last pixel:
 //!
-//! 1. `mesh`: triangles in clusters of at most 128, each with a box; clusters outside the window are dropped, the nearest
-//!    drawn first, and those left out that what is drawn already hides (`cull`);
+//! 1. `mesh`: triangles in clusters of at most 128, each with a box; clusters outside the window are dropped (`cull`; leaving
+//!    out those that nearer ones hide took longer than it saved: 31.2 for 28.5 ms over a house of 1.7 M triangles);
 //! 2. `view`: the vertices of a cluster to the frame, 16 at a time, snapped to 1/256 px; triangles that reach behind the eye
 //!    or far outside the frame are clipped in `clip`;
 //! 3. `scan`: exact integer edge functions with the top-left rule, so that neighbours share no pixel and leave none out;
@@ -29,7 +29,7 @@ pub use mesh::RasterMesh;
 use crate::capture::Camera;
 use crate::frame::Frame;
 use crate::ldi::Environment;
-use cull::{Farthest, VisibleCluster};
+use cull::VisibleCluster;
 use fearless_simd::Level;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -133,8 +133,6 @@ pub struct RasterStats {
     pub triangles_in: u64,
     /// Of these, in clusters that may show.
     pub triangles_kept: u64,
-    /// Of these, in clusters that are not hidden by nearer ones, once for each band.
-    pub triangles_drawn: u64,
     /// Of these, set up: they cover the centre of a pixel's column and row.
     pub triangles_set_up: u64,
     /// Pixels that passed the depth test.
@@ -227,19 +225,14 @@ impl Rasterizer {
             for (marker, triangles) in &markers {
                 triangles.iter().for_each(|corners| target.triangle(*corners, SurfaceId::marker(marker.number), None));
             }
-            let mut farthest = Farthest::new(width, &band);
             for cluster in visible.iter().filter(|cluster| cluster.touches(&band)) {
-                if !farthest.hides(cluster, width, &band, target.inverse_depth) {
-                    target.stats.triangles_drawn += u64::from(cluster.triangles);
-                    view.draw_cluster(mesh, cluster, &mut target);
-                }
+                view.draw_cluster(mesh, cluster, &mut target);
             }
             let shader = shade::Shader { mesh, view: &view, camera, environment, exposure: what.exposure };
             shader.resolve(&mut target, color, coverage);
             target.stats
         });
         self.stats = drawn.reduce(RasterStats::default, |a, b| RasterStats {
-            triangles_drawn: a.triangles_drawn + b.triangles_drawn,
             triangles_set_up: a.triangles_set_up + b.triangles_set_up,
             pixels_written: a.pixels_written + b.pixels_written,
             marker_pixels: a.marker_pixels + b.marker_pixels,

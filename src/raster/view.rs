@@ -59,12 +59,6 @@ impl View {
         Vec3::new(along(x), along(y), along(w))
     }
 
-    /// No point of a box is farther from the eye than this, as a sum of three coordinates.
-    pub(super) fn reach(&self, low: Vec3, high: Vec3) -> f32 {
-        let farthest = (low - self.eye).abs().max((high - self.eye).abs());
-        farthest.x + farthest.y + farthest.z
-    }
-
     /// As [`Self::homogeneous`]: a corner 2 km behind the eye decides where its edge passes a millimetre in front of it.
     fn homogeneous_f64(&self, position: Vec3) -> DVec3 {
         let d = position.as_dvec3() - self.eye_f64;

@@ -1,7 +1,7 @@
 //! Whether cells see each other only through portals: found by rays, as a leak is a hole in what the model says.
 
 use super::polygon::Polygon;
-use super::{Finding, PortalModel};
+use super::{Finding, PortalModel, distance_to_outline};
 use crate::sampler::{random4, unit_float};
 use crate::trace::{Ray, Tracer};
 use glam::{DVec2, DVec3};
@@ -126,14 +126,4 @@ impl PortalModel {
             (0_u32..).zip(&self.cells).find(|(_, it)| it.triangles.contains(&hit.primitive)).map(|(cell, _)| cell);
         (found != current && owner != Some(current)).then_some(Stray { from: current, into: found, at })
     }
-}
-
-/// Distance in plan from a point to the nearest edge of a closed outline.
-fn distance_to_outline(outline: &[DVec2], p: DVec2) -> f64 {
-    let edges = outline.iter().zip(outline.iter().cycle().skip(1));
-    let distance = |(&a, &b): (&DVec2, &DVec2)| {
-        let along = ((p - a).dot(b - a) / (b - a).length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-        p.distance(a.lerp(b, along))
-    };
-    edges.map(distance).fold(f64::INFINITY, f64::min)
 }

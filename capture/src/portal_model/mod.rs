@@ -107,6 +107,16 @@ impl PortalModel {
     }
 }
 
+/// Distance in plan from a point to the nearest edge of a closed outline.
+pub(crate) fn distance_to_outline(outline: &[DVec2], p: DVec2) -> f64 {
+    let edges = outline.iter().zip(outline.iter().cycle().skip(1));
+    let distance = |(&a, &b): (&DVec2, &DVec2)| {
+        let along = ((p - a).dot(b - a) / (b - a).length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        p.distance(a.lerp(b, along))
+    };
+    edges.map(distance).fold(f64::INFINITY, f64::min)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -237,11 +237,16 @@ pub fn measure(
     let picture_every = every * truth_poses.div_ceil(settings.pictures.max(1));
     let mut courses = courses(&settings.variants);
     let mut rays_ms = Vec::new();
-    progress.begin("walk", "poses", cameras.len() as u64);
-    for (pose, camera) in cameras.iter().enumerate() {
+    // First, so that no frame is timed in the wake of a capture, with other things in the caches and warm processors.
+    progress.begin("captures", "poses", cameras.len() as u64);
+    for camera in &cameras {
         for course in &mut courses {
             course.capture(house, store, camera, &settings.quality)?;
         }
+        progress.advance(1);
+    }
+    progress.begin("walk", "poses", cameras.len() as u64);
+    for (pose, camera) in cameras.iter().enumerate() {
         rays_ms.push(rays::frame_ms(house, camera, settings.repeats));
         time_pose(&mut courses, house, store, camera, settings.repeats);
         if pose % every == 0 {

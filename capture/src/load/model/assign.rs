@@ -2,7 +2,7 @@
 
 use super::split::{Corner, split_by_line};
 use crate::load::Group;
-use crate::portal_model::PortalModel;
+use crate::portal_model::{PortalModel, distance_to_outline};
 use crate::scene::{Scene, Triangle};
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use std::collections::HashMap;
@@ -24,6 +24,10 @@ pub(super) enum Portion {
 
 /// A surface faces the cell that is this far before it, metres.
 const BEFORE_M: f64 = 0.02;
+
+/// Where a surface faces no room, the room whose outline, in plan, ends no farther from there than this has it, metres: rooms
+/// are drawn by hand and may end a hair before the wall does. The outer faces of walls are farther off by the wall.
+const BESIDE_M: f64 = BEFORE_M;
 
 /// Groups of the scene, and how each goes to cells. Triangles of no group are dealt out as [`Portion::Facing`].
 pub(super) struct Assignment<'a> {
@@ -114,7 +118,9 @@ fn facing(model: &PortalModel, scene: &mut Scene, triangle: Triangle) -> Vec<(Op
     let Some(normal) = (b - a).cross(c - a).try_normalize() else { return vec![(model.outside, triangle)] };
     let faced = |polygon: &[Corner]| {
         let middle = polygon.iter().map(|corner| corner.position).sum::<DVec3>() / polygon.len() as f64;
-        model.cell_at(middle + normal * BEFORE_M)
+        let before = middle + normal * BEFORE_M;
+        let inside = model.cell_at(before);
+        if inside == model.outside { room_beside(model, before).or(inside) } else { inside }
     };
     let mut pieces = vec![corners.to_vec()];
     for [from, to] in borders_near(model, [a, b, c], normal) {
@@ -132,6 +138,17 @@ fn facing(model: &PortalModel, scene: &mut Scene, triangle: Triangle) -> Vec<(Op
         out.extend(fan.map(|vertices| (cell, Triangle { vertices, material: triangle.material })));
     }
     out
+}
+
+/// The room that ends nearest to a point in no room, at most [`BESIDE_M`] from it.
+fn room_beside(model: &PortalModel, p: DVec3) -> Option<u32> {
+    let rooms = (0u32..).zip(&model.cells);
+    let prisms = rooms.flat_map(|(cell, it)| it.space.iter().map(move |prism| (cell, prism)));
+    let distances = prisms
+        .filter(|(_, prism)| (prism.floor_y..=prism.ceiling_y).contains(&p.y))
+        .map(|(cell, prism)| (cell, distance_to_outline(&prism.outline, DVec2::new(p.x, p.z))));
+    let nearest = distances.min_by(|a, b| a.1.total_cmp(&b.1))?;
+    (nearest.1 <= BESIDE_M).then_some(nearest.0)
 }
 
 /// Edges of the cells' outlines that a triangle, moved before itself, comes near, in plan.
@@ -182,5 +199,35 @@ impl Corner {
             scene.colors.push(self.color);
         }
         scene.positions.len() as u32 - 1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Material;
+    use crate::portal_model::{Cell, Prism};
+    use glam::dvec3;
+
+    /// A wall of 4 m before a room that is drawn 1 cm shorter; its outer face; and a wall 10 cm beyond the room.
+    #[test]
+    fn a_wall_that_ends_a_hair_after_its_room_is_all_of_the_room() {
+        let outline = [[0.0, 0.0], [3.99, 0.0], [3.99, 3.0], [0.0, 3.0]].map(DVec2::from).to_vec();
+        let space = vec![Prism { outline, floor_y: 0.0, ceiling_y: 2.5 }];
+        let cells = vec![
+            Cell { name: "room".into(), space, triangles: 0..0 },
+            Cell { name: "outside".into(), space: Vec::new(), triangles: 0..0 },
+        ];
+        // Facing +Z at z = 0, -Z at z = -0.1, and +Z again.
+        let wall = |from: f64, to: f64, z: f64| [dvec3(from, 0.0, z), dvec3(to, 0.0, z), dvec3(to, 2.0, z)];
+        let [a, b, c] = wall(0.0, 4.0, -0.1);
+        let positions = [wall(0.0, 4.0, 0.0), [a, c, b], wall(4.09, 4.2, 0.0)].concat();
+        let triangles = [[0, 1, 2], [3, 4, 5], [6, 7, 8]].map(|vertices| Triangle { vertices, material: 0 }).to_vec();
+        let scene = Scene { positions, triangles, materials: vec![Material::default()], ..Scene::default() };
+        let mut model = PortalModel { scene, cells, portals: Vec::new(), outside: Some(1) };
+        Assignment { groups: &[], portions: &[] }.apply(&mut model);
+        let outside = &model.scene.triangles[model.cells[1].triangles.start as usize..];
+        assert_eq!(outside.iter().map(|triangle| triangle.vertices).collect::<Vec<_>>(), [[3, 4, 5], [6, 7, 8]]);
+        assert!(!model.cells[0].triangles.is_empty());
     }
 }
