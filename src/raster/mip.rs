@@ -34,10 +34,12 @@ impl Level {
     #[inline(always)]
     pub(super) fn multiply(&self, u: &Lane, v: &Lane, count: usize, channels: &mut [Lane; 3]) {
         let mut upward = [0.0; LANES];
-        upward.iter_mut().zip(v).for_each(|(upward, v)| *upward = 1.0 - v);
+        for (upward, v) in upward.iter_mut().zip(v) {
+            *upward = 1.0 - v;
+        }
         let (x, y) = (Neighbours::new(u, self.width), Neighbours::new(&upward, self.height));
         for i in 0..count.min(LANES) {
-            let [upper, lower] = [y.first[i], y.second[i]].map(|row| row * self.width);
+            let (upper, lower) = (y.first[i] * self.width, y.second[i] * self.width);
             let at = |row: u32, column: u32| self.texels.get((row + column) as usize).copied().unwrap_or([0; 4]);
             let (a, b) = (at(upper, x.first[i]), at(upper, x.second[i]));
             let (c, d) = (at(lower, x.first[i]), at(lower, x.second[i]));
@@ -48,7 +50,9 @@ impl Level {
                 let (top, bottom) = (a + (b - a) * x.share[i], c + (d - c) * x.share[i]);
                 *mixed = (top + (bottom - top) * y.share[i]) * (1.0 / FULL);
             }
-            channels.iter_mut().zip(mixed).for_each(|(channel, mixed)| channel[i] *= mixed);
+            for (channel, mixed) in channels.iter_mut().zip(mixed) {
+                channel[i] *= mixed;
+            }
         }
     }
 }

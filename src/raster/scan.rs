@@ -169,15 +169,21 @@ impl Target<'_> {
     #[inline(always)]
     fn narrow(&mut self, columns: &Range<u32>, rows: &Range<u32>, edges: [Edge; 3], plane: &DepthPlane, id: SurfaceId) {
         let count = (columns.end - columns.start) as i32;
-        let along = edges.map(|edge| std::array::from_fn::<i32, LANES, _>(|lane| edge.column as i32 * lane as i32));
+        let mut along = [[0; LANES]; 3];
+        for (along, edge) in along.iter_mut().zip(&edges) {
+            for (lane, along) in (0..).zip(along) {
+                *along = edge.column as i32 * lane;
+            }
+        }
         let [step, least, most] = [plane.per_column as f32, plane.range[0], plane.range[1]];
-        let mut at_row = edges.map(|edge| edge.start as i32);
+        let mut at_row = [edges[0].start as i32, edges[1].start as i32, edges[2].start as i32];
         let mut written = 0;
         for y in rows.clone() {
             let first = plane.at(columns.start, y);
             let row = (y - self.rows.start) as usize * self.width as usize + columns.start as usize;
             for done in (0..count).step_by(LANES) {
-                let [a, b, c] = [0, 1, 2].map(|i| at_row[i].wrapping_add(edges[i].column as i32 * done));
+                let at = |i: usize| at_row[i].wrapping_add(edges[i].column as i32 * done);
+                let (a, b, c) = (at(0), at(1), at(2));
                 let covered = |lane: usize| {
                     let inside = a.wrapping_add(along[0][lane])
                         | b.wrapping_add(along[1][lane])

@@ -31,7 +31,8 @@ impl Shader<'_> {
         dispatch!(self.view.level, simd => self.resolve_at(simd, target, colors, coverages));
     }
 
-    /// Plain code; inside the dispatch the compiler may use the instructions of the SIMD level.
+    /// Plain code; inside the dispatch the compiler may use the instructions of the SIMD level. Loops here and in what is called
+    /// are written out: the body of a `map` may stay in a function of the standard library, which is compiled for no level.
     #[inline(always)]
     fn resolve_at<S: Simd>(&self, _: S, target: &Target, colors: &mut [[u8; 4]], coverages: &mut [Coverage]) {
         let width = target.width as usize;
@@ -77,11 +78,18 @@ impl Shader<'_> {
         let texels = self.texels(surface, corners, &weights);
         for (colors, first) in colors.chunks_mut(LANES).zip((0u32..).step_by(LANES)) {
             let weights = weights.lanes(first as f32);
-            let mut lit = [0, 1, 2].map(|c| mixed(&weights, corners.map(|corner| corner.color[c])));
-            lit.iter_mut().zip(albedo.to_array()).for_each(|(lit, albedo)| lit.iter_mut().for_each(|l| *l *= albedo));
-            let mut glow = emission.to_array().map(|c| [c; LANES]);
+            let [a, b, c] = corners;
+            let mut lit = [[0.0; LANES]; 3];
+            for (channel, lit) in lit.iter_mut().enumerate() {
+                *lit = mixed(&weights, [a.color[channel], b.color[channel], c.color[channel]]);
+                for lit in lit {
+                    *lit *= albedo[channel];
+                }
+            }
+            let mut glow = [[emission.x; LANES], [emission.y; LANES], [emission.z; LANES]];
             if let Some(texels) = &texels {
-                let [u, v] = [0, 1].map(|axis| mixed(&weights, corners.map(|corner| corner.texcoord[axis])));
+                let u = mixed(&weights, [a.texcoord.x, b.texcoord.x, c.texcoord.x]);
+                let v = mixed(&weights, [a.texcoord.y, b.texcoord.y, c.texcoord.y]);
                 for (level, channels) in [(texels.albedo, &mut lit), (texels.emission, &mut glow)] {
                     if let Some(level) = level {
                         level.multiply(&u, &v, colors.len(), channels);
@@ -89,7 +97,9 @@ impl Shader<'_> {
                 }
             }
             for (lit, (glow, most)) in lit.iter_mut().zip(glow.iter().zip(most.to_array())) {
-                lit.iter_mut().zip(glow).for_each(|(lit, glow)| *lit = lit.max(0.0).min(most) + glow);
+                for (lit, glow) in lit.iter_mut().zip(glow) {
+                    *lit = lit.max(0.0).min(most) + glow;
+                }
             }
             let [r, g, b] = &lit;
             for (color, ((r, g), b)) in colors.iter_mut().zip(r.iter().zip(g).zip(b)) {
