@@ -336,26 +336,6 @@ fn an_eye_in_a_wall_or_outside_sees_all_geometry() {
     }
 }
 
-/// Eyes where walls of the built-in house meet, in planes of portals and a hair off; and every eye of a walk.
-#[test]
-fn an_eye_where_walls_meet_is_in_a_wall() {
-    let house = House::new(headbox::scenes::house(0, 5_000)).expect("a valid model");
-    let in_walls = [
-        dvec3(10.4823, 1.025, 0.400001),
-        dvec3(-13.499999, 1.55, -1.51201),
-        dvec3(5.35658, 1.4, -6.98),
-        dvec3(10.500001, 1.025, -4.293937),
-        dvec3(0.91861, 1.4, -6.999999999),
-    ];
-    for eye in in_walls {
-        assert_eq!(house.cell_of_eye(eye), None, "{eye}");
-    }
-    let path = WalkPath { poses: 200, size: [64, 48], ..WalkPath::default() };
-    for camera in path.cameras(&house).expect("valid cameras") {
-        assert!(house.cell_of_eye(camera.eye()).is_some(), "{}", camera.eye());
-    }
-}
-
 #[test]
 fn a_house_file_gives_back_what_was_written_and_damage_is_found() {
     let house = house();

@@ -145,7 +145,8 @@ impl House {
     }
 
     /// Whether a point lies between the backs of two surfaces no farther apart than a wall is thick; or, where walls meet, sees
-    /// nothing but backs all around.
+    /// nothing but backs all around, none farther than a line at this angle can run in the thickest wall: in a room whose
+    /// surfaces are turned the wrong way round all are backs too.
     fn is_in_wall(&self, p: DVec3) -> bool {
         let origin = (p - self.tracer.origin()).as_vec3();
         let to_back = |direction: Vec3, t_max: f32| {
@@ -160,7 +161,8 @@ impl House {
         // None of them along a wall that stands square.
         let around =
             [[5.0, 12.0], [12.0, 5.0], [12.0, -5.0], [5.0, -12.0]].map(|[x, z]| Vec3::new(x / 13.0, 0.0, z / 13.0));
-        between_two || around.iter().flat_map(|d| [*d, -*d]).all(|d| to_back(d, f32::INFINITY).is_some())
+        let longest = (2.0 * REVEAL_M * 13.0 / 5.0) as f32;
+        between_two || around.iter().flat_map(|d| [*d, -*d]).all(|d| to_back(d, longest).is_some())
     }
 }
 

@@ -1,8 +1,8 @@
 //! A frame of a walk: geometry for the eye's cell and for near ones, backdrops behind all other portals (inventory R3, R15,
 //! P1).
 //!
-//! 1. From the eye's cell on, cells are visited through portals ([`cull`](super::cull)). A portal near the eye is passed: the next cell is
-//!    drawn as geometry too. Any other ends the visit, if its backdrop is at hand; without one it is passed as well, so that
+//! 1. From the eye's cell on, cells are visited through portals ([`visit`](super::visit)). A portal near the eye is passed: the next cell
+//!    is drawn as geometry too. Any other ends the visit, if its backdrop is at hand; without one it is passed as well, so that
 //!    a missing image never leaves a hole.
 //! 2. The visited cells are rasterised, and the portals where the visit ended with them, as markers without colour: the depth
 //!    buffer says which pixels look through which portal, whatever overlaps (the order that R15 leaves open).

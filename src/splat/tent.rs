@@ -1,8 +1,8 @@
 //! Tents: what splats weigh in the pixels that they touch, in integers.
 //!
 //! A tent is the product of two lines of heights, one along x and one along y, so that all weights of a splat that touches at
-//! most [`SIDE`] pixels a side, as most do, come from eight heights, sixteen splats at a time. In the loop over pixels, where they
-//! were found before, they took a tenth of the time of a frame.
+//! most [`SIDE`] pixels a side, as most do, come from eight heights, sixteen splats at a time. With this, and with rows of known
+//! length, drawing takes 0.80 to 0.89 of the time of finding each weight in the loop over pixels.
 
 use super::size::LANES;
 use super::{Splats, covered_lanes};

@@ -148,7 +148,7 @@ pub(super) struct Judge {
 const LOOK_AGAIN: Duration = Duration::from_millis(150);
 
 impl Judge {
-    /// No truth is needed for now.
+    /// No truth is needed until the next view asks.
     pub(super) fn rest(&self) {
         if let Some(reference) = &self.reference {
             reference.rest();

@@ -94,7 +94,7 @@ impl Reference {
         Ok(state.traced.iter().find(|t| t.camera == *camera).cloned())
     }
 
-    /// No view needs truth for now.
+    /// No view needs truth until one asks again.
     pub(super) fn rest(&self) {
         let mut state = self.shared.lock();
         state.asked.clear();

@@ -1,5 +1,10 @@
 //! Seeded mutations of files, and a watch over the size of allocations.
-#![allow(missing_docs, unreachable_pub, dead_code)] // nobody but the tests reads it, and not every test all of it
+#![allow(
+    missing_docs,
+    unreachable_pub,
+    dead_code,
+    reason = "nobody but the tests reads it, and not every test all of it"
+)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::panic::{AssertUnwindSafe, catch_unwind};

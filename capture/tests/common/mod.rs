@@ -1,6 +1,6 @@
 //! A temporary folder with scene files in it.
 
-#![allow(dead_code)] // each test file uses a part
+#![allow(dead_code, reason = "each test file uses a part")]
 
 use headbox_capture::Scene;
 use headbox_capture::load::{LoadOptions, load};
