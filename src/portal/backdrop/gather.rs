@@ -3,6 +3,12 @@
 //!
 //! *Similar depth* is measured in inverse depth, by parallax: two samples of a pixel that part by at most a pixel when the
 //! eye moves by [`BASELINE_M`] from the cube's centre. It needs no tuning per model (D2).
+//!
+//! A depth pixel is drawn from the middle of its pixel, but random rays hit anywhere in it. So a hit counts with the depth that
+//! its surface has in the middle: hits of a slanted surface agree, and lie on it. At most half of what is similar is changed, so
+//! that a surface that the centre sees nearly edge-on keeps several samples a pixel; footprints alone do not close it. (House of
+//! 1.9 M triangles: 8 % fewer samples with the same PSNR. Changed as far as footprints reach, 13 % fewer, but 0.8 dB worse.)
+//! Images are taken as they are: the papers' rules compare what their pixels hold.
 
 use crate::capture::rig::Face;
 use crate::capture::srgb8_from_linear;
@@ -18,6 +24,9 @@ use rayon::prelude::*;
 
 /// How far an eye is from the centre of a backdrop's cube for which depths are told apart, metres.
 const BASELINE_M: f64 = 1.5;
+
+/// Half of the edge of the headbox whose corners are so far from its centre, metres.
+const HALF_SIZE_M: f64 = BASELINE_M / 1.732_050_807_568_877_2;
 
 /// Texels a side of the sky behind a portal.
 const ENVIRONMENT_PX: u32 = 64;
@@ -94,6 +103,7 @@ impl CubeJob<'_> {
     fn trace(&self, batch: &Batch) -> (Vec<Sample>, Vec<u32>) {
         let tracer = self.house.tracer();
         let from_centre = (tracer.origin() - self.centre).as_vec3();
+        let most = self.tolerance() / 2.0;
         let (mut samples, mut misses) = (Vec::with_capacity(batch.rays.len()), Vec::new());
         for (rays, first) in batch.rays.chunks(PACKET).zip((batch.first..).step_by(PACKET)) {
             let ray = |&(origin, direction): &(Vec3, Vec3)| Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
@@ -115,9 +125,19 @@ impl CubeJob<'_> {
                 // Z^3 / |n . p|: the area of a pixel's patch, up to the image's focal length (C10).
                 let area = seen_from.abs().max_element().powi(3) / normal.dot(seen_from).abs().max(1e-6);
                 let pixel = texel(face, right / depth, up / depth, self.face_px);
+                let mut inverse_depth = 1.0 / depth;
+                if batch.eye.is_none() {
+                    let [x, y] = middle(pixel, self.face_px);
+                    let plane = self.house.scene().geometric_normal(hit.primitive);
+                    let shift = slope(face, plane, position + from_centre, [x - right / depth, y - up / depth]);
+                    // Far away half of what is similar can be more than all there is.
+                    let most = most.min(inverse_depth / 2.0);
+                    // `max` and `min` also turn the NaN of a plane through the centre into a number.
+                    inverse_depth += shift.max(-most).min(most);
+                }
                 samples.push(Sample {
                     key: u64::from(pixel) << 32 | u64::from(name),
-                    inverse_depth: 1.0 / depth,
+                    inverse_depth,
                     normal,
                     color,
                     area,
@@ -128,10 +148,14 @@ impl CubeJob<'_> {
         (samples, misses)
     }
 
+    /// The difference of inverse depths that counts as similar, 1/m.
+    fn tolerance(&self) -> f32 {
+        DepthBins::new(HALF_SIZE_M, self.face_px).inverse_depth(1.0) as f32
+    }
+
     /// The cube of sorted samples.
     fn merge(&self, samples: &[Sample], environment: Environment) -> CubeLdi {
-        let half_size_m = BASELINE_M / 3f64.sqrt();
-        let tolerance = DepthBins::new(half_size_m, self.face_px).inverse_depth(1.0) as f32;
+        let tolerance = self.tolerance();
         let rows: Vec<Row> = samples
             .par_chunk_by(|a, b| (a.key >> 32) / u64::from(self.face_px) == (b.key >> 32) / u64::from(self.face_px))
             .map(|row| {
@@ -165,7 +189,7 @@ impl CubeJob<'_> {
         let info = CaptureInfo {
             scene: self.house.scene().name.clone(),
             centre: self.centre,
-            half_size_m,
+            half_size_m: HALF_SIZE_M,
             unit_m: frame.unit_m,
             z_up: frame.up == crate::capture::scene::UpAxis::Z,
             exposure: self.house.lighting().exposure,
@@ -183,6 +207,19 @@ fn texel(face: Face, right: f32, up: f32, size_px: u32) -> u32 {
     let half = size_px as f32 / 2.0;
     let at = |c: f32| ((half * (1.0 + c)) as u32).min(size_px - 1);
     (face.index() as u32 * size_px + at(-up)) * size_px + at(right)
+}
+
+/// The middle of a texel: right and up, in -1..1.
+fn middle(texel: u32, size_px: u32) -> [f32; 2] {
+    let at = |i: u32| (2 * (i % size_px) + 1) as f32 / size_px as f32 - 1.0;
+    [at(texel), -at(texel / size_px)]
+}
+
+/// What a step to the right and up on a face changes the inverse depth by of a plane with some normal through a point
+/// (relative to the cube's centre), 1/m. Infinite or NaN for a plane through the centre.
+fn slope(face: Face, normal: Vec3, point: Vec3, [right, up]: [f32; 2]) -> f32 {
+    let step = face.right().as_vec3() * right + face.up().as_vec3() * up;
+    normal.dot(step) / normal.dot(point)
 }
 
 /// Colours closer than this in every channel (sRGB levels) count as equal for [`MergeRule::ColorsApart`].
@@ -247,6 +284,24 @@ mod tests {
         let mut layers = Vec::new();
         samples.iter().for_each(|sample| insert(&mut layers, sample, rule, 0.01));
         layers.iter().map(|layer| (layer.inverse_depth, layer.color.x)).collect()
+    }
+
+    #[test]
+    fn a_hit_counts_with_the_depth_of_its_plane_in_the_middle_of_its_pixel() {
+        let (normal, point) = (Vec3::new(0.6, 0.64, 0.48), Vec3::new(0.7, -1.1, 3.0));
+        let (face, [right, up, depth]) = Face::locate(point);
+        let pixel = texel(face, right / depth, up / depth, 8);
+        let [x, y] = middle(pixel, 8);
+        assert_eq!(texel(face, x, y, 8), pixel);
+        assert!((x - right / depth).abs() <= 0.125 && (y - up / depth).abs() <= 0.125, "in one pixel");
+        let (column, row) = (f64::from(pixel % 8) + 0.5, f64::from(pixel / 8 % 8) + 0.5);
+        let direction = face.direction(column, row, 8).as_vec3();
+        let expected = normal.dot(direction) / normal.dot(point);
+        let found = 1.0 / depth + slope(face, normal, point, [x - right / depth, y - up / depth]);
+        assert!(
+            (found - expected).abs() < 1e-6 && (found - 1.0 / depth).abs() > 1e-3,
+            "{found} {expected}: rounding of f32"
+        );
     }
 
     #[test]

@@ -127,7 +127,7 @@ impl Default for Quality {
     fn default() -> Self {
         Self {
             face_px: 512,
-            window_face_px: 300,
+            window_face_px: 312,
             window_back_m: 1.0,
             images: 6,
             radius_m: 2.0,

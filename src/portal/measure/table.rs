@@ -97,12 +97,19 @@ impl WalkReport {
     }
 
     fn exposure(&self, page: &mut String) -> std::fmt::Result {
-        writeln!(page, "## Exposure errors\n\nPixels behind portals that show nothing or a wrong surface.\n")?;
-        writeln!(page, "| backdrop | wrong | nothing at all | worst pose | samples |")?;
-        writeln!(page, "| --- | --- | --- | --- | --- |")?;
+        writeln!(page, "## Exposure errors\n\nPixels behind portals that show nothing or a wrong surface.")?;
+        let perfect = self.exposure.iter().map(|row| row.perfect_by_points_share).fold(0.0, f64::max);
+        writeln!(
+            page,
+            "`by points`: against a truth of one point a pixel, which lacks what is thinner; a perfect frame has {} by it.\n",
+            percent(perfect)
+        )?;
+        writeln!(page, "| backdrop | wrong | nothing at all | worst pose | wrong by points | samples |")?;
+        writeln!(page, "| --- | --- | --- | --- | --- | --- |")?;
         for row in &self.exposure {
-            let [wrong, holes, worst] = [row.wrong_share, row.hole_share, row.worst_share].map(percent);
-            writeln!(page, "| {} | {wrong} | {holes} | {worst} | {:.0} |", row.name, row.samples)?;
+            let [wrong, holes, worst, by_points] =
+                [row.wrong_share, row.hole_share, row.worst_share, row.wrong_by_points_share].map(percent);
+            writeln!(page, "| {} | {wrong} | {holes} | {worst} | {by_points} | {:.0} |", row.name, row.samples)?;
         }
         writeln!(page)
     }
