@@ -1,113 +1,123 @@
 //! Textures with their minified copies.
 
-use super::view::{LANES, Lane};
+use super::LANES;
 use crate::capture::{Texture, linear_from_srgb8, srgb8_from_linear};
+use fearless_simd::prelude::*;
+use fearless_simd::{f32x16, u32x16};
 
 /// Sixteen bits of linear light: a step is a twentieth of the darkest step of 8-bit sRGB.
 const FULL: f32 = 65_535.0;
 
-/// A texture and copies of half the size each, down to one texel.
+/// A texture and copies of half the size each, rounded up, down to one texel.
 #[derive(Debug)]
 pub(super) struct MipTexture {
-    /// The largest first; never empty.
-    levels: Vec<Level>,
-}
-
-/// Linear RGB and alpha, 16 bits each.
-#[derive(Debug)]
-pub(super) struct Level {
-    width: u32,
-    height: u32,
+    /// Of the texture itself.
+    size: [u32; 2],
+    /// Where each copy begins, the texture itself first; never empty.
+    starts: Vec<u32>,
+    /// Row by row, linear RGB and alpha, 16 bits each.
     texels: Vec<[u16; 4]>,
-}
-
-impl Level {
-    fn new(texture: &Texture) -> Self {
-        let linear = |c: u8| (linear_from_srgb8(c) * FULL + 0.5) as u16;
-        let texel = |&[r, g, b, a]: &[u8; 4]| [linear(r), linear(g), linear(b), u16::from(a) * 257];
-        let texels = texture.texels().iter().map(texel).collect();
-        Self { width: texture.width(), height: texture.height(), texels }
-    }
-
-    /// Multiplies each channel of the first `count` lanes by the texture at (u, v): bilinear, wrapping around, as
-    /// [`Texture::sample`] is, linear light.
-    #[inline(always)]
-    pub(super) fn multiply(&self, u: &Lane, v: &Lane, count: usize, channels: &mut [Lane; 3]) {
-        let mut upward = [0.0; LANES];
-        for (upward, v) in upward.iter_mut().zip(v) {
-            *upward = 1.0 - v;
-        }
-        let (x, y) = (Neighbours::new(u, self.width), Neighbours::new(&upward, self.height));
-        for i in 0..count.min(LANES) {
-            let (upper, lower) = (y.first[i] * self.width, y.second[i] * self.width);
-            let at = |row: u32, column: u32| self.texels.get((row + column) as usize).copied().unwrap_or([0; 4]);
-            let (a, b) = (at(upper, x.first[i]), at(upper, x.second[i]));
-            let (c, d) = (at(lower, x.first[i]), at(lower, x.second[i]));
-            // Four channels, for the compiler to take at once.
-            let mut mixed = [0.0; 4];
-            for (k, mixed) in mixed.iter_mut().enumerate() {
-                let (a, b, c, d) = (f32::from(a[k]), f32::from(b[k]), f32::from(c[k]), f32::from(d[k]));
-                let (top, bottom) = (a + (b - a) * x.share[i], c + (d - c) * x.share[i]);
-                *mixed = (top + (bottom - top) * y.share[i]) * (1.0 / FULL);
-            }
-            for (channel, mixed) in channels.iter_mut().zip(mixed) {
-                channel[i] *= mixed;
-            }
-        }
-    }
-}
-
-/// The two texels on either side of texture coordinates, and the weight of the second.
-struct Neighbours {
-    first: [u32; LANES],
-    second: [u32; LANES],
-    share: Lane,
-}
-
-impl Neighbours {
-    #[inline(always)]
-    fn new(t: &Lane, size: u32) -> Self {
-        let (last, size_f) = (size - 1, size as f32);
-        let mut found = Self { first: [0; LANES], second: [0; LANES], share: [0.0; LANES] };
-        for (i, &t) in t.iter().enumerate() {
-            // `t.floor()` without the call into libm; the cast turns NaN and what is out of range into numbers.
-            let truncated = t as i32 as f32;
-            let fraction = t - if truncated > t { truncated - 1.0 } else { truncated };
-            let fraction = if (0.0..=1.0).contains(&fraction) { fraction } else { 0.0 };
-            let x = fraction * size_f - 0.5;
-            let x = if x < 0.0 { x + size_f } else { x };
-            let first = (x as i32 as u32).min(last);
-            (found.first[i], found.second[i]) = (first, if first == last { 0 } else { first + 1 });
-            found.share[i] = (x - first as f32).clamp(0.0, 1.0);
-        }
-        found
-    }
 }
 
 impl MipTexture {
     pub(super) fn new(texture: &Texture) -> Self {
-        let mut levels = vec![Level::new(texture)];
+        let mut mips = Self { size: [texture.width(), texture.height()], starts: Vec::new(), texels: Vec::new() };
+        mips.append(texture);
         let mut next = halved(texture);
         while let Some(texture) = next {
-            levels.push(Level::new(&texture));
+            mips.append(&texture);
             next = halved(&texture);
         }
-        Self { levels }
+        mips
     }
 
-    /// The copy whose texels are nearest to a footprint of so many texels of the texture itself (1 and less is that).
-    #[inline(always)]
-    pub(super) fn level(&self, footprint: f32) -> &Level {
-        // The bits of a float are its binary logarithm, linear between powers of two: off by at most 0.09.
-        let logarithm = (footprint.to_bits() as f32) * (1.0 / 8_388_608.0) - 127.0;
-        let level = if footprint > 1.0 { (logarithm + 0.5) as usize } else { 0 };
-        &self.levels[level.min(self.levels.len() - 1)]
+    fn append(&mut self, texture: &Texture) {
+        let linear = |c: u8| (linear_from_srgb8(c) * FULL + 0.5) as u16;
+        let texel = |&[r, g, b, a]: &[u8; 4]| [linear(r), linear(g), linear(b), u16::from(a) * 257];
+        self.starts.push(self.texels.len() as u32);
+        self.texels.extend(texture.texels().iter().map(texel));
     }
 
     /// Width and height in texels.
     #[inline(always)]
     pub(super) fn size(&self) -> [f32; 2] {
-        [self.levels[0].width as f32, self.levels[0].height as f32]
+        [self.size[0] as f32, self.size[1] as f32]
+    }
+
+    /// Red, green and blue at (u, v) of the first `count` lanes: bilinear, wrapping around, as [`Texture::sample`] is, linear
+    /// light; from the copy whose texels are nearest in size to a footprint, given as the fourth power of its side in texels
+    /// of the texture itself (1 and less is that).
+    #[inline(always)]
+    pub(super) fn sample<S: Simd>(
+        &self,
+        simd: S,
+        [u, v]: [f32x16<S>; 2],
+        footprint: f32x16<S>,
+        count: usize,
+    ) -> [f32x16<S>; 3] {
+        // The bits of a float are its binary logarithm, linear between powers of two: off by at most 0.09, a quarter of which
+        // is nothing. NaN becomes 1 by the comparison.
+        let one = f32x16::splat(simd, 1.0);
+        let footprint = footprint.simd_gt(one).select(footprint, one);
+        let octaves = (f32x16::float_from(footprint.bitcast::<u32x16<S>>()) * (1.0 / 8_388_608.0) - 127.0) * 0.25 + 0.5;
+        let level = u32x16::truncate_from(octaves).min(self.starts.len() as u32 - 1);
+        let (x, y) = (Neighbours::new(u, self.size[0], level), Neighbours::new(1.0 - v, self.size[1], level));
+        let (upper, lower) = (y.first * x.size, y.second * x.size);
+        let (a, b) = ((upper + x.first).to_array(), (upper + x.second).to_array());
+        let (c, d) = ((lower + x.first).to_array(), (lower + x.second).to_array());
+        let level = level.to_array();
+        let mut texels = [[[0; 4]; LANES]; 4];
+        for i in 0..count.min(LANES) {
+            let start = self.starts.get(level[i] as usize).copied().unwrap_or(0);
+            for (texels, at) in texels.iter_mut().zip([a[i], b[i], c[i], d[i]]) {
+                texels[i] = self.texels.get((start + at) as usize).copied().unwrap_or([0; 4]);
+            }
+        }
+        let [a, b, c, d] = &texels;
+        let (a, b, c, d) = (unpacked(simd, a), unpacked(simd, b), unpacked(simd, c), unpacked(simd, d));
+        let mut color = [f32x16::splat(simd, 0.0); 3];
+        for (k, color) in color.iter_mut().enumerate() {
+            let (top, bottom) = (a[k] + (b[k] - a[k]) * x.share, c[k] + (d[k] - c[k]) * x.share);
+            *color = (top + (bottom - top) * y.share) * (1.0 / FULL);
+        }
+        color
+    }
+}
+
+/// Red, green and blue of texels, up to [`FULL`].
+#[inline(always)]
+fn unpacked<S: Simd>(simd: S, texels: &[[u16; 4]; LANES]) -> [f32x16<S>; 3] {
+    let words: [u32; 2 * LANES] = bytemuck::cast(*texels);
+    let (low, high) = words.split_at(LANES);
+    let (red_green, blue) = simd.deinterleave_u32x16(u32x16::from_slice(simd, low), u32x16::from_slice(simd, high));
+    [f32x16::float_from(red_green & 0xffff), f32x16::float_from(red_green >> 16), f32x16::float_from(blue & 0xffff)]
+}
+
+/// The two texels on either side of texture coordinates, and the weight of the second.
+struct Neighbours<S: Simd> {
+    /// Texels of the copy along the axis.
+    size: u32x16<S>,
+    first: u32x16<S>,
+    second: u32x16<S>,
+    share: f32x16<S>,
+}
+
+impl<S: Simd> Neighbours<S> {
+    /// Along an axis of `size` texels, in copies of half the size so many times.
+    #[inline(always)]
+    fn new(t: f32x16<S>, size: u32, level: u32x16<S>) -> Self {
+        let zero = f32x16::splat(t.simd, 0.0);
+        let last = u32x16::splat(t.simd, size - 1) >> level;
+        let (last_f, size_f) = (f32x16::float_from(last), f32x16::float_from(last + 1));
+        let fraction = t - t.floor();
+        // False for NaN, and what is left of infinity.
+        let fraction = (fraction.simd_ge(zero) & fraction.simd_le(f32x16::splat(t.simd, 1.0))).select(fraction, zero);
+        let x = fraction * size_f - 0.5;
+        let x = x.simd_lt(zero).select(x + size_f, x);
+        let first = x.floor().min(last_f);
+        let second = first.simd_lt(last_f).select(first + 1.0, zero);
+        let share = (x - first).max(zero).min(f32x16::splat(t.simd, 1.0));
+        Self { size: last + 1, first: u32x16::truncate_from(first), second: u32x16::truncate_from(second), share }
     }
 }
 
@@ -130,33 +140,35 @@ fn halved(texture: &Texture) -> Option<Texture> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use fearless_simd::dispatch;
 
     /// Half a step of 16 bits, and rounding in the fractions of a texel.
     const STORED: f32 = 1e-4;
 
     /// The texture in one lane between others that look elsewhere.
-    fn sample(level: &Level, u: f32, v: f32) -> [f32; 3] {
-        let (mut us, mut vs, mut channels) = ([0.4; LANES], [0.6; LANES], [[1.0; LANES]; 3]);
-        (us[5], vs[5]) = (u, v);
-        level.multiply(&us, &vs, 6, &mut channels);
-        assert!(channels.iter().all(|channel| channel[6] == 1.0), "only as many as asked for");
-        channels.map(|channel| channel[5])
+    fn sample(mips: &MipTexture, footprint: f32, u: f32, v: f32) -> [f32; 3] {
+        let lanes = |other: f32, at_five: f32| std::array::from_fn(|i| if i == 5 { at_five } else { other });
+        let (us, vs, footprints) = (lanes(0.4, u), lanes(0.6, v), lanes(1e9, footprint.powi(4)));
+        dispatch!(fearless_simd::Level::new(), simd => {
+            let load = |lanes: [f32; LANES]| f32x16::load_array(simd, lanes);
+            let colors = mips.sample(simd, [load(us), load(vs)], load(footprints), 6);
+            colors.map(|channel| channel.to_array()[5])
+        })
     }
 
     #[test]
     fn the_first_level_is_the_texture_and_the_last_its_mean() {
         let texture = Texture::from_fn(5, 3, |x, y| if (x + y) % 2 == 0 { [255; 4] } else { [0, 0, 0, 255] });
         let mips = MipTexture::new(&texture);
-        let sizes: Vec<_> = mips.levels.iter().map(|level| (level.width, level.height)).collect();
-        assert_eq!(sizes, [(5, 3), (3, 2), (2, 1), (1, 1)]);
+        assert_eq!((mips.size, mips.starts.as_slice()), ([5, 3], [0, 15, 21, 23].as_slice()), "5x3, 3x2, 2x1, 1x1");
         for (u, v) in [(0.1, 0.2), (0.77, 0.5), (-3.3, 9.9), (1.0, 0.0), (-1.0, 1.0)] {
             for footprint in [0.0, 1.0, f32::NAN] {
-                let (found, expected) = (sample(mips.level(footprint), u, v), texture.sample(u, v));
+                let (found, expected) = (sample(&mips, footprint, u, v), texture.sample(u, v));
                 assert!((0..3).all(|c| (found[c] - expected[c]).abs() < STORED), "({u}, {v}): {found:?} {expected:?}");
             }
         }
-        assert!(sample(mips.level(2.0), f32::NAN, f32::INFINITY).iter().all(|c| c.is_finite()));
-        let [grey, ..] = sample(mips.level(1e9), 0.3, 0.3);
+        assert!(sample(&mips, 2.0, f32::NAN, f32::INFINITY).iter().all(|c| c.is_finite()));
+        let [grey, ..] = sample(&mips, 1e9, 0.3, 0.3);
         assert!((0.3..0.7).contains(&grey), "{grey}");
     }
 }

@@ -8,8 +8,8 @@
 //!    or far outside the frame are clipped in `clip`;
 //! 3. `scan`: exact integer edge functions with the top-left rule, so that neighbours share no pixel and leave none out;
 //!    depth and the number of the triangle per pixel, nothing else;
-//! 4. `shade`: once per pixel at the end, from the triangle's number: perspective-correct weights, colours, textures at
-//!    the fineness of the frame.
+//! 4. `shade`: once per pixel at the end, triangle after triangle: perspective-correct weights (`weights`), colours, textures
+//!    at the fineness of the frame (`mip`), sRGB (`encode`).
 //!
 //! Positions are IEEE `f32` in a fixed order of operations, the rest of coverage is integers: the same bytes on any number
 //! of threads, bands and SIMD levels.
@@ -22,21 +22,26 @@ mod mip;
 mod scan;
 mod shade;
 mod view;
+mod weights;
 
 pub(crate) use encode::encode_srgb;
 pub use mesh::RasterMesh;
 
 use crate::capture::Camera;
-use crate::frame::Frame;
+use crate::frame::{Coverage, Frame};
 use crate::ldi::Environment;
 use cull::VisibleCluster;
-use fearless_simd::Level;
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, u32x16};
 use glam::DVec3;
 use rayon::prelude::*;
-use scan::Target;
+use scan::{Drawn, Target};
 use std::ops::Range;
 use std::time::Instant;
 use view::View;
+
+/// Pixels that are tested, or coloured, at once.
+const LANES: usize = 16;
 
 /// What a pixel of a [`RasterFrame`] shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,7 +55,7 @@ pub enum Seen {
 }
 
 /// The surface of a pixel in 32 bits; see [`Seen`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub(crate) struct SurfaceId(u32);
 
@@ -63,6 +68,24 @@ impl SurfaceId {
 
     fn marker(number: u32) -> Self {
         Self(Self::MARKER | number.min(Self::MARKER - 2))
+    }
+
+    /// Whether [`LANES`] pixels all show triangles; false for fewer.
+    #[inline(always)]
+    fn are_triangles<S: Simd>(simd: S, pixels: &[Self]) -> bool {
+        let ids = bytemuck::cast_slice(pixels).first_chunk::<LANES>();
+        ids.is_some_and(|ids| u32x16::load_array_ref(simd, ids).simd_lt(Self::MARKER).all_true())
+    }
+
+    /// Which of the first `count` pixels from an index on show it, as bits; at most [`LANES`] are looked at.
+    #[inline(always)]
+    fn shown_in<S: Simd>(self, simd: S, pixels: &[Self], start: usize, count: u32) -> u32 {
+        let ids: &[u32] = bytemuck::cast_slice(pixels.get(start..).unwrap_or_default());
+        let shown = match ids.first_chunk::<LANES>() {
+            Some(ids) => u32x16::load_array_ref(simd, ids).simd_eq(self.0).to_bitmask() as u32,
+            None => ids.iter().rev().fold(0, |bits, id| bits << 1 | u32::from(*id == self.0)),
+        };
+        shown & ((1u32 << count.min(LANES as u32)) - 1)
     }
 
     /// What it stands for.
@@ -151,6 +174,8 @@ pub struct Rasterizer {
     output: RasterFrame,
     stats: RasterStats,
     visible: Vec<VisibleCluster>,
+    /// For each band, the triangles that it may show.
+    drawn: Vec<Vec<Drawn>>,
 }
 
 impl Default for Rasterizer {
@@ -170,7 +195,14 @@ impl Rasterizer {
 
     /// A rasteriser that uses one SIMD level and bands of a number of rows (0: the default). All give the same frame.
     pub fn with(level: Level, band_rows: u32) -> Self {
-        Self { level, band_rows, output: RasterFrame::default(), stats: RasterStats::default(), visible: Vec::new() }
+        Self {
+            level,
+            band_rows,
+            output: RasterFrame::default(),
+            stats: RasterStats::default(),
+            visible: Vec::new(),
+            drawn: Vec::new(),
+        }
     }
 
     /// The last frame.
@@ -196,10 +228,8 @@ impl Rasterizer {
         let (width, height) = (camera.width(), camera.height());
         let count = width as usize * height as usize;
         let output = &mut self.output;
-        output.frame.reset(width, height, what.hole_color_srgb);
-        output.inverse_depth.clear();
+        output.frame.resize(width, height, false);
         output.inverse_depth.resize(count, 0.0);
-        output.surface.clear();
         output.surface.resize(count, SurfaceId::NOTHING);
 
         let view = View::new(camera, mesh.origin(), self.level);
@@ -213,17 +243,24 @@ impl Rasterizer {
         };
         let pixels = width as usize * rows as usize;
         let visible = &self.visible;
+        self.drawn.resize_with(height.div_ceil(rows.max(1)) as usize, Vec::new);
         let colors = output.frame.color.par_chunks_mut(pixels).zip(output.frame.coverage.par_chunks_mut(pixels));
         let depths = output.inverse_depth.par_chunks_mut(pixels).zip(output.surface.par_chunks_mut(pixels));
-        let bands = colors.zip(depths).enumerate().with_max_len(1);
-        let drawn = bands.map(|(i, ((color, coverage), (inverse_depth, surface)))| {
+        let bands = colors.zip(depths).zip(&mut self.drawn).enumerate().with_max_len(1);
+        let drawn = bands.map(|(i, (((color, coverage), (inverse_depth, surface)), drawn))| {
+            let [red, green, blue] = what.hole_color_srgb;
+            color.fill([red, green, blue, 255]);
+            coverage.fill(Coverage::HOLE);
+            inverse_depth.fill(0.0);
+            surface.fill(SurfaceId::NOTHING);
+            drawn.clear();
             let start = i as u32 * rows;
             let band = start..start.saturating_add(rows).min(height);
             let mut target =
-                Target { width, rows: band.clone(), inverse_depth, surface, stats: RasterStats::default() };
+                Target { width, rows: band.clone(), inverse_depth, surface, drawn, stats: RasterStats::default() };
             // First, for what they hide: of surfaces in the same place they never show.
             for (marker, triangles) in &markers {
-                triangles.iter().for_each(|corners| target.triangle(*corners, SurfaceId::marker(marker.number), None));
+                triangles.iter().for_each(|corners| view.draw_marker(*corners, marker.number, &mut target));
             }
             for cluster in visible.iter().filter(|cluster| cluster.touches(&band)) {
                 view.draw_cluster(mesh, cluster, &mut target);

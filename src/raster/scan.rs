@@ -8,7 +8,10 @@
 use super::SurfaceId;
 use super::mesh::RasterMesh;
 use super::view::View;
-use super::{RasterStats, Seen};
+use super::weights::Weights;
+use super::{LANES, RasterStats};
+use fearless_simd::prelude::*;
+use fearless_simd::{f32x16, i32x16, mask32x16, u32x16};
 use std::ops::Range;
 
 /// A corner in the frame.
@@ -28,7 +31,17 @@ pub(super) struct Target<'a> {
     pub(super) rows: Range<u32>,
     pub(super) inverse_depth: &'a mut [f32],
     pub(super) surface: &'a mut [SurfaceId],
+    /// The triangles that were nearest somewhere when they were drawn.
+    pub(super) drawn: &'a mut Vec<Drawn>,
     pub(super) stats: RasterStats,
+}
+
+/// A triangle, and the columns and rows of the target that it can show in.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Drawn {
+    pub(super) id: SurfaceId,
+    pub(super) columns: Range<u32>,
+    pub(super) rows: Range<u32>,
 }
 
 /// Says where a triangle with a cut-out material is there.
@@ -42,7 +55,7 @@ pub(super) struct CutoutTest<'a> {
 impl CutoutTest<'_> {
     fn is_solid(&self, x: u32, y: u32) -> bool {
         let corners = self.mesh.corners(&self.mesh.faces[self.primitive as usize]);
-        let weights = self.view.weights(corners, x as f32 + 0.5, y as f32 + 0.5).at(0.0);
+        let weights = Weights::new(self.view, corners).at(x, y);
         self.mesh.scene().is_solid(self.primitive, weights.y, weights.z)
     }
 }
@@ -122,9 +135,6 @@ fn is_nearer([value, depth]: [f32; 2], [id, shown]: [SurfaceId; 2]) -> bool {
     (value > depth) | ((value == depth) & (id.0 < shown.0))
 }
 
-/// Pixels that are tested at once.
-const LANES: usize = 16;
-
 /// Of triangles of up to so many columns, whole rows of the box are tested; of wider ones the ends of each row are computed.
 /// Over this width E / 256 fits into 32 bits: with corners within [`GUARD_PX`](super::view::GUARD_PX), an edge is 2^14 by
 /// 2^23 units at most, and E no more than 2^38.3 within 80 columns of the box's start.
@@ -133,7 +143,13 @@ const NARROW_PX: u32 = 64;
 impl Target<'_> {
     /// Draws a triangle, of either orientation: surfaces have two sides.
     #[inline(always)]
-    pub(super) fn triangle(&mut self, [a, mut b, mut c]: [Snapped; 3], id: SurfaceId, cutout: Option<CutoutTest>) {
+    pub(super) fn triangle<S: Simd>(
+        &mut self,
+        simd: S,
+        [a, mut b, mut c]: [Snapped; 3],
+        id: SurfaceId,
+        cutout: Option<CutoutTest>,
+    ) {
         // The first pixel whose centre is not before the least coordinate, and the first whose centre is beyond the greatest.
         let first = |least: i32| ((least + 127) >> 8).max(0) as u32;
         let end = |most: i32| ((most + 128) >> 8).max(0) as u32;
@@ -159,74 +175,97 @@ impl Target<'_> {
         let edges = [edge(a, b), edge(b, c), edge(c, a)];
         let plane = DepthPlane::new([a, b, c], twice_area);
         let is_narrow = a.x.max(b.x).max(c.x) - a.x.min(b.x).min(c.x) <= (NARROW_PX * 256) as i32;
+        let before = self.stats.pixels_written;
         match cutout {
-            None if is_narrow => self.narrow(&columns, &rows, edges, &plane, id),
-            _ => self.wide(&columns, &rows, edges, &plane, id, cutout),
+            None if is_narrow => self.narrow(simd, &columns, &rows, edges, &plane, id),
+            _ => self.wide(simd, &columns, &rows, edges, &plane, id, cutout),
+        }
+        if self.stats.pixels_written > before {
+            self.list(Drawn { id, columns, rows });
         }
     }
 
-    /// All pixels of the box, [`LANES`] at a time: without a branch, so that the compiler can take them together.
+    /// Notes a triangle; the pieces of a clipped one, which follow each other, together.
     #[inline(always)]
-    fn narrow(&mut self, columns: &Range<u32>, rows: &Range<u32>, edges: [Edge; 3], plane: &DepthPlane, id: SurfaceId) {
-        let count = (columns.end - columns.start) as i32;
-        let mut along = [[0; LANES]; 3];
-        for (along, edge) in along.iter_mut().zip(&edges) {
-            for (lane, along) in (0..).zip(along) {
-                *along = edge.column as i32 * lane;
+    fn list(&mut self, drawn: Drawn) {
+        match self.drawn.last_mut() {
+            Some(last) if last.id == drawn.id => {
+                last.columns = last.columns.start.min(drawn.columns.start)..last.columns.end.max(drawn.columns.end);
+                last.rows = last.rows.start.min(drawn.rows.start)..last.rows.end.max(drawn.rows.end);
             }
+            _ => self.drawn.push(drawn),
         }
+    }
+
+    /// All pixels of the box, [`LANES`] at a time.
+    #[inline(always)]
+    fn narrow<S: Simd>(
+        &mut self,
+        simd: S,
+        columns: &Range<u32>,
+        rows: &Range<u32>,
+        edges: [Edge; 3],
+        plane: &DepthPlane,
+        id: SurfaceId,
+    ) {
+        let count = (columns.end - columns.start) as i32;
+        let lane = i32x16::load_array(simd, std::array::from_fn(|i| i as i32));
         let [step, least, most] = [plane.per_column as f32, plane.range[0], plane.range[1]];
-        let mut at_row = [edges[0].start as i32, edges[1].start as i32, edges[2].start as i32];
         let mut written = 0;
-        for y in rows.clone() {
+        for (below, y) in (0..).zip(rows.clone()) {
             let first = plane.at(columns.start, y);
             let row = (y - self.rows.start) as usize * self.width as usize + columns.start as usize;
             for done in (0..count).step_by(LANES) {
-                let at = |i: usize| at_row[i].wrapping_add(edges[i].column as i32 * done);
-                let (a, b, c) = (at(0), at(1), at(2));
-                let covered = |lane: usize| {
-                    let inside = a.wrapping_add(along[0][lane])
-                        | b.wrapping_add(along[1][lane])
-                        | c.wrapping_add(along[2][lane]);
-                    // Also negative beyond the box, where the next row of the frame begins.
-                    (inside | (count - 1 - done - lane as i32)) >= 0
-                };
-                let value = |lane: usize| (first + step * (done + lane as i32) as f32).max(least).min(most);
-                let start = row + done as usize;
-                let lanes = self.inverse_depth.get_mut(start..).and_then(<[f32]>::first_chunk_mut::<LANES>);
-                match (lanes, self.surface.get_mut(start..).and_then(<[SurfaceId]>::first_chunk_mut::<LANES>)) {
-                    (Some(depths), Some(surfaces)) => {
-                        for lane in 0..LANES {
-                            let value = value(lane);
-                            let nearer = covered(lane) & is_nearer([value, depths[lane]], [id, surfaces[lane]]);
-                            depths[lane] = if nearer { value } else { depths[lane] };
-                            surfaces[lane] = if nearer { id } else { surfaces[lane] };
-                            written += u32::from(nearer);
-                        }
-                    }
-                    // The end of the band.
-                    _ => {
-                        let rest = self.inverse_depth.iter_mut().zip(self.surface.iter_mut()).skip(start);
-                        for (lane, (depth, surface)) in rest.enumerate() {
-                            let value = value(lane);
-                            if covered(lane) && is_nearer([value, *depth], [id, *surface]) {
-                                (*depth, *surface) = (value, id);
-                                written += 1;
-                            }
-                        }
-                    }
+                let along = lane + done;
+                // Negative beyond the box, where the next row of the frame begins.
+                let mut inside = (count - 1) - along;
+                for edge in &edges {
+                    let start = (edge.start as i32).wrapping_add((edge.row as i32).wrapping_mul(below));
+                    inside |= along * edge.column as i32 + start;
                 }
-            }
-            for (at, edge) in at_row.iter_mut().zip(&edges) {
-                *at = at.wrapping_add(edge.row as i32);
+                let covered = inside.simd_ge(0);
+                if !covered.any_true() {
+                    continue;
+                }
+                let value = (first + f32x16::float_from(along) * step).max(least).min(most);
+                written += self.test(simd, row + done as usize, covered, value, id);
             }
         }
         self.stats.pixels_written += u64::from(written);
     }
 
+    /// Depth test and number of the surface for [`LANES`] pixels from an index on; returns how many were written.
     #[inline(always)]
-    fn wide(
+    fn test<S: Simd>(&mut self, simd: S, at: usize, covered: mask32x16<S>, value: f32x16<S>, id: SurfaceId) -> u32 {
+        let depths = self.inverse_depth.get_mut(at..).and_then(<[f32]>::first_chunk_mut::<LANES>);
+        let surfaces: &mut [u32] = bytemuck::cast_slice_mut(self.surface.get_mut(at..).unwrap_or_default());
+        if let (Some(depths), Some(surfaces)) = (depths, surfaces.first_chunk_mut::<LANES>()) {
+            let depth = f32x16::load_array_ref(simd, depths);
+            let surface = u32x16::load_array_ref(simd, surfaces);
+            let ours = u32x16::splat(simd, id.0);
+            // As `is_nearer`.
+            let nearer = covered & (value.simd_gt(depth) | (value.simd_eq(depth) & ours.simd_lt(surface)));
+            *depths = nearer.select(value, depth).to_array();
+            *surfaces = nearer.select(ours, surface).to_array();
+            return nearer.to_bitmask().count_ones();
+        }
+        // The end of the band.
+        let (covered, value) = (covered.to_bitmask(), value.to_array());
+        let rest = self.inverse_depth.iter_mut().zip(self.surface.iter_mut()).skip(at);
+        let mut written = 0;
+        for (lane, (depth, surface)) in rest.enumerate().take(LANES) {
+            if covered >> lane & 1 == 1 && is_nearer([value[lane], *depth], [id, *surface]) {
+                (*depth, *surface) = (value[lane], id);
+                written += 1;
+            }
+        }
+        written
+    }
+
+    #[inline(always)]
+    fn wide<S: Simd>(
         &mut self,
+        simd: S,
         columns: &Range<u32>,
         rows: &Range<u32>,
         mut edges: [Edge; 3],
@@ -243,14 +282,33 @@ impl Target<'_> {
                 edge.start += edge.row;
             }
             if start < end {
-                self.span(columns.start + start as u32..columns.start + end as u32, y, plane, id, cutout);
+                let columns = columns.start + start as u32..columns.start + end as u32;
+                match cutout {
+                    None => self.span(simd, columns, y, plane, id),
+                    Some(cutout) => self.span_with_holes(columns, y, plane, id, cutout),
+                }
             }
         }
     }
 
     /// Depth test and number of the surface for a run of covered pixels.
     #[inline(always)]
-    fn span(&mut self, columns: Range<u32>, y: u32, plane: &DepthPlane, id: SurfaceId, cutout: Option<CutoutTest>) {
+    fn span<S: Simd>(&mut self, simd: S, columns: Range<u32>, y: u32, plane: &DepthPlane, id: SurfaceId) {
+        let lane = i32x16::load_array(simd, std::array::from_fn(|i| i as i32));
+        let (first, step, [least, most]) = (plane.at(columns.start, y), plane.per_column as f32, plane.range);
+        let (row, count) = ((y - self.rows.start) as usize * self.width as usize, columns.len() as i32);
+        let mut written = 0;
+        for done in (0..count).step_by(LANES) {
+            let along = lane + done;
+            let value = (first + f32x16::float_from(along) * step).max(least).min(most);
+            let at = row + columns.start as usize + done as usize;
+            written += self.test(simd, at, along.simd_lt(count), value, id);
+        }
+        self.stats.pixels_written += u64::from(written);
+    }
+
+    /// As [`Self::span`] for a material with holes.
+    fn span_with_holes(&mut self, columns: Range<u32>, y: u32, plane: &DepthPlane, id: SurfaceId, cutout: CutoutTest) {
         let start = (y - self.rows.start) as usize * self.width as usize;
         let run = start + columns.start as usize..start + columns.end as usize;
         let (Some(depths), Some(surfaces)) = (self.inverse_depth.get_mut(run.clone()), self.surface.get_mut(run))
@@ -258,35 +316,12 @@ impl Target<'_> {
             return;
         };
         let (first, step, [least, most]) = (plane.at(columns.start, y), plane.per_column as f32, plane.range);
-        let value = |k: u32| (first + step * k as f32).max(least).min(most);
-        let mut written = 0;
-        match cutout {
-            // Without a branch, as above.
-            None => {
-                for ((k, depth), surface) in (0u32..).zip(depths).zip(surfaces) {
-                    let value = value(k);
-                    let nearer = is_nearer([value, *depth], [id, *surface]);
-                    *depth = if nearer { value } else { *depth };
-                    *surface = if nearer { id } else { *surface };
-                    written += u32::from(nearer);
-                }
-            }
-            Some(cutout) => {
-                for (((k, x), depth), surface) in (0u32..).zip(columns).zip(depths).zip(surfaces) {
-                    let value = value(k);
-                    if is_nearer([value, *depth], [id, *surface]) && cutout.is_solid(x, y) {
-                        (*depth, *surface) = (value, id);
-                        written += 1;
-                    }
-                }
+        for (((k, x), depth), surface) in (0u32..).zip(columns).zip(depths).zip(surfaces) {
+            let value = (first + step * k as f32).max(least).min(most);
+            if is_nearer([value, *depth], [id, *surface]) && cutout.is_solid(x, y) {
+                (*depth, *surface) = (value, id);
+                self.stats.pixels_written += 1;
             }
         }
-        self.stats.pixels_written += u64::from(written);
-    }
-
-    /// Counts the pixels that show a marker.
-    pub(super) fn count_markers(&mut self) {
-        self.stats.marker_pixels +=
-            self.surface.iter().filter(|id| matches!(id.seen(), Seen::Marker(_))).count() as u64;
     }
 }

@@ -1,18 +1,26 @@
 //! From the triangle that a pixel shows to its colour, once per pixel.
 //!
-//! Rows are cut into runs of pixels of one triangle: what holds for the whole triangle is fetched once, and along the run its
-//! weights are linear, so that sixteen pixels are coloured at once; only texels and sRGB levels are looked up one by one.
+//! Triangle after triangle as they were drawn, so that what holds for a whole triangle is fetched once: of its box, the pixels
+//! that still show it are collected, and coloured [`LANES`] at a time; only texels and sRGB levels are looked up one by one.
+//! A colour depends on nothing but triangle and pixel, so that neither bands nor lanes can be told from it.
+//!
+//! Before, each run of a row's pixels was coloured by itself: with runs of some five pixels, most lanes were idle and most of
+//! the time went into what holds for the triangle. Whole frames of rooms now take 0.45 of the time (with the depth test of
+//! `scan` in explicit SIMD, which is a fifth of the gain).
 
 use super::encode::SrgbTable;
 use super::mesh::{RasterMesh, Surface, Vertex};
-use super::mip::Level;
-use super::scan::Target;
-use super::view::{LANES, Lane, View, Weights};
-use super::{Seen, SurfaceId};
+use super::mip::MipTexture;
+use super::scan::{Drawn, Target};
+use super::view::View;
+use super::weights::{Slopes, Weights, mixed};
+use super::{LANES, Seen, SurfaceId};
 use crate::capture::Camera;
 use crate::frame::Coverage;
 use crate::ldi::Environment;
-use fearless_simd::{Simd, dispatch};
+use fearless_simd::dispatch;
+use fearless_simd::prelude::*;
+use fearless_simd::{f32x16, u32x16};
 use glam::{Vec2, Vec3};
 
 /// What the colours of a frame need.
@@ -24,121 +32,151 @@ pub(super) struct Shader<'a> {
     pub(super) exposure: f32,
 }
 
+/// Pixels of a triangle.
+struct Batch {
+    count: usize,
+    /// Column, and 2^16 times the row, of each; a frame's sides are shorter. Beyond `count`: those of any pixels.
+    pixels: [u32; LANES],
+}
+
+/// What holds for a whole triangle.
+struct Shading<'a> {
+    corners: [&'a Vertex; 3],
+    weights: Weights,
+    /// What light is multiplied by, and what is added.
+    albedo: Vec3,
+    emission: Vec3,
+    albedo_texture: Option<(&'a MipTexture, Slopes)>,
+    emission_texture: Option<(&'a MipTexture, Slopes)>,
+}
+
 impl Shader<'_> {
     /// Colours the rows of a target.
     pub(super) fn resolve(&self, target: &mut Target, colors: &mut [[u8; 4]], coverages: &mut [Coverage]) {
-        target.count_markers();
-        dispatch!(self.view.level, simd => self.resolve_at(simd, target, colors, coverages));
+        dispatch!(self.view.level, simd => {
+            self.surroundings(simd, target, colors, coverages);
+            self.triangles(simd, target, colors);
+        });
     }
 
-    /// Plain code; inside the dispatch the compiler may use the instructions of the SIMD level. Loops here and in what is called
-    /// are written out: the body of a `map` may stay in a function of the standard library, which is compiled for no level.
+    /// Coverage of all pixels, and colour of those that show no surface.
     #[inline(always)]
-    fn resolve_at<S: Simd>(&self, _: S, target: &Target, colors: &mut [[u8; 4]], coverages: &mut [Coverage]) {
+    fn surroundings<S: Simd>(&self, simd: S, target: &mut Target, colors: &mut [[u8; 4]], coverages: &mut [Coverage]) {
         let width = target.width as usize;
-        let table = SrgbTable::get();
         let rows = colors.chunks_mut(width).zip(coverages.chunks_mut(width)).zip(target.surface.chunks(width));
         for (y, ((colors, coverages), surfaces)) in target.rows.clone().zip(rows) {
-            let mut start = 0;
-            for run in surfaces.chunk_by(|a, b| a == b) {
-                let pixels = start..start + run.len();
-                let (colors, coverages) = (&mut colors[pixels.clone()], &mut coverages[pixels]);
-                match run[0].seen() {
-                    Seen::Marker(_) => {}
-                    Seen::Triangle(_) => {
-                        self.shade_run(run[0], start as u32, y, table, colors);
-                        coverages.fill(Coverage::FULL);
-                    }
-                    Seen::Nothing => self.environment_run(start as u32, y, colors, coverages),
+            let chunks = colors.chunks_mut(LANES).zip(coverages.chunks_mut(LANES)).zip(surfaces.chunks(LANES));
+            for (x, ((colors, coverages), surfaces)) in (0u32..).step_by(LANES).zip(chunks) {
+                if SurfaceId::are_triangles(simd, surfaces) {
+                    coverages.fill(Coverage::FULL);
+                    continue;
                 }
-                start += run.len();
+                for (i, surface) in surfaces.iter().enumerate() {
+                    match surface.seen() {
+                        Seen::Marker(_) => target.stats.marker_pixels += 1,
+                        Seen::Triangle(_) => coverages[i] = Coverage::FULL,
+                        Seen::Nothing => self.environment_at(x + i as u32, y, &mut colors[i], &mut coverages[i]),
+                    }
+                }
             }
         }
     }
 
-    fn environment_run(&self, x: u32, y: u32, colors: &mut [[u8; 4]], coverages: &mut [Coverage]) {
-        let start = self.camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
-        let step = self.camera.direction(f64::from(x) + 1.5, f64::from(y) + 0.5) - start;
-        for (k, (color, coverage)) in (0u32..).zip(colors.iter_mut().zip(coverages)) {
-            if let Some([r, g, b]) = self.environment.sample((start + step * f64::from(k)).as_vec3()) {
-                (*color, *coverage) = ([r, g, b, 255], Coverage::ENVIRONMENT);
-            }
+    fn environment_at(&self, x: u32, y: u32, color: &mut [u8; 4], coverage: &mut Coverage) {
+        let direction = self.camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        if let Some([r, g, b]) = self.environment.sample(direction.as_vec3()) {
+            (*color, *coverage) = ([r, g, b, 255], Coverage::ENVIRONMENT);
         }
     }
 
-    /// Colours a run of pixels of one triangle.
+    /// Colours the pixels that show a triangle.
     #[inline(always)]
-    fn shade_run(&self, SurfaceId(primitive): SurfaceId, x: u32, y: u32, table: &SrgbTable, colors: &mut [[u8; 4]]) {
+    fn triangles<S: Simd>(&self, simd: S, target: &Target, colors: &mut [[u8; 4]]) {
+        let mut batch = Batch { count: 0, pixels: [0; LANES] };
+        for Drawn { id, columns, rows } in target.drawn.iter() {
+            let Seen::Triangle(primitive) = id.seen() else { continue };
+            let mut shading = None;
+            for y in rows.clone() {
+                let row = (y - target.rows.start) as usize * target.width as usize;
+                for x in columns.clone().step_by(LANES) {
+                    let mut shown = id.shown_in(simd, target.surface, row + x as usize, columns.end - x);
+                    while shown != 0 {
+                        let x = x + shown.trailing_zeros();
+                        shown &= shown - 1;
+                        if batch.push(x | y << 16) {
+                            let shading = shading.get_or_insert_with(|| self.shading(primitive));
+                            self.shade(simd, shading, &mut batch, target, colors);
+                        }
+                    }
+                }
+            }
+            if batch.count > 0 {
+                let shading = shading.get_or_insert_with(|| self.shading(primitive));
+                self.shade(simd, shading, &mut batch, target, colors);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn shading(&self, primitive: u32) -> Shading<'_> {
         let face = &self.mesh.faces[primitive as usize];
         let corners = self.mesh.corners(face);
-        let surface = &self.mesh.surfaces[face.material as usize];
-        let weights = self.view.weights(corners, x as f32 + 0.5, y as f32 + 0.5);
-        let most = Vec3::splat(self.exposure);
-        let (albedo, emission) = (surface.albedo * self.exposure, surface.emission.max(Vec3::ZERO) * self.exposure);
-        let texels = self.texels(surface, corners, &weights);
-        for (colors, first) in colors.chunks_mut(LANES).zip((0u32..).step_by(LANES)) {
-            let weights = weights.lanes(first as f32);
-            let [a, b, c] = corners;
-            let mut lit = [[0.0; LANES]; 3];
-            for (channel, lit) in lit.iter_mut().enumerate() {
-                *lit = mixed(&weights, [a.color[channel], b.color[channel], c.color[channel]]);
-                for lit in lit {
-                    *lit *= albedo[channel];
-                }
-            }
-            let mut glow = [[emission.x; LANES], [emission.y; LANES], [emission.z; LANES]];
-            if let Some(texels) = &texels {
-                let u = mixed(&weights, [a.texcoord.x, b.texcoord.x, c.texcoord.x]);
-                let v = mixed(&weights, [a.texcoord.y, b.texcoord.y, c.texcoord.y]);
-                for (level, channels) in [(texels.albedo, &mut lit), (texels.emission, &mut glow)] {
-                    if let Some(level) = level {
-                        level.multiply(&u, &v, colors.len(), channels);
-                    }
-                }
-            }
-            for (lit, (glow, most)) in lit.iter_mut().zip(glow.iter().zip(most.to_array())) {
-                for (lit, glow) in lit.iter_mut().zip(glow) {
-                    *lit = lit.max(0.0).min(most) + glow;
-                }
-            }
-            let [r, g, b] = &lit;
-            for (color, ((r, g), b)) in colors.iter_mut().zip(r.iter().zip(g).zip(b)) {
-                *color = [table.encode(*r), table.encode(*g), table.encode(*b), 255];
-            }
-        }
-    }
-
-    /// The textures of a triangle at the fineness that suits the start of a run; `None` if it has none.
-    #[inline(always)]
-    fn texels(&self, surface: &Surface, corners: [&Vertex; 3], weights: &Weights) -> Option<Texels<'_>> {
-        if surface.albedo_texture.is_none() && surface.emission_texture.is_none() {
-            return None;
-        }
-        let texcoords = [corners[0].texcoord, corners[1].texcoord, corners[2].texcoord];
-        let [along_x, along_y] = weights.derivatives(texcoords);
-        let level = |texture: Option<u32>| {
-            let texture = self.mesh.textures.get(texture? as usize)?;
-            let size = Vec2::from(texture.size());
-            // Geometric mean of the footprint's sides: the longer one blurs what is seen at a grazing angle.
-            let footprint = ((along_x * size).length_squared() * (along_y * size).length_squared()).sqrt().sqrt();
-            Some(texture.level(footprint))
+        let surface: &Surface = &self.mesh.surfaces[face.material as usize];
+        let weights = Weights::new(self.view, corners);
+        let texture = |number: Option<u32>| {
+            let texture = self.mesh.textures.get(number? as usize)?;
+            Some((texture, weights.slopes(corners, Vec2::from(texture.size()))))
         };
-        Some(Texels { albedo: level(surface.albedo_texture), emission: level(surface.emission_texture) })
+        Shading {
+            corners,
+            albedo: surface.albedo * self.exposure,
+            emission: surface.emission.max(Vec3::ZERO) * self.exposure,
+            albedo_texture: texture(surface.albedo_texture),
+            emission_texture: texture(surface.emission_texture),
+            weights,
+        }
+    }
+
+    /// Colours pixels of a triangle, and empties the batch.
+    #[inline(always)]
+    fn shade<S: Simd>(&self, simd: S, shading: &Shading, batch: &mut Batch, target: &Target, colors: &mut [[u8; 4]]) {
+        let table = SrgbTable::get();
+        let [a, b, c] = shading.corners;
+        let pixels = u32x16::load_array_ref(simd, &batch.pixels);
+        let (x, y) = (pixels & 0xffff, pixels >> 16);
+        let (weights, per) = shading.weights.lanes(simd, &x.to_array(), &y.to_array());
+        let white = [f32x16::splat(simd, 1.0); 3];
+        let u = mixed(weights, [a.texcoord.x, b.texcoord.x, c.texcoord.x]);
+        let v = mixed(weights, [a.texcoord.y, b.texcoord.y, c.texcoord.y]);
+        let albedo = match &shading.albedo_texture {
+            Some((texture, slopes)) => texture.sample(simd, [u, v], slopes.footprint(u, v, per), batch.count),
+            None => white,
+        };
+        let emission = match &shading.emission_texture {
+            Some((texture, slopes)) => texture.sample(simd, [u, v], slopes.footprint(u, v, per), batch.count),
+            None => white,
+        };
+        let mut color = u32x16::splat(simd, 0xff00_0000);
+        for channel in 0..3 {
+            let at_corners = [a.color[channel], b.color[channel], c.color[channel]];
+            let lit = mixed(weights, at_corners) * shading.albedo[channel] * albedo[channel];
+            let linear = lit.max(0.0).min(self.exposure) + emission[channel] * shading.emission[channel];
+            color |= table.encode_sixteen(simd, linear, batch.count) << (8 * channel as u32);
+        }
+        let (color, index) = (color.to_array(), ((y - target.rows.start) * target.width + x).to_array());
+        for i in 0..batch.count.min(LANES) {
+            colors[index[i] as usize] = color[i].to_le_bytes();
+        }
+        batch.count = 0;
     }
 }
 
-/// What has the given values at the corners, at each lane.
-#[inline(always)]
-fn mixed([a, b, c]: &[Lane; 3], [at_a, at_b, at_c]: [f32; 3]) -> Lane {
-    let mut mixed = [0.0; LANES];
-    for (i, mixed) in mixed.iter_mut().enumerate() {
-        *mixed = (at_a * a[i] + at_b * b[i]) + at_c * c[i];
+impl Batch {
+    /// Adds a pixel; returns whether the batch is full.
+    #[inline(always)]
+    fn push(&mut self, pixel: u32) -> bool {
+        self.pixels[self.count % LANES] = pixel;
+        self.count = self.count % LANES + 1;
+        self.count == LANES
     }
-    mixed
-}
-
-/// The textures of a run.
-struct Texels<'a> {
-    albedo: Option<&'a Level>,
-    emission: Option<&'a Level>,
 }

@@ -1,12 +1,12 @@
 //! From local positions to the frame: the transfer of a cluster's vertices, and what becomes of its triangles.
 
 use super::cull::VisibleCluster;
-use super::mesh::{CLUSTER_VERTICES, RasterMesh, Vertex};
+use super::mesh::{CLUSTER_VERTICES, RasterMesh};
 use super::scan::{CutoutTest, Snapped, Target};
 use super::{SurfaceId, clip};
 use crate::capture::Camera;
 use fearless_simd::{Level, Simd, dispatch};
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec3};
 
 /// Nothing nearer than this is drawn, metres. Only keeps divisions finite: what it cuts off is smaller than a pixel.
 pub(super) const NEAR_M: f32 = 1e-5;
@@ -17,6 +17,9 @@ pub(super) const SUBPIXELS: i32 = 256;
 /// Triangles that reach farther from the frame's upper left corner than this are clipped, px: products of two edges stay
 /// below 2^46, and the sum in `snap` below 2^24.
 pub(super) const GUARD_PX: f32 = 16_383.0;
+
+/// Bit of a vertex that lies where it cannot be drawn: its triangles are clipped.
+const CLIPPED: u8 = 1;
 
 /// A camera about a mesh's origin.
 pub(super) struct View {
@@ -37,8 +40,8 @@ struct Transferred {
     y: [i32; CLUSTER_VERTICES],
     /// 1 / eye depth, 1/m.
     inverse_depth: [f32; CLUSTER_VERTICES],
-    /// Whether the position is out of bounds.
-    outside: [bool; CLUSTER_VERTICES],
+    /// Whether the position is out of bounds ([`CLIPPED`]), and on which sides of the frame it lies.
+    outside: [u8; CLUSTER_VERTICES],
 }
 
 impl View {
@@ -60,28 +63,15 @@ impl View {
     }
 
     /// As [`Self::homogeneous`]: a corner 2 km behind the eye decides where its edge passes a millimetre in front of it.
-    fn homogeneous_f64(&self, position: Vec3) -> DVec3 {
+    #[inline(always)]
+    pub(super) fn homogeneous_f64(&self, position: Vec3) -> DVec3 {
         let d = position.as_dvec3() - self.eye_f64;
         DVec3::from(self.rows_f64.map(|row| row.dot(d)))
     }
 
-    /// A triangle near a position of the frame, px.
-    #[inline(always)]
-    pub(super) fn weights(&self, [a, b, c]: [&Vertex; 3], x: f32, y: f32) -> Weights {
-        let (a, b, c) = (self.homogeneous(a.position), self.homogeneous(b.position), self.homogeneous(c.position));
-        let about = |h: Vec3| Vec3::new(h.x - x * h.z, h.y - y * h.z, h.z);
-        let (a, b, c) = (about(a), about(b), about(c));
-        let cross = |p: Vec3, q: Vec3| p.x * q.y - p.y * q.x;
-        let along_x = |p: Vec3, q: Vec3| p.y * q.z - p.z * q.y;
-        let along_y = |p: Vec3, q: Vec3| p.z * q.x - p.x * q.z;
-        let here = Vec3::new(cross(b, c), cross(c, a), cross(a, b));
-        // Seen from its back, all three are negative.
-        let sign = if here.x + here.y + here.z < 0.0 { -1.0 } else { 1.0 };
-        Weights {
-            here: here * sign,
-            along_x: Vec3::new(along_x(b, c), along_x(c, a), along_x(a, b)) * sign,
-            along_y: Vec3::new(along_y(b, c), along_y(c, a), along_y(a, b)) * sign,
-        }
+    /// Draws a triangle of a marker.
+    pub(super) fn draw_marker(&self, corners: [Snapped; 3], number: u32, target: &mut Target) {
+        dispatch!(self.level, simd => target.triangle(simd, corners, SurfaceId::marker(number), None));
     }
 
     /// Draws the triangles of a cluster.
@@ -96,7 +86,7 @@ impl View {
             x: [0; CLUSTER_VERTICES],
             y: [0; CLUSTER_VERTICES],
             inverse_depth: [0.0; CLUSTER_VERTICES],
-            outside: [false; CLUSTER_VERTICES],
+            outside: [0; CLUSTER_VERTICES],
         };
         let run = cluster.vertices.start as usize..cluster.vertices.end as usize;
         self.transfer(simd, mesh.positions.each_ref().map(|axis| &axis[run.clone()]), &mut vertices);
@@ -105,15 +95,20 @@ impl View {
             let corners = face.corners;
             let local = |corner: u32| corner.wrapping_sub(cluster.vertices.start) as usize % CLUSTER_VERTICES;
             let (i, j, k) = (local(corners[0]), local(corners[1]), local(corners[2]));
+            if vertices.outside[i] & vertices.outside[j] & vertices.outside[k] & !CLIPPED != 0 {
+                continue;
+            }
             let has_cutout = cluster.has_cutouts && mesh.surfaces[face.material as usize].has_cutout;
             let cutout = has_cutout.then_some(CutoutTest { mesh, view: self, primitive });
-            if vertices.outside[i] | vertices.outside[j] | vertices.outside[k] {
+            if (vertices.outside[i] | vertices.outside[j] | vertices.outside[k]) & CLIPPED != 0 {
                 let homogeneous = mesh.corners(face).map(|corner| self.homogeneous_f64(corner.position));
-                let snapped = [i, j, k].map(|i| (!vertices.outside[i]).then(|| vertices.snapped(i)));
-                clip::clipped(homogeneous, snapped, |corners| target.triangle(corners, SurfaceId(primitive), cutout));
+                let snapped = [i, j, k].map(|i| (vertices.outside[i] & CLIPPED == 0).then(|| vertices.snapped(i)));
+                clip::clipped(homogeneous, snapped, |corners| {
+                    target.triangle(simd, corners, SurfaceId(primitive), cutout)
+                });
             } else {
                 let corners = [vertices.snapped(i), vertices.snapped(j), vertices.snapped(k)];
-                target.triangle(corners, SurfaceId(primitive), cutout);
+                target.triangle(simd, corners, SurfaceId(primitive), cutout);
             }
         }
     }
@@ -132,68 +127,18 @@ impl View {
             let (px, py) = (hx * inverse, hy * inverse);
             // False for NaN.
             let inside = (hw >= NEAR_M) & (px.abs() < GUARD_PX) & (py.abs() < GUARD_PX);
-            out.outside[i] = !inside;
+            // On the frame's sides by a pixel more than rounding needs. All false for NaN.
+            let (right, bottom) = ((self.width + 1) as f32 * hw, (self.height + 1) as f32 * hw);
+            out.outside[i] = u8::from(!inside) * CLIPPED
+                | u8::from(hw < NEAR_M * 0.5) << 1
+                | u8::from(hx < -hw) << 2
+                | u8::from(hx > right) << 3
+                | u8::from(hy < -hw) << 4
+                | u8::from(hy > bottom) << 5;
             out.inverse_depth[i] = inverse;
             out.x[i] = snap(px);
             out.y[i] = snap(py);
         }
-    }
-}
-
-/// Pixels that are coloured at once.
-pub(super) const LANES: usize = 16;
-
-/// A number for each of these.
-pub(super) type Lane = [f32; LANES];
-
-/// Perspective-correct weights of a triangle's corners, up to their sum, as linear functions about a position of the frame:
-/// the edge functions of the corners in homogeneous coordinates. They are taken relative to the position so that `f32` keeps
-/// its digits.
-#[derive(Clone, Copy)]
-pub(super) struct Weights {
-    here: Vec3,
-    along_x: Vec3,
-    along_y: Vec3,
-}
-
-impl Weights {
-    /// The weights so many px to the right. Positions are snapped: where the centre of a pixel lies a hair outside the
-    /// triangle that covers it, the nearest point of the triangle counts. All are 0 for a triangle that is seen edge-on.
-    #[inline(always)]
-    pub(super) fn at(&self, columns: f32) -> Vec3 {
-        let w = (self.here + self.along_x * columns).max(Vec3::ZERO);
-        let sum = w.x + w.y + w.z;
-        w * if sum > 0.0 { 1.0 / sum } else { 0.0 }
-    }
-
-    /// As [`Self::at`] for [`LANES`] pixels from so many px to the right on, corner by corner.
-    #[inline(always)]
-    pub(super) fn lanes(&self, first: f32) -> [Lane; 3] {
-        let mut weights = [[0.0; LANES]; 3];
-        for (corner, weights) in weights.iter_mut().enumerate() {
-            let (here, along_x) = (self.here[corner], self.along_x[corner]);
-            for (i, weight) in weights.iter_mut().enumerate() {
-                *weight = (here + along_x * (first + i as f32)).max(0.0);
-            }
-        }
-        let [a, b, c] = &mut weights;
-        for i in 0..LANES {
-            let sum = (a[i] + b[i]) + c[i];
-            let per = if sum > 0.0 { 1.0 / sum } else { 0.0 };
-            (a[i], b[i], c[i]) = (a[i] * per, b[i] * per, c[i] * per);
-        }
-        weights
-    }
-
-    /// The derivatives of something that has the given values at the corners, along x and along y, at the position.
-    #[inline(always)]
-    pub(super) fn derivatives(&self, [a, b, c]: [Vec2; 3]) -> [Vec2; 2] {
-        let sum = |w: Vec3| w.x + w.y + w.z;
-        let mix = |w: Vec3| a * w.x + b * w.y + c * w.z;
-        let per = 1.0 / sum(self.here).max(f32::MIN_POSITIVE);
-        let here = mix(self.here) * per;
-        let along = |w: Vec3| (mix(w) - here * sum(w)) * per;
-        [along(self.along_x), along(self.along_y)]
     }
 }
 
