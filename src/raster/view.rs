@@ -104,7 +104,7 @@ impl View {
                 let homogeneous = mesh.corners(face).map(|corner| self.homogeneous_f64(corner.position));
                 let snapped = [i, j, k].map(|i| (vertices.outside[i] & CLIPPED == 0).then(|| vertices.snapped(i)));
                 clip::clipped(homogeneous, snapped, |corners| {
-                    target.triangle(simd, corners, SurfaceId(primitive), cutout)
+                    target.triangle(simd, corners, SurfaceId(primitive), cutout);
                 });
             } else {
                 let corners = [vertices.snapped(i), vertices.snapped(j), vertices.snapped(k)];
@@ -129,12 +129,12 @@ impl View {
             let inside = (hw >= NEAR_M) & (px.abs() < GUARD_PX) & (py.abs() < GUARD_PX);
             // On the frame's sides by a pixel more than rounding needs. All false for NaN.
             let (right, bottom) = ((self.width + 1) as f32 * hw, (self.height + 1) as f32 * hw);
-            out.outside[i] = u8::from(!inside) * CLIPPED
-                | u8::from(hw < NEAR_M * 0.5) << 1
-                | u8::from(hx < -hw) << 2
-                | u8::from(hx > right) << 3
-                | u8::from(hy < -hw) << 4
-                | u8::from(hy > bottom) << 5;
+            out.outside[i] = (u8::from(!inside) * CLIPPED)
+                | (u8::from(hw < NEAR_M * 0.5) << 1)
+                | (u8::from(hx < -hw) << 2)
+                | (u8::from(hx > right) << 3)
+                | (u8::from(hy < -hw) << 4)
+                | (u8::from(hy > bottom) << 5);
             out.inverse_depth[i] = inverse;
             out.x[i] = snap(px);
             out.y[i] = snap(py);
