@@ -8,7 +8,7 @@ use fearless_simd::prelude::*;
 use glam::{DVec3, Vec2, Vec3};
 
 /// The weights up to their sum, as linear functions of the position in the frame: the edge functions of the corners in
-/// homogeneous coordinates. In `f64`, as on a floor a millimetre under the eye they differ by 10^5 within the frame.
+/// homogeneous coordinates. In `f64`, as on a floor a tenth of a millimetre under the eye they differ by 10^5 within the frame.
 ///
 /// Positions of corners are snapped when coverage is found: where the centre of a pixel lies a hair outside the triangle that
 /// covers it, the nearest point of the triangle counts. All weights are 0 for a triangle that is seen edge-on.
