@@ -126,6 +126,13 @@ impl DepthPlane {
         let [dx, dy] = [f64::from(x) + self.from_origin[0], f64::from(y) + self.from_origin[1]];
         ((self.at_origin + self.per_row * dy) + self.per_column * dx) as f32
     }
+
+    /// So many pixels to the right of one with a given value.
+    #[inline(always)]
+    fn lanes<S: Simd>(&self, first: f32, along: i32x16<S>) -> f32x16<S> {
+        let [least, most] = self.range;
+        (first + f32x16::float_from(along) * self.per_column as f32).max(least).min(most)
+    }
 }
 
 /// Whether a surface replaces what a pixel shows; both 1 / eye depths and surfaces are given new one first. Of surfaces in the
@@ -210,7 +217,6 @@ impl Target<'_> {
     ) {
         let count = (columns.end - columns.start) as i32;
         let lane = i32x16::load_array(simd, std::array::from_fn(|i| i as i32));
-        let [step, least, most] = [plane.per_column as f32, plane.range[0], plane.range[1]];
         let mut written = 0;
         for (below, y) in (0..).zip(rows.clone()) {
             let first = plane.at(columns.start, y);
@@ -227,8 +233,7 @@ impl Target<'_> {
                 if !covered.any_true() {
                     continue;
                 }
-                let value = (first + f32x16::float_from(along) * step).max(least).min(most);
-                written += self.test(simd, row + done as usize, covered, value, id);
+                written += self.test(simd, row + done as usize, covered, plane.lanes(first, along), id);
             }
         }
         self.stats.pixels_written += u64::from(written);
@@ -295,14 +300,13 @@ impl Target<'_> {
     #[inline(always)]
     fn span<S: Simd>(&mut self, simd: S, columns: Range<u32>, y: u32, plane: &DepthPlane, id: SurfaceId) {
         let lane = i32x16::load_array(simd, std::array::from_fn(|i| i as i32));
-        let (first, step, [least, most]) = (plane.at(columns.start, y), plane.per_column as f32, plane.range);
+        let first = plane.at(columns.start, y);
         let (row, count) = ((y - self.rows.start) as usize * self.width as usize, columns.len() as i32);
         let mut written = 0;
         for done in (0..count).step_by(LANES) {
             let along = lane + done;
-            let value = (first + f32x16::float_from(along) * step).max(least).min(most);
             let at = row + columns.start as usize + done as usize;
-            written += self.test(simd, at, along.simd_lt(count), value, id);
+            written += self.test(simd, at, along.simd_lt(count), plane.lanes(first, along), id);
         }
         self.stats.pixels_written += u64::from(written);
     }
