@@ -87,8 +87,9 @@ fn hit(tracer: &Tracer, camera: &Camera, x: f64, y: f64) -> Option<Hit> {
 }
 
 /// A pixel may show another surface than the tracer's ray only if a ray this far away meets that surface: corners are
-/// snapped to 1/256 px, which moves an edge by up to 0.0028 px; the rest is the rounding of f32 positions.
-const EDGE_PX: f64 = 0.006;
+/// snapped to 1/256 px, which moves an edge by up to 0.0028 px; triangles cover up to 0.0056 px more; the rest is the rounding
+/// of f32 positions.
+const EDGE_PX: f64 = 0.0095;
 /// Relative difference of inverse depth on one surface: snapping moves corners by 0.0028 px, on a slope of at most
 /// about ten times the depth per frame here.
 const DEPTH: f32 = 2e-3;
@@ -114,8 +115,10 @@ fn compare_with_tracer(scene: Scene, camera: &Camera) -> usize {
             assert!((found - hit.t).abs() <= DEPTH * slope * hit.t, "({x}, {y}): {found} and {}", hit.t);
             continue;
         }
-        let around = (0..16).map(|k| f64::from(k) * std::f64::consts::TAU / 16.0);
-        let near_edge = around.map(|a| seen_at(EDGE_PX * a.cos(), EDGE_PX * a.sin())).any(|near| near == seen);
+        // Of slivers a thousandth of a pixel wide, too, one of so many rays meets what there is of them.
+        let around = (0..1024).map(|k| f64::from(k) * std::f64::consts::TAU / 64.0);
+        let within = around.enumerate().map(|(k, a)| (a, EDGE_PX * (1 + k / 64) as f64 / 16.0));
+        let near_edge = within.map(|(a, r)| seen_at(r * a.cos(), r * a.sin())).any(|near| near == seen);
         // Where two surfaces cross, either may be in front.
         let crossing =
             hit(&tracer, camera, px, py).is_some_and(|hit| (hit.t * frame.inverse_depth[pixel] - 1.0).abs() < 1e-4);
@@ -158,9 +161,9 @@ fn triangles_that_reach_behind_the_eye() {
 }
 
 /// A jittered grid of triangles that covers the frame, flat and tilted, fine and coarse, partly behind the eye: every pixel
-/// is covered by exactly one of them.
+/// is covered by one of them, and by a second one only within a hair of its edge.
 #[test]
-fn neighbours_share_no_pixel_and_leave_none_out() {
+fn neighbours_leave_no_pixel_out_and_share_few() {
     let mut random = Random(11);
     for (side, reach, tilt) in [(3, 4.0, 0.0), (9, 4.0, 0.4), (40, 3.0, 0.1), (4, 4000.0, 0.9)] {
         let mut corner = |i: usize, j: usize| {
@@ -190,7 +193,43 @@ fn neighbours_share_no_pixel_and_leave_none_out() {
             let (frame, _) = rasterizer.draw(&mesh, &camera, &view(&one, &[]), &Environment::default());
             times.iter_mut().enumerate().for_each(|(i, n)| *n += u32::from(frame.seen(i) != Seen::Nothing));
         }
-        assert!(times.iter().all(|&n| n == 1), "side {side}, reach {reach}: {:?}", times.iter().max());
+        assert!(times.iter().all(|&n| n >= 1), "side {side}, reach {reach}");
+        // At most an edge through each pixel, and a hair to either side of it.
+        let shared = times.iter().filter(|&&n| n > 1).count();
+        assert!(shared * 50 < times.len(), "side {side}, reach {reach}: {shared}");
+    }
+}
+
+/// Walls whose panels were cut into pieces on one side only, as around a door: from a thousand places no ray of light comes
+/// through where corners lie on edges.
+#[test]
+fn no_crack_opens_where_corners_lie_on_edges() {
+    let mut random = Random(5);
+    let whole_panel =
+        [dvec3(-1.0, -40.0, 0.0), dvec3(-1.0, 40.0, 0.0), dvec3(-40.0, 40.0, 0.0), dvec3(-40.0, -40.0, 0.0)];
+    let mut triangles =
+        vec![[whole_panel[0], whole_panel[1], whole_panel[2]], [whole_panel[0], whole_panel[2], whole_panel[3]]];
+    let mut cuts: Vec<f64> = (0..40).map(|_| random.between(-3.0, 3.0)).chain([-40.0, 40.0]).collect();
+    cuts.sort_by(f64::total_cmp);
+    for pair in cuts.windows(2) {
+        let [low, high] = [pair[0], pair[1]];
+        let corner = |x: f64, y: f64| dvec3(x, y, 0.0);
+        triangles.push([corner(-1.0, low), corner(40.0, low), corner(40.0, high)]);
+        triangles.push([corner(-1.0, low), corner(40.0, high), corner(-1.0, high)]);
+    }
+    // As a house stands in a plan: its numbers are not those of the axes.
+    let turn = glam::DMat3::from_rotation_y(0.4) * glam::DMat3::from_rotation_x(0.3);
+    triangles.iter_mut().flatten().for_each(|corner| *corner = turn * *corner);
+    let scene = Arc::new(scene_of(&triangles));
+    let mesh =
+        RasterMesh::new(Arc::clone(&scene), std::slice::from_ref(&(0..scene.triangles.len() as u32)), DVec3::ZERO);
+    let mut rasterizer = Rasterizer::new();
+    for place in 0..1000 {
+        let eye = turn * (dvec3(-1.0, 0.0, 2.0) + random.in_cube(0.7));
+        let at = turn * (dvec3(-1.0, 0.0, 0.0) + random.in_cube(0.2));
+        let camera = camera(eye, at, 48, 48);
+        let (frame, _) = rasterizer.draw(&mesh, &camera, &view(&whole(1), &[]), &Environment::default());
+        assert_eq!(frame.frame.hole_count(), 0, "place {place}");
     }
 }
 
