@@ -115,9 +115,12 @@ impl House {
 
     /// What a ray sees of a surface: linear radiance, and the unit normal on the ray's side.
     pub(crate) fn surface(&self, ray: &Ray, hit: &Hit) -> (Vec3, Vec3) {
-        let surface = self.scene().surface(hit.primitive, hit.u, hit.v);
-        let normal = if surface.normal.dot(ray.direction) > 0.0 { -surface.normal } else { surface.normal };
-        ((Vec3::from(surface.albedo) + Vec3::from(surface.emission)) * self.lighting.exposure, normal)
+        let scene = self.scene();
+        let normal = scene.geometric_normal(hit.primitive);
+        let albedo = Vec3::from(scene.paint(hit.primitive).albedo(hit.u, hit.v));
+        let emission = Vec3::from(scene.emission(hit.primitive, hit.u, hit.v));
+        let radiance = (albedo + emission) * self.lighting.exposure;
+        (radiance, if normal.dot(ray.direction) > 0.0 { -normal } else { normal })
     }
 
     /// The middle of a cell's space, at the height of an eye, world metres; `None` for the outside.

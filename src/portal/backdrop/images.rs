@@ -29,7 +29,6 @@ pub(super) fn ldi(
         let place = places[image as usize];
         batch.image = image.min(255) as u8;
         batch.eye = Some((place - house.tracer().origin()).as_vec3());
-        batch.first = i * face_px;
         fill_row(house, opening, place, Face::ALL[(row / face_px) as usize], row % face_px, face_px, batch);
     })
 }

@@ -35,9 +35,8 @@ pub(super) fn ldi(
         sampling: Sampling::Stratified,
     };
     let job = CubeJob { house, centre, face_px, rule: MergeRule::Average };
-    let rays_per_cell = strata.position_cells() * strata.rays;
     job.run(strata.direction_cells(), |cell, batch| {
-        (batch.image, batch.eye, batch.first) = (0, None, cell * rays_per_cell);
+        (batch.image, batch.eye) = (0, None);
         let directions = DirectionCell { domain, domain_number: 0, strata, cell };
         let names: Vec<(u32, u32)> =
             (0..strata.position_cells()).flat_map(|p| (0..strata.rays).map(move |ray| (p, ray))).collect();
