@@ -21,7 +21,7 @@ pub(super) fn ldi(
     quality: &Quality,
 ) -> Result<PackedCube, PackError> {
     let face_px = quality.face_px;
-    let job = CubeJob { house, centre: places[0], face_px, rule };
+    let job = CubeJob { house, centre: places[0], face_px, rule, mends: false };
     // Rows of all faces of all images.
     let rows = 6 * face_px;
     job.run(places.len() as u32 * rows, |i, batch| {

@@ -7,11 +7,12 @@
 //! * `images`: depth images from a semicircle: one warped, the two nearest warped, or all in one LDI.
 //! * `sprite`: a sprite with depth where what lies behind is smooth.
 //! * `window`: cube LDIs from rays through the whole opening in all directions.
-//! * `gather`: from rays to a cube LDI, with the conflict rules.
+//! * `gather`: from rays to a cube LDI, with the conflict rules; `mend`: what random rays left out of it.
 
 mod draw;
 mod gather;
 mod images;
+mod mend;
 mod sprite;
 mod texture;
 mod window;
@@ -127,7 +128,7 @@ impl Default for Quality {
     fn default() -> Self {
         Self {
             face_px: 512,
-            window_face_px: 312,
+            window_face_px: 308,
             window_back_m: 1.0,
             images: 6,
             radius_m: 2.0,

@@ -34,7 +34,7 @@ pub(super) fn ldi(
         seed: quality.seed,
         sampling: Sampling::Stratified,
     };
-    let job = CubeJob { house, centre, face_px, rule: MergeRule::Average };
+    let job = CubeJob { house, centre, face_px, rule: MergeRule::Average, mends: true };
     job.run(strata.direction_cells(), |cell, batch| {
         (batch.image, batch.eye) = (0, None);
         let directions = DirectionCell { domain, domain_number: 0, strata, cell };
