@@ -15,8 +15,8 @@ use headbox::capture::Camera;
 use headbox::capture::rig::Face;
 use headbox::ldi::{CubeLdi, DepthPixel, EncodedNormal};
 use headbox::packed::{PackedCube, SplatIndexLayout, Split};
-use headbox::splat::SplatKernel;
-use headbox::warp::{FrameStats, Parallel, RenderSettings, Renderer};
+use headbox::render::splat::SplatKernel;
+use headbox::render::{FrameStats, Parallel, RenderSettings, Renderer};
 
 /// The first surface that each pixel's ray meets.
 fn pierced(scene: &Scene, face_px: u32, faces: &[Face]) -> CubeLdi {

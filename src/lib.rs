@@ -2,7 +2,7 @@
 //! then shown from anywhere inside a *headbox*, on a CPU, at a frame rate that does not depend on its geometry.
 //!
 //! The stages, in the order in which data flows: [`capture`] (scenes, light, rays) -> [`ldi`] (the build-time cube
-//! LDI) -> [`packed`] (its 8-byte render-time form) -> [`warp`] and [`splat`] (samples to pixels) -> [`metrics`];
+//! LDI) -> [`packed`] (its 8-byte render-time form) -> [`render`] (samples to pixels) -> [`metrics`];
 //! beside them [`sprite`], sprites with depth, and [`compose`], both in one frame.
 //! Conventions (axes, pixels, depth, colour) are stated once, in [`capture`].
 
@@ -21,11 +21,10 @@ pub mod metrics;
 pub mod packed;
 pub mod portal;
 pub mod raster;
+pub mod render;
 pub mod report;
 pub mod scene_source;
-pub mod splat;
 pub mod sprite;
 pub mod truth;
 #[cfg(feature = "viewer")]
 pub mod view;
-pub mod warp;

@@ -18,15 +18,15 @@ use headbox::ldi::merge::MergeRule;
 use headbox::ldi::shard::{self, ShardInfo};
 use headbox::packed::{BlockIndex, PackedCube, PackedSegment, SplatIndexLayout, Split};
 use headbox::path;
+use headbox::render::splat::SplatKernel;
+use headbox::render::{RenderSettings, Renderer};
 use headbox::report::figures::figures;
 use headbox::report::row::Report;
 use headbox::report::{results, summary};
 use headbox::scene_source::{SceneSource, fingerprint};
-use headbox::splat::SplatKernel;
 use headbox::sprite::{
     DepthPicture, DisplacementFormat, SlabCapture, SpriteFrame, SpriteRenderer, SpriteSet, capture_slabs,
 };
-use headbox::warp::{RenderSettings, Renderer};
 use mutated::{Dice, Rounds, alone, bytes_of, corpus, corpus_folder, try_mutations};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;

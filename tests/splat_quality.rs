@@ -11,8 +11,8 @@ use glam::{DVec3, dvec3};
 use headbox::capture::Camera;
 use headbox::frame::Frame;
 use headbox::packed::{ExactCube, PackedCube, SplatIndexLayout, Split};
-use headbox::splat::SplatKernel;
-use headbox::warp::{RenderSettings, Renderer};
+use headbox::render::splat::SplatKernel;
+use headbox::render::{RenderSettings, Renderer};
 
 const FACE_PX: u32 = 160;
 const SIZE: [u32; 2] = [120, 90];

@@ -11,8 +11,8 @@ use headbox::capture::rig::Face;
 use headbox::frame::Frame;
 use headbox::ldi::{CubeLdi, DepthPixel, EncodedNormal};
 use headbox::packed::{PackedCube, SplatIndexLayout, Split};
-use headbox::splat::SplatKernel;
-use headbox::warp::{RenderSettings, Renderer};
+use headbox::render::splat::SplatKernel;
+use headbox::render::{RenderSettings, Renderer};
 
 const LAYOUTS: [SplatIndexLayout; 2] = [SplatIndexLayout::Paper, SplatIndexLayout::Normal];
 const KERNELS: [SplatKernel; 3] = [SplatKernel::Paper, SplatKernel::Opaque, SplatKernel::Tent];

@@ -9,8 +9,8 @@ use glam::{DVec3, dvec3};
 use headbox::capture::Camera;
 use headbox::frame::{Coverage, Frame};
 use headbox::packed::{PackedCube, SplatIndexLayout, Split};
-use headbox::splat::SplatKernel;
-use headbox::warp::{RenderSettings, Renderer};
+use headbox::render::splat::SplatKernel;
+use headbox::render::{RenderSettings, Renderer};
 
 /// One for each way to draw a splat.
 const KERNELS: [SplatKernel; 6] = [

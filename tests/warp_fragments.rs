@@ -10,8 +10,8 @@ use headbox::capture::rig::Face;
 use headbox::frame::Frame;
 use headbox::ldi::{DepthPixel, EncodedNormal, LayeredDepthImage};
 use headbox::packed::{PackedCube, SplatIndexLayout, Split};
-use headbox::splat::SplatKernel;
-use headbox::warp::{FrameStats, Parallel, RenderSettings, Renderer};
+use headbox::render::splat::SplatKernel;
+use headbox::render::{FrameStats, Parallel, RenderSettings, Renderer};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 const KERNELS: [SplatKernel; 4] = [SplatKernel::Tent, SplatKernel::Opaque, SplatKernel::Paper, SplatKernel::Plus];

@@ -10,9 +10,9 @@ use headbox::capture::Camera;
 use headbox::capture::rig::Face;
 use headbox::ldi::{CubeLdi, DepthPixel, EncodedNormal};
 use headbox::packed::{PackedCube, SplatIndexLayout, Split};
-use headbox::splat::SplatKernel;
-use headbox::warp::oracle::render_oracle;
-use headbox::warp::{FrameStats, RenderSettings, Renderer};
+use headbox::render::oracle::render_oracle;
+use headbox::render::splat::SplatKernel;
+use headbox::render::{FrameStats, RenderSettings, Renderer};
 
 const KERNELS: [SplatKernel; 3] = [SplatKernel::Paper, SplatKernel::Opaque, SplatKernel::Tent];
 

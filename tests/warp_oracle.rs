@@ -9,9 +9,9 @@ use glam::{DVec3, dvec3};
 use headbox::capture::Camera;
 use headbox::frame::Frame;
 use headbox::packed::{PackedCube, SplatIndexLayout, Split};
-use headbox::splat::SplatKernel;
-use headbox::warp::oracle::render_oracle;
-use headbox::warp::{RenderSettings, Renderer};
+use headbox::render::oracle::render_oracle;
+use headbox::render::splat::SplatKernel;
+use headbox::render::{RenderSettings, Renderer};
 
 /// A pixel shows another surface if it differs by more than this; the scenes' textures stay well inside it.
 const OTHER_SURFACE_LEVELS: u8 = 60;

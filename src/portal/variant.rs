@@ -3,8 +3,8 @@
 use super::backdrop::Kind;
 use super::store::Store;
 use super::walk::WalkSettings;
-use crate::splat::SplatKernel;
-use crate::warp::RenderSettings;
+use crate::render::RenderSettings;
+use crate::render::splat::SplatKernel;
 
 /// A way to draw a walk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -16,7 +16,7 @@ use super::visit::{Boundary, union, visit};
 use crate::capture::Camera;
 use crate::frame::{Coverage, Frame};
 use crate::raster::{Marker, RasterFrame, RasterStats, RasterView, Rasterizer, Seen};
-use crate::warp::{Parallel, RenderSettings};
+use crate::render::{Parallel, RenderSettings};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::ops::Range;

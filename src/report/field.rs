@@ -13,12 +13,12 @@ use crate::capture::Camera;
 use crate::compose::Composition;
 use crate::ldi::build::{Progress, Silent};
 use crate::packed::{ExactCube, PackedCube, SplatIndexLayout, Split};
-use crate::splat::SplatKernel;
+use crate::render::splat::SplatKernel;
+use crate::render::{Parallel, RenderSettings};
 use crate::sprite::{
     Displacement, DisplacementFormat, PreparedSprite, RenderOptions, Sampling, SlabCapture, SpriteSet, SpriteWithDepth,
     Variant, capture_slabs, slabs_at_gaps,
 };
-use crate::warp::{Parallel, RenderSettings};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::Arc;
 use std::time::Instant;

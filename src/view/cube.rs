@@ -14,9 +14,9 @@ use crate::capture::trace::Tracer;
 use crate::frame::Frame;
 use crate::ldi::CaptureInfo;
 use crate::packed::PackedCube;
+use crate::render::splat::SplatKernel;
+use crate::render::{FrameStats, RenderSettings, Renderer};
 use crate::scene_source::SceneSource;
-use crate::splat::SplatKernel;
-use crate::warp::{FrameStats, RenderSettings, Renderer};
 use glam::DVec3;
 use headbox_viewer::{
     EyeBounds, Figure, FrameReport, FrameRequest, FrameSource, Pose, Refinement, Setting, SettingValues, Stage,

@@ -3,8 +3,8 @@
 use crate::capture::rig::Face;
 use crate::frame::Frame;
 use crate::packed::{PackedCube, PackedSegment, SegmentSide};
-use crate::splat::touched::Touched;
-use crate::warp::inspect::{Fate, Kept};
+use crate::render::inspect::{Fate, Kept};
+use crate::render::touched::Touched;
 use headbox_viewer::{Figure, Swatch};
 
 /// Colours of seven classes: the "viridis" map by van der Walt and Smith (2015), whose lightness
@@ -185,8 +185,8 @@ mod tests {
     use super::super::variation::tests::cube;
     use super::*;
     use crate::capture::Camera;
-    use crate::splat::SplatKernel;
-    use crate::warp::{RenderSettings, Renderer};
+    use crate::render::splat::SplatKernel;
+    use crate::render::{RenderSettings, Renderer};
     use glam::{DVec3, dvec3};
 
     /// Views from off the centre: along the axes of the room, and askew.

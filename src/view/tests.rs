@@ -193,7 +193,7 @@ fn a_path_gives_the_same_frames_in_the_window_and_on_the_command_line() {
     std::fs::write(&path, serde_json::to_string(&record).unwrap()).unwrap();
     let cube = crate::packed::PackedCube::read(&file).unwrap();
     let cameras = crate::path::read(&path, &frame).unwrap();
-    let (mut renderer, settings) = (crate::warp::Renderer::new(), crate::warp::RenderSettings::default());
+    let (mut renderer, settings) = (crate::render::Renderer::new(), crate::render::RenderSettings::default());
     for (i, pose) in poses.into_iter().enumerate() {
         let written = &renderer.render(&cube, &cameras[i], &settings).0.color;
         let shown: Vec<u8> = render(&mut *source, pose, &[]).0.into_iter().flatten().collect();

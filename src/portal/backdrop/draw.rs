@@ -5,7 +5,7 @@ use super::sprite::SpriteDrawer;
 use crate::capture::Camera;
 use crate::frame::Frame;
 use crate::packed::PackedCube;
-use crate::warp::{FrameStats, RenderSettings, Renderer};
+use crate::render::{FrameStats, RenderSettings, Renderer};
 use glam::DVec3;
 use serde::Serialize;
 

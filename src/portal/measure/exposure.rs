@@ -21,8 +21,8 @@ use crate::portal::store::Store;
 use crate::portal::variant::Variant;
 use crate::portal::walk::{Near, WalkSettings, Walker};
 use crate::raster::Seen;
-use crate::splat::SplatKernel;
-use crate::warp::RenderSettings;
+use crate::render::RenderSettings;
+use crate::render::splat::SplatKernel;
 use serde::Serialize;
 
 /// A pixel whose colour differs by more than this (sRGB levels) in a channel shows another surface: materials are 60 apart.

@@ -4,8 +4,8 @@ use super::{Draw, Picture};
 use crate::capture::Camera;
 use crate::ldi::CubeLdi;
 use crate::packed::{ExactCube, PackedCube};
-use crate::warp::oracle::render_oracle;
-use crate::warp::{RenderSettings, Renderer};
+use crate::render::oracle::render_oracle;
+use crate::render::{RenderSettings, Renderer};
 use std::sync::Arc;
 
 /// A packed cube LDI under one setting of the renderer.

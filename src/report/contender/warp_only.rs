@@ -9,7 +9,7 @@ use crate::capture::Camera;
 use crate::capture::rig::Face;
 use crate::packed::blocks::BLOCK_COLUMNS;
 use crate::packed::{PackedCube, PackedSegment};
-use crate::warp::transfer::{RowTransfer, Transfer};
+use crate::render::transfer::{RowTransfer, Transfer};
 use glam::{DMat4, DVec3, Vec3};
 use std::sync::Arc;
 

@@ -11,9 +11,9 @@ use crate::ldi::job::{CaptureJob, Resources};
 use crate::ldi::merge::MergeRule;
 use crate::ldi::{CaptureInfo, CubeLdi, DepthPixel, EncodedNormal, Environment, LayeredDepthImage};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::render::splat::SplatKernel;
+use crate::render::{RenderSettings, Renderer};
 use crate::scene_source::SceneSource;
-use crate::splat::SplatKernel;
-use crate::warp::{RenderSettings, Renderer};
 use glam::{DVec3, Vec3, dvec3};
 use std::sync::{Arc, LazyLock};
 

@@ -6,8 +6,8 @@ use crate::capture::Camera;
 use crate::capture::rig::Face;
 use crate::frame::Frame;
 use crate::ldi::CubeLdi;
-use crate::warp::RenderSettings;
-use crate::warp::transfer::Transfer;
+use crate::render::RenderSettings;
+use crate::render::transfer::Transfer;
 use glam::{DMat3, DVec3, dvec3};
 
 pub(super) fn cases() -> Vec<Case> {

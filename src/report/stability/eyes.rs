@@ -6,8 +6,8 @@ use crate::capture::Camera;
 use crate::capture::rig::Face;
 use crate::ldi::CubeLdi;
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
-use crate::splat::SplatKernel;
-use crate::warp::{Parallel, RenderSettings};
+use crate::render::splat::SplatKernel;
+use crate::render::{Parallel, RenderSettings};
 use glam::{DVec3, dvec3};
 
 pub(super) fn cases() -> Vec<Case> {

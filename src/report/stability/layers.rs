@@ -12,9 +12,9 @@ use crate::ldi::job::{CaptureJob, Resources};
 use crate::ldi::merge::MergeRule;
 use crate::ldi::{CubeLdi, DepthPixel};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::render::RenderSettings;
+use crate::render::splat::SplatKernel;
 use crate::scene_source::SceneSource;
-use crate::splat::SplatKernel;
-use crate::warp::RenderSettings;
 use glam::{DVec3, dvec3};
 use std::sync::Arc;
 

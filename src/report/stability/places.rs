@@ -7,7 +7,7 @@ use crate::capture::scene::Scene;
 use crate::capture::trace::{Ray, Tracer};
 use crate::ldi::build::blocked_share;
 use crate::path::CameraRecord;
-use crate::warp::RenderSettings;
+use crate::render::RenderSettings;
 use glam::{DVec3, dvec3};
 use std::fmt::Write as _;
 use std::sync::Arc;

@@ -3,7 +3,7 @@
 use crate::capture::Camera;
 use crate::packed::splat_index::{DEPTH_CODE_COUNT, SPLAT_INDEX_COUNT};
 use crate::packed::{PackedSegment, SplatIndexLayout};
-use crate::warp::transfer::Transfer;
+use crate::render::transfer::Transfer;
 use fearless_simd::{Simd, f32x16, prelude::*, u32x16};
 use glam::{DVec3, Vec3};
 

@@ -3,18 +3,32 @@
 //!
 //! A frame is drawn in bands of rows ([`band`]), each by one thread, from first to last: clipped segments and blocks
 //! (`clip`), one traversal that yields depth pixels in drawing order, in batches of one row (`traverse`), a warp kernel that makes
-//! splats of a batch (`kernel`), a canvas ([`crate::splat`]) that draws them, the environment. A band's canvas stays in the
+//! splats of a batch (`kernel`), a canvas ([`splat`]) that draws them, the environment (`finish`). A band's canvas stays in the
 //! cache, no thread waits for another, and every pixel sees the same splats in the same order whatever the bands are: any
 //! number of threads gives the same frame, bit for bit. The price is that a depth pixel near the border of two bands is
 //! warped for both.
 //!
 //! The papers' way to use many threads, fragments between epipolar lines, is there too ([`Parallel::Fragments`],
 //! `epipolar`, `fragments` and `assemble`); it gives the same bits.
+//!
+//! From a warped depth pixel to frame pixels:
+//!
+//! * [`splat`]: which footprints there are, splats on their way to a canvas.
+//! * `size`: the two ways to know a footprint's size, the paper's table and the tangent plane.
+//! * `over`: the canvas of the kernels that blend each footprint *over* what is there.
+//! * `tent`: what splats weigh in the pixels around them.
+//! * `surface`: the canvas that averages the footprints of one surface before it blends surfaces.
+//! * `ellipse`: the same with elliptical Gaussians in floating point.
+//! * `linear`: blending in linear light.
+//! * `depth`: beside any canvas, how far what it shows is.
+//! * `touched`: instead of a canvas, how often and how large pixels are drawn.
 
 mod assemble;
 mod band;
 mod clip;
 mod count;
+pub(crate) mod depth;
+pub(crate) mod ellipse;
 mod epipolar;
 mod finish;
 mod format;
@@ -22,8 +36,16 @@ mod fragments;
 #[cfg(feature = "viewer")] // whose overlays alone ask for it
 pub(crate) mod inspect;
 mod kernel;
+pub(crate) mod linear;
 pub mod oracle;
 pub(crate) mod order;
+pub(crate) mod over;
+pub(crate) mod size;
+pub mod splat;
+pub(crate) mod surface;
+mod tent;
+#[cfg(feature = "viewer")] // whose overlays alone ask for it
+pub(crate) mod touched;
 pub(crate) mod transfer;
 pub(crate) mod traverse;
 
@@ -37,9 +59,9 @@ use crate::frame::Frame;
 use crate::ldi::MAX_FACE_SIZE_PX;
 use crate::ldi::accumulate::DepthBins;
 use crate::packed::{ExactCube, ExactDepthPixel, PackedCube};
-use crate::splat::SplatKernel;
-use crate::splat::size::{EllipseSize, PaperSize, TangentTable};
-use crate::splat::surface::SurfaceCanvas;
+use crate::render::size::{EllipseSize, PaperSize, TangentTable};
+use crate::render::splat::SplatKernel;
+use crate::render::surface::SurfaceCanvas;
 use band::Worker;
 use clip::Band;
 use fearless_simd::Level;

@@ -5,7 +5,7 @@
 //! length, drawing takes 0.80 to 0.89 of the time of finding each weight in the loop over pixels.
 
 use super::size::LANES;
-use super::{Splats, covered_lanes};
+use super::splat::{Splats, covered_lanes};
 use fearless_simd::{Simd, SimdCvtFloat, SimdCvtTruncate, f32x16, i32x16, prelude::*, u32x16};
 use std::ops::Range;
 

@@ -1,6 +1,6 @@
 //! What footprints do to pixels, counted rather than blended: for overlays that show how a frame is made.
 
-use super::{Splats, covered};
+use super::splat::{Splats, covered};
 use std::ops::Range;
 
 /// What happened at one pixel of a frame.

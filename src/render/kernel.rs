@@ -7,8 +7,8 @@ use super::clip::{Band, W_NEAR};
 use super::format::{Format, Unpacked};
 use super::transfer::{RowTransfer, Transfer};
 use super::traverse::{BATCH_CAPACITY, Batch};
-use crate::splat::Splats;
-use crate::splat::size::{LANES, Lanes, Size};
+use crate::render::size::{LANES, Lanes, Size};
+use crate::render::splat::Splats;
 use fearless_simd::{Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
 
 /// What the warp of one segment needs.

@@ -1,29 +1,10 @@
-//! From a warped depth pixel to frame pixels: how large its footprint is and how it is blended (inventory S20, S21, C10,
-//! C12).
-//!
-//! * `size`: the two ways to know a footprint's size, the paper's table and the tangent plane.
-//! * `over`: the canvas of the kernels that blend each footprint *over* what is there.
-//! * `tent`: what splats weigh in the pixels around them.
-//! * `surface`: the canvas that averages the footprints of one surface before it blends surfaces.
-//! * `ellipse`: the same with elliptical Gaussians in floating point.
-//! * `linear`: blending in linear light.
-//! * `depth`: beside any canvas, how far what it shows is.
-//! * `touched`: instead of a canvas, how often and how large pixels are drawn.
+//! Footprints: which there are ([`SplatKernel`]), splats ready to be drawn, and what they are drawn on (inventory S20, S21,
+//! C10, C12).
 
-pub(crate) mod depth;
-pub(crate) mod ellipse;
-pub(crate) mod linear;
-pub(crate) mod over;
-pub(crate) mod size;
-pub(crate) mod surface;
-mod tent;
-#[cfg(feature = "viewer")] // whose overlays alone ask for it
-pub(crate) mod touched;
-
-use crate::warp::Spans;
+use super::Spans;
+use super::size::{EllipseSize, LANES};
 use fearless_simd::{Level, Simd, SimdCvtTruncate, f32x16, i32x16, prelude::*};
 use serde::{Deserialize, Serialize};
-use size::{EllipseSize, LANES};
 use std::ops::Range;
 
 /// Which footprints are drawn.
@@ -157,7 +138,7 @@ pub(crate) struct Splats {
 
 impl Splats {
     /// As many as a batch of depth pixels can make, and room to write a whole register behind the last.
-    pub(crate) const ROOM: usize = crate::warp::BATCH_CAPACITY + LANES;
+    pub(crate) const ROOM: usize = crate::render::BATCH_CAPACITY + LANES;
 
     pub(crate) fn new() -> Self {
         let zero = [0.0; Self::ROOM];
@@ -177,7 +158,7 @@ impl Splats {
 
     /// The number of entries, never more than fit.
     #[inline(always)]
-    fn count(&self) -> usize {
+    pub(super) fn count(&self) -> usize {
         self.len.min(Self::ROOM)
     }
 }
@@ -201,7 +182,7 @@ pub(crate) trait Canvas {
 
 /// 2^32 / divisor, rounded up, for the divisors below `N`; 0 for 0. `n * reciprocal >> 32` is `n / divisor` for all n below
 /// 2^32 / N: n times the excess, which is less than 1, stays below 2^32 / divisor.
-const fn reciprocals<const N: usize>() -> [u64; N] {
+pub(super) const fn reciprocals<const N: usize>() -> [u64; N] {
     let mut reciprocals = [0; N];
     let mut divisor = 1;
     while divisor < N {
@@ -229,13 +210,13 @@ pub(crate) fn clear_spans<T: Copy>(
 /// The pixels from `position - radius` to `position + radius` whose centres lie inside, clipped to `bounds`: the first, and
 /// the one after the last.
 #[inline(always)]
-fn covered(position: f32, radius: f32, [start, end]: [f32; 2]) -> [i32; 2] {
+pub(super) fn covered(position: f32, radius: f32, [start, end]: [f32; 2]) -> [i32; 2] {
     [position - radius, position + radius].map(|border| ceil_to_i32((border - 0.5).max(start).min(end)))
 }
 
 /// [`covered`] for the splats from `start` on, as many as there are lanes.
 #[inline(always)]
-fn covered_lanes<S: Simd>(
+pub(super) fn covered_lanes<S: Simd>(
     simd: S,
     [position, radius]: [&[f32; Splats::ROOM]; 2],
     start: usize,
@@ -251,7 +232,7 @@ fn covered_lanes<S: Simd>(
 
 /// `v.ceil() as i32` for |v| < 2^24, without the call into libm that `ceil` is on processors before SSE4.1.
 #[inline(always)]
-fn ceil_to_i32(v: f32) -> i32 {
+pub(super) fn ceil_to_i32(v: f32) -> i32 {
     let truncated = v as i32;
     truncated + i32::from((truncated as f32) < v)
 }

@@ -4,9 +4,9 @@
 //! add up to 1 on a surface, colours are kept in linear light, and sums are `f32`.
 
 use super::size::EllipseSize;
-use super::{Canvas, Splats, covered};
+use super::splat::{self, Canvas, Splats, covered};
 use crate::capture::{linear_from_srgb8, srgb8_from_linear};
-use crate::warp::Spans;
+use crate::render::Spans;
 use fearless_simd::{Level, dispatch};
 use std::ops::Range;
 use std::sync::LazyLock;
@@ -126,7 +126,7 @@ impl Canvas for EllipseCanvas {
         if (self.width, &self.rows) != (width, &(0..height)) {
             self.clear(width, 0..height);
         }
-        super::clear_spans(&mut self.cells, width as usize, 0, Cell::default(), spans);
+        splat::clear_spans(&mut self.cells, width as usize, 0, Cell::default(), spans);
     }
 
     fn draw(&mut self, splats: &Splats, level: Level) {

@@ -6,7 +6,7 @@ use super::{RenderSettings, Renderer, SegmentPlan, order};
 use crate::capture::Camera;
 use crate::packed::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
 use crate::packed::{PackedCube, PackedSegment};
-use crate::splat::size::Size;
+use crate::render::size::Size;
 use serde::Serialize;
 
 /// Depth pixels of an LDI by what clipping against a whole frame says of them.

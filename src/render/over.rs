@@ -1,8 +1,8 @@
 //! Each splat over what is there, in 8-bit integers (inventory S21, C12).
 
 use super::size::LANES;
-use super::{Canvas, Splats, ceil_to_i32, covered_lanes};
-use crate::warp::Spans;
+use super::splat::{self, Canvas, Splats, ceil_to_i32, covered_lanes};
+use crate::render::Spans;
 use fearless_simd::{Level, Simd, SimdCvtTruncate, dispatch, f32x16, i32x16, prelude::*, u8x16, u16x16};
 use std::ops::Range;
 
@@ -262,7 +262,7 @@ impl Canvas for OverCanvas {
             self.clear(width, 0..height);
         }
         let stride = self.stride();
-        super::clear_spans(&mut self.pixels, stride, MARGIN, [0; 4], spans);
+        splat::clear_spans(&mut self.pixels, stride, MARGIN, [0; 4], spans);
     }
 
     fn draw(&mut self, splats: &Splats, level: Level) {
@@ -281,7 +281,7 @@ impl Canvas for OverCanvas {
     }
 }
 
-static RECIPROCALS: [u64; 256] = super::reciprocals();
+static RECIPROCALS: [u64; 256] = splat::reciprocals();
 
 /// From a colour times coverage, and coverage.
 #[inline(always)]

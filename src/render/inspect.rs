@@ -10,9 +10,9 @@ use super::{FramePlan, RenderSettings, Renderer, SegmentPlan, order};
 use crate::capture::Camera;
 use crate::packed::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
 use crate::packed::{PackedCube, PackedDepthPixel, PackedSegment};
-use crate::splat::Splats;
-use crate::splat::size::Size;
-use crate::splat::touched::{Touched, touch};
+use crate::render::size::Size;
+use crate::render::splat::Splats;
+use crate::render::touched::{Touched, touch};
 use rayon::prelude::*;
 use std::ops::Range;
 

@@ -6,7 +6,7 @@
 use super::transfer::Transfer;
 use crate::packed::PackedSegment;
 use crate::packed::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
-use crate::splat::size::Size;
+use crate::render::size::Size;
 use glam::{DMat3, DVec3};
 use std::ops::Range;
 

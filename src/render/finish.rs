@@ -5,7 +5,7 @@ use crate::capture::Camera;
 use crate::frame::Coverage;
 use crate::ldi::Environment;
 use crate::packed::PackedCube;
-use crate::splat::linear::LinearLight;
+use crate::render::linear::LinearLight;
 use fearless_simd::{Level, Simd, dispatch};
 use glam::DVec3;
 use rayon::prelude::*;

@@ -12,9 +12,9 @@
 
 use super::linear::LinearLight;
 use super::size::LANES;
+use super::splat::{self, Canvas, Splats};
 use super::tent::{ONE, SIDE, SmallWeights, Tents};
-use super::{Canvas, Splats};
-use crate::warp::Spans;
+use crate::render::Spans;
 use fearless_simd::{Level, Simd, SimdCvtFloat, SimdCvtTruncate, dispatch, f32x16, prelude::*, u32x16};
 use std::ops::Range;
 
@@ -47,7 +47,7 @@ fn lanes([r, g, b, _]: [u8; 4]) -> u64 {
     u64::from(r) | u64::from(g) << 16 | u64::from(b) << 32 | 1 << 48
 }
 
-static RECIPROCALS: [u64; MAX_WEIGHT as usize + 1] = super::reciprocals();
+static RECIPROCALS: [u64; MAX_WEIGHT as usize + 1] = splat::reciprocals();
 
 impl Cell {
     /// Weight of the front surface.
@@ -264,7 +264,7 @@ impl Canvas for SurfaceCanvas {
         if (self.width, &self.rows) != (width, &(0..height)) {
             self.clear(width, 0..height);
         }
-        super::clear_spans(&mut self.cells, width as usize, 0, Cell::default(), spans);
+        splat::clear_spans(&mut self.cells, width as usize, 0, Cell::default(), spans);
     }
 
     fn draw(&mut self, splats: &Splats, level: Level) {

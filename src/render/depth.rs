@@ -1,7 +1,7 @@
 //! How far what a frame shows is, for what is to be put into it: geometry, sprites, overlays.
 
-use super::{Splats, covered};
-use crate::warp::Spans;
+use super::splat::{self, Splats, covered};
+use crate::render::Spans;
 use std::ops::Range;
 
 /// 1 / eye depth of the splat that was drawn last on each pixel.
@@ -31,12 +31,12 @@ impl DepthCanvas {
         (self.width, self.rows) = (width, rows);
     }
 
-    /// As [`super::Canvas::clear_spans`].
+    /// As [`super::splat::Canvas::clear_spans`].
     pub(crate) fn clear_spans(&mut self, [width, height]: [u32; 2], spans: &dyn Fn(u32) -> Spans) {
         if (self.width, &self.rows) != (width, &(0..height)) {
             self.clear(width, 0..height);
         }
-        super::clear_spans(&mut self.inverse_depth, width as usize, 0, 0.0, spans);
+        splat::clear_spans(&mut self.inverse_depth, width as usize, 0, 0.0, spans);
     }
 
     /// Draws splats, in their order; `own` is the part of a radius that belongs to the sample alone.

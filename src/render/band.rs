@@ -9,12 +9,12 @@ use super::traverse::{self, Batch, Cut, Part, Uncut};
 use super::{FramePlan, FrameStats, SegmentPlan, Source};
 use crate::capture::Camera;
 use crate::packed::{ExactDepthPixel, PackedCube, PackedDepthPixel, PackedSegment};
-use crate::splat::depth::DepthCanvas;
-use crate::splat::ellipse::EllipseCanvas;
-use crate::splat::over::{OverCanvas, Shape};
-use crate::splat::size::{EllipseSize, FixedSize, Size, TangentSize};
-use crate::splat::surface::SurfaceCanvas;
-use crate::splat::{Canvas, SplatKernel, Splats};
+use crate::render::depth::DepthCanvas;
+use crate::render::ellipse::EllipseCanvas;
+use crate::render::over::{OverCanvas, Shape};
+use crate::render::size::{EllipseSize, FixedSize, Size, TangentSize};
+use crate::render::splat::{Canvas, SplatKernel, Splats};
+use crate::render::surface::SurfaceCanvas;
 use std::ops::Range;
 use std::time::Instant;
 

@@ -143,7 +143,7 @@ pub(crate) fn segment_order(segments: &[PackedSegment], eye_from_centre: DVec3, 
 mod tests {
     use super::*;
     use crate::packed::{BlockIndex, PackedDepthPixel};
-    use crate::warp::traverse::{Batch, Part, Uncut, traverse, whole};
+    use crate::render::traverse::{Batch, Part, Uncut, traverse, whole};
     use glam::dvec3;
 
     const SIZE: u32 = 12;

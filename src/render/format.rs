@@ -2,7 +2,7 @@
 
 use super::traverse::Batch;
 use crate::packed::{ExactDepthPixel, INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, PackedSegment};
-use crate::splat::size::{LANES, Normals};
+use crate::render::size::{LANES, Normals};
 use fearless_simd::{Simd, SimdCvtFloat, f32x16, prelude::*, u32x16};
 
 /// A form of depth pixels.

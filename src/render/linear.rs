@@ -4,6 +4,7 @@
 //! background come out too dark by up to 20 levels: on `builtin:tree` that costs 0.02 in FLIP, and in the furnished room
 //! of `builtin:interior` 0.7 dB.
 
+use super::splat;
 use crate::capture::{linear_from_srgb8, srgb8_from_linear};
 use std::sync::LazyLock;
 
@@ -15,7 +16,7 @@ pub(crate) struct LinearLight {
 
 const LINEAR_MAX: u16 = 4095;
 
-static RECIPROCALS: [u64; 256] = super::reciprocals();
+static RECIPROCALS: [u64; 256] = splat::reciprocals();
 
 static TABLES: LazyLock<LinearLight> = LazyLock::new(|| LinearLight {
     linear: std::array::from_fn(|c| (linear_from_srgb8(c as u8) * f32::from(LINEAR_MAX) + 0.5) as u16),
