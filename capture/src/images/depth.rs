@@ -1,0 +1,226 @@
+//! Depth in files, and what it means.
+
+use super::ImagesError;
+use crate::DepthKind;
+use exr::meta::MetaData;
+use exr::prelude::{ReadChannels, ReadLayers, read};
+use std::path::{Path, PathBuf};
+
+/// Pixels of the largest depth picture that is read, 8,192 x 8,192. A header that promises more is not believed: memory is
+/// taken before the first pixel is read.
+pub(super) const MAX_PIXELS: usize = 1 << 26;
+
+/// A depth per pixel, whatever it means.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthPicture {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Row-major.
+    pub values: Vec<f32>,
+}
+
+/// Where a view's depth is, and what its values mean.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthSource {
+    /// EXR, a grey picture of 16 bits, or a `.bin` map of COLMAP.
+    pub path: PathBuf,
+    /// Channel of an EXR; `None` for `Z`, or else `Y`, `R`, or the only one.
+    pub channel: Option<String>,
+    /// What a value means once it is multiplied by `unit_m`.
+    pub kind: DepthKind,
+    /// Metres per stored value (in integer pictures, per step); 1/65535 for window depth in 16 bits.
+    pub unit_m: f32,
+    /// For [`DepthKind::WindowDepth`]: entries (2, 2) and (2, 3) of the clip matrix, which also tell reversed depth.
+    pub window: Option<[f64; 2]>,
+}
+
+impl DepthSource {
+    /// Eye depth, or ray distance, in metres.
+    pub fn metres(path: PathBuf, kind: DepthKind, unit_m: f32) -> Self {
+        Self { path, channel: None, kind, unit_m, window: None }
+    }
+
+    /// Reads it: eye depth, or ray distance if that is its kind, in metres, NaN where nothing is known (zero, negative,
+    /// infinite and non-finite values, and the largest value of 16 bits, which sensors write for "none").
+    ///
+    /// # Errors
+    /// [`ImagesError`] that names the file.
+    pub fn read(&self) -> Result<DepthPicture, ImagesError> {
+        let mut picture = match extension(&self.path).as_str() {
+            "exr" => read_exr(&self.path, self.channel.as_deref(), self.unit_m)?,
+            "bin" => read_colmap_map(&self.path)?,
+            _ => read_grey(&self.path, self.unit_m)?,
+        };
+        for value in &mut picture.values {
+            let depth = match (self.kind, self.window) {
+                // Window depth d is (ndc + 1) / 2, and ndc = -a + b / Z with the clip matrix's a and b (C1).
+                (DepthKind::WindowDepth, Some([a, b])) => {
+                    let ndc = 2.0 * f64::from(*value) - 1.0;
+                    (b / (ndc + a)) as f32
+                }
+                _ => *value,
+            };
+            *value = if depth.is_finite() && depth > 0.0 { depth } else { f32::NAN };
+        }
+        Ok(picture)
+    }
+}
+
+impl DepthPicture {
+    /// Reads depth from EXR (channel `Z`, or else `Y`, `R`, or the only one) or from a grey picture of 8 or 16 bits such
+    /// as PNG. Each stored value is multiplied by `unit`: metres per value (0.001 for millimetres in 16-bit PNG), or
+    /// 1/65535 for window depth in 16 bits. In integer pictures 0 means unknown and becomes NaN.
+    ///
+    /// # Errors
+    /// [`ImagesError`] that names the file.
+    pub fn read(path: &Path, unit: f32) -> Result<Self, ImagesError> {
+        if extension(path) == "exr" { read_exr(path, None, unit) } else { read_integers(path, unit, true) }
+    }
+}
+
+pub(super) fn extension(path: &Path) -> String {
+    path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default()
+}
+
+fn read_exr(path: &Path, wanted: Option<&str>, unit: f32) -> Result<DepthPicture, ImagesError> {
+    let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
+    let failed = |error: exr::error::Error| match error {
+        exr::error::Error::Io(cause) => ImagesError::io(path, cause),
+        other => bad(other.to_string()),
+    };
+    let meta = MetaData::read_from_file(path, false).map_err(failed)?;
+    if meta.headers.iter().any(|header| header.layer_size.area() > MAX_PIXELS) {
+        return Err(bad(format!("has more than {MAX_PIXELS} pixels")));
+    }
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .from_file(path)
+        .map_err(failed)?;
+    let channels = &image.layer_data.channel_data.list;
+    let named = |name: &str| channels.iter().find(|channel| channel.name == *name);
+    let channel = match wanted {
+        Some(name) => named(name).ok_or_else(|| bad(format!("has no channel {name}")))?,
+        None => {
+            let only = if channels.len() == 1 { channels.first() } else { None };
+            let usual = named("Z").or_else(|| named("Y")).or_else(|| named("R")).or(only);
+            usual.ok_or_else(|| bad("has no channel Z, Y or R to take depth from".into()))?
+        }
+    };
+    let size = image.layer_data.size;
+    let values = channel.sample_data.values_as_f32().map(|value| value * unit).collect();
+    Ok(DepthPicture { width: size.x() as u32, height: size.y() as u32, values })
+}
+
+fn read_grey(path: &Path, unit: f32) -> Result<DepthPicture, ImagesError> {
+    read_integers(path, unit, false)
+}
+
+fn read_integers(path: &Path, unit: f32, eight_bits: bool) -> Result<DepthPicture, ImagesError> {
+    let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
+    let mut reader = image::ImageReader::open(path).map_err(|cause| ImagesError::io(path, cause))?;
+    let mut limits = image::Limits::default();
+    limits.max_alloc = Some(2 * MAX_PIXELS as u64);
+    reader.limits(limits);
+    let image = reader.decode().map_err(|error| bad(error.to_string()))?;
+    let values: Vec<u16> = match &image {
+        image::DynamicImage::ImageLuma8(grey) if eight_bits => grey.as_raw().iter().map(|&v| u16::from(v)).collect(),
+        image::DynamicImage::ImageLuma8(_) => {
+            return Err(bad("depth in 8 bits has 255 steps, too few to move by; give 16 bits, or EXR".into()));
+        }
+        image::DynamicImage::ImageLuma16(grey) => grey.as_raw().clone(),
+        _ => return Err(bad("depth must be a grey picture of 8 or 16 bits, or EXR".into())),
+    };
+    let unknown = |v: u16| v == 0 || (!eight_bits && v == u16::MAX);
+    let value = |v: u16| if unknown(v) { f32::NAN } else { f32::from(v) * unit };
+    let values = values.into_iter().map(value).collect();
+    Ok(DepthPicture { width: image.width(), height: image.height(), values })
+}
+
+/// A depth map of COLMAP's dense reconstruction: `width&height&channels&`, then 32-bit floats.
+fn read_colmap_map(path: &Path) -> Result<DepthPicture, ImagesError> {
+    let bytes = std::fs::read(path).map_err(|cause| ImagesError::io(path, cause))?;
+    let bad = |cause: &str| ImagesError::Picture { path: path.into(), cause: cause.into() };
+    let mut rest = bytes.as_slice();
+    let mut header = [0usize; 3];
+    for number in &mut header {
+        let end =
+            rest.iter().take(12).position(|&byte| byte == b'&').ok_or_else(|| bad("is no depth map of COLMAP"))?;
+        let text = std::str::from_utf8(&rest[..end]).ok().and_then(|text| text.parse().ok());
+        *number = text.ok_or_else(|| bad("is no depth map of COLMAP"))?;
+        rest = &rest[end + 1..];
+    }
+    let [width, height, channels] = header;
+    let count = width.checked_mul(height).filter(|&count| count <= MAX_PIXELS && channels == 1);
+    let count = count.ok_or_else(|| bad("is no depth map of COLMAP with one channel"))?;
+    if rest.len() != count * 4 {
+        return Err(bad("is truncated, or has more bytes than its size says"));
+    }
+    let values = rest.chunks_exact(4).map(|four| f32::from_le_bytes([four[0], four[1], four[2], four[3]])).collect();
+    Ok(DepthPicture { width: width as u32, height: height as u32, values })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn source(path: PathBuf, kind: DepthKind, window: Option<[f64; 2]>) -> DepthSource {
+        DepthSource { path, channel: None, kind, unit_m: 1.0 / 65_535.0, window }
+    }
+
+    #[test]
+    fn window_depth_of_either_direction_gives_eye_depth() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("d.png");
+        let (near, far) = (0.5, 20.0);
+        for reversed in [false, true] {
+            // Clip matrices of OpenGL, near to -1 and far to 1, and with both exchanged.
+            let sign = if reversed { -1.0 } else { 1.0 };
+            let (a, b) = (-sign * (far + near) / (far - near), -sign * 2.0 * far * near / (far - near));
+            let depths = [0.6, 1.0, 3.0, 15.0];
+            let stored = depths.map(|z: f64| ((-a + b / z + 1.0) / 2.0 * 65_535.0).round() as u16);
+            let grey = image::ImageBuffer::<image::Luma<u16>, _>::from_raw(4, 1, stored.to_vec()).expect("a picture");
+            grey.save(&path).expect("written");
+            let read = source(path.clone(), DepthKind::WindowDepth, Some([a, b])).read().expect("read");
+            for (found, z) in read.values.iter().zip(depths) {
+                // Half a step of 16 bits times dZ/dd = Z^2 (f - n) / (n f) (C1).
+                let tolerance = 0.6 / 65_535.0 * z * z * (far - near) / (near * far);
+                assert!((f64::from(*found) - z).abs() < tolerance + 1e-5 * z, "{found} {z} {reversed}");
+            }
+        }
+    }
+
+    #[test]
+    fn unknown_depth_is_nan_and_eight_bits_are_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("d.png");
+        let grey = image::ImageBuffer::<image::Luma<u16>, _>::from_raw(3, 1, vec![0u16, 65_535, 1500]);
+        grey.expect("a picture").save(&path).expect("written");
+        let read = DepthSource::metres(path.clone(), DepthKind::EyeDepth, 0.001).read().expect("read");
+        assert!(read.values[0].is_nan() && read.values[1].is_nan() && (read.values[2] - 1.5).abs() < 1e-6);
+        image::GrayImage::new(2, 2).save(&path).expect("written");
+        let error = DepthSource::metres(path, DepthKind::EyeDepth, 0.001).read().expect_err("refused").to_string();
+        assert!(error.contains("d.png") && error.contains("8 bits"), "{error}");
+    }
+
+    #[test]
+    fn depth_maps_of_colmap_are_checked_against_their_length() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.jpg.geometric.bin");
+        let mut bytes = b"2&1&1&".to_vec();
+        bytes.extend(1.5f32.to_le_bytes().into_iter().chain((-1f32).to_le_bytes()));
+        std::fs::write(&path, &bytes).expect("written");
+        let source = DepthSource::metres(path.clone(), DepthKind::EyeDepth, 1.0);
+        let read = source.read().expect("read");
+        assert!(read.values[0] == 1.5 && read.values[1].is_nan());
+        for broken in [&bytes[..9], b"99999999&99999999&1&", b"x", b""] {
+            std::fs::write(&path, broken).expect("written");
+            assert!(source.read().is_err());
+        }
+    }
+}

@@ -1,0 +1,177 @@
+//! From picture to ray and back: pinholes with OpenCV's distortion, and panoramas.
+
+use glam::{DVec2, DVec3};
+
+/// How a picture's pixels map to rays of eye space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Lens {
+    /// A perspective picture.
+    Pinhole(Pinhole),
+    /// All directions: longitude across, latitude down; the middle looks down -Z, as in Blender and nerfstudio.
+    Equirectangular,
+}
+
+/// A perspective picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pinhole {
+    /// Focal lengths, pixels.
+    pub focal_px: [f64; 2],
+    /// Where the viewing axis meets the picture, pixels, centres of pixels at halves.
+    pub principal_px: [f64; 2],
+    /// What the lens adds.
+    pub distortion: Distortion,
+}
+
+/// OpenCV's distortion of normalised positions: `radial` holds k1, k2, k3 of the numerator and k4, k5, k6 of the
+/// denominator, `tangential` p1 and p2. All zero for none.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Distortion {
+    /// k1 to k6.
+    pub radial: [f64; 6],
+    /// p1, p2.
+    pub tangential: [f64; 2],
+}
+
+impl Distortion {
+    /// True if it changes nothing.
+    pub fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Where the lens puts what an ideal one has at `p` (x right, y down, at depth 1).
+    pub fn apply(&self, p: DVec2) -> DVec2 {
+        let ([k1, k2, k3, k4, k5, k6], [p1, p2]) = (self.radial, self.tangential);
+        let r2 = p.length_squared();
+        let series = |a: f64, b: f64, c: f64| 1.0 + r2 * (a + r2 * (b + r2 * c));
+        let radial = series(k1, k2, k3) / series(k4, k5, k6);
+        let xy2 = 2.0 * p.x * p.y;
+        let tangential = DVec2::new(p1 * xy2 + p2 * (r2 + 2.0 * p.x * p.x), p1 * (r2 + 2.0 * p.y * p.y) + p2 * xy2);
+        p * radial + tangential
+    }
+
+    /// The inverse of [`Self::apply`] by Newton's method, or `None` where the distortion cannot be undone.
+    pub fn undo(&self, distorted: DVec2) -> Option<DVec2> {
+        const STEP: f64 = 1e-6;
+        let mut p = distorted;
+        for _ in 0..20 {
+            let error = self.apply(p) - distorted;
+            if error.length() < 1e-12 {
+                return Some(p);
+            }
+            let dx = (self.apply(p + DVec2::X * STEP) - self.apply(p - DVec2::X * STEP)) / (2.0 * STEP);
+            let dy = (self.apply(p + DVec2::Y * STEP) - self.apply(p - DVec2::Y * STEP)) / (2.0 * STEP);
+            let determinant = dx.x * dy.y - dy.x * dx.y;
+            if determinant.abs() < 1e-12 {
+                return None;
+            }
+            p -= DVec2::new(error.x * dy.y - error.y * dy.x, error.y * dx.x - error.x * dx.y) / determinant;
+        }
+        ((self.apply(p) - distorted).length() < 1e-9).then_some(p)
+    }
+}
+
+impl Lens {
+    /// The ray of eye space through a position of a picture of `size_px`, ideal lenses taken for granted: at eye depth 1 for a
+    /// pinhole, of length 1 for a panorama. A pixel's depth is a multiple of it.
+    pub fn ray(&self, [x, y]: [f64; 2], [width, height]: [u32; 2]) -> DVec3 {
+        match self {
+            Self::Pinhole(Pinhole { focal_px, principal_px, .. }) => {
+                DVec3::new((x - principal_px[0]) / focal_px[0], (principal_px[1] - y) / focal_px[1], -1.0)
+            }
+            Self::Equirectangular => {
+                let longitude = (x / f64::from(width) - 0.5) * std::f64::consts::TAU;
+                let latitude = (0.5 - y / f64::from(height)) * std::f64::consts::PI;
+                let (sin, cos) = longitude.sin_cos();
+                DVec3::new(latitude.cos() * sin, latitude.sin(), -latitude.cos() * cos)
+            }
+        }
+    }
+
+    /// Position in a picture, and depth as a multiple of [`Self::ray`], of a point of eye space; `None` behind a pinhole.
+    pub fn project(&self, point: DVec3, [width, height]: [u32; 2]) -> Option<[f64; 3]> {
+        match self {
+            Self::Pinhole(Pinhole { focal_px, principal_px, .. }) => {
+                let depth = -point.z;
+                (depth > 0.0).then(|| {
+                    [
+                        principal_px[0] + focal_px[0] * point.x / depth,
+                        principal_px[1] - focal_px[1] * point.y / depth,
+                        depth,
+                    ]
+                })
+            }
+            Self::Equirectangular => {
+                let distance = point.length();
+                (distance > 0.0).then(|| {
+                    let longitude = point.x.atan2(-point.z);
+                    let latitude = (point.y / distance).clamp(-1.0, 1.0).asin();
+                    [
+                        (longitude / std::f64::consts::TAU + 0.5) * f64::from(width),
+                        (0.5 - latitude / std::f64::consts::PI) * f64::from(height),
+                        distance,
+                    ]
+                })
+            }
+        }
+    }
+
+    /// Pixels for a radian near the middle of the picture.
+    pub fn pixels_per_radian(&self, [width, _]: [u32; 2]) -> f64 {
+        match self {
+            Self::Pinhole(pinhole) => (pinhole.focal_px[0] * pinhole.focal_px[1]).sqrt(),
+            Self::Equirectangular => f64::from(width) / std::f64::consts::TAU,
+        }
+    }
+
+    /// The same lens without distortion.
+    pub fn ideal(self) -> Self {
+        match self {
+            Self::Pinhole(pinhole) => Self::Pinhole(Pinhole { distortion: Distortion::default(), ..pinhole }),
+            Self::Equirectangular => self,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: [u32; 2] = [640, 480];
+
+    fn pinhole() -> Lens {
+        let distortion = Distortion::default();
+        Lens::Pinhole(Pinhole { focal_px: [500.0, 510.0], principal_px: [321.0, 239.5], distortion })
+    }
+
+    #[test]
+    fn rays_project_to_where_they_came_from() {
+        for lens in [pinhole(), Lens::Equirectangular] {
+            for (x, y, depth) in [(10.5, 20.5, 0.3), (320.0, 240.0, 2.0), (639.5, 479.5, 70.0)] {
+                let [px, py, found] = lens.project(lens.ray([x, y], SIZE) * depth, SIZE).expect("in front");
+                assert!((px - x).abs() < 1e-9 && (py - y).abs() < 1e-9 && (found - depth).abs() < 1e-9);
+            }
+        }
+        assert!(pinhole().project(DVec3::Z, SIZE).is_none(), "behind the eye");
+    }
+
+    #[test]
+    fn the_middle_of_a_panorama_looks_down_minus_z_and_its_right_is_plus_x() {
+        let ray = |x, y| Lens::Equirectangular.ray([x, y], SIZE);
+        assert!((ray(320.0, 240.0) - DVec3::NEG_Z).length() < 1e-12);
+        assert!((ray(480.0, 240.0) - DVec3::X).length() < 1e-12);
+        assert!((ray(320.0, 0.0) - DVec3::Y).length() < 1e-12);
+    }
+
+    #[test]
+    fn distortion_is_undone() {
+        let strong = Distortion { radial: [-0.31, 0.12, -0.02, 0.01, 0.0, 0.0], tangential: [0.002, -0.001] };
+        for i in 0..200 {
+            let p = DVec2::new(f64::from(i % 20) / 20.0 - 0.5, f64::from(i / 20) / 10.0 - 0.5);
+            let back = strong.undo(strong.apply(p)).expect("within the picture");
+            assert!((back - p).length() < 1e-9, "{p} {back}");
+        }
+        assert_eq!(Distortion::default().undo(DVec2::new(0.3, 0.4)), Some(DVec2::new(0.3, 0.4)));
+        let folding = Distortion { radial: [-2.0, 0.0, 0.0, 0.0, 0.0, 0.0], ..Distortion::default() };
+        assert_eq!(folding.undo(DVec2::new(5.0, 0.0)), None, "no ideal position is there");
+    }
+}

@@ -1,0 +1,215 @@
+//! Image sets: pictures with known cameras, with or without depth, as other programs leave them in folders (inventory S12,
+//! S16, S24, E2).
+//!
+//! Every reader turns its format's conventions into those of this crate: eye space X right, Y up, looking down -Z;
+//! centres of pixels at halves; depth as a multiple of the ray through its pixel ([`Lens::ray`]). Pictures stay on disk until
+//! [`View::load`] is called, so that sets of thousands cost no memory.
+//!
+//! | format | file of | what is read |
+//! |---|---|---|
+//! | Seurat `manifest.json` | `seurat` | view groups with matrices, depth of three kinds |
+//! | nerfstudio `transforms.json` | `nerfstudio` | poses, intrinsics, OpenCV distortion, depth in millimetres, panoramas |
+//! | COLMAP, text and binary | `colmap` | cameras, poses; dense depth maps where they are |
+//! | RGB-D frames (TSDF demo, 7-Scenes) | `rgbd` | colour, 16-bit depth, pose and intrinsics text |
+//! | Middlebury `*_par.txt` | `middlebury` | calibrated photographs |
+//! | panoramas | `panorama` | equirectangular, or six cube faces, with depth beside them |
+
+mod check;
+mod colmap;
+mod depth;
+mod json;
+mod lens;
+mod middlebury;
+mod nerfstudio;
+mod panorama;
+mod pictures;
+mod pose;
+mod rgbd;
+mod seurat;
+mod text;
+mod view;
+
+pub use check::{CheckReport, Residual, check};
+pub use depth::{DepthPicture, DepthSource};
+pub use lens::{Distortion, Lens, Pinhole};
+pub use pictures::read_color;
+pub use pose::Pose;
+pub use view::{LoadedView, View};
+
+use crate::scene::FileFrame;
+use glam::DVec3;
+use std::path::{Path, PathBuf};
+
+/// Why an image set could not be read. Each message is one sentence that names the file and, where there is one, the field.
+#[derive(Debug, thiserror::Error)]
+pub enum ImagesError {
+    /// A file or folder cannot be opened or read.
+    #[error("{}: cannot be read: {cause}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        cause: std::io::Error,
+    },
+    /// The folder holds none of the formats that are read.
+    #[error(
+        "{}: no image set; expected manifest.json (Seurat), transforms.json (nerfstudio), cameras.bin or cameras.txt \
+         (COLMAP), frame-*.pose.txt (RGB-D frames), *_par.txt (Middlebury), or panoramas with depth beside them \
+         (NAME.png and NAME_depth.exr)",
+        path.display()
+    )]
+    NoImageSet {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// A file of the set is not what it should be.
+    #[error("{}: {field}: {cause}", path.display())]
+    Field {
+        /// The file.
+        path: PathBuf,
+        /// Which part of it.
+        field: String,
+        /// What is wrong with it.
+        cause: String,
+    },
+    /// A picture cannot be decoded.
+    #[error("{}: {cause}", path.display())]
+    Picture {
+        /// The file.
+        path: PathBuf,
+        /// What was expected or found.
+        cause: String,
+    },
+    /// A path leads out of the set's folder.
+    #[error("{}: {field}: \"{leads_to}\" leads out of the folder; allow it by name (--allow-outside) if you trust the file", path.display())]
+    Outside {
+        /// The file that says so.
+        path: PathBuf,
+        /// Which part of it.
+        field: String,
+        /// The path in question.
+        leads_to: String,
+    },
+}
+
+impl ImagesError {
+    pub(crate) fn field(path: &Path, field: impl Into<String>, cause: impl Into<String>) -> Self {
+        Self::Field { path: path.into(), field: field.into(), cause: cause.into() }
+    }
+
+    pub(crate) fn io(path: &Path, cause: std::io::Error) -> Self {
+        Self::Io { path: path.into(), cause }
+    }
+}
+
+/// How an image set is opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ImageSetOptions {
+    /// Follows paths in manifests that lead out of the set's folder.
+    pub allow_outside: bool,
+}
+
+/// Pictures with known cameras.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImageSet {
+    /// The folder that was opened.
+    pub folder: PathBuf,
+    /// The format, in words.
+    pub format: &'static str,
+    /// How the file's positions map to the world. Poses of [`Self::views`] are in the world already.
+    pub frame: FileFrame,
+    /// The views, in the file's order.
+    pub views: Vec<View>,
+    /// The centre that the set was made for, world metres, if it says so.
+    pub headbox_centre: Option<DVec3>,
+    /// What was met and survived: one sentence each.
+    pub notes: Vec<String>,
+}
+
+impl ImageSet {
+    /// Opens a folder (or a Seurat manifest, or a `transforms.json`).
+    ///
+    /// # Errors
+    /// See [`ImagesError`].
+    pub fn open(path: &Path, options: &ImageSetOptions) -> Result<Self, ImagesError> {
+        let is_file = path.is_file();
+        let folder = if is_file { path.parent().unwrap_or(Path::new(".")) } else { path };
+        if !is_file {
+            std::fs::read_dir(path).map_err(|cause| ImagesError::io(path, cause))?;
+        }
+        let named = |name: &str| match is_file {
+            true => path.file_name().is_some_and(|found| found == name).then(|| path.to_path_buf()),
+            false => Some(folder.join(name)).filter(|file| file.is_file()),
+        };
+        let allow = options.allow_outside;
+        if let Some(file) = named("transforms.json") {
+            return nerfstudio::open(&file, allow);
+        }
+        if let Some(file) = named("manifest.json").or_else(|| is_file.then(|| path.to_path_buf())) {
+            return seurat::open(&file, allow);
+        }
+        for reader in [colmap::open, rgbd::open, middlebury::open, panorama::open] {
+            if let Some(set) = reader(folder)? {
+                return Ok(set);
+            }
+        }
+        Err(ImagesError::NoImageSet { path: path.into() })
+    }
+
+    /// The views whose depth is known.
+    pub fn with_depth(&self) -> impl Iterator<Item = &View> {
+        self.views.iter().filter(|view| view.depth.is_some())
+    }
+
+    /// The mean of the cameras' up directions, or +Y if they cancel out.
+    pub fn up(&self) -> DVec3 {
+        let sum: DVec3 = self.views.iter().map(|view| view.pose.world_from_eye.y_axis).sum();
+        sum.try_normalize().unwrap_or(DVec3::Y)
+    }
+
+    /// The view whose eye is nearest to the mean of all eyes: an original camera suits best as the centre of an LDI, for
+    /// fewer pixels are resampled twice (S12).
+    pub fn central_view(&self) -> Option<&View> {
+        let mean = self.views.iter().map(|view| view.pose.eye).sum::<DVec3>() / self.views.len().max(1) as f64;
+        let apart = |view: &&View| view.pose.eye.distance_squared(mean);
+        self.views.iter().min_by(|a, b| apart(a).total_cmp(&apart(b)))
+    }
+}
+
+/// Makes a path of a manifest one of the file system: relative to the manifest's folder, and under it unless `allow_outside`.
+fn resolve(manifest: &Path, field: &str, written: &str, allow_outside: bool) -> Result<PathBuf, ImagesError> {
+    use std::path::Component;
+    let folder = manifest.parent().unwrap_or(Path::new(""));
+    let path = Path::new(written);
+    let mut depth = 0i32;
+    let escapes = path.is_absolute()
+        || path.components().any(|component| {
+            depth += match component {
+                Component::ParentDir => -1,
+                Component::Normal(_) => 1,
+                _ => 0,
+            };
+            depth < 0
+        });
+    if escapes && !allow_outside {
+        return Err(ImagesError::Outside { path: manifest.into(), field: field.into(), leads_to: written.into() });
+    }
+    Ok(folder.join(path))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_stay_under_their_manifest() {
+        let manifest = Path::new("/data/set/manifest.json");
+        let resolved = |written, allow| resolve(manifest, "color", written, allow);
+        assert_eq!(resolved("a/../b.png", false).expect("inside"), Path::new("/data/set/a/../b.png"));
+        for outside in ["../b.png", "a/../../b.png", "/etc/passwd"] {
+            let error = resolved(outside, false).expect_err(outside).to_string();
+            assert!(error.contains("manifest.json") && error.contains("color"), "{error}");
+            assert!(resolved(outside, true).is_ok());
+        }
+    }
+}

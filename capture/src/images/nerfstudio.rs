@@ -1,0 +1,120 @@
+//! nerfstudio's and NeRF's `transforms.json`.
+
+use super::depth::DepthSource;
+use super::json::{self, Object};
+use super::lens::{Distortion, Lens, Pinhole};
+use super::pictures::read_size;
+use super::pose::Pose;
+use super::view::View;
+use super::{ImageSet, ImagesError, resolve};
+use crate::DepthKind;
+use crate::scene::{FileFrame, UpAxis};
+use std::path::{Path, PathBuf};
+
+/// Metres for a step of a depth picture of integers, unless the file says otherwise.
+const DEPTH_UNIT_M: f64 = 0.001;
+
+pub(super) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesError> {
+    let file = file.to_path_buf();
+    let value = json::read(&file)?;
+    let root = Object::root(&file, &value);
+    let frame = FileFrame { up: UpAxis::Z, unit_m: 1.0 };
+    let mut views = Vec::new();
+    for view in root.list("frames")? {
+        views.push(read_view(&root, &view, &frame, allow_outside)?);
+    }
+    if views.is_empty() {
+        return Err(root.error("frames", "is empty"));
+    }
+    Ok(ImageSet {
+        folder: file.parent().unwrap_or(Path::new("")).into(),
+        format: "nerfstudio transforms",
+        frame,
+        views,
+        headbox_centre: None,
+        notes: Vec::new(),
+    })
+}
+
+fn read_view(root: &Object, view: &Object, frame: &FileFrame, allow_outside: bool) -> Result<View, ImagesError> {
+    // What a frame does not say of its camera, the whole file does.
+    let of = |key: &str| if view.has(key) || !root.has(key) { view.clone() } else { root.clone() };
+    let color =
+        with_extension(resolve(view.file, &view.place_of("file_path"), view.text("file_path")?, allow_outside)?);
+    let size_px = match of("w").has("w") && of("h").has("h") {
+        true => [of("w").side("w")?, of("h").side("h")?],
+        false => read_size(&color)?,
+    };
+    let lens = lens_of(&of, view, size_px)?;
+    let pose =
+        Pose::from_opengl(view.matrix("transform_matrix")?).map_err(|cause| view.error("transform_matrix", cause))?;
+    let path_of = |key: &str| match view.has(key) {
+        true => resolve(view.file, &view.place_of(key), view.text(key)?, allow_outside).map(Some),
+        false => Ok(None),
+    };
+    let depth = path_of("depth_file_path")?;
+    let unit_m = of("depth_unit_scale_factor").number_or("depth_unit_scale_factor", DEPTH_UNIT_M)?;
+    let depth = depth.map(|path| {
+        let unit_m = if super::depth::extension(&path) == "exr" { 1.0 } else { unit_m as f32 };
+        let kind = if lens == Lens::Equirectangular { DepthKind::RayDistance } else { DepthKind::EyeDepth };
+        DepthSource::metres(path, kind, unit_m)
+    });
+    let name = view.text("file_path")?.to_owned();
+    Ok(View {
+        name,
+        size_px,
+        lens,
+        pose: pose.in_world(frame),
+        color,
+        depth,
+        mask: path_of("mask_path")?,
+        depth_scale: 1.0,
+    })
+}
+
+/// NeRF's synthetic scenes leave `.png` away.
+fn with_extension(path: PathBuf) -> PathBuf {
+    if path.extension().is_some() || path.is_file() { path } else { path.with_extension("png") }
+}
+
+fn lens_of<'a>(of: &impl Fn(&str) -> Object<'a>, view: &Object, size_px: [u32; 2]) -> Result<Lens, ImagesError> {
+    let model = of("camera_model");
+    let model = if model.has("camera_model") { model.text("camera_model")? } else { "OPENCV" };
+    match model {
+        "EQUIRECTANGULAR" => return Ok(Lens::Equirectangular),
+        "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" => {}
+        other => {
+            let cause =
+                format!("is \"{other}\"; expected PINHOLE, OPENCV or EQUIRECTANGULAR: undistort the pictures first");
+            return Err(view.error("camera_model", cause));
+        }
+    }
+    let number = |key: &str, default: f64| of(key).number_or(key, default);
+    let [width, height] = size_px.map(f64::from);
+    let of_angle = |key: &str, side: f64| -> Result<Option<f64>, ImagesError> {
+        let object = of(key);
+        if !object.has(key) {
+            return Ok(None);
+        }
+        let angle = object.number(key)?;
+        match angle > 0.0 && angle < std::f64::consts::PI {
+            true => Ok(Some(0.5 * side / (angle / 2.0).tan())),
+            false => Err(object.error(key, format!("is {angle}, no angle between 0 and pi"))),
+        }
+    };
+    let across =
+        if of("fl_x").has("fl_x") { Some(of("fl_x").number("fl_x")?) } else { of_angle("camera_angle_x", width)? };
+    let down =
+        if of("fl_y").has("fl_y") { Some(of("fl_y").number("fl_y")?) } else { of_angle("camera_angle_y", height)? };
+    let Some(across) = across.or(down) else {
+        return Err(view.error("fl_x", "is missing, and so is camera_angle_x: one of them must say how wide a view is"));
+    };
+    let focal_px = [across, down.unwrap_or(across)];
+    if focal_px.iter().any(|&focal| focal <= 0.0) {
+        return Err(view.error("fl_x", "must be above 0"));
+    }
+    let radial = [number("k1", 0.0)?, number("k2", 0.0)?, number("k3", 0.0)?, number("k4", 0.0)?, 0.0, 0.0];
+    let tangential = [number("p1", 0.0)?, number("p2", 0.0)?];
+    let principal_px = [number("cx", width / 2.0)?, number("cy", height / 2.0)?];
+    Ok(Lens::Pinhole(Pinhole { focal_px, principal_px, distortion: Distortion { radial, tangential } }))
+}

@@ -1,0 +1,112 @@
+//! RGB-D frames: `frame-NNNNNN.color.png`, `.depth.png` (16 bits, millimetres) and `.pose.txt` (camera to world), with
+//! 3x3 intrinsics beside them; the layout of the TSDF demo and of 7-Scenes.
+
+use super::depth::DepthSource;
+use super::lens::{Distortion, Lens, Pinhole};
+use super::pictures::read_size;
+use super::pose::Pose;
+use super::view::View;
+use super::{ImageSet, ImagesError, text};
+use crate::DepthKind;
+use crate::scene::FileFrame;
+use glam::DMat4;
+use std::path::{Path, PathBuf};
+
+/// Metres for a step of depth.
+const DEPTH_UNIT_M: f32 = 0.001;
+
+/// The camera of 7-Scenes, whose folders hold no intrinsics: focal length and principal point, centres of pixels at whole
+/// numbers.
+const SEVEN_SCENES: [f64; 3] = [585.0, 320.0, 240.0];
+
+pub(super) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
+    let Some((place, poses)) = find_poses(folder, 3)? else { return Ok(None) };
+    let mut notes = Vec::new();
+    let lens = match intrinsics_file(&place, folder) {
+        Some(file) => {
+            let k = text::numbers(&file, 9, "the 3x3 intrinsics")?;
+            if !(k[0] > 0.0 && k[4] > 0.0) {
+                return Err(ImagesError::field(&file, "the 3x3 intrinsics", "have a focal length that is not above 0"));
+            }
+            pinhole([k[0], k[4]], [k[2], k[5]])
+        }
+        None => {
+            let [focal, x, y] = SEVEN_SCENES;
+            notes.push(format!("no camera-intrinsics.txt: taken as {focal} px at {x}, {y}, the camera of 7-Scenes"));
+            pinhole([focal; 2], [x, y])
+        }
+    };
+    let (mut views, mut without_pose, mut without_depth) = (Vec::new(), 0, 0);
+    for pose_file in poses {
+        let stem = pose_file.to_string_lossy().trim_end_matches("pose.txt").to_owned();
+        let matrix: [f64; 16] = match text::numbers(&pose_file, 16, "the 4x4 pose") {
+            Ok(numbers) => numbers.try_into().unwrap_or([0.0; 16]),
+            // Trackers write infinities where they were lost.
+            Err(ImagesError::Field { .. }) if is_lost(&pose_file) => {
+                without_pose += 1;
+                continue;
+            }
+            Err(error) => return Err(error),
+        };
+        let pose = Pose::from_opencv(DMat4::from_cols_array(&matrix).transpose());
+        let pose = pose.map_err(|cause| ImagesError::field(&pose_file, "the 4x4 pose", cause))?;
+        let ending = |ending: &str| PathBuf::from(format!("{stem}{ending}"));
+        let color = [ending("color.png"), ending("color.jpg")].into_iter().find(|path| path.is_file());
+        let color = color.unwrap_or_else(|| ending("color.png"));
+        let size_px = read_size(&color)?;
+        let depth = Some(ending("depth.png")).filter(|path| path.is_file());
+        without_depth += usize::from(depth.is_none());
+        let depth = depth.map(|path| DepthSource::metres(path, DepthKind::EyeDepth, DEPTH_UNIT_M));
+        let name = color.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        views.push(View { name, size_px, lens, pose, color, depth, mask: None, depth_scale: 1.0 });
+    }
+    if views.is_empty() {
+        return Err(ImagesError::field(&place, "frame-*.pose.txt", "no frame has a pose"));
+    }
+    if without_pose > 0 {
+        notes.push(format!("{without_pose} frames left out: their tracker was lost"));
+    }
+    if without_depth > 0 {
+        notes.push(format!("{without_depth} frames without depth"));
+    }
+    let frame = FileFrame::default();
+    Ok(Some(ImageSet { folder: folder.into(), format: "RGB-D frames", frame, views, headbox_centre: None, notes }))
+}
+
+/// Centres of pixels lie at whole numbers in these files, and at halves here.
+fn pinhole(focal_px: [f64; 2], principal: [f64; 2]) -> Lens {
+    Lens::Pinhole(Pinhole { focal_px, principal_px: principal.map(|c| c + 0.5), distortion: Distortion::default() })
+}
+
+fn is_lost(pose_file: &Path) -> bool {
+    std::fs::read_to_string(pose_file).is_ok_and(|text| text.to_lowercase().contains("inf") || text.contains("nan"))
+}
+
+fn intrinsics_file(place: &Path, folder: &Path) -> Option<PathBuf> {
+    let names = ["camera-intrinsics.txt", "intrinsics.txt", "intrinsic.txt"];
+    let parents = place.ancestors().take_while(|parent| parent.starts_with(folder)).map(Path::to_path_buf);
+    let around = parents.chain(folder.parent().map(Path::to_path_buf));
+    around.flat_map(|place| names.map(|name| place.join(name))).find(|file| file.is_file())
+}
+
+/// The first folder, at most so many levels down, that holds poses, and these in the order of their names.
+fn find_poses(folder: &Path, levels: u32) -> Result<Option<(PathBuf, Vec<PathBuf>)>, ImagesError> {
+    let mut entries = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(|cause| ImagesError::io(folder, cause))? {
+        entries.push(entry.map_err(|cause| ImagesError::io(folder, cause))?.path());
+    }
+    entries.sort();
+    let is_pose = |path: &&PathBuf| path.to_string_lossy().ends_with(".pose.txt");
+    let poses: Vec<PathBuf> = entries.iter().filter(is_pose).cloned().collect();
+    if !poses.is_empty() {
+        return Ok(Some((folder.into(), poses)));
+    }
+    if levels > 0 {
+        for below in entries.iter().filter(|path| path.is_dir()) {
+            if let Some(found) = find_poses(below, levels - 1)? {
+                return Ok(Some(found));
+            }
+        }
+    }
+    Ok(None)
+}

@@ -1,0 +1,176 @@
+//! One picture of a set: its camera, its files, and what they hold once they are loaded.
+
+use super::ImagesError;
+use super::depth::DepthSource;
+use super::lens::{Lens, Pinhole};
+use super::pictures::read_color;
+use super::pose::Pose;
+use crate::{Camera, DepthKind};
+use glam::{DVec2, DVec3};
+use std::path::PathBuf;
+
+/// One picture of a set. Nothing of it is in memory but its camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// What the file calls it.
+    pub name: String,
+    /// Width and height, pixels.
+    pub size_px: [u32; 2],
+    /// How its pixels map to rays.
+    pub lens: Lens,
+    /// Where its camera was, world metres.
+    pub pose: Pose,
+    /// The picture.
+    pub color: PathBuf,
+    /// Its depth.
+    pub depth: Option<DepthSource>,
+    /// A picture that is black where the view is to be left out.
+    pub mask: Option<PathBuf>,
+    /// Metres for a unit of the file's depth beyond its own unit (the set's frame).
+    pub depth_scale: f32,
+}
+
+/// A view in memory, its lens ideal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoadedView {
+    /// Width and height, pixels.
+    pub size_px: [u32; 2],
+    /// Without distortion.
+    pub lens: Lens,
+    /// Where the camera was.
+    pub pose: Pose,
+    /// sRGB, straight alpha; alpha 0 where the view is masked out. Row-major, row 0 on top.
+    pub color: Vec<[u8; 4]>,
+    /// Multiples of [`Lens::ray`] (eye depth for a pinhole, ray distance for a panorama), metres, NaN where unknown; empty
+    /// without depth.
+    pub depth: Vec<f32>,
+}
+
+impl View {
+    /// Reads picture, mask and depth, and undoes distortion (colour bilinearly, depth by the nearest pixel).
+    ///
+    /// # Errors
+    /// [`ImagesError`] that names the file, also if sizes differ.
+    pub fn load(&self) -> Result<LoadedView, ImagesError> {
+        let (width, height, mut color) = read_color(&self.color)?;
+        if [width, height] != self.size_px {
+            let [w, h] = self.size_px;
+            let cause = format!("is {width}x{height} pixels, but the set says {w}x{h}");
+            return Err(ImagesError::Picture { path: self.color.clone(), cause });
+        }
+        if let Some(mask) = &self.mask {
+            let (mask_width, mask_height, mask_pixels) = read_color(mask)?;
+            if (mask_width, mask_height) != (width, height) {
+                let cause = format!("is {mask_width}x{mask_height} pixels, its picture {width}x{height}");
+                return Err(ImagesError::Picture { path: mask.clone(), cause });
+            }
+            for (pixel, masked) in color.iter_mut().zip(mask_pixels) {
+                if masked[3] == 0 || masked[..3].iter().all(|&level| level < 128) {
+                    pixel[3] = 0;
+                }
+            }
+        }
+        let depth = self.load_depth()?;
+        let loaded = LoadedView { size_px: self.size_px, lens: self.lens, pose: self.pose, color, depth };
+        Ok(loaded.undistorted())
+    }
+
+    fn load_depth(&self) -> Result<Vec<f32>, ImagesError> {
+        let Some(source) = &self.depth else { return Ok(Vec::new()) };
+        let mut picture = source.read()?;
+        if [picture.width, picture.height] != self.size_px {
+            let [w, h] = self.size_px;
+            let cause = format!("is {}x{} pixels, its picture {w}x{h}", picture.width, picture.height);
+            return Err(ImagesError::Picture { path: source.path.clone(), cause });
+        }
+        for (y, row) in picture.values.chunks_exact_mut(self.size_px[0] as usize).enumerate() {
+            for (x, depth) in row.iter_mut().enumerate() {
+                let scale = match (source.kind, self.lens) {
+                    // From the length along the ray to a multiple of the ray (C24).
+                    (DepthKind::RayDistance, Lens::Pinhole(_)) => {
+                        (1.0 / self.lens.ray([x as f64 + 0.5, y as f64 + 0.5], self.size_px).length()) as f32
+                    }
+                    _ => 1.0,
+                };
+                *depth *= scale * self.depth_scale;
+            }
+        }
+        Ok(picture.values)
+    }
+
+    /// The camera of frames that show what this view shows: its eye and direction, square pixels, the principal point in
+    /// the middle. `None` for a panorama.
+    pub fn camera(&self) -> Option<Camera> {
+        let Lens::Pinhole(pinhole) = self.lens else { return None };
+        let [width, height] = self.size_px;
+        Camera::from_parts(self.pose.eye, self.pose.world_from_eye, pinhole.focal_px[1], width, height).ok()
+    }
+}
+
+impl LoadedView {
+    /// Whether something is known of a pixel's depth, and it is not masked out.
+    #[inline]
+    pub fn depth_at(&self, x: u32, y: u32) -> Option<f32> {
+        let i = y as usize * self.size_px[0] as usize + x as usize;
+        let depth = *self.depth.get(i)?;
+        (depth > 0.0 && self.color[i][3] > 0).then_some(depth)
+    }
+
+    /// The world point of a pixel of known depth.
+    pub fn point_at(&self, x: u32, y: u32) -> Option<DVec3> {
+        let depth = f64::from(self.depth_at(x, y)?);
+        let ray = self.lens.ray([f64::from(x) + 0.5, f64::from(y) + 0.5], self.size_px);
+        Some(self.pose.to_world(ray * depth))
+    }
+
+    /// Colour at a position in pixels, bilinear over the pixels that are not masked out; `None` outside.
+    pub fn color_at(&self, [x, y]: [f64; 2]) -> Option<[f64; 3]> {
+        let [width, height] = self.size_px.map(f64::from);
+        if !(x >= 0.0 && y >= 0.0 && x <= width && y <= height) {
+            return None;
+        }
+        let (x, y) = ((x - 0.5).clamp(0.0, width - 1.0), (y - 0.5).clamp(0.0, height - 1.0));
+        let (x0, y0) = (x as usize, y as usize);
+        let (fx, fy) = (x - x0 as f64, y - y0 as f64);
+        let (x1, y1) = ((x0 + 1).min(width as usize - 1), (y0 + 1).min(height as usize - 1));
+        let (mut sum, mut total) = ([0.0; 3], 0.0);
+        for (px, py, weight) in
+            [(x0, y0, (1.0 - fx) * (1.0 - fy)), (x1, y0, fx * (1.0 - fy)), (x0, y1, (1.0 - fx) * fy), (x1, y1, fx * fy)]
+        {
+            let pixel = self.color[py * width as usize + px];
+            if pixel[3] > 0 && weight > 0.0 {
+                (0..3).for_each(|c| sum[c] += f64::from(pixel[c]) * weight);
+                total += weight;
+            }
+        }
+        (total > 0.0).then(|| sum.map(|c| c / total))
+    }
+
+    /// The same view through an ideal lens.
+    fn undistorted(self) -> Self {
+        let Lens::Pinhole(Pinhole { focal_px, principal_px, distortion }) = self.lens else { return self };
+        if distortion.is_none() {
+            return self;
+        }
+        let [width, height] = self.size_px;
+        let lens = self.lens.ideal();
+        let pixels = width as usize * height as usize;
+        let mut color = vec![[0; 4]; pixels];
+        let mut depth = vec![f32::NAN; self.depth.len()];
+        for (i, color) in color.iter_mut().enumerate() {
+            let (x, y) = ((i % width as usize) as f64 + 0.5, (i / width as usize) as f64 + 0.5);
+            let ideal = DVec2::new((x - principal_px[0]) / focal_px[0], (y - principal_px[1]) / focal_px[1]);
+            let there = distortion.apply(ideal);
+            let position = [0, 1].map(|axis| principal_px[axis] + focal_px[axis] * there[axis]);
+            let Some(found) = self.color_at(position) else { continue };
+            let [r, g, b] = found.map(|c| (c + 0.5) as u8);
+            let nearest = [position[0] as usize, position[1] as usize];
+            let at = nearest[1].min(height as usize - 1) * width as usize + nearest[0].min(width as usize - 1);
+            *color = [r, g, b, self.color[at][3]];
+            if let (Some(depth), Some(&known)) = (depth.get_mut(i), self.depth.get(at)) {
+                *depth = known;
+            }
+        }
+        Self { lens, color, depth, ..self }
+    }
+}
