@@ -1,11 +1,10 @@
 //! Whatever is done to a file, reading it ends with something sound or an error: no panic, no allocation from a wild number.
 //!
-//! Mutations are seeded: a failure names the seed. `HEADBOX_FUZZ_SECONDS=600 cargo test --release --test mutated_files`
+//! Mutations are seeded: a failure names the seed. `HEADBOX_FUZZ_SECONDS=600 cargo test --release --test mutated`
 //! tries each kind of file for ten minutes. What such a run finds goes to `tests/corpus/`, which is replayed here.
-//! Portal models and houses: `mutated_houses.rs`.
+//! Portal models and houses: `houses.rs`.
 
-mod mutated;
-
+use crate::mutations::{Dice, Rounds, alone, bytes_of, corpus, corpus_folder, try_mutations};
 use glam::DVec3;
 use headbox::capture::Camera;
 use headbox::capture::light::Lighting;
@@ -27,7 +26,6 @@ use headbox::scene_source::{SceneSource, fingerprint};
 use headbox::sprite::{
     DepthPicture, DisplacementFormat, SlabCapture, SpriteFrame, SpriteRenderer, SpriteSet, capture_slabs,
 };
-use mutated::{Dice, Rounds, alone, bytes_of, corpus, corpus_folder, try_mutations};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;

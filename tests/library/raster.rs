@@ -1,8 +1,6 @@
 //! The rasteriser against the tracer, against arithmetic, and against itself in other parts.
 
-mod common;
-
-use common::bed::Random;
+use crate::common::bed::Random;
 use fearless_simd::Level;
 use glam::{DVec3, Vec2, Vec3, dvec3};
 use headbox::capture::scene::Triangle;

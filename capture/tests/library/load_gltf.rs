@@ -1,8 +1,6 @@
 //! glTF files built here, clean and damaged.
 
-mod common;
-
-use common::Folder;
+use crate::folder::Folder;
 use glam::{Vec2, Vec3, dvec3};
 use headbox_capture::Scene;
 

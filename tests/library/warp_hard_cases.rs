@@ -1,10 +1,8 @@
 //! Inventory, part 8: samples behind, on and just before the eye's plane, grazing and back-facing surfaces, surfaces
 //! nearer to each other than a capture tells apart. (Items 1 and 3 are in `warp::order`, 9 in `warp::transfer`.)
 
-mod common;
-
-use common::bed::Random;
-use common::capture::one_layer;
+use crate::common::bed::Random;
+use crate::common::capture::one_layer;
 use glam::{DVec3, Vec3, dvec3};
 use headbox::capture::Camera;
 use headbox::capture::rig::Face;

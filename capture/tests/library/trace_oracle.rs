@@ -1,5 +1,4 @@
 //! Scenes, rays and the oracle of the tracer's tests.
-#![allow(dead_code, reason = "each test file uses its own part")]
 
 use fearless_simd::{Level, Simd};
 use glam::{DVec3, dvec3};

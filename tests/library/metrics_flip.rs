@@ -2,11 +2,9 @@
 
 use std::f64::consts::PI;
 
+use crate::metrics_images::{constant, pairs, pattern};
 use headbox::metrics::{DEFAULT_PIXELS_PER_DEGREE, FlipMap, MAX_PIXELS_PER_DEGREE, MetricError, flip_map};
 use image::Rgb;
-use metrics_images::{constant, pairs, pattern};
-
-mod metrics_images;
 
 /// Largest error of a pixel against the f64 oracle. f32 rounds a lightness of 100 to about 1e-5, so that a difference
 /// near 0 may be off by as much; the metric raises it to 0.7 and scales it by 0.95 / (0.4 * 41): 2e-5. Twice that.

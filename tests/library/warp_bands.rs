@@ -1,9 +1,7 @@
 //! Bands, threads and clipping change no bit of a frame: every setting against one band with nothing clipped.
 
-mod common;
-
-use common::bed::{Random, leaves, room};
-use common::capture::quick;
+use crate::common::bed::{Random, leaves, room};
+use crate::common::capture::quick;
 use fearless_simd::Level;
 use glam::{DVec3, dvec3};
 use headbox::capture::Camera;

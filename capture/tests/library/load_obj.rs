@@ -1,8 +1,6 @@
 //! Dirty OBJ files: each defect in a small file of its own, and what the loader says about it.
 
-mod common;
-
-use common::{Folder, TRIANGLE};
+use crate::folder::{Folder, TRIANGLE};
 use glam::{DVec3, Vec2, Vec3, dvec3};
 use headbox_capture::load::LoadOptions;
 use headbox_capture::scene::UpAxis;
@@ -220,7 +218,7 @@ fn unreadable_textures_leave_the_plain_colour() {
         "newmtl m\nKd 0 1 0\nmap_Kd gone.png\nnewmtl n\nmap_Kd broken.png\nnewmtl o\nmap_Kd bomb.png\n",
     );
     folder.write("broken.png", "not an image");
-    folder.write("bomb.png", common::png_header(60_000, 60_000));
+    folder.write("bomb.png", crate::folder::png_header(60_000, 60_000));
     let scene = folder.load("a.obj").expect("survives");
     assert_eq!(scene.surface(0, 0.2, 0.2).albedo, [0.0, 1.0, 0.0]);
     let note = &scene.summary.notes[0];

@@ -1,6 +1,4 @@
 //! What the sprite tests share: sprites with known surfaces, and the slow f64 oracle.
-#![allow(dead_code, reason = "each test file uses a part")]
-
 use glam::{DVec3, dvec3};
 use headbox::capture::Camera;
 use headbox::sprite::{Displacement, DisplacementFormat, Plane, Sprite, SpriteWithDepth, Transfer};

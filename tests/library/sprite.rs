@@ -1,9 +1,7 @@
 //! Promises of sprite rendering: accuracy against f64 oracles, equality of every way to run, answers to degenerate
-//! views. The oracles are in `sprite/mod.rs`.
+//! views. The oracles are in `sprite_oracle.rs`.
 
-#[path = "sprite/mod.rs"]
-mod oracle;
-
+use crate::sprite_oracle::{Waves, bilinear, camera, exact_source, look, picture, sprite};
 use fearless_simd::Level;
 use glam::{DMat3, DVec3, dvec3};
 use headbox::capture::Camera;
@@ -12,7 +10,6 @@ use headbox::sprite::{
     SpriteRenderer, SpriteWithDepth, Transfer, Variant,
 };
 use image::{Rgba, RgbaImage};
-use oracle::{Waves, bilinear, camera, exact_source, look, picture, sprite};
 use proptest::prelude::*;
 
 fn options(variant: Variant, sampling: Sampling) -> RenderOptions {

@@ -1,7 +1,6 @@
-//! As `mutated_files.rs`, of portal models, of houses with what was captured behind their portals, and of kept truth.
+//! As `files.rs`, of portal models, of houses with what was captured behind their portals, and of kept truth.
 
-mod mutated;
-
+use crate::mutations::{bytes_of, corpus, corpus_folder, try_mutations};
 use glam::{DVec3, dvec3};
 use headbox::capture::Camera;
 use headbox::capture::light::Lighting;
@@ -14,7 +13,6 @@ use headbox::portal::house::House;
 use headbox::portal::store::Store;
 use headbox::portal::walk::{Near, WalkSettings, Walker};
 use headbox::report::truths::Truths;
-use mutated::{bytes_of, corpus, corpus_folder, try_mutations};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tempfile::TempDir;

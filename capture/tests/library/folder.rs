@@ -1,7 +1,5 @@
 //! A temporary folder with scene files in it.
 
-#![allow(dead_code, reason = "each test file uses a part")]
-
 use headbox_capture::Scene;
 use headbox_capture::load::{LoadOptions, load};
 

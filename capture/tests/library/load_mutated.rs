@@ -1,8 +1,6 @@
 //! Whatever is done to the bytes of a scene file, loading ends with a valid scene or an error that names the file.
 
-mod common;
-
-use common::Folder;
+use crate::folder::Folder;
 use proptest::prelude::*;
 
 const OBJ: &str = "mtllib m.mtl\no a\nv 0 0 0 1 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0.5\nvt 0 0\nvt 1 1\nvn 0 0 1\nusemtl m\n\

@@ -1,13 +1,11 @@
 //! The tracer's rules at their borders: the range of `t`, cut-outs, poisoned input.
 
-mod trace_common;
-
+use crate::trace_oracle::{bits, scene_of};
 use glam::{DVec3, Vec2, Vec3, dvec3, vec3};
 use headbox_capture::scene::Triangle;
 use headbox_capture::trace::{HitPacket, PACKET, Ray, RayPacket, Tracer};
 use headbox_capture::{Cutout, Material, Scene, Texture};
 use std::sync::Arc;
-use trace_common::{bits, scene_of};
 
 const GOOD: [DVec3; 3] = [dvec3(-1.0, -1.0, -2.0), dvec3(1.0, -1.0, -2.0), dvec3(0.0, 1.0, -2.0)];
 const AHEAD: Ray = Ray { origin: Vec3::ZERO, direction: Vec3::NEG_Z, t_min: 0.0, t_max: f32::INFINITY };

@@ -1,12 +1,10 @@
 //! The splat kernels against truth: the figures in the documentation of `SplatKernel` are this test's output.
 //!
-//! `cargo test --release --test splat_quality -- --nocapture` prints the table.
+//! `cargo test --release --test library splat_quality -- --nocapture` prints the table.
 
-mod common;
-
-use common::bed::{Random, leaves, room};
-use common::capture::quick;
-use common::compare::{cube_map, psnr_db, resample, truth};
+use crate::common::bed::{Random, leaves, room};
+use crate::common::capture::quick;
+use crate::common::compare::{cube_map, psnr_db, resample, truth};
 use glam::{DVec3, dvec3};
 use headbox::capture::Camera;
 use headbox::frame::Frame;

@@ -1,8 +1,6 @@
 //! A walk through three rooms: geometry and every backdrop against truth, at doors, in walls and without images.
 
-mod common;
-
-use common::bed::Random;
+use crate::common::bed::Random;
 use glam::{DVec2, DVec3, Vec3, dvec3};
 use headbox::capture::portal_model::{Cell, Portal, PortalModel, Prism};
 use headbox::capture::scene::{Sky, Triangle};

@@ -1,8 +1,6 @@
 //! Portal culling never drops what shows: lines of sight through models of boxes with random openings, followed one by one.
 
-mod common;
-
-use common::bed::Random;
+use crate::common::bed::Random;
 use glam::{DVec2, DVec3, dvec3};
 use headbox::capture::portal_model::{Cell, Portal, PortalModel, Prism};
 use headbox::capture::{Camera, Scene};

@@ -1,10 +1,8 @@
 //! The fast renderer against the slow one, for eyes inside, on and outside the headbox.
 
-mod common;
-
-use common::bed::{Random, leaves, room};
-use common::capture::quick;
-use common::compare::assert_close;
+use crate::common::bed::{Random, leaves, room};
+use crate::common::capture::quick;
+use crate::common::compare::assert_close;
 use glam::{DVec3, dvec3};
 use headbox::capture::Camera;
 use headbox::frame::Frame;

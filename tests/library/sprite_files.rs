@@ -1,8 +1,6 @@
 //! Promises of sprite files and sets: round trips, damage, order, capture from a scene.
 
-#[path = "sprite/mod.rs"]
-mod oracle;
-
+use crate::sprite_oracle::{Waves, look, picture, sprite};
 use glam::{DVec3, dvec3};
 use headbox::capture::light::Lighting;
 use headbox::capture::scene::{Scene, Triangle};
@@ -14,7 +12,6 @@ use headbox::sprite::{
     SpriteFrame, SpriteRenderer, SpriteSet, SpriteWithDepth, capture_slabs, slabs_at_gaps,
 };
 use image::{Rgba, RgbaImage};
-use oracle::{Waves, look, picture, sprite};
 use std::sync::Arc;
 
 fn two_sprites() -> SpriteSet {

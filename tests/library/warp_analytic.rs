@@ -1,10 +1,8 @@
 //! Frames whose every pixel is known in closed form.
 
-mod common;
-
-use common::bed::{Random, leaves, room};
-use common::capture::{one_layer, quick};
-use common::compare::assert_close;
+use crate::common::bed::{Random, leaves, room};
+use crate::common::capture::{one_layer, quick};
+use crate::common::compare::assert_close;
 use glam::{DMat3, DVec3, dvec3};
 use headbox::capture::Camera;
 use headbox::capture::rig::Face;

@@ -1,10 +1,8 @@
 //! PSNR, SSIM and the share of differing pixels: scikit-image's figures, closed forms and hand-made cases.
 
+use crate::metrics_images::{constant, pairs, pattern, shifted};
 use headbox::metrics::{Comparison, MetricError, compare, compare_with_map, differing_fraction, psnr_db, ssim};
 use image::{Rgb, RgbImage};
-use metrics_images::{constant, pairs, pattern, shifted};
-
-mod metrics_images;
 
 /// Figures of scikit-image 0.26.0 with NumPy 2.4.6 for [`pairs`] of two sizes, of which the second is the least that it
 /// accepts in one direction. Made by the formulas of `metrics_images` in NumPy and
@@ -136,7 +134,7 @@ fn differing_pixels_are_counted_once() {
 fn metrics_grow_with_the_error() {
     let image = pattern(120, 90);
     let worse: Vec<Comparison> =
-        [4, 16, 64].map(|strength| compare(&image, &metrics_images::noisy(&image, strength)).unwrap()).to_vec();
+        [4, 16, 64].map(|strength| compare(&image, &crate::metrics_images::noisy(&image, strength)).unwrap()).to_vec();
     assert!(worse.is_sorted_by(|a, b| a.flip < b.flip && a.psnr_db > b.psnr_db && a.ssim > b.ssim));
 }
 

@@ -1,9 +1,7 @@
 //! Fragments between epipolar lines (inventory P5, P6, C16) against the serial warp: one band on one thread.
 
-mod common;
-
-use common::bed::{Random, leaves, room};
-use common::capture::{one_layer, quick};
+use crate::common::bed::{Random, leaves, room};
+use crate::common::capture::{one_layer, quick};
 use glam::{DVec3, dvec3};
 use headbox::capture::Camera;
 use headbox::capture::rig::Face;

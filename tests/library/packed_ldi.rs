@@ -1,9 +1,7 @@
 //! The packed LDI holds what was put in, and both validators catch every broken promise.
 
-mod common;
-
-use common::bed::{leaves, room};
-use common::capture::{one_layer, quick};
+use crate::common::bed::{leaves, room};
+use crate::common::capture::{one_layer, quick};
 use glam::{DVec3, Vec3};
 use headbox::capture::rig::Face;
 use headbox::ldi::{CubeLdi, DepthPixel, EncodedNormal, Environment, LdiError};

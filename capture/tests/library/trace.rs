@@ -1,12 +1,10 @@
 //! The tracer against a slow, obvious oracle: Möller-Trumbore in `f64` over every triangle.
 
-mod trace_common;
-
+use crate::trace_oracle::{OracleHit, Random, bits, grid, levels, oracle_hits, rays_for, scene_of, soup, sphere};
 use glam::{DVec3, Vec3, dvec3, vec3};
 use headbox_capture::Scene;
 use headbox_capture::trace::{Hit, PACKET, Ray, RayPacket, Tracer};
 use std::sync::Arc;
-use trace_common::{OracleHit, Random, bits, grid, levels, oracle_hits, rays_for, scene_of, soup, sphere};
 
 /// Relative error of `t` and of where a ray passes a triangle's border: `f32` positions relative to the ray's origin
 /// carry 2^-24, the shear and the edge functions a few times that. In units of the scene's extent.
