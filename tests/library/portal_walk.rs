@@ -11,10 +11,11 @@ use headbox::portal::backdrop::{Backdrop, BackdropError, Kind, PortalSide, Quali
 use headbox::portal::file;
 use headbox::portal::house::{House, HouseError};
 use headbox::portal::path::WalkPath;
+use headbox::portal::settings::{Division, Near, WalkSettings};
 use headbox::portal::store::{Builder, Store};
 use headbox::portal::tour::Tour;
 use headbox::portal::visit::likely;
-use headbox::portal::walk::{Division, Near, WalkSettings, Walker};
+use headbox::portal::walk::Walker;
 use headbox::raster::Seen;
 use std::sync::Arc;
 

@@ -4,10 +4,10 @@
 //! (texels), and for each segment with samples one section named after its face and side, e.g. `+X far`: row offsets,
 //! row counts, depth pixels, as they lie in memory.
 
-use super::{CaptureInfo, Environment};
+use super::{BlockIndex, PackedCube, PackedSegment, SegmentSide, SplatIndexLayout};
 use crate::capture::rig::Face;
 use crate::container::{Container, ContainerWriter, FileError, Kind, Section};
-use crate::packed::{BlockIndex, PackedCube, PackedSegment, SegmentSide, SplatIndexLayout};
+use crate::ldi::{CaptureInfo, Environment};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
