@@ -3,15 +3,14 @@
 use super::UsageError;
 use super::args::{FrameArgs, Unit, Up, parse_length, parse_vector};
 use super::capture::place_headbox;
-use super::output::{print_notes, save_png};
+use super::output::{print_notes, save_png, write_text};
 use super::progress::Bar;
-use super::render::write_text;
 use crate::capture::light::Lighting;
 use crate::capture::scene::UpAxis;
 use crate::capture::trace::Tracer;
 use crate::container::Container;
-use crate::ldi::file::CUBE_LDI;
 use crate::packed::PackedCube;
+use crate::packed::file::CUBE_LDI;
 use crate::report::figures::figures;
 use crate::report::machine::commit;
 use crate::report::plan::{Plan, Quality, most_to_see};
