@@ -72,6 +72,11 @@ pub(super) struct FrameArgs {
 }
 
 impl SceneArgs {
+    /// As given.
+    pub(super) fn name(&self) -> &str {
+        &self.scene
+    }
+
     pub(super) fn source(&self) -> SceneSource {
         self.frame.source(&self.scene)
     }

@@ -2,6 +2,7 @@
 
 use super::UsageError;
 use super::args::{SceneArgs, parse_length, parse_vector};
+use super::images::{SetArgs, is_image_set};
 use super::output::{memory_bytes, peak_rss_mb, print_json, print_notes};
 use super::progress::Bar;
 use crate::capture::light::Lighting;
@@ -9,6 +10,7 @@ use crate::capture::sampler::Strata;
 use crate::capture::trace::Tracer;
 use crate::capture::{Scene, viewpoint};
 use crate::ldi::build::{self, Sampler};
+use crate::ldi::from_images::ImagesJob;
 use crate::ldi::job::{CaptureJob, Resources};
 use crate::ldi::merge::MergeRule;
 use crate::ldi::shard::{self, ShardInfo};
@@ -45,6 +47,11 @@ pub(super) struct Capture {
     shard: Option<(u32, u32)>,
     #[command(flatten)]
     packing: PackingArgs,
+    #[command(flatten)]
+    images: SetArgs,
+    /// Of image sets: standard deviation of inverse depth, 1/m; by the format if absent
+    #[arg(long, value_name = "X")]
+    depth_noise: Option<f32>,
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
@@ -163,6 +170,14 @@ impl PackingArgs {
 }
 
 impl QualityArgs {
+    fn merge_rule(&self) -> MergeRule {
+        match self.merge {
+            MergeArg::Average => MergeRule::Average,
+            MergeArg::SmallerArea => MergeRule::SmallerArea,
+            MergeArg::ColorsApart => MergeRule::ColorsApart,
+        }
+    }
+
     /// The capture of a headbox with this quality.
     fn job(&self, scene: SceneSource, centre: DVec3, half_size_m: f64) -> CaptureJob {
         CaptureJob {
@@ -179,11 +194,7 @@ impl QualityArgs {
             rays: self.rays,
             seed: self.seed,
             novelty: self.novelty,
-            merge_rule: match self.merge {
-                MergeArg::Average => MergeRule::Average,
-                MergeArg::SmallerArea => MergeRule::SmallerArea,
-                MergeArg::ColorsApart => MergeRule::ColorsApart,
-            },
+            merge_rule: self.merge_rule(),
             bounces: self.bounces,
             light_samples: self.light_samples,
         }
@@ -249,6 +260,9 @@ pub(super) fn warn_if_blocked(blocked_share: f64) {
 
 impl Capture {
     pub(super) fn run(&self) -> anyhow::Result<()> {
+        if is_image_set(self.scene.name()) {
+            return self.run_images();
+        }
         let start = Instant::now();
         let source = self.scene.source();
         let scene = Arc::new(source.open()?);
@@ -270,6 +284,45 @@ impl Capture {
         bar.finish();
         warn_if_blocked(packed.info.blocked_share);
         self.report(&packed, trace_time.as_secs_f64(), start.elapsed().as_secs_f64());
+        Ok(())
+    }
+
+    /// Warps the depth images of a set into one cube.
+    fn run_images(&self) -> anyhow::Result<()> {
+        let start = Instant::now();
+        let set = self.images.open(Path::new(self.scene.name()))?;
+        let views: Vec<_> = set.with_depth().collect();
+        if views.is_empty() {
+            anyhow::bail!("{}: none of its {} views has depth", set.folder.display(), set.views.len());
+        }
+        let mut job = ImagesJob::suggest(&set);
+        job.merge_rule = self.quality.merge_rule();
+        if let Some(center) = self.center {
+            job.centre = set.frame.world_from_file(center);
+        }
+        if let Some(half_size) = self.half_size {
+            job.half_size_m = half_size * set.frame.unit_m;
+        }
+        if let Some(noise) = self.depth_noise {
+            job.depth_noise = noise;
+        }
+        let bar = Bar::new();
+        let ldi = job.run(&set, &views, &bar)?;
+        let packed = self.packing.pack(&ldi)?;
+        packed.write(&self.output)?;
+        bar.finish();
+        let total_s = start.elapsed().as_secs_f64();
+        let pixels: u64 = views.iter().map(|view| u64::from(view.size_px[0]) * u64::from(view.size_px[1])).sum();
+        if self.json {
+            print_json(&json!({
+                "images": views.len(), "pixels": pixels, "total_s": total_s, "peak_rss_mb": peak_rss_mb(),
+                "depth_pixels": packed.depth_pixel_count(), "bytes": packed.bytes(), "face_size": job.face_size_px,
+            }));
+            return Ok(());
+        }
+        let count = packed.depth_pixel_count();
+        println!("{}: {count} depth pixels from {} images, {total_s:.2} s", self.output.display(), views.len());
+        println!("look at it: headbox render {} -o frame.png", self.output.display());
         Ok(())
     }
 

@@ -18,6 +18,7 @@ mod demo;
 mod demo_sprites;
 mod house;
 mod house_file;
+mod images;
 mod info;
 mod merge;
 mod output;
@@ -59,6 +60,8 @@ enum Command {
     Sprite(Box<sprite::SpriteCommand>),
     /// Cells and portals of a house: what it has, what is wrong with it, its plan
     House(house::House),
+    /// What a folder of pictures with known cameras holds, and whether its poses and depths agree
+    Images(images::Images),
     /// Show what a file holds; check every promise of its layout
     Info(info::Info),
     /// Render a frame of a cube LDI, of sprites or of both, or a frame per pose of a path
@@ -104,6 +107,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Merge(command) => command.run(),
         Command::Sprite(command) => command.run(),
         Command::House(command) => command.run(),
+        Command::Images(command) => command.run(),
         Command::Info(command) => command.run(),
         Command::Render(command) => command.run(),
         Command::Walk(command) => command.run(),

@@ -12,6 +12,7 @@ pub mod accumulate;
 pub mod build;
 pub(crate) mod coverage;
 pub mod finish;
+pub mod from_images;
 pub mod job;
 pub mod mend;
 pub mod merge;

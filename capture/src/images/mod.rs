@@ -32,7 +32,7 @@ mod view;
 pub use check::{CheckReport, Residual, check};
 pub use depth::{DepthPicture, DepthSource};
 pub use lens::{Distortion, Lens, Pinhole};
-pub use pictures::read_color;
+pub use pictures::{ColorPicture, read_color};
 pub use pose::Pose;
 pub use view::{LoadedView, View};
 

@@ -6,7 +6,7 @@ use crate::material::srgb8_from_linear;
 use exr::meta::MetaData;
 use std::path::Path;
 
-/// A colour picture: width, height, and row-major sRGB with straight alpha.
+/// Width, height, and row-major sRGB with straight alpha.
 pub type ColorPicture = (u32, u32, Vec<[u8; 4]>);
 
 /// Reads a picture: 8-bit sRGB as it is, EXR from linear, premultiplied.

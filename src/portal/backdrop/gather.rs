@@ -12,12 +12,12 @@
 
 use super::mend::Mender;
 use crate::capture::rig::Face;
-use crate::capture::srgb8_from_linear;
 use crate::capture::trace::{HitPacket, PACKET, Ray, RayPacket};
 use crate::ldi::accumulate::DepthBins;
 use crate::ldi::build::Sampler;
+use crate::ldi::from_images::layers::{LayerCube, Sample, SortedSamples};
 use crate::ldi::merge::MergeRule;
-use crate::ldi::{CaptureInfo, CubeLdi, DepthPixel, EncodedNormal, Environment, LayeredDepthImage};
+use crate::ldi::{CaptureInfo, CubeLdi, EncodedNormal, Environment};
 use crate::packed::{PackError, PackedCube, SplatIndexLayout, Split};
 use crate::portal::house::House;
 use glam::{DVec3, Vec3};
@@ -52,31 +52,6 @@ pub(super) struct CubeJob<'a> {
     pub(super) rule: MergeRule,
     /// Whether gaps are mended ([`Mender`]); images are taken as they are.
     pub(super) mends: bool,
-}
-
-/// A hit in its pixel.
-#[derive(Clone, Copy)]
-struct Sample {
-    /// Number of the pixel: face, row and column, in this order of significance.
-    pixel: u32,
-    inverse_depth: f32,
-    normal: Vec3,
-    color: Vec3,
-    area: f32,
-    image: u8,
-}
-
-/// A row of a face: each pixel that has samples with their number, and the depth pixels of all.
-type Row = (Vec<(u32, u32)>, Vec<DepthPixel>);
-
-/// A depth pixel in the making.
-struct Layer {
-    inverse_depth: f32,
-    normal: Vec3,
-    color: Vec3,
-    count: f32,
-    area: f32,
-    image: u8,
 }
 
 impl CubeJob<'_> {
@@ -139,7 +114,16 @@ impl CubeJob<'_> {
                     // `max` and `min` also turn the NaN of a plane through the centre into a number.
                     inverse_depth += shift.max(-most).min(most);
                 }
-                samples.push(Sample { pixel, inverse_depth, normal, color, area, image: batch.image });
+                let normal = EncodedNormal::new(normal);
+                samples.push(Sample {
+                    pixel,
+                    inverse_depth,
+                    normal,
+                    color,
+                    weight: 1.0,
+                    area,
+                    image: batch.image.into(),
+                });
             }
         }
         (samples, misses)
@@ -152,41 +136,8 @@ impl CubeJob<'_> {
 
     /// The cube of samples in the order of their rays.
     fn merge(&self, samples: &[Sample], environment: Environment) -> CubeLdi {
-        let tolerance = self.tolerance();
-        // Pixel by pixel, those of a pixel in the order of their rays. (To sort the samples themselves, a capture takes 2 % longer.)
-        let mut order: Vec<(u32, u32)> =
-            samples.par_iter().enumerate().map(|(i, sample)| (sample.pixel, i as u32)).collect();
-        order.par_sort_unstable_by_key(|&(pixel, i)| u64::from(pixel) << 32 | u64::from(i));
-        let rows: Vec<Row> = order
-            .par_chunk_by(|a, b| a.0 / self.face_px == b.0 / self.face_px)
-            .map(|row| {
-                let (mut counts, mut merged, mut layers) = (Vec::new(), Vec::new(), Vec::new());
-                for pixel in row.chunk_by(|a, b| a.0 == b.0) {
-                    layers.clear();
-                    let samples = pixel.iter().map(|&(_, i)| &samples[i as usize]);
-                    samples.for_each(|sample| insert(&mut layers, sample, self.rule, tolerance));
-                    layers.sort_by(|a, b| a.inverse_depth.total_cmp(&b.inverse_depth));
-                    merged.extend(layers.iter().map(Layer::finish));
-                    counts.push((pixel[0].0, layers.len() as u32));
-                }
-                (counts, merged)
-            })
-            .collect();
-        let mut faces = Face::ALL.map(|face| LayeredDepthImage::empty(face, self.face_px));
-        let per_face = self.face_px.pow(2);
-        for (counts, merged) in rows {
-            let Some(&(first, _)) = counts.first() else { continue };
-            let face = &mut faces[(first / per_face) as usize % 6];
-            counts.iter().for_each(|&(pixel, count)| face.offsets[(pixel % per_face) as usize + 1] = count);
-            face.samples.extend(merged);
-        }
-        for face in &mut faces {
-            let mut total = 0;
-            for offset in &mut face.offsets {
-                total += *offset;
-                *offset = total;
-            }
-        }
+        let mut cube = LayerCube::new(self.face_px, self.rule, self.tolerance());
+        cube.add(&[SortedSamples::new(samples)]);
         let frame = self.house.scene().frame;
         let info = CaptureInfo {
             scene: self.house.scene().name.clone(),
@@ -200,7 +151,7 @@ impl CubeJob<'_> {
             merge_rule: self.rule,
             ..CaptureInfo::default()
         };
-        CubeLdi { info, faces: faces.into(), environment }
+        CubeLdi { info, faces: cube.finish(), environment }
     }
 }
 
@@ -224,69 +175,9 @@ fn slope(face: Face, normal: Vec3, point: Vec3, [right, up]: [f32; 2]) -> f32 {
     normal.dot(step) / normal.dot(point)
 }
 
-/// Colours closer than this in every channel (sRGB levels) count as equal for [`MergeRule::ColorsApart`].
-const SAME_COLOR_LEVELS: u8 = 16;
-
-/// Adds a sample to the layers of its pixel. Samples come image by image, the central one first.
-fn insert(layers: &mut Vec<Layer>, sample: &Sample, rule: MergeRule, tolerance: f32) {
-    let apart = |layer: &Layer| (layer.inverse_depth - sample.inverse_depth).abs();
-    let nearest = layers.iter_mut().min_by(|a, b| apart(a).total_cmp(&apart(b)));
-    let Some(layer) = nearest.filter(|layer| apart(layer) <= tolerance) else {
-        layers.push(Layer::new(sample));
-        return;
-    };
-    match rule {
-        MergeRule::Average => {
-            let total = layer.count + 1.0;
-            let share = 1.0 / total;
-            layer.inverse_depth += (sample.inverse_depth - layer.inverse_depth) * share;
-            layer.color += (sample.color - layer.color) * share;
-            layer.count = total;
-        }
-        // Samples of one image are all kept: a surface nearly parallel to the pixel's ray. Those of the central image are
-        // never displaced.
-        MergeRule::SmallerArea if layer.image == sample.image => layers.push(Layer::new(sample)),
-        MergeRule::SmallerArea if layer.image != 0 && sample.area < layer.area => *layer = Layer::new(sample),
-        MergeRule::SmallerArea => {}
-        MergeRule::ColorsApart => {
-            let level = |color: Vec3| color.to_array().map(srgb8_from_linear);
-            let (a, b) = (level(layer.color), level(sample.color));
-            if (0..3).any(|c| a[c].abs_diff(b[c]) >= SAME_COLOR_LEVELS) {
-                layers.push(Layer::new(sample));
-            }
-        }
-    }
-}
-
-impl Layer {
-    fn new(sample: &Sample) -> Self {
-        let &Sample { inverse_depth, normal, color, area, image, .. } = sample;
-        Self { inverse_depth, normal, color, count: 1.0, area, image }
-    }
-
-    fn finish(&self) -> DepthPixel {
-        let [r, g, b] = self.color.to_array().map(srgb8_from_linear);
-        DepthPixel {
-            inverse_depth: self.inverse_depth,
-            normal: EncodedNormal::new(self.normal),
-            color_srgb: [r, g, b, 255],
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn sample(image: u8, inverse_depth: f32, grey: f32, area: f32) -> Sample {
-        Sample { pixel: 0, inverse_depth, normal: Vec3::Z, color: Vec3::splat(grey), area, image }
-    }
-
-    fn merged(rule: MergeRule, samples: &[Sample]) -> Vec<(f32, f32)> {
-        let mut layers = Vec::new();
-        samples.iter().for_each(|sample| insert(&mut layers, sample, rule, 0.01));
-        layers.iter().map(|layer| (layer.inverse_depth, layer.color.x)).collect()
-    }
 
     #[test]
     fn a_hit_counts_with_the_depth_of_its_plane_in_the_middle_of_its_pixel() {
@@ -304,22 +195,5 @@ mod tests {
             (found - expected).abs() < 1e-6 && (found - 1.0 / depth).abs() > 1e-3,
             "{found} {expected}: rounding of f32"
         );
-    }
-
-    #[test]
-    fn the_conflict_rules_of_three_papers() {
-        let near_and_far = [sample(0, 0.5, 0.1, 1.0), sample(1, 0.2, 0.2, 1.0)];
-        for rule in [MergeRule::Average, MergeRule::SmallerArea, MergeRule::ColorsApart] {
-            assert_eq!(merged(rule, &near_and_far), [(0.5, 0.1), (0.2, 0.2)], "{rule:?}: different depths never meet");
-        }
-        let (pinned, better, same) = (sample(0, 0.5, 0.1, 3.0), sample(1, 0.504, 0.3, 1.0), sample(1, 0.502, 0.3, 2.0));
-        assert_eq!(merged(MergeRule::SmallerArea, &[pinned, better]), [(0.5, 0.1)], "the central image stays");
-        assert_eq!(merged(MergeRule::SmallerArea, &[same, sample(2, 0.5, 0.4, 1.0)]), [(0.5, 0.4)], "smaller area");
-        assert_eq!(merged(MergeRule::SmallerArea, &[same, sample(2, 0.5, 0.4, 9.0)]), [(0.502, 0.3)]);
-        assert_eq!(merged(MergeRule::SmallerArea, &[same, better]).len(), 2, "two of one image are both kept");
-        assert_eq!(merged(MergeRule::ColorsApart, &[pinned, better]).len(), 2);
-        assert_eq!(merged(MergeRule::ColorsApart, &[better, same]), [(0.504, 0.3)]);
-        let [(q, grey)] = merged(MergeRule::Average, &[pinned, better])[..] else { panic!("one layer") };
-        assert!((q - 0.502).abs() < 1e-6 && (grey - 0.2).abs() < 1e-6);
     }
 }

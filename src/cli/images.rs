@@ -1,0 +1,147 @@
+//! `headbox images`: what an image set is, and what is wrong with it.
+
+use super::output::print_json;
+use super::progress::Bar;
+use crate::capture::images::{CheckReport, ImageSet, ImageSetOptions, Lens, check};
+use crate::ldi::build::Progress;
+use clap::Args;
+use glam::DVec3;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+
+#[derive(Args)]
+pub(super) struct Images {
+    /// A folder of pictures with known cameras (Seurat, nerfstudio, COLMAP, RGB-D frames, Middlebury, panoramas), or its
+    /// manifest.json or transforms.json
+    folder: PathBuf,
+    #[command(flatten)]
+    set: SetArgs,
+    /// Pairs of neighbours whose pictures are compared; 0 for none
+    #[arg(long, value_name = "N", default_value_t = 16)]
+    pairs: usize,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// How image sets are opened.
+#[derive(Args)]
+pub(super) struct SetArgs {
+    /// Follow paths in a manifest that lead out of its folder
+    #[arg(long)]
+    pub(super) allow_outside: bool,
+}
+
+impl SetArgs {
+    /// Opens a set and says on standard error what was met.
+    pub(super) fn open(&self, folder: &Path) -> anyhow::Result<ImageSet> {
+        let set = ImageSet::open(folder, &ImageSetOptions { allow_outside: self.allow_outside })?;
+        for note in &set.notes {
+            eprintln!("note: {note}");
+        }
+        Ok(set)
+    }
+}
+
+/// Whether a command's argument names an image set instead of a scene.
+pub(super) fn is_image_set(name: &str) -> bool {
+    let path = Path::new(name);
+    let manifest = path.file_name().is_some_and(|file| file == "manifest.json" || file == "transforms.json");
+    !name.starts_with("builtin:") && (path.is_dir() || (manifest && path.is_file()))
+}
+
+impl Images {
+    pub(super) fn run(&self) -> anyhow::Result<()> {
+        let set = self.set.open(&self.folder)?;
+        let pairs = self.pairs.min(set.with_depth().count().saturating_sub(1));
+        let bar = Bar::new();
+        bar.begin("comparing neighbours", "views", pairs as u64 + 1);
+        let report = match self.pairs {
+            0 => CheckReport::default(),
+            _ => check(&set, self.pairs, &mut |_| bar.advance(1))?,
+        };
+        bar.finish();
+        for warning in &report.warnings {
+            eprintln!("warning: {warning}");
+        }
+        if self.json {
+            self.print_json(&set, &report)
+        } else {
+            self.print(&set, &report)
+        }
+        Ok(())
+    }
+
+    fn print_json(&self, set: &ImageSet, report: &CheckReport) {
+        let file = |p: DVec3| set.frame.file_from_world(p).to_array();
+        let views: Vec<_> = set
+            .views
+            .iter()
+            .map(|view| {
+                json!({
+                    "name": view.name, "size": view.size_px, "eye": file(view.pose.eye),
+                    "has_depth": view.depth.is_some(),
+                })
+            })
+            .collect();
+        let residuals: Vec<_> = report
+            .residuals
+            .iter()
+            .map(|r| {
+                json!({
+                    "from": r.from, "to": r.to, "overlap": r.overlap, "relative_depth": r.relative_depth,
+                    "color_levels": r.color_levels,
+                })
+            })
+            .collect();
+        print_json(&json!({
+            "kind": "images", "format": set.format, "views": views, "with_depth": set.with_depth().count(),
+            "median_depth_m": report.median_depth_m, "depth_share": report.depth_share, "residuals": residuals,
+            "warnings": report.warnings, "notes": set.notes,
+        }));
+    }
+
+    fn print(&self, set: &ImageSet, report: &CheckReport) {
+        println!("{}: {}, {} views", self.folder.display(), set.format, set.views.len());
+        let with_depth = set.with_depth().count();
+        let panoramas = set.views.iter().filter(|view| view.lens == Lens::Equirectangular).count();
+        let sizes: std::collections::BTreeSet<[u32; 2]> = set.views.iter().map(|view| view.size_px).collect();
+        let sizes: Vec<String> = sizes.iter().take(4).map(|[w, h]| format!("{w}x{h}")).collect();
+        println!("  pictures    {} px, {panoramas} panoramas, {with_depth} with depth", sizes.join(", "));
+        let (low, high) = extent(set);
+        println!("  eyes        from {} to {} (the file's axes and unit)", words(low), words(high));
+        if with_depth > 0 && self.pairs > 0 {
+            println!(
+                "  depth       known for {:.1} % of the pixels, half of it within {:.2} m",
+                report.depth_share * 100.0,
+                report.median_depth_m
+            );
+        }
+        if let Some(worst) = report.residuals.iter().max_by(|a, b| a.relative_depth.total_cmp(&b.relative_depth)) {
+            let mut relative: Vec<f64> = report.residuals.iter().map(|r| r.relative_depth).collect();
+            relative.sort_by(f64::total_cmp);
+            println!(
+                "  neighbours  depths agree within {:.2} % (median of {} pairs), worst {:.2} % ({} and {})",
+                relative[relative.len() / 2] * 100.0,
+                relative.len(),
+                worst.relative_depth * 100.0,
+                worst.from,
+                worst.to
+            );
+        }
+        if with_depth > 0 {
+            println!("capture it: headbox capture {} -o F.ldi", self.folder.display());
+        }
+    }
+}
+
+/// The corners of the eyes' bounding box, the file's axes and unit.
+fn extent(set: &ImageSet) -> (DVec3, DVec3) {
+    let eyes = set.views.iter().map(|view| set.frame.file_from_world(view.pose.eye));
+    let empty = (DVec3::splat(f64::INFINITY), DVec3::splat(f64::NEG_INFINITY));
+    eyes.fold(empty, |(low, high), eye| (low.min(eye), high.max(eye)))
+}
+
+fn words(p: DVec3) -> String {
+    format!("{:.3},{:.3},{:.3}", p.x, p.y, p.z)
+}

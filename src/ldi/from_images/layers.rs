@@ -1,0 +1,265 @@
+//! Samples of many images, or of rays, merged pixel by pixel into layers (inventory S12, R11, P2, D1, D2, C11).
+//!
+//! *Similar depth* is measured in inverse depth, so that it needs no tuning per model (D2). Samples come image by image and are
+//! merged in this order, whatever the threads do.
+
+use crate::capture::rig::Face;
+use crate::capture::srgb8_from_linear;
+use crate::ldi::merge::MergeRule;
+use crate::ldi::{DepthPixel, EncodedNormal, LayeredDepthImage};
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// What an image, or a ray, says of a pixel.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sample {
+    /// Number of the pixel: face, row and column, in this order of significance.
+    pub(crate) pixel: u32,
+    /// About the cube's centre, 1/m.
+    pub(crate) inverse_depth: f32,
+    /// World axes, turned toward where it was seen from.
+    pub(crate) normal: EncodedNormal,
+    /// Linear.
+    pub(crate) color: Vec3,
+    /// What it counts for in a mean.
+    pub(crate) weight: f32,
+    /// Of the surface that a pixel of its image covers, up to one factor for all (C10).
+    pub(crate) area: f32,
+    /// Which image it is of; image 0 is pinned (C11).
+    pub(crate) image: u32,
+}
+
+/// Depth pixels in the making.
+#[derive(Clone, Copy, Debug)]
+struct Layer {
+    inverse_depth: f32,
+    normal: EncodedNormal,
+    /// Linear.
+    color: Vec3,
+    weight: f32,
+    area: f32,
+    image: u32,
+}
+
+/// Colours closer than this in every channel (sRGB levels) count as equal for [`MergeRule::ColorsApart`].
+const SAME_COLOR_LEVELS: u8 = 16;
+
+/// The layers of a cube, which grow as samples come.
+pub(crate) struct LayerCube {
+    face_px: u32,
+    rule: MergeRule,
+    /// The difference of inverse depths that counts as similar, 1/m.
+    tolerance: f32,
+    /// Of each row of each face.
+    rows: Vec<LayerRow>,
+}
+
+/// One row of a face: the pixel of every layer, and the layers, by pixel.
+#[derive(Clone, Debug, Default)]
+struct LayerRow {
+    pixels: Vec<u32>,
+    layers: Vec<Layer>,
+}
+
+/// Samples by pixel; those of a pixel in the order in which they came.
+pub(crate) struct SortedSamples(Vec<Sample>);
+
+impl SortedSamples {
+    pub(crate) fn new(samples: &[Sample]) -> Self {
+        // To sort the samples themselves takes longer.
+        let key = |(i, sample): (usize, &Sample)| u64::from(sample.pixel) << 32 | i as u64;
+        let mut order: Vec<u64> = samples.iter().enumerate().map(key).collect();
+        order.par_sort_unstable();
+        Self(order.into_iter().map(|key| samples[(key & 0xffff_ffff) as usize]).collect())
+    }
+
+    /// Those of the pixels from `first` up to `end`.
+    fn between(&self, first: u32, end: u32) -> &[Sample] {
+        let at = |pixel: u32| self.0.partition_point(|sample| sample.pixel < pixel);
+        &self.0[at(first)..at(end)]
+    }
+}
+
+impl LayerCube {
+    /// An empty cube.
+    pub(crate) fn new(face_px: u32, rule: MergeRule, tolerance: f32) -> Self {
+        Self { face_px, rule, tolerance, rows: vec![LayerRow::default(); 6 * face_px as usize] }
+    }
+
+    /// Merges samples into the layers, pile after pile. One that is cut into other piles gives the same layers.
+    pub(crate) fn add(&mut self, piles: &[SortedSamples]) {
+        let (face_px, rule, tolerance) = (self.face_px, self.rule, self.tolerance);
+        self.rows.par_iter_mut().enumerate().for_each(|(number, row)| {
+            let number = number as u32;
+            let mut samples: Vec<&Sample> = Vec::new();
+            for pile in piles {
+                samples.extend(pile.between(number * face_px, (number + 1) * face_px));
+            }
+            if !samples.is_empty() {
+                samples.sort_by_key(|sample| sample.pixel);
+                row.add(&samples, rule, tolerance);
+            }
+        });
+    }
+
+    /// The six faces.
+    pub(crate) fn finish(self) -> Vec<LayeredDepthImage> {
+        let mut faces = Vec::with_capacity(6);
+        for (face, rows) in Face::ALL.into_iter().zip(self.rows.chunks(self.face_px as usize)) {
+            let mut image = LayeredDepthImage::empty(face, self.face_px);
+            let first = face.index() as u32 * self.face_px.pow(2);
+            for row in rows {
+                row.pixels.iter().for_each(|pixel| image.offsets[(pixel - first) as usize + 1] += 1);
+                image.samples.extend(row.layers.iter().map(Layer::finish));
+            }
+            let mut total = 0;
+            for offset in &mut image.offsets {
+                total += *offset;
+                *offset = total;
+            }
+            faces.push(image);
+        }
+        faces
+    }
+}
+
+impl LayerRow {
+    /// Merges samples, by pixel, into the layers.
+    fn add(&mut self, samples: &[&Sample], rule: MergeRule, tolerance: f32) {
+        let mut merged = Self {
+            pixels: Vec::with_capacity(self.pixels.len() + samples.len() / 2),
+            layers: Vec::with_capacity(self.pixels.len() + samples.len() / 2),
+        };
+        let (mut there, mut of_pixel) = (0, Vec::new());
+        for new in samples.chunk_by(|a, b| a.pixel == b.pixel) {
+            let pixel = new[0].pixel;
+            let before = there + self.pixels[there..].partition_point(|&p| p < pixel);
+            let after = before + self.pixels[before..].partition_point(|&p| p == pixel);
+            merged.pixels.extend_from_slice(&self.pixels[there..before]);
+            merged.layers.extend_from_slice(&self.layers[there..before]);
+            of_pixel.clear();
+            of_pixel.extend_from_slice(&self.layers[before..after]);
+            new.iter().for_each(|sample| insert(&mut of_pixel, sample, rule, tolerance));
+            of_pixel.sort_by(|a, b| a.inverse_depth.total_cmp(&b.inverse_depth));
+            merged.pixels.extend(of_pixel.iter().map(|_| pixel));
+            merged.layers.extend_from_slice(&of_pixel);
+            there = after;
+        }
+        merged.pixels.extend_from_slice(&self.pixels[there..]);
+        merged.layers.extend_from_slice(&self.layers[there..]);
+        *self = merged;
+    }
+}
+
+/// Adds a sample to the layers of its pixel. Samples come image by image, the central one first.
+fn insert(layers: &mut Vec<Layer>, sample: &Sample, rule: MergeRule, tolerance: f32) {
+    let apart = |layer: &Layer| (layer.inverse_depth - sample.inverse_depth).abs();
+    let nearest = layers.iter_mut().min_by(|a, b| apart(a).total_cmp(&apart(b)));
+    let Some(layer) = nearest.filter(|layer| apart(layer) <= tolerance) else {
+        layers.push(Layer::new(sample));
+        return;
+    };
+    match rule {
+        MergeRule::Average => layer.average(sample),
+        // Samples of one image are all kept: a surface nearly parallel to the pixel's ray. Those of the central image are
+        // never displaced.
+        MergeRule::SmallerArea if layer.image == sample.image => layers.push(Layer::new(sample)),
+        MergeRule::SmallerArea if layer.image != 0 && sample.area < layer.area => *layer = Layer::new(sample),
+        MergeRule::SmallerArea => {}
+        MergeRule::ColorsApart => {
+            let level = |color: Vec3| color.to_array().map(srgb8_from_linear);
+            let (a, b) = (level(layer.color), level(sample.color));
+            if (0..3).any(|c| a[c].abs_diff(b[c]) >= SAME_COLOR_LEVELS) {
+                layers.push(Layer::new(sample));
+            }
+        }
+    }
+}
+
+impl Layer {
+    fn new(sample: &Sample) -> Self {
+        let &Sample { inverse_depth, normal, color, weight, area, image, .. } = sample;
+        Self { inverse_depth, normal, color, weight, area, image }
+    }
+
+    fn average(&mut self, sample: &Sample) {
+        let total = self.weight + sample.weight;
+        let share = sample.weight / total;
+        self.inverse_depth += (sample.inverse_depth - self.inverse_depth) * share;
+        self.color += (sample.color - self.color) * share;
+        if sample.weight > self.weight {
+            self.normal = sample.normal;
+        }
+        self.weight = total;
+    }
+
+    fn finish(&self) -> DepthPixel {
+        let [r, g, b] = self.color.to_array().map(srgb8_from_linear);
+        DepthPixel { inverse_depth: self.inverse_depth, normal: self.normal, color_srgb: [r, g, b, 255] }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capture::linear_from_srgb8;
+
+    fn sample(image: u32, inverse_depth: f32, grey: u8, area: f32) -> Sample {
+        let normal = EncodedNormal::new(Vec3::Z);
+        let color = Vec3::splat(linear_from_srgb8(grey));
+        Sample { pixel: 0, inverse_depth, normal, color, weight: 1.0, area, image }
+    }
+
+    fn merged(rule: MergeRule, samples: &[Sample]) -> Vec<(f32, u8)> {
+        let mut cube = LayerCube::new(1, rule, 0.01);
+        cube.add(&[SortedSamples::new(samples)]);
+        let faces = cube.finish();
+        faces[0].samples.iter().map(|kept| (kept.inverse_depth, kept.color_srgb[0])).collect()
+    }
+
+    #[test]
+    fn the_conflict_rules_of_three_papers() {
+        let near_and_far = [sample(0, 0.5, 100, 1.0), sample(1, 0.2, 200, 1.0)];
+        for rule in [MergeRule::Average, MergeRule::SmallerArea, MergeRule::ColorsApart] {
+            assert_eq!(merged(rule, &near_and_far), [(0.2, 200), (0.5, 100)], "{rule:?}: different depths never meet");
+        }
+        let (pinned, better, same) = (sample(0, 0.5, 10, 3.0), sample(1, 0.504, 30, 1.0), sample(1, 0.502, 30, 2.0));
+        assert_eq!(merged(MergeRule::SmallerArea, &[pinned, better]), [(0.5, 10)], "the central image stays");
+        assert_eq!(merged(MergeRule::SmallerArea, &[same, sample(2, 0.5, 40, 1.0)]), [(0.5, 40)], "smaller area");
+        assert_eq!(merged(MergeRule::SmallerArea, &[sample(2, 0.5, 40, 1.0), same]), [(0.5, 40)], "in either order");
+        assert_eq!(merged(MergeRule::SmallerArea, &[same, better]).len(), 2, "one image keeps all of its samples");
+        assert_eq!(
+            merged(MergeRule::ColorsApart, &[pinned, sample(1, 0.504, 12, 1.0)]),
+            [(0.5, 10)],
+            "the first stays"
+        );
+        assert_eq!(merged(MergeRule::ColorsApart, &[pinned, better]).len(), 2, "unless colours differ");
+        let [(depth, _)] = merged(MergeRule::Average, &[pinned, better])[..] else { panic!("one layer") };
+        assert!((depth - 0.502).abs() < 1e-6, "{depth}");
+    }
+
+    #[test]
+    fn piles_may_be_cut_anywhere() {
+        let samples: Vec<Sample> = (0..600u32)
+            .map(|i| {
+                let pixel = i.wrapping_mul(2_654_435_761) % 54;
+                Sample { pixel, ..sample(i / 100, 0.1 + (i % 7) as f32 * 0.02, (i % 251) as u8, (i % 13) as f32) }
+            })
+            .collect();
+        for rule in [MergeRule::Average, MergeRule::SmallerArea, MergeRule::ColorsApart] {
+            let of = |cuts: &[usize]| {
+                let mut cube = LayerCube::new(3, rule, 0.015);
+                let mut start = 0;
+                for &end in cuts {
+                    cube.add(&[SortedSamples::new(&samples[start..end])]);
+                    start = end;
+                }
+                cube.finish()
+            };
+            assert_eq!(of(&[600]), of(&[1, 77, 300, 301, 600]), "{rule:?}");
+            let mut cube = LayerCube::new(3, rule, 0.015);
+            cube.add(&[SortedSamples::new(&samples[..250]), SortedSamples::new(&samples[250..])]);
+            assert_eq!(of(&[600]), cube.finish(), "{rule:?}");
+        }
+    }
+}

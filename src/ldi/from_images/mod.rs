@@ -1,0 +1,110 @@
+//! A cube LDI from depth images of many cameras (inventory S12, C1, C24, D1, D2).
+//!
+//! Every image is warped into the cube by one path ([`footprint`](self)): its pixels become patches of surface (`surface`),
+//! these cover face pixels (`footprint`), and what several images say of one pixel is merged by one of the papers' rules
+//! (`layers`, [`MergeRule`]). Images are loaded one after the other, so that thousands need no memory beyond the cube's own.
+//!
+//! *Similar depth* is a parallax of one pixel inside the headbox, or three standard deviations of the sensor's noise if that
+//! is more. Noise of structured light and stereo is constant in inverse depth: sigma(Z) = sigma(1/Z) Z^2.
+
+mod footprint;
+pub(crate) mod layers;
+mod surface;
+
+use super::accumulate::DepthBins;
+use super::build::Progress;
+use super::merge::MergeRule;
+use super::{CaptureInfo, CubeLdi, Environment};
+use crate::capture::images::{ImageSet, ImagesError, Lens, View};
+use footprint::Target;
+use glam::DVec3;
+use layers::{LayerCube, SortedSamples};
+use rayon::prelude::*;
+
+/// How images become a cube LDI.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImagesJob {
+    /// Centre of the headbox, world metres.
+    pub centre: DVec3,
+    /// Half of its edge, metres.
+    pub half_size_m: f64,
+    /// Pixels a side of a face.
+    pub face_size_px: u32,
+    /// What becomes of samples at similar depth.
+    pub merge_rule: MergeRule,
+    /// Standard deviation of the images' inverse depths, 1/m; 0 for rendered depth.
+    pub depth_noise: f32,
+}
+
+/// Views that are in memory at once.
+const BATCH: usize = 8;
+
+/// Standard deviation of inverse depth of consumer depth sensors, 1/m: structured light errs by some 1.5 mm at a metre and
+/// six at two (Khoshelham and Elberink 2012).
+pub const SENSOR_NOISE: f32 = 0.0015;
+
+impl ImagesJob {
+    /// A cube about the eye nearest to the middle of a set's views (an original camera suits best: fewer pixels are resampled
+    /// twice), as fine as the views, and so large that it holds most of their eyes.
+    pub fn suggest(set: &ImageSet) -> Self {
+        let centre = set.headbox_centre.or_else(|| set.central_view().map(|view| view.pose.eye)).unwrap_or(DVec3::ZERO);
+        let mut distances: Vec<f64> =
+            set.views.iter().map(|view| (view.pose.eye - centre).abs().max_element()).collect();
+        distances.sort_by(f64::total_cmp);
+        let most = distances.get(distances.len() * 9 / 10).copied().unwrap_or(0.0);
+        let mut focal: Vec<f64> = set.with_depth().map(|view| view.lens.pixels_per_radian(view.size_px)).collect();
+        focal.sort_by(f64::total_cmp);
+        // In the middle of a face a radian has half as many pixels as its side.
+        let side = focal.get(focal.len() / 2).map_or(1024.0, |focal| (2.0 * focal).ceil());
+        let from_sensor =
+            |view: &View| view.depth.as_ref().is_some_and(|depth| depth.path.extension().is_some_and(|e| e == "png"));
+        let sensor =
+            set.with_depth().next().is_some_and(|view| from_sensor(view) && matches!(view.lens, Lens::Pinhole(_)));
+        Self {
+            centre,
+            half_size_m: most.max(0.05),
+            face_size_px: (side as u32).clamp(16, super::MAX_FACE_SIZE_PX).next_multiple_of(16),
+            merge_rule: MergeRule::Average,
+            depth_noise: if sensor { SENSOR_NOISE } else { 0.0 },
+        }
+    }
+
+    /// Warps views into the cube, in the order given; the first is the central one (C11).
+    ///
+    /// # Errors
+    /// [`ImagesError`] of the first view that cannot be loaded.
+    pub fn run(&self, set: &ImageSet, views: &[&View], progress: &dyn Progress) -> Result<CubeLdi, ImagesError> {
+        let similar = DepthBins::new(self.half_size_m, self.face_size_px).inverse_depth(1.0) as f32;
+        let tolerance = similar.max(3.0 * self.depth_noise);
+        let target = Target { centre: self.centre, face_px: self.face_size_px, tolerance, noise: self.depth_noise };
+        let mut cube = LayerCube::new(self.face_size_px, self.merge_rule, tolerance);
+        progress.begin("images", "images", views.len() as u64);
+        for (batch, first) in views.chunks(BATCH).zip((0u32..).step_by(BATCH)) {
+            if progress.is_cancelled() {
+                break;
+            }
+            // Decoding takes longer than warping: a batch of pictures is read side by side.
+            let piles: Result<Vec<Vec<SortedSamples>>, ImagesError> = batch
+                .par_iter()
+                .zip(first..first + batch.len() as u32)
+                .map(|(view, image)| {
+                    let warped = target.warp(&view.load()?, image);
+                    progress.advance(1);
+                    Ok(warped.par_iter().map(|pile| SortedSamples::new(pile)).collect())
+                })
+                .collect();
+            cube.add(&piles?.into_iter().flatten().collect::<Vec<_>>());
+        }
+        let info = CaptureInfo {
+            scene: set.folder.display().to_string(),
+            centre: self.centre,
+            half_size_m: self.half_size_m,
+            unit_m: set.frame.unit_m,
+            z_up: set.frame.up == crate::capture::scene::UpAxis::Z,
+            merge_rule: self.merge_rule,
+            exposure: 1.0, // colours are the pictures' own
+            ..CaptureInfo::default()
+        };
+        Ok(CubeLdi { info, faces: cube.finish(), environment: Environment::default() })
+    }
+}
