@@ -108,6 +108,12 @@ impl Camera {
         Ok(Self { principal_px: [x - f64::from(columns.start), y - f64::from(rows.start)], ..whole })
     }
 
+    /// The same camera with its principal point elsewhere, pixels, as photographs have it.
+    #[must_use]
+    pub fn with_principal_px(self, principal_px: [f64; 2]) -> Self {
+        Self { principal_px, ..self }
+    }
+
     /// Where the viewing axis meets the image, pixels; the middle of the image unless it was cropped.
     pub fn principal_px(&self) -> [f64; 2] {
         self.principal_px

@@ -2,6 +2,7 @@
 
 mod bake;
 mod folder;
+mod images;
 mod load_gltf;
 mod load_model;
 mod load_mutated;
