@@ -208,7 +208,7 @@ pub(crate) fn poses() -> [Camera; 4] {
 
 /// Whether all truth pixels within `reach` of a pixel show one square of a wall.
 fn is_within_a_square(truth: &[[u8; 3]], [width, height]: [u32; 2], pixel: usize, reach: i64) -> bool {
-    let (x, y) = ((pixel as u32 % width) as i64, (pixel as u32 / width) as i64);
+    let (x, y) = (i64::from(pixel as u32 % width), i64::from(pixel as u32 / width));
     let (columns, rows) = (x - reach..=x + reach, y - reach..=y + reach);
     let inside =
         *columns.start() >= 0 && *columns.end() < width.into() && *rows.start() >= 0 && *rows.end() < height.into();
