@@ -32,6 +32,7 @@ mod truth;
 mod view;
 mod walk;
 
+use crate::capture::simd;
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
@@ -97,6 +98,7 @@ pub fn main() -> ExitCode {
 
 fn run(cli: Cli) -> anyhow::Result<()> {
     crate::files::clean_up_on_interrupt()?;
+    simd::requested().map_err(|error| UsageError(error.to_string()))?;
     if let Some(threads) = cli.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()?;
     }

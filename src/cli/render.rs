@@ -4,8 +4,8 @@ use super::UsageError;
 use super::args::{CameraArgs, DefaultCamera, frame_of};
 use super::house_file::HouseContent;
 use super::output::{print_json, save_png, write_text};
-use crate::capture::Camera;
 use crate::capture::scene::FileFrame;
+use crate::capture::{Camera, simd};
 use crate::compose::{ComposeSettings, Composer, Composition};
 use crate::container::Container;
 use crate::frame::Frame;
@@ -14,7 +14,9 @@ use crate::path;
 use crate::portal::file::HOUSE_FILE;
 use crate::render::splat::SplatKernel;
 use crate::render::{Parallel, RenderSettings, Renderer};
-use crate::sprite::{DepthPicture, RenderOptions, SPRITE_FILE, Sampling, SpriteFrame, SpriteSet, Variant};
+use crate::sprite::{
+    DepthPicture, RenderOptions, SPRITE_FILE, Sampling, SpriteFrame, SpriteSet, Variant, write_depth_exr,
+};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use image::RgbImage;
@@ -217,7 +219,7 @@ impl Render {
                 "ms_median": ms_median, "ms": rendered.ms, "stages": rendered.stages, "variant": content.variant(),
                 "depth_pixels_in": rendered.depth_pixels_in, "splatted": rendered.splatted,
                 "statistics": rendered.statistics, "hole_fraction": rendered.hole_fraction(),
-                "threads": rayon::current_num_threads(),
+                "threads": rayon::current_num_threads(), "simd": simd::name(simd::level()),
             }));
         } else {
             let (file, holes) = (self.output.display(), rendered.hole_fraction() * 100.0);
@@ -230,7 +232,8 @@ impl Render {
     fn save_planes(&self, frame: &Frame) -> anyhow::Result<()> {
         let &Frame { width, height, .. } = frame;
         if let Some(path) = &self.depth {
-            DepthPicture { width, height, values: frame.depth_m.clone() }.write_exr(path)?;
+            let picture = DepthPicture { width, height, values: frame.depth_m.clone() };
+            write_depth_exr(&picture, path)?;
         }
         if let Some(path) = &self.coverage {
             let grey = |x: u32, y: u32| frame.coverage[y as usize * width as usize + x as usize].splat_share();
@@ -259,7 +262,7 @@ impl Render {
         if self.json {
             print_json(&json!({
                 "ms_median": median, "ms": times, "frames": times.len(), "variant": content.variant(),
-                "threads": rayon::current_num_threads(),
+                "threads": rayon::current_num_threads(), "simd": simd::name(simd::level()),
             }));
         } else {
             println!("{}: {} frames, median {median:.2} ms, worst {worst:.2} ms", folder.display(), times.len());

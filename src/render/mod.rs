@@ -1,5 +1,5 @@
 //! From a packed cube LDI to a frame: six faces and two segments in occlusion-compatible order, the incremental warp,
-//! splats, and the environment under what they leave open (inventory S17 to S23, C3, C3b, C8 to C10, C12, C15, C17).
+//! splats, and the environment under what they leave open (S17 to S23, C3, C3b, C8 to C10, C12, C15, C17).
 //!
 //! A frame is drawn in bands of rows ([`band`]), each by one thread, from first to last: clipped segments and blocks
 //! (`clip`), one traversal that yields depth pixels in drawing order, in batches of one row (`traverse`), a warp kernel that makes
@@ -54,7 +54,7 @@ pub(crate) use epipolar::Spans;
 pub use fragments::MAX_FRAGMENTS;
 pub(crate) use traverse::BATCH_CAPACITY;
 
-use crate::capture::Camera;
+use crate::capture::{Camera, simd};
 use crate::frame::Frame;
 use crate::ldi::MAX_FACE_SIZE_PX;
 use crate::ldi::accumulate::DepthBins;
@@ -98,7 +98,7 @@ pub enum Parallel {
     /// Bands of rows of the frame.
     #[default]
     Bands,
-    /// As many fragments of the LDI between epipolar lines, at most [`MAX_FRAGMENTS`], or 0 for one a thread (inventory P5,
+    /// As many fragments of the LDI between epipolar lines, at most [`MAX_FRAGMENTS`], or 0 for one a thread (P5,
     /// P6, C16); see there for what it costs.
     Fragments(u32),
 }
@@ -178,7 +178,7 @@ pub struct Renderer {
 
 impl Default for Renderer {
     fn default() -> Self {
-        Self::with_level(Level::new())
+        Self::with_level(simd::level())
     }
 }
 

@@ -1,9 +1,9 @@
 //! Depth pictures in files, and sprites back to pictures: PNG for colour, EXR for depth.
 
 use super::SpriteWithDepth;
+use crate::capture::images::DepthPicture;
 use crate::files::write_atomically;
-use exr::meta::MetaData;
-use exr::prelude::{Image, ReadChannels, ReadLayers, SpecificChannels, WritableImage, read};
+use exr::prelude::{Image, SpecificChannels, WritableImage};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -28,48 +28,20 @@ pub enum ImageFileError {
     },
 }
 
-/// Pixels of the largest depth picture that is read, 8,192 x 8,192. A header that promises more is not believed: memory is
-/// taken before the first pixel is read.
-const MAX_PIXELS: usize = 1 << 26;
-
-/// A depth per pixel, whatever it means.
-#[derive(Clone, Debug, PartialEq)]
-pub struct DepthPicture {
-    /// Columns.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// Row-major.
-    pub values: Vec<f32>,
-}
-
-impl DepthPicture {
-    /// Reads depth from EXR (channel `Z`, or else `Y`, `R`, or the only one) or from a grey picture of 8 or 16 bits such
-    /// as PNG. Each stored value is multiplied by `unit`: metres per value (0.001 for millimetres in 16-bit PNG), or
-    /// 1/65535 for window depth in 16 bits. In integer pictures 0 means unknown and becomes NaN.
-    ///
-    /// # Errors
-    /// See [`ImageFileError`].
-    pub fn read(path: &Path, unit: f32) -> Result<Self, ImageFileError> {
-        let is_exr = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
-        if is_exr { read_exr(path, unit) } else { read_grey(path, unit) }
-    }
-
-    /// Writes an EXR file with the single 32-bit channel `Z`.
-    ///
-    /// # Errors
-    /// [`ImageFileError::Io`].
-    pub fn write_exr(&self, path: &Path) -> Result<(), ImageFileError> {
-        let width = self.width as usize;
-        let value = |x: usize, y: usize| self.values.get(y * width + x).copied().unwrap_or(f32::NAN);
-        let channels = SpecificChannels::build()
-            .with_channel("Z")
-            .with_pixel_fn(|at: exr::math::Vec2<usize>| (value(at.x(), at.y()),));
-        let image = Image::from_channels((width, self.height as usize), channels);
-        let write =
-            |writer: &mut io::BufWriter<&std::fs::File>| image.write().to_buffered(writer).map_err(io::Error::other);
-        write_atomically(path, write).map_err(|source| ImageFileError::Io { path: path.into(), source })
-    }
+/// Writes depth as an EXR file with the single 32-bit channel `Z`.
+///
+/// # Errors
+/// [`ImageFileError::Io`].
+pub fn write_depth_exr(depth: &DepthPicture, path: &Path) -> Result<(), ImageFileError> {
+    let width = depth.width as usize;
+    let value = |x: usize, y: usize| depth.values.get(y * width + x).copied().unwrap_or(f32::NAN);
+    let channels = SpecificChannels::build()
+        .with_channel("Z")
+        .with_pixel_fn(|at: exr::math::Vec2<usize>| (value(at.x(), at.y()),));
+    let image = Image::from_channels((width, depth.height as usize), channels);
+    let write =
+        |writer: &mut io::BufWriter<&std::fs::File>| image.write().to_buffered(writer).map_err(io::Error::other);
+    write_atomically(path, write).map_err(|source| ImageFileError::Io { path: path.into(), source })
 }
 
 impl SpriteWithDepth {
@@ -90,48 +62,6 @@ impl SpriteWithDepth {
             self.sprite().color().write_to(writer, image::ImageFormat::Png).map_err(io::Error::other)
         };
         write_atomically(color_png, write).map_err(|source| ImageFileError::Io { path: color_png.into(), source })?;
-        self.depth_picture().write_exr(depth_exr)
+        write_depth_exr(&self.depth_picture(), depth_exr)
     }
-}
-
-fn read_exr(path: &Path, unit: f32) -> Result<DepthPicture, ImageFileError> {
-    let bad = |message: String| ImageFileError::Format { path: path.into(), message };
-    let meta = MetaData::read_from_file(path, false).map_err(|error| bad(error.to_string()))?;
-    if meta.headers.iter().any(|header| header.layer_size.area() > MAX_PIXELS) {
-        return Err(bad(format!("has more than {MAX_PIXELS} pixels")));
-    }
-    let image = read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .first_valid_layer()
-        .all_attributes()
-        .from_file(path)
-        .map_err(|error| bad(error.to_string()))?;
-    let channels = &image.layer_data.channel_data.list;
-    let named = |name: &str| channels.iter().find(|channel| channel.name == *name);
-    let only = if channels.len() == 1 { channels.first() } else { None };
-    let channel = named("Z").or_else(|| named("Y")).or_else(|| named("R")).or(only);
-    let channel = channel.ok_or_else(|| bad("has no channel Z, Y or R to take depth from".into()))?;
-    let size = image.layer_data.size;
-    let values = channel.sample_data.values_as_f32().map(|value| value * unit).collect();
-    Ok(DepthPicture { width: size.x() as u32, height: size.y() as u32, values })
-}
-
-fn read_grey(path: &Path, unit: f32) -> Result<DepthPicture, ImageFileError> {
-    let bad = |message: String| ImageFileError::Format { path: path.into(), message };
-    let mut reader =
-        image::ImageReader::open(path).map_err(|source| ImageFileError::Io { path: path.into(), source })?;
-    let mut limits = image::Limits::default();
-    limits.max_alloc = Some(2 * MAX_PIXELS as u64);
-    reader.limits(limits);
-    let image = reader.decode().map_err(|error| bad(error.to_string()))?;
-    let values: Vec<u16> = match &image {
-        image::DynamicImage::ImageLuma8(grey) => grey.as_raw().iter().map(|&v| u16::from(v)).collect(),
-        image::DynamicImage::ImageLuma16(grey) => grey.as_raw().clone(),
-        _ => return Err(bad("depth must be a grey picture of 8 or 16 bits, or EXR".into())),
-    };
-    let value = |v: u16| if v == 0 { f32::NAN } else { f32::from(v) * unit };
-    let values = values.into_iter().map(value).collect();
-    Ok(DepthPicture { width: image.width(), height: image.height(), values })
 }

@@ -1,5 +1,5 @@
 //! A small capture of an analytic scene, independent of the product's: rays from the headbox's faces, cosine-weighted
-//! (inventory S15), merged by depth in their order of arrival.
+//! (S15), merged by depth in their order of arrival.
 
 use super::bed::{Random, Scene, sky, srgb};
 use glam::{DVec3, dvec3};
@@ -192,4 +192,13 @@ pub fn one_layer(
     };
     let environment = Environment { size_px: 0, texels: vec![] };
     CubeLdi { info: info(centre, 0.5), faces: Face::ALL.map(face).into(), environment }
+}
+
+/// One ray from the centre through the middle of every pixel: a headbox of half size 0.5 about the origin.
+pub fn centre_rays(scene: &Scene, face_px: u32) -> CubeLdi {
+    one_layer(DVec3::ZERO, face_px, &Face::ALL, |face, x, y| {
+        let hit = scene.hit(DVec3::ZERO, face.direction(x, y, face_px))?;
+        let normal = EncodedNormal::new(hit.normal.as_vec3());
+        Some(DepthPixel { inverse_depth: (1.0 / hit.t) as f32, normal, color_srgb: srgb(hit.color) })
+    })
 }

@@ -38,7 +38,7 @@ const MAX_REACH_PX: f32 = 24.0;
 /// Parallelograms are this much larger than half of a step to every side: those of neighbours overlap by a hair.
 const OVERLAP: f32 = 1.02;
 
-/// Surfaces that are seen at a cosine below this are left out: their depth is that of an edge.
+/// Of a sensor's depth, surfaces that are seen at a cosine below this are left out: their depth is that of an edge.
 const LEAST_COSINE: f32 = 0.03;
 
 impl Target {
@@ -89,7 +89,7 @@ impl Warp<'_> {
     fn add(&self, patch: &Patch, x: u32, y: u32, samples: &mut Vec<Sample>) {
         let toward = patch.point - self.eye;
         let cosine = -patch.normal.dot(toward.normalize());
-        if cosine < LEAST_COSINE {
+        if self.target.noise > 0.0 && cosine < LEAST_COSINE {
             return;
         }
         // Z^3 / |n . p|: the area of the patch up to the focal length of the image (C10).

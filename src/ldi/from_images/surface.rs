@@ -71,7 +71,8 @@ impl<'a> Surfaces<'a> {
         };
         let around = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
         let on_surface = around.iter().filter(|&&(dx, dy)| same(dx, dy).is_some()).count() as u32;
-        if on_surface < LEAST_NEIGHBORS {
+        // Rendered depth is of one surface in each pixel.
+        if self.noise > 0.0 && on_surface < LEAST_NEIGHBORS {
             return None;
         }
         // Of inverse depth from pixel to pixel, from the neighbours on both sides if they are of this surface.

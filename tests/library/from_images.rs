@@ -1,0 +1,97 @@
+//! Cube LDIs from depth images (S12): what the tracer saw comes back, wherever an image was taken and however fine it is.
+
+use crate::common::bed::room;
+use crate::common::capture::centre_rays;
+use glam::DVec3;
+use headbox::capture::images::{DepthPicture, ImageSet, ImageSetOptions, View};
+use headbox::capture::rig::Face;
+use headbox::ldi::CubeLdi;
+use headbox::ldi::build::Silent;
+use headbox::ldi::from_images::ImagesJob;
+use headbox::ldi::merge::MergeRule;
+use headbox::sprite::write_depth_exr;
+use image::{Rgb, RgbImage};
+use std::path::Path;
+
+/// Names of the faces' pictures.
+const NAMES: [(Face, &str); 6] = [
+    (Face::NegZ, "front"),
+    (Face::PosZ, "back"),
+    (Face::NegX, "left"),
+    (Face::PosX, "right"),
+    (Face::NegY, "bottom"),
+    (Face::PosY, "top"),
+];
+
+/// Writes the first layer of a cube as six pictures with depth, and opens them.
+fn as_pictures(cube: &CubeLdi, folder: &Path) -> ImageSet {
+    for (face, name) in NAMES {
+        let image = &cube.faces[face.index()];
+        let side = image.size_px;
+        let nearest = |x: u32, y: u32| image.pixel(x, y).last();
+        let color =
+            |x, y| nearest(x, y).map_or(Rgb([0; 3]), |s| Rgb([s.color_srgb[0], s.color_srgb[1], s.color_srgb[2]]));
+        RgbImage::from_fn(side, side, color).save(folder.join(format!("cube_{name}.png"))).expect("written");
+        let depth = |i: u32| nearest(i % side, i / side).map_or(f32::NAN, |sample| 1.0 / sample.inverse_depth);
+        let picture = DepthPicture { width: side, height: side, values: (0..side * side).map(depth).collect() };
+        write_depth_exr(&picture, &folder.join(format!("cube_{name}_depth.exr"))).expect("written");
+    }
+    ImageSet::open(folder, &ImageSetOptions::default()).expect("opens")
+}
+
+fn job(cube: &CubeLdi, face_size_px: u32, centre: DVec3) -> ImagesJob {
+    let half_size_m = cube.info.half_size_m;
+    ImagesJob { centre, half_size_m, face_size_px, merge_rule: MergeRule::Average, depth_noise: 0.0 }
+}
+
+fn views(set: &ImageSet) -> Vec<&View> {
+    set.with_depth().collect()
+}
+
+/// Two roundings of f32 on the way from inverse depth to depth and back, and those of the warp.
+const RELATIVE_DEPTH: f32 = 4e-6;
+
+#[test]
+fn six_faces_of_the_tracer_give_its_own_ldi_back() {
+    let cube = centre_rays(&room(20.0), 64);
+    let folder = tempfile::tempdir().expect("a folder");
+    let set = as_pictures(&cube, folder.path());
+    assert_eq!(set.views.len(), 6);
+    let found = job(&cube, 64, DVec3::ZERO).run(&set, &views(&set), &Silent).expect("warps");
+    for (face, expected) in found.faces.iter().zip(&cube.faces) {
+        for (x, y) in (0..64).flat_map(|y| (0..64).map(move |x| (x, y))) {
+            let (found, expected) = (face.pixel(x, y), expected.pixel(x, y).last());
+            assert_eq!(found.len(), usize::from(expected.is_some()), "{:?} {x} {y}", face.face);
+            let (Some(found), Some(expected)) = (found.first(), expected) else { continue };
+            let error = (found.inverse_depth / expected.inverse_depth - 1.0).abs();
+            assert!(error < RELATIVE_DEPTH, "{:?} {x} {y}: {error}", face.face);
+            assert_eq!(found.color_srgb[..3], expected.color_srgb[..3]);
+        }
+    }
+}
+
+#[test]
+fn magnified_images_leave_no_gap_and_minified_ones_are_averaged() {
+    let cube = centre_rays(&room(20.0), 48);
+    let folder = tempfile::tempdir().expect("a folder");
+    let set = as_pictures(&cube, folder.path());
+    for face_px in [17, 24, 96, 151] {
+        let found = job(&cube, face_px, DVec3::ZERO).run(&set, &views(&set), &Silent).expect("warps");
+        let empty: usize =
+            found.faces.iter().map(|face| face.offsets.windows(2).filter(|pair| pair[0] == pair[1]).count()).sum();
+        assert_eq!(empty, 0, "faces of {face_px}: a closed room has no gap");
+    }
+}
+
+#[test]
+fn the_order_of_threads_and_batches_does_not_matter() {
+    let cube = centre_rays(&room(20.0), 40);
+    let folder = tempfile::tempdir().expect("a folder");
+    let set = as_pictures(&cube, folder.path());
+    let job = job(&cube, 56, DVec3::new(0.05, -0.03, 0.04));
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        pool.install(|| job.run(&set, &views(&set), &Silent).expect("warps"))
+    };
+    assert_eq!(run(1).faces, run(3).faces);
+}
