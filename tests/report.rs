@@ -11,6 +11,8 @@ use headbox::report::stats::pareto_front;
 use headbox::report::{results, summary};
 use std::sync::{Arc, LazyLock};
 
+const CLIPPING: &str = "clipping (one band, 1 thread)";
+
 /// As small as it can be with every row in it.
 const TINY: Quality = Quality {
     face_size_px: 16,
@@ -79,8 +81,7 @@ fn two_runs_agree_on_errors_to_the_last_digit() {
 fn every_group_has_one_baseline_and_rows_that_make_sense() {
     let report = &*REPORT;
     let groups = report.groups("builtin:bump");
-    for expected in
-        ["representation", "footprints", "clipping", "threads", "near/far split", "sampler", "rays", "layers"]
+    for expected in ["representation", "footprints", CLIPPING, "threads", "near/far split", "sampler", "rays", "layers"]
     {
         assert!(groups.contains(&expected), "{expected}: {groups:?}");
     }
@@ -97,7 +98,7 @@ fn every_group_has_one_baseline_and_rows_that_make_sense() {
         assert!(row.worst.flip >= row.flip && row.displacement.len() == 2 && row.flicker.is_some(), "{row:?}");
     }
     let find = |group: &str, variant: &str| report.find("builtin:bump", group, variant).expect(variant);
-    assert!(find("clipping", "off").psnr_to_baseline_db.is_infinite(), "clipping changes no bit");
+    assert!(find(CLIPPING, "off").psnr_to_baseline_db.is_infinite(), "clipping changes no bit");
     assert!(
         find("layers", "the nearest of each pixel (a depth image a face)").depth_pixels
             <= find("layers", "all").depth_pixels
@@ -114,6 +115,25 @@ fn every_group_has_one_baseline_and_rows_that_make_sense() {
         find("representation", "cube map").displacement[1].flip
             > find("representation", "cube map").displacement[0].flip
     );
+}
+
+/// R-N6 and the rates count a depth pixel once a frame, in however many bands it is warped.
+#[test]
+fn depth_pixels_count_once_a_frame() {
+    let find = |group: &str, variant: &str| REPORT.find("builtin:bump", group, variant).expect(variant);
+    let (on, off) = (find(CLIPPING, "on"), find(CLIPPING, "off"));
+    assert_eq!([on.threads, off.threads], [1, 1]);
+    assert_eq!(off.depth_pixels_in, off.depth_pixels as f64, "without clipping all are looked at, once");
+    assert!(0.0 < on.depth_pixels_in && on.depth_pixels_in < off.depth_pixels_in, "clipping leaves a part of them");
+    for row in &REPORT.rows {
+        assert!(row.depth_pixels_in <= row.depth_pixels as f64, "{}, {}", row.group, row.variant);
+    }
+    // The default draws in bands; what they have in common counts once.
+    assert_eq!(find("representation", "LDI").depth_pixels_in, on.depth_pixels_in);
+    let left = results::page(&REPORT);
+    let left = left.lines().find(|line| line.starts_with("| R-N6 |")).expect("a claim");
+    let share: f64 = left.split('|').nth(4).and_then(|cell| cell.trim().parse().ok()).expect("a share");
+    assert!((share - on.depth_pixels_in / on.depth_pixels as f64).abs() < 0.006, "{left}");
 }
 
 #[test]
@@ -176,6 +196,6 @@ fn charts_and_the_page_show_the_rows() {
         assert!(page.contains(&format!("(results/{name}.svg)")));
     }
     let clipping = page.lines().find(|line| line.starts_with("| S-N6 |")).expect("a claim");
-    let ratio = REPORT.find("builtin:bump", "clipping", "off").expect("a row").time_ratio;
+    let ratio = REPORT.find("builtin:bump", CLIPPING, "off").expect("a row").time_ratio;
     assert!(clipping.ends_with(&format!("{:.2} |", ratio / 3.0)), "{clipping}");
 }

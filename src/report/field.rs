@@ -23,6 +23,9 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::Arc;
 use std::time::Instant;
 
+/// The group of what clipping saves: the whole frame by one thread, as the papers warped it.
+pub(super) const CLIPPING: &str = "clipping (one band, 1 thread)";
+
 /// The group of ways in which threads share a frame.
 const PARALLEL: &str = "threads share a frame by";
 
@@ -99,7 +102,6 @@ impl<'a> Field<'a> {
         let mut roles = vec![
             Role::baseline("representation", "LDI"),
             Role::baseline("footprints", "tents, averaged per surface"),
-            Role::baseline("clipping", "on"),
             Role::other("threads", format!("{} threads", self.all.current_num_threads())),
             Role::baseline(PARALLEL, "bands of rows"),
             Role::baseline(PACKING, PACKED),
@@ -125,8 +127,13 @@ impl<'a> Field<'a> {
         ] {
             self.contenders.push(self.ldi(vec![Role::other("footprints", name)], cube, kernel(kind), capture_s));
         }
-        let unclipped = RenderSettings { unclipped: true, ..default };
-        self.contenders.push(self.ldi(vec![Role::other("clipping", "off")], cube, unclipped, capture_s));
+        for (unclipped, name) in [(false, "on"), (true, "off")] {
+            // In bands, a frame without clipping would warp every depth pixel once for each.
+            let band_rows = self.plan.quality.frame_px[1];
+            let role = Role { group: CLIPPING, variant: name.into(), baseline: !unclipped };
+            let like = self.ldi(vec![role], cube, RenderSettings { unclipped, band_rows, ..default }, capture_s);
+            self.contenders.push(Contender { pool: Arc::clone(&self.one), ..like });
+        }
         for (count, name) in [(0, "fragments along epipolar lines, one a thread"), (8, "eight such fragments")] {
             let fragments = RenderSettings { parallel: Parallel::Fragments(count), ..default };
             self.contenders.push(self.ldi(vec![Role::other(PARALLEL, name)], cube, fragments, capture_s));

@@ -17,7 +17,7 @@ pub struct Measurement {
     pub ms: Vec<Vec<f64>>,
     /// Pictures by eye; `None` likewise.
     pub pictures: Vec<Option<Picture>>,
-    /// Depth pixels that reached the inner loop, mean over eyes.
+    /// [`Draw::depth_pixels`](super::contender::Draw::depth_pixels), mean over eyes.
     pub depth_pixels_in: f64,
 }
 
@@ -47,8 +47,7 @@ pub fn draw_in_turns(
                 let pool = contender.pool.clone();
                 let draw = &mut contender.draw;
                 pool.install(|| {
-                    let drawn = draw.draw(&eye.camera);
-                    found.depth_pixels_in += drawn as f64;
+                    found.depth_pixels_in += draw.depth_pixels(&eye.camera) as f64;
                     draw.picture(&eye.camera)
                 })
             }));
@@ -226,7 +225,9 @@ mod tests {
     struct Grey(u8);
 
     impl Draw for Grey {
-        fn draw(&mut self, _: &Camera) -> u64 {
+        fn draw(&mut self, _: &Camera) {}
+
+        fn depth_pixels(&mut self, _: &Camera) -> u64 {
             10
         }
 

@@ -1,5 +1,6 @@
 //! `docs/results.md`: a report as a page, beside the papers' numbers.
 
+use super::field::CLIPPING;
 use super::figures::{short, slugs};
 use super::promises;
 use super::row::{Report, Row, SceneFacts};
@@ -62,14 +63,14 @@ const CLAIMS: [Claim; 19] = [
         id: "S-N6",
         what: "time without clipping over time with it (S: 2 to 4)",
         theirs: 3.0,
-        ours: |report, facts| ratio(report, facts, "clipping", "off", "on"),
+        ours: |report, facts| ratio(report, facts, CLIPPING, "off", "on"),
     },
     Claim {
         id: "R-N6",
         what: "share of depth pixels that clipping leaves (R, P: one half)",
         theirs: 0.5,
         ours: |report, facts| {
-            let row = report.find(&facts.scene, "clipping", "on")?;
+            let row = report.find(&facts.scene, CLIPPING, "on")?;
             Some(row.depth_pixels_in / row.depth_pixels.max(1) as f64)
         },
     },

@@ -38,7 +38,8 @@ pub struct Row {
     pub ms_quartiles: [f64; 2],
     /// Median over eyes of this row's time over the group's baseline's, each the least of the rounds that were drawn in turns.
     pub time_ratio: f64,
-    /// Depth pixels that reached the inner loop, mean per frame; 0 where there are none.
+    /// Depth pixels that a frame has to look at (of a clipped LDI, those that clipping against the whole frame leaves), each
+    /// counted once, mean per frame; 0 where there are none.
     pub depth_pixels_in: f64,
     /// Of these, millions per second of the median frame.
     pub depth_pixels_m_per_s: f64,

@@ -140,7 +140,7 @@ impl BakedRays {
 }
 
 impl Draw for BakedRays {
-    fn draw(&mut self, camera: &Camera) -> u64 {
+    fn draw(&mut self, camera: &Camera) {
         let width = camera.width();
         let mut pixels = vec![0u8; 3 * width as usize * camera.height() as usize];
         pixels.par_chunks_mut(3 * width as usize).enumerate().for_each(|(y, row)| {
@@ -149,7 +149,6 @@ impl Draw for BakedRays {
             });
         });
         self.color = RgbImage::from_raw(width, camera.height(), pixels).unwrap_or_default();
-        0
     }
 
     fn picture(&mut self, camera: &Camera) -> Picture {

@@ -8,6 +8,14 @@ use crate::render::oracle::render_oracle;
 use crate::render::{RenderSettings, Renderer};
 use std::sync::Arc;
 
+/// Depth pixels that clipping against the whole frame leaves: R-N6 counts each once. [`FrameStats::depth_pixels_in`] counts it
+/// in each band that it reaches.
+///
+/// [`FrameStats::depth_pixels_in`]: crate::render::FrameStats::depth_pixels_in
+fn left_by_clipping(renderer: &mut Renderer, cube: &PackedCube, camera: &Camera, settings: &RenderSettings) -> u64 {
+    if settings.unclipped { cube.depth_pixel_count() as u64 } else { renderer.clip_counts(cube, camera, settings).kept }
+}
+
 /// A packed cube LDI under one setting of the renderer.
 pub struct LdiDraw {
     cube: Arc<PackedCube>,
@@ -23,8 +31,12 @@ impl LdiDraw {
 }
 
 impl Draw for LdiDraw {
-    fn draw(&mut self, camera: &Camera) -> u64 {
-        self.renderer.render(&self.cube, camera, &self.settings).1.depth_pixels_in
+    fn draw(&mut self, camera: &Camera) {
+        self.renderer.render(&self.cube, camera, &self.settings);
+    }
+
+    fn depth_pixels(&mut self, camera: &Camera) -> u64 {
+        left_by_clipping(&mut self.renderer, &self.cube, camera, &self.settings)
     }
 
     fn picture(&mut self, camera: &Camera) -> Picture {
@@ -47,8 +59,12 @@ impl ExactDraw {
 }
 
 impl Draw for ExactDraw {
-    fn draw(&mut self, camera: &Camera) -> u64 {
-        self.renderer.render_exact(&self.exact, camera, &self.settings).1.depth_pixels_in
+    fn draw(&mut self, camera: &Camera) {
+        self.renderer.render_exact(&self.exact, camera, &self.settings);
+    }
+
+    fn depth_pixels(&mut self, camera: &Camera) -> u64 {
+        left_by_clipping(&mut self.renderer, &self.exact.cube, camera, &self.settings)
     }
 
     fn picture(&mut self, camera: &Camera) -> Picture {
@@ -70,9 +86,12 @@ impl OracleDraw {
 }
 
 impl Draw for OracleDraw {
-    fn draw(&mut self, camera: &Camera) -> u64 {
+    fn draw(&mut self, camera: &Camera) {
         let frame = render_oracle(&self.ldi, camera).frame;
         self.last = Some((*camera, Picture::of_frame(&frame)));
+    }
+
+    fn depth_pixels(&mut self, _: &Camera) -> u64 {
         self.ldi.faces.iter().map(|face| face.samples.len() as u64).sum()
     }
 

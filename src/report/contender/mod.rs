@@ -1,6 +1,6 @@
 //! What a report compares: anything that turns a camera into a picture.
 //!
-//! To add a representation, implement [`Draw`] (two functions) and push a [`Contender`] in `report::field`.
+//! To add a representation, implement [`Draw`] (two functions, three where there are depth pixels) and push a [`Contender`] in `report::field`.
 
 mod baked;
 mod ldi;
@@ -79,9 +79,14 @@ impl Picture {
 
 /// Turns cameras into pictures.
 pub trait Draw {
-    /// Draws what `camera` sees: the work that is timed, and nothing else. Returns the number of depth pixels that reached
-    /// the inner loop; 0 if there are no such things.
-    fn draw(&mut self, camera: &Camera) -> u64;
+    /// Draws what `camera` sees: the work that is timed, and nothing else.
+    fn draw(&mut self, camera: &Camera);
+
+    /// Depth pixels that a frame has to look at, each counted once however often it is warped: bands of a frame overlap.
+    /// 0 if there are no such things. Not timed.
+    fn depth_pixels(&mut self, _camera: &Camera) -> u64 {
+        0
+    }
 
     /// What [`Self::draw`] draws, as a picture. Not timed.
     fn picture(&mut self, camera: &Camera) -> Picture;

@@ -161,9 +161,12 @@ impl PointCloud {
 }
 
 impl Draw for PointCloud {
-    fn draw(&mut self, camera: &Camera) -> u64 {
+    fn draw(&mut self, camera: &Camera) {
         self.project(camera);
         self.nearest.resolve(camera, &self.environment, &mut self.color);
+    }
+
+    fn depth_pixels(&mut self, _: &Camera) -> u64 {
         self.points.len() as u64
     }
 

@@ -79,7 +79,7 @@ impl RasterDraw {
 }
 
 impl Draw for RasterDraw {
-    fn draw(&mut self, camera: &Camera) -> u64 {
+    fn draw(&mut self, camera: &Camera) {
         let width = camera.width();
         let cells = self.visibility.cells(self.baked.tracer(), camera);
         let color = cells.par_iter().enumerate().flat_map_iter(|(i, cell)| {
@@ -87,7 +87,6 @@ impl Draw for RasterDraw {
             self.baked.shade(&ray, *cell)
         });
         self.color = RgbImage::from_raw(width, camera.height(), color.collect()).unwrap_or_default();
-        0
     }
 
     fn picture(&mut self, camera: &Camera) -> Picture {

@@ -40,9 +40,8 @@ pub fn bytes_of(set: &SpriteSet) -> u64 {
 }
 
 impl Draw for SpriteDraw {
-    fn draw(&mut self, camera: &Camera) -> u64 {
+    fn draw(&mut self, camera: &Camera) {
         self.layers.render(&mut self.composer, camera, &self.settings, &mut self.frame);
-        0
     }
 
     fn picture(&mut self, camera: &Camera) -> Picture {

@@ -27,10 +27,9 @@ impl PathTraced {
 }
 
 impl Draw for PathTraced {
-    fn draw(&mut self, camera: &Camera) -> u64 {
+    fn draw(&mut self, camera: &Camera) {
         let frame = truth::render(&self.tracer, &self.lighting, self.lit, camera, self.samples, &Silent);
         self.last = Some((*camera, frame));
-        0
     }
 
     fn picture(&mut self, camera: &Camera) -> Picture {
@@ -57,9 +56,8 @@ impl CubeMapDraw {
 }
 
 impl Draw for CubeMapDraw {
-    fn draw(&mut self, camera: &Camera) -> u64 {
+    fn draw(&mut self, camera: &Camera) {
         self.color = self.map.resample(camera);
-        0
     }
 
     fn picture(&mut self, camera: &Camera) -> Picture {
