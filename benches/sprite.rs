@@ -8,6 +8,7 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DMat3, DVec3, dvec3};
 use headbox::capture::Camera;
+use headbox::capture::stats::median;
 use headbox::sprite::{
     Displacement, DisplacementFormat, Plane, PreparedSprite, RenderOptions, Sampling, Sprite, SpriteFrame,
     SpriteRenderer, SpriteWithDepth, Transfer, Variant,
@@ -81,10 +82,7 @@ fn medians<const N: usize>(n: u32, options: [RenderOptions; N]) -> [f64; N] {
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }
     }
-    times.map(|mut times: Vec<f64>| {
-        times.sort_by(f64::total_cmp);
-        times[ROUNDS / 2]
-    })
+    times.map(|times: Vec<f64>| median(&times).expect("rounds"))
 }
 
 /// Time over the homography's beside that of the paper (frames a second on 256x256: bilinear 30, 21, 16; nearest 47, 24,

@@ -16,13 +16,13 @@ use headbox::ldi::build::{self, Sampler, Silent};
 use headbox::ldi::job::{CaptureJob, Resources};
 use headbox::ldi::merge::MergeRule;
 use headbox::ldi::shard::{self, ShardInfo};
+use headbox::measure::report::figures::figures;
+use headbox::measure::report::row::Report;
+use headbox::measure::report::{results, summary};
 use headbox::packed::{BlockIndex, PackedCube, PackedSegment, SplatIndexLayout, Split};
 use headbox::path;
 use headbox::render::splat::SplatKernel;
 use headbox::render::{RenderSettings, Renderer};
-use headbox::report::figures::figures;
-use headbox::report::row::Report;
-use headbox::report::{results, summary};
 use headbox::scene_source::{SceneSource, fingerprint};
 use headbox::sprite::{
     DepthPicture, DisplacementFormat, SlabCapture, SpriteFrame, SpriteRenderer, SpriteSet, capture_slabs,

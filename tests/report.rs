@@ -3,12 +3,14 @@
 use headbox::capture::light::Lighting;
 use headbox::capture::trace::Tracer;
 use headbox::ldi::build::Silent;
-use headbox::report::figures::figures;
-use headbox::report::plan::{Plan, Quality, most_to_see};
-use headbox::report::row::{Machine, Report, Row, SceneFacts};
-use headbox::report::scene::{self, Subject};
-use headbox::report::stats::pareto_front;
-use headbox::report::{results, summary};
+use headbox::measure::machine::Machine;
+use headbox::measure::plan::{Plan, Quality, most_to_see};
+use headbox::measure::report::figures::figures;
+use headbox::measure::report::row::{Report, Row, SceneFacts};
+use headbox::measure::report::scene;
+use headbox::measure::report::subject::Subject;
+use headbox::measure::report::{results, summary};
+use headbox::measure::stats::pareto_front;
 use std::sync::{Arc, LazyLock};
 
 const CLIPPING: &str = "clipping (one band, 1 thread)";

@@ -1,9 +1,9 @@
 //! The page of results is what the command makes of its own file, and nothing else.
 
-use headbox::report::figures::figures;
-use headbox::report::promises::PROMISES;
-use headbox::report::results;
-use headbox::report::row::Report;
+use headbox::measure::report::figures::figures;
+use headbox::measure::report::promises::PROMISES;
+use headbox::measure::report::results;
+use headbox::measure::report::row::Report;
 use std::path::Path;
 
 fn docs(name: &str) -> String {

@@ -36,7 +36,9 @@ pub mod path;
 pub mod portal_model;
 pub mod rig;
 pub mod sampler;
+pub mod save;
 pub mod scene;
+pub mod stats;
 pub mod trace;
 pub mod viewpoint;
 

@@ -6,6 +6,7 @@ use super::house_file::HouseContent;
 use super::output::{print_json, save_png};
 use crate::capture::Camera;
 use crate::capture::scene::FileFrame;
+use crate::capture::stats::median;
 use crate::compose::{ComposeSettings, Composer, Composition};
 use crate::container::Container;
 use crate::frame::Frame;
@@ -253,9 +254,8 @@ impl Render {
             times.push(ms);
         }
         write_text(&folder.join("times.csv"), &csv)?;
-        let mut sorted = times.clone();
-        sorted.sort_by(f64::total_cmp);
-        let (median, worst) = (sorted[sorted.len() / 2], sorted[sorted.len() - 1]);
+        let median = median(&times).unwrap_or(0.0);
+        let worst = times.iter().copied().fold(0.0, f64::max);
         if self.json {
             print_json(&json!({
                 "ms_median": median, "ms": times, "frames": times.len(), "variant": content.variant(),

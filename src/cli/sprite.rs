@@ -11,7 +11,7 @@ use crate::capture::DepthKind;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
 use crate::ldi::Environment;
-use crate::report::sprite_range::SpriteRange;
+use crate::measure::sprite_range::SpriteRange;
 use crate::scene_source::SceneSource;
 use crate::sprite::{
     DepthImport, DepthPicture, DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, SpriteWithDepth, capture_slabs,

@@ -5,11 +5,11 @@ use super::args::parse_size;
 use super::output::{print_json, save_png};
 use super::progress::Bar;
 use super::render::write_text;
+use crate::drawing::sheet::{Sheet, SheetCell, SheetRow};
+use crate::measure::walk::{MeasureSettings, PosePictures, measure};
 use crate::portal::file;
-use crate::portal::measure::{MeasureSettings, PosePictures, measure};
 use crate::portal::path::{PAPER_POSES, WalkPath};
 use crate::portal::variant::Variant;
-use crate::report::sheet::{Sheet, SheetCell, SheetRow};
 use clap::Args;
 use std::path::{Path, PathBuf};
 

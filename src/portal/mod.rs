@@ -9,7 +9,6 @@
 //! * [`store`]: backdrops in memory, built in the background.
 //! * [`visit`]: which cells a frame draws as geometry, and where backdrops begin.
 //! * [`walk`]: a frame of all of this; [`variant`]: the ways to draw it; [`tour`]: with backdrops built ahead of need.
-//! * [`measure`]: time and error of every way along a walk.
 //! * [`path`]: a walk through every room.
 //! * [`plan`]: the model drawn from above.
 
@@ -17,7 +16,6 @@ pub mod backdrop;
 pub mod cull;
 pub mod file;
 pub mod house;
-pub mod measure;
 pub mod opening;
 pub mod path;
 pub mod plan;

@@ -351,7 +351,7 @@ impl Viewer {
         }
         summary.render_ms_median = self.history.median(|f| f.render_ms).unwrap_or(0.0);
         summary.latency_ms_median = self.history.median(|f| f.latency_ms).unwrap_or(0.0);
-        summary.pass_ms_median = crate::history::median(self.clock.pass_ms.clone()).unwrap_or(0.0);
+        summary.pass_ms_median = headbox_capture::stats::median(&self.clock.pass_ms).unwrap_or(0.0);
         summary.scale_mean = self.clock.scales / self.clock.frames_shown.max(1) as f64;
         summary.frame_size_px = self.wish.as_ref().map_or([0; 2], |wish| wish.size_px);
     }
