@@ -3,7 +3,7 @@
 use super::UsageError;
 use super::args::{CameraArgs, DefaultCamera, frame_of};
 use super::house_file::HouseContent;
-use super::output::{print_json, save_png};
+use super::output::{print_json, save_png, write_text};
 use crate::capture::Camera;
 use crate::capture::scene::FileFrame;
 use crate::capture::stats::median;
@@ -20,7 +20,7 @@ use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use image::RgbImage;
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 #[derive(Args)]
@@ -334,7 +334,7 @@ fn render_cube(
         ms.push(start.elapsed().as_secs_f64() * 1e3);
         if ms.len() >= repeat as usize {
             let mut rendered = Rendered {
-                image: rgb_image(frame)?,
+                image: frame.to_rgb()?,
                 ms,
                 stages: json!({"clear_ms": stats.clear_ms, "warp_ms": stats.warp_ms, "finish_ms": stats.finish_ms}),
                 statistics: serde_json::to_value(stats)?,
@@ -377,16 +377,4 @@ fn render_layers(
             };
         }
     }
-}
-
-/// The colours of a frame.
-pub(super) fn rgb_image(frame: &Frame) -> anyhow::Result<RgbImage> {
-    let rgb = frame.color.iter().flat_map(|&[r, g, b, _]| [r, g, b]).collect();
-    RgbImage::from_raw(frame.width, frame.height, rgb).context("the frame's size does not fit its pixels")
-}
-
-/// Writes a text file, whole or not at all.
-pub(super) fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
-    let written = crate::files::write_atomically(path, |w| std::io::Write::write_all(w, text.as_bytes()));
-    written.with_context(|| format!("{} could not be written", path.display()))
 }

@@ -1,5 +1,5 @@
 //! Walking portal models: geometry for the cell that the eye is in and for near cells, images behind the other portals
-//! (inventory R1 to R16, P1 to P9).
+//! (inventory R1 to R3, R8 to R11, R15, R16, P1, P2); what warps the images is in [`crate::render`].
 //!
 //! * [`cull`]: which cells show, and through which part of the frame (R1).
 //! * [`house`]: a portal model made ready for the rasteriser and the tracer.
@@ -19,6 +19,7 @@ pub mod house;
 pub mod opening;
 pub mod path;
 pub mod plan;
+pub mod settings;
 pub mod store;
 pub mod tour;
 pub mod variant;

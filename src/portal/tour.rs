@@ -1,10 +1,11 @@
-//! A walk whose backdrops are built ahead of need (inventory R3, R16, S24).
+//! A walk whose backdrops are built ahead of need (inventory R3, R16).
 
 use super::backdrop::Quality;
 use super::house::House;
+use super::settings::{WalkSettings, WalkStats};
 use super::store::{Builder, Store};
 use super::visit::likely;
-use super::walk::{WalkSettings, WalkStats, Walker};
+use super::walk::Walker;
 use crate::capture::Camera;
 use crate::frame::Frame;
 use crate::raster::RasterFrame;

@@ -8,9 +8,10 @@ use crate::measure::turns::in_turns;
 use crate::packed::{PackedCube, PackedSegment};
 use crate::portal::backdrop::{Backdrop, Kind};
 use crate::portal::house::House;
+use crate::portal::settings::{Division, WalkSettings};
 use crate::portal::store::Store;
 use crate::portal::variant::Variant;
-use crate::portal::walk::{Division, WalkSettings, Walker};
+use crate::portal::walk::Walker;
 use glam::DVec3;
 use rayon::ThreadPool;
 use serde::Serialize;
@@ -23,7 +24,7 @@ const REPEATS: u32 = 3;
 
 /// What is measured by the clock: names of the gain behind portals, and of that of the whole frame.
 const DIVISIONS: [(Division, &str, Option<&str>); 3] = [
-    (Division::Portals, "sheets only: each portal's backdrop on a thread", None),
+    (Division::Portals, "portals: each portal's backdrop on a thread", None),
     (Division::Fragments, "fragments of each backdrop", None),
     (Division::Bands, "tiles: bands of each backdrop", Some("whole frame, backdrops in bands")),
 ];
