@@ -29,6 +29,7 @@ const TINY: Quality = Quality {
     first_samples: 4,
     most_samples: 64,
     rounds: 1,
+    variations: true,
 };
 
 fn measured(seed: u64) -> (SceneFacts, Vec<Row>) {
@@ -51,6 +52,7 @@ static REPORT: LazyLock<Report> = LazyLock::new(|| {
         program: "test".into(),
         seed: 3,
         quick: true,
+        real: false,
         scenes: vec![facts],
         rows,
     }
@@ -132,7 +134,7 @@ fn depth_pixels_count_once_a_frame() {
     }
     // The default draws in bands; what they have in common counts once.
     assert_eq!(find("representation", "LDI").depth_pixels_in, on.depth_pixels_in);
-    let left = results::page(&REPORT);
+    let left = results::page(&REPORT, None);
     let left = left.lines().find(|line| line.starts_with("| R-N6 |")).expect("a claim");
     let share: f64 = left.split('|').nth(4).and_then(|cell| cell.trim().parse().ok()).expect("a share");
     assert!((share - on.depth_pixels_in / on.depth_pixels as f64).abs() < 0.006, "{left}");
@@ -190,7 +192,7 @@ fn charts_and_the_page_show_the_rows() {
     let points = |i: usize| figures[i].chart.series.iter().map(|series| series.points.len()).sum::<usize>();
     assert_eq!((points(0), points(2)), (rows, rows));
     assert!(figures.iter().all(|figure| figure.chart.draw().to_svg().contains("</svg>")));
-    let page = results::page(&REPORT);
+    let page = results::page(&REPORT, None);
     for row in &REPORT.rows {
         assert!(page.contains(&format!("| {}", row.variant)), "{}", row.variant);
     }

@@ -222,7 +222,7 @@ fn textures() {
 /// Reads a report and makes all that is made of one.
 fn read_report(path: &Path) -> bool {
     let Ok(report) = serde_json::from_slice::<Report>(&std::fs::read(path).expect("written")) else { return false };
-    results::page(&report);
+    results::page(&report, None);
     summary::summary(&report);
     figures(&report).iter().for_each(|figure| drop(figure.chart.draw().to_svg()));
     true

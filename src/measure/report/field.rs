@@ -1,6 +1,6 @@
 //! Everything that is compared in a scene, made.
 
-use super::captures::{Captures, DEFAULT, Made};
+use super::captures::{Captures, DEFAULT, Made, REPACKED};
 use super::contender::{
     BakedLight, BakedRays, Contender, CubeMapDraw, ExactDraw, LdiDraw, OracleDraw, PathTraced, PointCloud, RasterDraw,
     Role, SpriteDraw, WarpArithmetic, WarpOnly, sprite_bytes,
@@ -44,7 +44,7 @@ pub(super) struct DefaultCapture {
 pub(super) struct Field<'a> {
     subject: &'a Subject,
     plan: &'a Plan,
-    all: Arc<ThreadPool>,
+    pub(super) all: Arc<ThreadPool>,
     one: Arc<ThreadPool>,
     pub(super) contenders: Vec<Contender>,
 }
@@ -68,10 +68,13 @@ impl<'a> Field<'a> {
             None => {
                 let made = captures.make(|_| {}, progress)?;
                 let cube = Arc::new(captures.pack(&made, Split::Auto)?);
-                self.add_renderings(&cube, Some(made.seconds), &DEFAULT);
+                let stands_for: &[_] = if self.plan.quality.variations { &DEFAULT } else { &REPACKED };
+                self.add_renderings(&cube, Some(made.seconds), stands_for);
                 self.add_repacked(&captures, &made)?;
-                self.add_quantised(&made.ldi, &cube);
-                self.add_captures(&captures, &made, progress)?;
+                if self.plan.quality.variations {
+                    self.add_quantised(&made.ldi, &cube);
+                    self.add_captures(&captures, &made, progress)?;
+                }
                 cube
             }
         };
@@ -238,7 +241,10 @@ impl<'a> Field<'a> {
             draw: Box::new(PathTraced::new(Arc::clone(tracer), lighting.clone(), self.subject.lit, samples)),
             ..like(&format!("path tracing, {samples} rays/px"))
         };
-        let mut found = vec![path_traced(2), path_traced(8)];
+        let mut found = vec![path_traced(2)];
+        if quality.variations {
+            found.push(path_traced(8));
+        }
         let cameras = self.cameras(EyeSet::All);
         let (face_px, samples) = (cube.face_size_px, quality.baked_samples);
         let start = Instant::now();

@@ -106,7 +106,7 @@ impl Promise {
 }
 
 /// A table of all promises that a report can tell of.
-pub(super) fn table(report: &Report) -> Table {
+pub fn table(report: &Report) -> Table {
     let names = report.scenes.iter().map(|facts| short(&facts.scene));
     let mut table = Table::new(["README", "measured"].into_iter().chain(names).chain(["kept if", ""]));
     for promise in PROMISES {
@@ -116,6 +116,13 @@ pub(super) fn table(report: &Report) -> Table {
         table.row(ends.into_iter().chain(figures).chain([promise.keeps.words(), kept.into()]));
     }
     table
+}
+
+/// What the README says of promises that a report can tell of, and that do not hold.
+pub fn broken(report: &Report) -> Vec<&'static str> {
+    let told = |promise: &&Promise| !promise.figures(report).is_empty();
+    let broken = |promise: &&Promise| !promise.keeps.hold(&promise.figures(report));
+    PROMISES.iter().filter(told).filter(broken).map(|promise| promise.says).collect()
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use super::row::{Report, Row, SceneFacts};
 use super::summary;
 use crate::measure::stats::pareto_front;
 use crate::measure::table::{Table, figure};
+use crate::measure::walk::WalkReport;
 use std::fmt::Write;
 
 /// A number in a paper that a report has a counterpart for.
@@ -154,11 +155,12 @@ const CLAIMS: [Claim; 19] = [
     },
 ];
 
-/// The page. Links to charts go to the folder `results` beside it; [`super::figures`] makes them.
-pub fn page(report: &Report) -> String {
+/// The page, with a walk through a house if there is one. Links to charts go to the folder `results` beside it;
+/// [`super::figures`] and [`WalkReport::chart`] make them.
+pub fn page(report: &Report, walk: Option<&WalkReport>) -> String {
     let mut text = String::from(
         "# Results\n\nMade by `headbox report --results report.json -o docs/results.md` from the file that `headbox report` \
-         wrote; no figure on this page has another source.\n\n",
+         wrote (with `--walk`, from that of `headbox walk` too); no figure on this page has another source.\n\n",
     );
     text += &summary::preamble(report);
     for (facts, slug) in report.scenes.iter().zip(slugs(report)) {
@@ -177,6 +179,11 @@ pub fn page(report: &Report) -> String {
         }
         text += "\n";
         text += &tables(report, facts);
+    }
+    if let Some(walk) = walk {
+        text += "\n";
+        text += &walk.to_chapter();
+        text += "\n![frame time along the path](results/along-path.svg)\n";
     }
     text += "\n## What the README says\n\n";
     let _ = write!(text, "{}", promises::table(report));

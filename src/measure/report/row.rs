@@ -1,5 +1,6 @@
 //! What a report says: rows, and all around them that makes them mean something.
 
+use super::rival::RivalRows;
 use crate::measure::machine::Machine;
 use crate::measure::plan::EyeSet;
 use crate::metrics::infinite_as_null;
@@ -131,6 +132,9 @@ pub struct SceneFacts {
     pub margin_db: f64,
     /// Flicker that the noise of truth alone may cause, at most: where a row's is not well above it, it says nothing.
     pub truth_flicker: f64,
+    /// Frames beside Embree's primary rays, where it was there.
+    #[serde(default)]
+    pub rival: Option<RivalRows>,
 }
 
 impl SceneFacts {
@@ -155,6 +159,9 @@ pub struct Report {
     pub seed: u64,
     /// Whether sizes were the small ones.
     pub quick: bool,
+    /// Whether they were real ones.
+    #[serde(default)]
+    pub real: bool,
     /// One entry for each scene.
     pub scenes: Vec<SceneFacts>,
     /// The rows, scene after scene, group after group.
@@ -164,6 +171,18 @@ pub struct Report {
 impl Report {
     /// The version that this program writes and reads.
     pub const VERSION: u32 = 1;
+
+    /// Takes over the scenes of an earlier report, if that was made alike.
+    pub fn resume(&mut self, earlier: Option<Self>) {
+        let same = |earlier: &Self| {
+            let about =
+                |r: &Self| (r.commit.clone(), r.seed, r.quick, r.real, r.machine.threads, r.machine.simd.clone());
+            about(earlier) == about(self) && !earlier.commit.ends_with('+') && earlier.commit != "unknown"
+        };
+        if let Some(earlier) = earlier.filter(same) {
+            (self.scenes, self.rows) = (earlier.scenes, earlier.rows);
+        }
+    }
 
     /// The rows of a scene's group.
     pub fn group<'a>(&'a self, scene: &'a str, group: &'a str) -> impl Iterator<Item = &'a Row> {

@@ -4,6 +4,7 @@ use super::field::DefaultCapture;
 use super::field::Field;
 use super::growth::grow;
 use super::judge;
+use super::rival;
 use super::row::{EyeRecord, Row, SceneFacts};
 use super::subject::{ReportError, Subject, scene_bytes};
 use crate::ldi::build::Progress;
@@ -26,6 +27,7 @@ pub fn run(
 ) -> Result<(SceneFacts, Vec<Row>), ReportError> {
     let mut field = Field::new(subject, plan)?;
     let default = field.add_all(progress)?;
+    let rival = rival::measure(subject, plan, &default.cube, &field.all)?;
     let mut contenders = field.contenders;
     let measured = judge::draw_in_turns(&mut contenders, &plan.eyes, plan.quality.rounds, progress);
     let truths = Truths::new(&subject.tracer, &subject.lighting, subject.lit, cache);
@@ -34,7 +36,7 @@ pub fn run(
     let (frames, _): (Vec<TruthFrame>, Vec<u32>) = grown.into_iter().unzip();
     let rows = judge::rows(&subject.name, &contenders, &measured, &plan.eyes, &frames)?;
     let margin_db = margin_db(&rows, &plan.eyes, &records);
-    Ok((SceneFacts { margin_db, ..facts(subject, plan, &default, records) }, rows))
+    Ok((SceneFacts { margin_db, rival, ..facts(subject, plan, &default, records) }, rows))
 }
 
 fn eye_record(eye: &Eye, (truth, truth_samples): &(TruthFrame, u32)) -> EyeRecord {
@@ -88,5 +90,6 @@ fn facts(subject: &Subject, plan: &Plan, default: &DefaultCapture, eyes: Vec<Eye
         eyes,
         margin_db: f64::INFINITY,
         truth_flicker,
+        rival: None,
     }
 }

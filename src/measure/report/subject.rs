@@ -24,6 +24,9 @@ pub enum ReportError {
     /// Sprites could not be made.
     #[error(transparent)]
     Sprite(#[from] crate::sprite::SpriteError),
+    /// The rival was asked for and failed.
+    #[error("the program that HEADBOX_EMBREE names: {0}")]
+    Rival(#[source] std::io::Error),
     /// Pictures could not be compared.
     #[error(transparent)]
     Metric(#[from] crate::metrics::MetricError),

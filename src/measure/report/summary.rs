@@ -1,6 +1,7 @@
 //! What the rows say, in sentences. Nothing in here is known but from the rows.
 
 use super::figures::short;
+use super::rival::KernelAgainstRival;
 use super::row::{Report, Row, SceneFacts};
 use crate::measure::stats::pareto_front;
 use std::fmt::Write;
@@ -27,7 +28,13 @@ pub(super) fn preamble(report: &Report) -> String {
     });
     format!(
         "`headbox report{}`, commit {}, seed {}: {} threads of {} ({}, {}){load}.\n",
-        if report.quick { " --quick" } else { "" },
+        if report.quick {
+            " --quick"
+        } else if report.real {
+            " --real"
+        } else {
+            ""
+        },
         report.commit,
         report.seed,
         machine.threads,
@@ -44,6 +51,7 @@ pub(super) fn scene(report: &Report, facts: &SceneFacts) -> String {
     let rows: Vec<&Row> = report.group(&facts.scene, "representation").collect();
     text += &choice(&rows);
     text += &against_the_rest(&rows);
+    text += &against_rays(facts);
     text += &displacement(report, &facts.scene);
     text += &short_of(report, &facts.scene);
     text += &steadiness(&rows, facts);
@@ -136,6 +144,19 @@ fn against_the_rest(rows: &[&Row]) -> String {
         );
     }
     text
+}
+
+/// The LDI against Embree, if it was there.
+fn against_rays(facts: &SceneFacts) -> String {
+    let Some(rival) = &facts.rival else { return String::new() };
+    let kernel = |k: &KernelAgainstRival| format!("{} {:.2} ({})", k.kernel, k.over_rays, ms(k.ms_median));
+    format!(
+        "A frame over embree primary rays of the same eyes ({} by Embree {} on {} threads, hits alone): {}.\n",
+        ms(rival.ms_median),
+        rival.version,
+        rival.threads,
+        list(rival.kernels.iter().map(kernel).collect()),
+    )
 }
 
 fn displacement(report: &Report, scene: &str) -> String {

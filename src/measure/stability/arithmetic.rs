@@ -90,7 +90,7 @@ pub(super) fn cases() -> Vec<Case> {
             unit: "steps",
             bound: 2.0,
             reason: "C1: a step of a buffer is Z^2 / near * (far - near) / far / 2^24; f32 between 0.5 and 1 has that step, and the displacement, off a plane in the middle of the range, is rounded to f32 once more.",
-            measure: |seed| window_depths(seed, None),
+            measure: |seed| window_depths(seed, DepthKind::WindowDepth, None),
         },
         Case {
             name: "depth buffers of 16 bits",
@@ -98,14 +98,30 @@ pub(super) fn cases() -> Vec<Case> {
             unit: "steps",
             bound: 0.52,
             reason: "Half a step is lost when the buffer is written, and not more when it is read: 1 % for f32 on the way.",
-            measure: |seed| window_depths(seed, Some(16)),
+            measure: |seed| window_depths(seed, DepthKind::WindowDepth, Some(16)),
+        },
+        Case {
+            name: "reversed depth buffers",
+            what: "Eye depths from f32 window depths that are 1 at the near and 0 at the far plane, the same ranges: error over one step of a 24-bit buffer.",
+            unit: "steps",
+            bound: 2.0,
+            reason: "As for buffers that are not reversed; f32 is finer near 0, so that what is left is the displacement's own rounding.",
+            measure: |seed| window_depths(seed, DepthKind::ReversedWindowDepth, None),
+        },
+        Case {
+            name: "reversed depth buffers of 16 bits",
+            what: "The same, rounded to 16 bits first, error over one step of such a buffer.",
+            unit: "steps",
+            bound: 0.52,
+            reason: "Half a step, and 1 % for f32 on the way.",
+            measure: |seed| window_depths(seed, DepthKind::ReversedWindowDepth, Some(16)),
         },
         Case {
             name: "depth ranges the wrong way round",
-            what: "Depth buffers with near and far exchanged (reversed Z), equal, 0, negative, infinite or NaN: imports that are not refused.",
+            what: "Depth buffers, reversed or not, with near and far exchanged, equal, 0, negative, infinite or NaN: imports that are not refused.",
             unit: "imports",
             bound: 0.0,
-            reason: "Which way a buffer runs cannot be seen from its values: a range that is none is an error that names it.",
+            reason: "Which way a buffer runs cannot be seen from its values and is said beside them: a range that is none is an error that names it.",
             measure: |seed| {
                 let near = Dice::new(seed, 48).between(1e-3, 10.0);
                 let camera = look(DVec3::ZERO, DVec3::NEG_Z, 60.0, [8, 8]).ok()?;
@@ -122,28 +138,38 @@ pub(super) fn cases() -> Vec<Case> {
                     (near, never),
                 ];
                 let plane = Some(Plane::parallel_to_image(&camera, near * 2.0));
-                let accepted =
-                    ranges.iter().filter(|range| window_import_on(camera, &[0.5; 64], **range, plane).is_some());
-                Some(accepted.count() as f64)
+                let accepted = |kind| {
+                    let is_taken =
+                        |range: &&(f64, f64)| window_import_on(camera, &[0.5; 64], kind, **range, plane).is_some();
+                    ranges.iter().filter(is_taken).count()
+                };
+                let kinds = [DepthKind::WindowDepth, DepthKind::ReversedWindowDepth];
+                Some(kinds.map(accepted).iter().sum::<usize>() as f64)
             },
         },
         Case {
             name: "background in depth buffers",
-            what: "Pixels of window depth 1, above 1, negative or NaN that become geometry.",
+            what: "Pixels of window depth 1 (0 in a reversed buffer), above 1, negative or NaN that become geometry.",
             unit: "px",
             bound: 0.0,
             reason: "The far plane is background, and the rest is no depth.",
             measure: |seed| {
                 let mut dice = Dice::new(seed, 45);
                 let camera = look(DVec3::ZERO, DVec3::NEG_Z, 60.0, [8, 8]).ok()?;
-                let background = [1.0, 1.5, -0.25, f32::NAN, f32::INFINITY];
-                let depth: Vec<f32> =
-                    (0..64).map(|i| if i % 2 == 0 { 0.5 } else { background[dice.below(5) as usize] }).collect();
-                let sprite = window_import(camera, &depth, (0.5, 20.0))?;
-                // Unknown depths take those of their neighbours: all are those of 0.5.
-                let known = sprite.eye_depth(0, 0)?;
-                let off = |i: u32| sprite.eye_depth(i % 8, i / 8).is_none_or(|z| (z / known - 1.0).abs() > 1e-3);
-                Some((0..64).filter(|i| off(*i)).count() as f64)
+                largest([(DepthKind::WindowDepth, 1.0), (DepthKind::ReversedWindowDepth, 0.0)].map(
+                    |(kind, far_plane)| {
+                        let background = [far_plane, 1.5, -0.25, f32::NAN, f32::INFINITY];
+                        let depth: Vec<f32> = (0..64)
+                            .map(|i| if i % 2 == 0 { 0.5 } else { background[dice.below(5) as usize] })
+                            .collect();
+                        let sprite = window_import(camera, &depth, kind, (0.5, 20.0))?;
+                        // Unknown depths take those of their neighbours: all are those of 0.5.
+                        let known = sprite.eye_depth(0, 0)?;
+                        let off =
+                            |i: u32| sprite.eye_depth(i % 8, i / 8).is_none_or(|z| (z / known - 1.0).abs() > 1e-3);
+                        Some((0..64).filter(|i| off(*i)).count() as f64)
+                    },
+                ))
             },
         },
         Case {
@@ -216,36 +242,49 @@ fn f32_along_rows(seed: u64) -> Option<f64> {
     Some(worst)
 }
 
-fn window_import(camera: Camera, depth: &[f32], window_range_m: (f64, f64)) -> Option<crate::sprite::SpriteWithDepth> {
+fn window_import(
+    camera: Camera,
+    depth: &[f32],
+    kind: DepthKind,
+    window_range_m: (f64, f64),
+) -> Option<crate::sprite::SpriteWithDepth> {
     // In the middle of the range of inverse depths, where displacements are smallest.
     let plane = Some(Plane::parallel_to_image(&camera, 2.0 / (1.0 / window_range_m.0 + 1.0 / window_range_m.1)));
-    window_import_on(camera, depth, window_range_m, plane)
+    window_import_on(camera, depth, kind, window_range_m, plane)
 }
 
 fn window_import_on(
     camera: Camera,
     depth: &[f32],
+    depth_kind: DepthKind,
     window_range_m: (f64, f64),
     plane: Option<Plane>,
 ) -> Option<crate::sprite::SpriteWithDepth> {
     let color = RgbaImage::from_pixel(camera.width(), camera.height(), Rgba([200, 100, 50, 255]));
-    let (depth_kind, format) = (DepthKind::WindowDepth, DisplacementFormat::F32);
+    let format = DisplacementFormat::F32;
     DepthImport { color, camera, depth, depth_kind, window_range_m, plane, format }.build().ok()
 }
 
 /// Error of eye depths over a step of a buffer of so many bits, 24 if it is not said; in that case nothing is rounded but to
 /// f32.
-fn window_depths(seed: u64, bits: Option<u32>) -> Option<f64> {
+fn window_depths(seed: u64, kind: DepthKind, bits: Option<u32>) -> Option<f64> {
     let steps = f64::from((1u32 << bits.unwrap_or(24)) - 1);
     let mut dice = Dice::new(seed, 44);
     let camera = look(DVec3::ZERO, DVec3::NEG_Z, 60.0, [8, 8]).ok()?;
     largest([(0.5, 0.500_1), (0.001, 1e5), (0.1, f64::INFINITY), (1.0, 20.0)].map(|(near, far)| {
-        let share = |z: f64| (1.0 - near / z) / (1.0 - near / far);
+        let reversed = kind == DepthKind::ReversedWindowDepth;
+        let share = |z: f64| {
+            if reversed { (near / z - near / far) / (1.0 - near / far) } else { (1.0 - near / z) / (1.0 - near / far) }
+        };
         let depths: Vec<f64> = (0..64).map(|_| near / dice.between(near / far.min(1e6), 1.0).max(1e-6)).collect();
-        let stored =
-            |z: f64| if bits.is_some() { (share(z) * steps).round().min(steps - 1.0) / steps } else { share(z) };
-        let window: Vec<f32> = depths.iter().map(|&z| (stored(z) as f32).clamp(0.0, 0.999_999_94)).collect();
-        let sprite = window_import(camera, &window, (near, far))?;
+        // The far plane's own code is background.
+        let least = if reversed { 1.0 } else { 0.0 };
+        let stored = |z: f64| {
+            if bits.is_some() { (share(z) * steps).round().clamp(least, steps - 1.0 + least) / steps } else { share(z) }
+        };
+        let [low, high] = if reversed { [f32::MIN_POSITIVE, 1.0] } else { [0.0, 0.999_999_94] };
+        let window: Vec<f32> = depths.iter().map(|&z| (stored(z) as f32).clamp(low, high)).collect();
+        let sprite = window_import(camera, &window, kind, (near, far))?;
         largest(depths.iter().enumerate().map(|(i, &z)| {
             // In inverse depth, where a step is the same everywhere: (1 - near / far) / near / 2^bits.
             let step = (1.0 - near / far) / near / steps;
@@ -326,7 +365,10 @@ mod tests {
     fn a_known_window_depth_is_a_known_depth() {
         let camera = look(DVec3::ZERO, DVec3::NEG_Z, 60.0, [1, 1]).expect("valid");
         // near 1, far 3: Z = 1.5 has z = (1 - 2/3) / (2/3) = 0.5.
-        let sprite = window_import(camera, &[0.5], (1.0, 3.0)).expect("valid");
+        let sprite = window_import(camera, &[0.5], DepthKind::WindowDepth, (1.0, 3.0)).expect("valid");
         assert!((sprite.eye_depth(0, 0).expect("in front") - 1.5).abs() < 1e-6);
+        // Reversed, 0.25 is as far as 0.75 is: Z = 2 has z = (1 - 1/2) / (2/3).
+        let sprite = window_import(camera, &[0.25], DepthKind::ReversedWindowDepth, (1.0, 3.0)).expect("valid");
+        assert!((sprite.eye_depth(0, 0).expect("in front") - 2.0).abs() < 1e-6);
     }
 }

@@ -15,6 +15,7 @@ use crate::render::splat::SplatKernel;
 use crate::render::{RenderSettings, Renderer};
 use crate::scene_source::SceneSource;
 use glam::{DVec3, Vec3, dvec3};
+use image::RgbImage;
 use std::sync::{Arc, LazyLock};
 
 /// SplitMix64.
@@ -95,9 +96,10 @@ pub(super) fn pack(ldi: &CubeLdi) -> Option<PackedCube> {
 pub(super) static ROOM: LazyLock<Option<Room>> = LazyLock::new(|| {
     let scene = Arc::new(crate::scenes::build("interior", 0)?);
     let headbox = scene.headbox?;
-    let ldi = capture_with(scene, headbox.centre, headbox.half_size_m, 128, (12, 8))?;
+    let ldi = capture_with(Arc::clone(&scene), headbox.centre, headbox.half_size_m, 128, (12, 8))?;
     let cube = pack(&ldi)?;
-    Some(Room { centre: headbox.centre, half: headbox.half_size_m, ldi, cube })
+    let tracer = Tracer::new(scene, headbox.centre);
+    Some(Room { centre: headbox.centre, half: headbox.half_size_m, ldi, cube, tracer })
 });
 
 /// A captured room.
@@ -106,12 +108,19 @@ pub(super) struct Room {
     pub(super) half: f64,
     pub(super) ldi: CubeLdi,
     pub(super) cube: PackedCube,
+    tracer: Tracer,
 }
 
 impl Room {
     /// A camera in the room, `offset` half-sizes from the centre.
     pub(super) fn camera(&self, offset: DVec3, forward: DVec3, fov_deg: f64) -> Option<Camera> {
         look(self.centre + offset * self.half, forward, fov_deg, [64, 48]).ok()
+    }
+
+    /// What the camera really sees, without light as the capture is.
+    pub(super) fn truth(&self, camera: &Camera) -> RgbImage {
+        let lighting = Lighting::of_scene(&self.tracer, 0);
+        crate::truth::render(&self.tracer, &lighting, false, camera, 8, &Silent).color
     }
 }
 
@@ -174,6 +183,13 @@ pub(super) fn rms_levels(a: &Frame, b: &Frame) -> f64 {
     let squares =
         a.color.iter().zip(&b.color).flat_map(|(p, q)| (0..3).map(|c| (f64::from(p[c]) - f64::from(q[c])).powi(2)));
     (squares.sum::<f64>() / (3 * a.color.len().max(1)) as f64).sqrt()
+}
+
+/// Mean difference of a frame's channels from those of a picture, levels.
+pub(super) fn mean_levels(frame: &Frame, picture: &RgbImage) -> f64 {
+    let of_pixel = |(a, b): (&[u8; 4], &image::Rgb<u8>)| (0..3).map(|c| f64::from(a[c].abs_diff(b.0[c]))).sum::<f64>();
+    let sum: f64 = frame.color.iter().zip(picture.pixels()).map(of_pixel).sum();
+    sum / (3 * frame.color.len().max(1)) as f64
 }
 
 /// Pixels that differ in any channel by more than `levels`.

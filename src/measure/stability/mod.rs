@@ -12,6 +12,7 @@ mod places;
 mod portals;
 mod sprites;
 
+use crate::measure::machine::{Machine, commit};
 use crate::measure::table::{Table, figure};
 use std::fmt::Write;
 use std::ops::Range;
@@ -74,6 +75,32 @@ pub fn topics() -> [(&'static str, Vec<Case>); 7] {
     ]
 }
 
+/// What a page says of each case: its name, and whether its bound held. `None` if the text is no such page.
+pub fn verdicts(page: &str) -> Option<Vec<(String, bool)>> {
+    let rows = page.lines().filter_map(|line| {
+        let mut cells = line.strip_prefix("| ")?.split(" | ");
+        let (name, measured) = (cells.next()?, cells.next()?);
+        (name != "case" && name != "---").then(|| (name.to_owned(), !measured.ends_with("**exceeded**")))
+    });
+    let found: Vec<(String, bool)> = rows.collect();
+    (!found.is_empty()).then_some(found)
+}
+
+/// How the verdicts of one page differ from those of another, a line each.
+pub fn differences(before: &[(String, bool)], now: &[(String, bool)]) -> Vec<String> {
+    let word = |verdict: Option<&(String, bool)>| match verdict {
+        Some((_, true)) => "held",
+        Some((_, false)) => "exceeded",
+        None => "absent",
+    };
+    let mut names: Vec<&String> = before.iter().chain(now).map(|(name, _)| name).collect();
+    names.sort_unstable();
+    names.dedup();
+    let of = |verdicts: &'_ [(String, bool)], name: &String| word(verdicts.iter().find(|(other, _)| other == name));
+    let differs = names.into_iter().filter(|name| of(before, name) != of(now, name));
+    differs.map(|name| format!("{name}: {} before, {} now", of(before, name), of(now, name))).collect()
+}
+
 /// What has no case, and why.
 const ABSENT: &str = "\n## Hard cases of the papers that have none here\n\nMerging the layers of a light field seen from before its \
     camera plane, ranking cameras none of which is valid, and triangulating grid points in a line (lumigraphs and \
@@ -82,9 +109,11 @@ const ABSENT: &str = "\n## Hard cases of the papers that have none here\n\nMergi
 /// `STABILITY.md`: every case with its bound, and the worst of some seeds. `progress` is told each case's name.
 pub fn page(seeds: Range<u64>, mut progress: impl FnMut(&str)) -> (String, bool) {
     let mut text = format!(
-        "# Numerical stability\n\nMade by `headbox report --stability`; `cargo test --test library stability` holds every case to its \
+        "# Numerical stability\n\nMade by `headbox report --stability`, commit {}, {}; `cargo test --test library stability` holds every case to its \
          bound on fewer seeds. Measured: the largest value over seeds {} to {}, and the seed that gave it. Levels are those \
          of 8-bit channels.\n",
+        commit(),
+        Machine::here().simd,
         seeds.start,
         seeds.end.saturating_sub(1)
     );
@@ -107,4 +136,21 @@ pub fn page(seeds: Range<u64>, mut progress: impl FnMut(&str)) -> (String, bool)
     }
     text += ABSENT;
     (text, all_hold)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn verdicts_are_read_from_a_page() {
+        let page = "# Numerical stability\n\n| case | measured | bound |\n| --- | --- | --- |\n| a | 1 px | 2 |\n| b | 3 px **exceeded** | 2 |\n";
+        let found = verdicts(page).expect("a page");
+        assert_eq!(found, [("a".into(), true), ("b".into(), false)]);
+        assert_eq!(verdicts("nothing"), None);
+        let now = [("b".to_owned(), true), ("c".to_owned(), true)];
+        let expected = ["a: held before, absent now", "b: exceeded before, held now", "c: absent before, held now"];
+        assert_eq!(differences(&found, &now), expected);
+        assert!(differences(&found, &found).is_empty());
+    }
 }

@@ -16,7 +16,7 @@ impl WalkReport {
         let rays = ("primary rays", self.primary_rays_along_path_ms.as_slice());
         let of_ways = LINES.iter().filter_map(|name| {
             let row = self.rows.iter().find(|row| row.name == *name)?;
-            Some((row.name, row.along_path_ms.as_slice()))
+            Some((row.name.as_str(), row.along_path_ms.as_slice()))
         });
         let lines = of_ways.chain([rays]).enumerate();
         let series = lines.map(|(color, (name, ms))| Series {

@@ -24,7 +24,7 @@ use crate::portal::walk::Walker;
 use crate::raster::Seen;
 use crate::render::RenderSettings;
 use crate::render::splat::SplatKernel;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// A pixel whose colour differs by more than this (sRGB levels) in a channel shows another surface: materials are 60 apart.
 const WRONG_LEVELS: u8 = 24;
@@ -36,10 +36,10 @@ const SMALLER: u32 = 4;
 const OFF_PX: i64 = 1;
 
 /// Exposure errors of one way to draw.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ExposureRow {
     /// Name of the kind of backdrop.
-    pub name: &'static str,
+    pub name: String,
     /// Share of the pixels behind portals that show nothing or a wrong surface.
     pub wrong_share: f64,
     /// The same by a truth of one point a pixel, which lacks surfaces thinner than that.
@@ -103,7 +103,7 @@ fn row(house: &House, cameras: &[Camera], settings: &MeasureSettings, kind: Kind
     let all = store.all();
     let samples: u64 = all.iter().map(|(_, backdrop)| backdrop.sample_count()).sum();
     Ok(ExposureRow {
-        name: kind.name(),
+        name: kind.name().into(),
         wrong_share: share(wrong as f64, pixels as f64),
         wrong_by_points_share: share(by_points as f64, pixels as f64),
         perfect_by_points_share: share(perfect_by_points as f64, pixels as f64),

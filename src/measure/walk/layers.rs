@@ -3,13 +3,13 @@
 use crate::packed::PackedSegment;
 use crate::portal::backdrop::{Backdrop, Kind};
 use crate::portal::store::Store;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// The layers of all layered depth images of one kind.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LayerRow {
     /// Name of the kind.
-    pub name: &'static str,
+    pub name: String,
     /// How many images.
     pub images: usize,
     /// Samples of one, mean.
@@ -40,7 +40,7 @@ fn row(store: &Store, kind: Kind) -> Option<LayerRow> {
     cubes.iter().flat_map(|cube| &cube.segments).for_each(|segment| count(segment, &mut layers));
     let total: u64 = layers.iter().sum();
     (total > 0).then(|| LayerRow {
-        name: kind.name(),
+        name: kind.name().into(),
         images: cubes.len(),
         samples: total as f64 / cubes.len() as f64,
         shares: layers.map(|n| n as f64 / total as f64),

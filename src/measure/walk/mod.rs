@@ -24,6 +24,7 @@ pub use threads::ThreadRow;
 use crate::capture::{Camera, CameraError};
 use crate::frame::Frame;
 use crate::ldi::build::{Progress, Silent};
+use crate::measure::machine::{Machine, commit};
 use crate::measure::stats::{Spread, psnr_of_mse};
 use crate::measure::turns::in_turns;
 use crate::portal::backdrop::{Backdrop, BackdropError, Kind, Quality};
@@ -37,7 +38,7 @@ use crate::raster::Seen;
 use crate::render::RenderSettings;
 use crate::truth;
 use image::{Rgb, RgbImage};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -95,10 +96,10 @@ pub enum MeasureError {
 }
 
 /// What one way to draw the walk took.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VariantRow {
     /// Its name.
-    pub name: &'static str,
+    pub name: String,
     /// Whole frame, ms.
     pub frame_ms: Spread,
     /// Whole frame of each pose, ms.
@@ -137,8 +138,12 @@ pub struct VariantRow {
 }
 
 /// All that was found.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WalkReport {
+    /// Where it was measured.
+    pub machine: Machine,
+    /// By which program, as in [`commit`].
+    pub commit: String,
     /// Name of the scene.
     pub scene: String,
     /// Cells of the model.
@@ -234,6 +239,8 @@ pub fn measure(
     }
     let sparse: Vec<Camera> = cameras.iter().step_by(every).copied().collect();
     Ok(WalkReport {
+        machine: Machine::here(),
+        commit: commit(),
         scene: house.scene().name.clone(),
         cells: house.plan().cells.len(),
         portals: house.plan().portals.len(),
@@ -378,7 +385,7 @@ impl Course {
         let pixels = sum(&|s| s.backdrop_pixels as f64);
         let squared_error = Spread::of(&self.squared_error).unwrap_or_default();
         VariantRow {
-            name: self.variant.name,
+            name: self.variant.name.into(),
             frame_ms: spread(&|s| s.frame_ms),
             along_path_ms: of(&|s| s.frame_ms),
             geometry_ms: spread(&|s| s.geometry_ms),

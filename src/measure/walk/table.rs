@@ -14,6 +14,11 @@ impl WalkReport {
         page
     }
 
+    /// The same as a part of another page, a level below its chapters.
+    pub fn to_chapter(&self) -> String {
+        self.to_markdown().replace("\n## ", "\n### ").replacen("# ", "## ", 1)
+    }
+
     fn write_to(&self, page: &mut String) -> std::fmt::Result {
         let [width, height] = self.size;
         writeln!(page, "# Walk through {}\n", self.scene)?;
@@ -22,6 +27,7 @@ impl WalkReport {
             "{} cells, {} portals, {} triangles; {} poses at {width}x{height}, {} of them compared with truth; {} threads.\n",
             self.cells, self.portals, self.triangles, self.poses, self.truth_poses, self.threads
         )?;
+        writeln!(page, "Commit {}, {} ({}).\n", self.commit, self.machine.processor, self.machine.simd)?;
         writeln!(page, "Times in ms: median (95 %, worst). Primary rays: {}.\n", spread(self.primary_rays_ms))?;
         self.times(page)?;
         self.errors(page)?;
@@ -48,7 +54,7 @@ impl WalkReport {
             let VariantRow { name, frame_ms, geometry_ms, backdrop_ms, lost_to_rays, portals, .. } = row;
             let [frame, geometry, backdrops] = [frame_ms, geometry_ms, backdrop_ms].map(|ms| spread(*ms));
             let (lost, portals) = (percent(*lost_to_rays), format!("{portals:.2}"));
-            table.row([*name, &frame, &geometry, &backdrops, &behind, &lost, &portals, &clipped]);
+            table.row([name.as_str(), &frame, &geometry, &backdrops, &behind, &lost, &portals, &clipped]);
         }
         writeln!(page, "{table}")
     }
@@ -65,7 +71,7 @@ impl WalkReport {
         for row in &self.rows {
             let [median, worst, behind] =
                 [row.psnr_db, row.least_psnr_db, row.behind_psnr_db].map(|db| format!("{db:.2}"));
-            table.row([row.name, &median, &worst, &behind, &percent(row.hole_share)]);
+            table.row([row.name.as_str(), &median, &worst, &behind, &percent(row.hole_share)]);
         }
         writeln!(page, "{table}")
     }
@@ -75,7 +81,7 @@ impl WalkReport {
         let mut table = Table::new(["backdrop", "captured", "seconds", "samples", "KiB"]);
         for row in self.rows.iter().filter(|row| row.captures > 0) {
             let (samples, kib) = (format!("{:.0}", row.samples), format!("{:.0}", row.bytes / 1024.0));
-            table.row([row.name, &row.captures.to_string(), &spread(row.capture_s), &samples, &kib]);
+            table.row([row.name.as_str(), &row.captures.to_string(), &spread(row.capture_s), &samples, &kib]);
         }
         writeln!(page, "{table}")
     }
@@ -92,7 +98,7 @@ impl WalkReport {
         for row in &self.exposure {
             let [wrong, holes, worst, by_points] =
                 [row.wrong_share, row.hole_share, row.worst_share, row.wrong_by_points_share].map(percent);
-            table.row([row.name, &wrong, &holes, &worst, &by_points, &format!("{:.0}", row.samples)]);
+            table.row([row.name.as_str(), &wrong, &holes, &worst, &by_points, &format!("{:.0}", row.samples)]);
         }
         writeln!(page, "{table}")
     }
@@ -103,7 +109,7 @@ impl WalkReport {
         for row in &self.layers {
             let [a, b, c, d] = row.shares.map(percent);
             let (samples, complexity) = (format!("{:.0}", row.samples), format!("{:.2}", row.depth_complexity));
-            table.row([row.name, &samples, &a, &b, &c, &d, &complexity]);
+            table.row([row.name.as_str(), &samples, &a, &b, &c, &d, &complexity]);
         }
         writeln!(page, "{table}")
     }
@@ -113,7 +119,7 @@ impl WalkReport {
         let mut table = Table::new(["divided into", "processors", "times faster", ""]);
         for row in &self.parallel {
             let how = if row.by_the_clock { "by the clock" } else { "by samples, bound" };
-            table.row([row.division, &row.processors.to_string(), &format!("{:.2}", row.speedup), how]);
+            table.row([row.division.as_str(), &row.processors.to_string(), &format!("{:.2}", row.speedup), how]);
         }
         write!(page, "{table}")
     }

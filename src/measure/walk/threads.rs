@@ -14,7 +14,7 @@ use crate::portal::variant::Variant;
 use crate::portal::walk::Walker;
 use glam::DVec3;
 use rayon::ThreadPool;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Poses at most: a gain is a ratio of sums, which a few poses tell.
 const POSES: usize = 24;
@@ -30,10 +30,10 @@ const DIVISIONS: [(Division, &str, Option<&str>); 3] = [
 ];
 
 /// A way to divide the work.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ThreadRow {
     /// What is divided how.
-    pub division: &'static str,
+    pub division: String,
     /// Whether the gain was measured by the clock, or follows from the samples that each processor gets.
     pub by_the_clock: bool,
     /// Processors.
@@ -57,7 +57,12 @@ pub(super) fn gains(
     let [alone, together] = [pool(1)?, pool(threads)?];
     let all = DIVISIONS.map(|(division, ..)| (&together, WalkSettings { division, ..settings }));
     let times = times(house, store, &cameras, &[[(&alone, settings)].as_slice(), &all].concat());
-    let clock = |division, speedup| ThreadRow { division, by_the_clock: true, processors: threads, speedup };
+    let clock = |division: &str, speedup| ThreadRow {
+        division: division.into(),
+        by_the_clock: true,
+        processors: threads,
+        speedup,
+    };
     let mut rows = Vec::new();
     if let [one, divided @ ..] = times.as_slice() {
         for (&(_, name, of_frame), all) in DIVISIONS.iter().zip(divided) {
@@ -78,7 +83,7 @@ pub(super) fn gains(
         }
         for (division, balance) in [("sheets about the epipole", sheets), ("fragments", fragments)] {
             let speedup = share(balance.all as f64, balance.slowest as f64);
-            rows.push(ThreadRow { division, by_the_clock: false, processors, speedup });
+            rows.push(ThreadRow { division: division.into(), by_the_clock: false, processors, speedup });
         }
     }
     Ok(rows)
