@@ -4,7 +4,7 @@
 //! the scene lies. The JSON is written as such: the types of the `gltf` crate hold a translation in `f32`.
 
 use super::{SaveError, by_material, names, png};
-use crate::material::{Material, Texture};
+use crate::material::{Material, Texture, srgb8_from_linear};
 use crate::scene::Scene;
 use gltf::binary::{Glb, Header};
 use serde_json::{Value, json};
@@ -178,12 +178,13 @@ impl File {
     }
 }
 
-/// The colours of a texture with the opacity of another at the same places.
+/// The colours of a texture with the opacity of another, as fine as the finer of both; the same texels where both are of one size.
 fn with_opacity(color: &Texture, opacity: &Texture) -> Texture {
-    let (width, height) = (color.width(), color.height());
+    let (width, height) = (color.width().max(opacity.width()), color.height().max(opacity.height()));
     Texture::from_fn(width, height, |x, y| {
-        let [r, g, b, _] = color.texels()[(y * width + x) as usize];
         let [u, v] = [(x as f32 + 0.5) / width as f32, 1.0 - (y as f32 + 0.5) / height as f32];
+        let [r, g, b, _] = color.sample(u, v);
+        let [r, g, b] = [r, g, b].map(srgb8_from_linear);
         [r, g, b, (opacity.sample(u, v)[3] * 255.0 + 0.5) as u8]
     })
 }

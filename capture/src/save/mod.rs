@@ -104,7 +104,7 @@ mod tests {
     fn scene() -> Scene {
         let at = dvec3(1e6, -3.25, 17.0);
         let corner = |i: u32| at + dvec3(f64::from(i % 3), f64::from(i / 3), 0.1 * f64::from(i));
-        let painted = |seed: u8| Texture::from_fn(4, 2, |x, y| [60 * x as u8, 90 * y as u8, seed, 255]);
+        let painted = |seed: u8| Texture::from_fn(8, 8, |x, y| [30 * x as u8, 30 * y as u8, seed, 255]);
         let holes = Texture::from_fn(8, 8, |x, y| [9, 9, 9, if (x + y) % 3 == 0 { 0 } else { 255 }]);
         let lamp = Material { name: "a lamp".into(), emission: [9.0, 5.0, 0.0], ..Material::default() };
         let leaf = Material {
