@@ -38,6 +38,7 @@ pub mod rig;
 pub mod sampler;
 pub mod save;
 pub mod scene;
+pub mod simd;
 pub mod stats;
 pub mod trace;
 pub mod viewpoint;

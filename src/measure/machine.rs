@@ -1,6 +1,6 @@
 //! Where something was measured, and by which program.
 
-use fearless_simd::Level;
+use crate::capture::simd;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::process::Command;
@@ -30,19 +30,14 @@ impl Machine {
         Self {
             processor: if processor.is_empty() { "unknown".into() } else { processor },
             threads: rayon::current_num_threads(),
-            simd: simd_name(Level::new()),
+            simd: simd::name(simd::level()).to_owned(),
             system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
             load_hundredths: load.map(|load| (load * 100.0).round() as u32),
         }
     }
 }
 
-/// The name of a level, without what its debug form says beyond.
-fn simd_name(level: Level) -> String {
-    let name = format!("{level:?}");
-    name.split(['(', ' ', '{']).next().unwrap_or_default().to_owned()
-}
-
+/// Two lines of two files of Linux: crates that know them on other systems read and compile a whole system's worth.
 fn first_line_after(path: &str, key: &str) -> Option<String> {
     let text = std::fs::read_to_string(path).ok()?;
     let line = text.lines().find(|line| line.starts_with(key))?;

@@ -7,10 +7,12 @@
 mod common;
 
 mod capture;
+mod citations;
 mod metrics;
 mod metrics_flip;
 mod metrics_images;
 mod packed_ldi;
+mod portal_backdrops;
 mod portal_cull;
 mod portal_eyes;
 mod portal_walk;
@@ -23,8 +25,10 @@ mod sprite_figure;
 mod sprite_files;
 mod sprite_oracle;
 mod stability;
+mod three_rooms;
 mod warp_analytic;
 mod warp_bands;
 mod warp_fragments;
 mod warp_hard_cases;
 mod warp_oracle;
+mod warp_stamps;
