@@ -84,7 +84,7 @@ impl Quality {
         line_eyes: 2,
         path_eyes: 2,
         first_samples: 16,
-        most_samples: 96,
+        most_samples: 192,
         rounds: 5,
         variations: false,
     };
