@@ -33,7 +33,7 @@ fn frames(criterion: &mut Criterion) {
     for (name, ldi) in [("cube", pierced(&scene, 428, &Face::ALL)), ("face", pierced(&scene, 1049, &[Face::NegZ]))] {
         let eye = dvec3(0.21, -0.13, 0.17);
         let fov = if name == "cube" { 60.0 } else { 80.0 };
-        let camera = Camera::look_at(eye, dvec3(0.1, 0.0, -3.0), DVec3::Y, fov, 1024, 768).expect("valid");
+        let camera = Camera::look_at(eye, dvec3(0.1, 0.0, -3.0), DVec3::Y, fov, [1024, 768]).expect("valid");
         for layout in [SplatIndexLayout::Paper, SplatIndexLayout::Normal] {
             let cube = PackedCube::pack(&ldi, layout, Split::Auto).expect("packs");
             for kernel in [SplatKernel::Paper, SplatKernel::Opaque, SplatKernel::Tent] {
@@ -72,7 +72,7 @@ fn frames(criterion: &mut Criterion) {
                         fragments.imbalance,
                     );
                     criterion.bench_function(&title, |b| {
-                        b.iter(|| pool.install(|| renderer.render(&cube, &camera, &settings).1.hole_pixels));
+                        b.iter(|| pool.install(|| renderer.render_with_stats(&cube, &camera, &settings).1.hole_pixels));
                     });
                 }
             }
@@ -88,7 +88,7 @@ fn best(
     camera: &Camera,
     settings: &RenderSettings,
 ) -> FrameStats {
-    let mut frame = || *pool.install(|| renderer.render(cube, camera, settings)).1;
+    let mut frame = || *pool.install(|| renderer.render_with_stats(cube, camera, settings)).1;
     (1..30).fold(frame(), |best, _| {
         let next = frame();
         if next.frame_ms < best.frame_ms { next } else { best }

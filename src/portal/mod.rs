@@ -17,9 +17,11 @@ pub mod backdrop;
 pub mod cull;
 pub mod file;
 pub mod house;
+#[cfg(feature = "cli")]
 pub mod measure;
 pub mod opening;
 pub mod path;
+#[cfg(feature = "cli")]
 pub mod plan;
 pub mod settings;
 pub mod store;

@@ -241,7 +241,17 @@ impl Renderer {
 
     /// Draws what `camera` sees, on the current rayon thread pool. The cube should be valid ([`PackedCube::validate`]); of
     /// one that is not, rows whose tables point nowhere are left out.
-    pub fn render(&mut self, cube: &PackedCube, camera: &Camera, settings: &RenderSettings) -> (&Frame, &FrameStats) {
+    pub fn render(&mut self, cube: &PackedCube, camera: &Camera, settings: &RenderSettings) -> &Frame {
+        self.render_with_stats(cube, camera, settings).0
+    }
+
+    /// The same, with what the frame took.
+    pub fn render_with_stats(
+        &mut self,
+        cube: &PackedCube,
+        camera: &Camera,
+        settings: &RenderSettings,
+    ) -> (&Frame, &FrameStats) {
         self.render_source(Source { cube, exact: None }, camera, settings)
     }
 

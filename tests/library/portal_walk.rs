@@ -1,8 +1,8 @@
 //! A walk through three rooms: geometry and every backdrop against truth, at doors, in walls and without images.
 
-use crate::common::bed::Random;
 use glam::{DVec2, DVec3, Vec3, dvec3};
 use headbox::capture::portal_model::{Cell, Portal, PortalModel, Prism};
+use headbox::capture::random::Rng;
 use headbox::capture::scene::{Sky, Triangle};
 use headbox::capture::trace::Ray;
 use headbox::capture::{Camera, Material, Scene, srgb8_from_linear};
@@ -23,7 +23,7 @@ use std::sync::Arc;
 #[derive(Default)]
 struct Build {
     scene: Scene,
-    random: Option<Random>,
+    random: Option<Rng>,
 }
 
 impl Build {
@@ -35,7 +35,7 @@ impl Build {
         for i in 0..columns * rows {
             let (x, y) = ((i % columns) as f64, (i / columns) as f64);
             let first = self.scene.positions.len() as u32;
-            let shade = self.random.get_or_insert(Random(2)).between(0.6, 1.0) as f32;
+            let shade = self.random.get_or_insert(Rng::keyed(2)).between(0.6, 1.0) as f32;
             for (dx, dy) in [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)] {
                 self.scene.positions.push(at((x + dx) / columns as f64, (y + dy) / rows as f64));
                 self.scene.colors.push(color * shade);
@@ -159,7 +159,7 @@ fn stocked(house: &House, kind: Kind) -> Store {
 }
 
 fn camera(eye: DVec3, at: DVec3) -> Camera {
-    Camera::look_at(eye, at, DVec3::Y, 65.0, 80, 64).expect("valid")
+    Camera::look_at(eye, at, DVec3::Y, 65.0, [80, 64]).expect("valid")
 }
 
 /// One ray through the centre of each pixel.
@@ -358,7 +358,7 @@ fn a_house_file_gives_back_what_was_written_and_damage_is_found() {
     assert!(nothing.all().is_empty(), "nothing fits into ten bytes");
 
     let good = std::fs::read(&path).expect("bytes");
-    let mut random = Random(4);
+    let mut random = Rng::keyed(4);
     for _ in 0..60 {
         let mut bad = good.clone();
         let at = (random.unit() * bad.len() as f64) as usize;

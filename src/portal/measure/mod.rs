@@ -31,7 +31,7 @@ use super::variant::Variant;
 use super::walk::Walker;
 use crate::capture::{Camera, CameraError};
 use crate::frame::Frame;
-use crate::ldi::build::{Progress, Silent};
+use crate::progress::{Progress, Silent};
 use crate::raster::Seen;
 use crate::render::RenderSettings;
 use crate::truth;
