@@ -23,6 +23,7 @@ mod sprite_figure;
 mod sprite_files;
 mod sprite_oracle;
 mod stability;
+mod version_1;
 mod warp_analytic;
 mod warp_bands;
 mod warp_fragments;
