@@ -342,3 +342,124 @@ impl Size for EllipseSize<'_> {
         FootprintLanes { radius_x, radius_y, weight: area * reciprocal, correlation }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capture::rig::Face;
+    use crate::packed::SegmentSide;
+    use crate::packed::blocks::BlockIndex;
+    use fearless_simd::{Level, dispatch};
+    use glam::dvec3;
+
+    /// Face sizes and the cameras of the cases below.
+    const FACE_PX: u32 = 100;
+
+    /// The square root of the area, px^2, that the LDI pixel in the middle of a face covers in a frame, where the surface with
+    /// a normal (in the face's frame) stands `depth` metres from the centre: the ratio of two areas, C10. The pixel's corners
+    /// are taken to a thousandth of it, where perspective bends nothing.
+    fn width_px(camera: &Camera, face: Face, normal: DVec3, depth: f64) -> f64 {
+        let world = face.world_from_eye();
+        let (normal, middle) = (world * normal, world * dvec3(0.0, 0.0, -depth));
+        let corner = |x: f64, y: f64| {
+            let half_pixel = 1e-3 / f64::from(FACE_PX);
+            let toward = world * dvec3(x * half_pixel, y * half_pixel, -1.0);
+            camera.project(toward * (middle.dot(normal) / toward.dot(normal))).expect("in front")
+        };
+        let [a, b, c, d] = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| corner(x, y));
+        let twice_the_area = (c[0] - a[0]) * (d[1] - b[1]) - (d[0] - b[0]) * (c[1] - a[1]);
+        (twice_the_area.abs() / 2.0).sqrt() * 1e3
+    }
+
+    fn segment(face: Face) -> PackedSegment {
+        PackedSegment {
+            face,
+            side: SegmentSide::Near,
+            x0: 0,
+            y0: 0,
+            width: 0,
+            height: 0,
+            inverse_depth_min: 0.1,
+            inverse_depth_max: 2.0,
+            row_offsets: vec![0],
+            row_counts: vec![],
+            depth_pixels: vec![],
+            blocks: BlockIndex::default(),
+        }
+    }
+
+    /// What a thousandth of a pixel still bends, and f32.
+    const TOLERANCE: f64 = 2e-3;
+
+    #[test]
+    fn the_papers_table_says_the_area_of_a_pixel_on_its_surface() {
+        let mut table = PaperSize::new();
+        let mut checked = 0;
+        for (face, layout) in
+            Face::ALL.into_iter().flat_map(|f| [(f, SplatIndexLayout::Normal), (f, SplatIndexLayout::Paper)])
+        {
+            let segment = segment(face);
+            let (range, world) = (segment.depth_code_range(), face.world_from_eye());
+            // Eyes off the face's axis, nearer and farther than the centre, with a shorter and a longer focal length.
+            for (eye, fov) in
+                [(dvec3(0.4, 0.3, -0.5), 70.0), (dvec3(-1.2, 0.5, 0.4), 20.0), (dvec3(0.0, 1.0, -1.0), 5.0)]
+            {
+                for index in (0..layout.index_count() as u32).step_by(13) {
+                    // The paper's codes hold a depth; the table is right at the depth in a code's middle.
+                    let depth = if layout == SplatIndexLayout::Paper { range.decode(index as usize % 32) } else { 2.5 };
+                    let (eye, point) = (world * eye, world * dvec3(0.0, 0.0, -depth));
+                    // The sight line is the camera's axis, where the angles to both are one.
+                    let camera = Camera::look_at(eye, point, dvec3(0.3, 0.9, 0.2), fov, [300, 200]).expect("valid");
+                    let normal = layout.normal(index).as_dvec3();
+                    let (cos1, cos2) = (normal.z, (world * normal).dot((eye - point).normalize()));
+                    let flattest = f64::from(PaperSize::MIN_COSINE);
+                    if cos1 < flattest || cos2 < flattest {
+                        continue;
+                    }
+                    table.refill(&camera, &segment, layout, FACE_PX);
+                    let q = if layout == SplatIndexLayout::Paper { 1.0 / depth } else { 1.0 };
+                    let w = (eye - point).length() / depth;
+                    let found = f64::from(table.widths[index as usize]) * q / w;
+                    let expected = width_px(&camera, face, normal, depth);
+                    assert!(
+                        (found / expected - 1.0).abs() < TOLERANCE,
+                        "{face:?} {layout:?} {index}: {found}, not {expected}"
+                    );
+                    checked += 1;
+                }
+            }
+        }
+        assert!(checked > 1000, "{checked}");
+    }
+
+    /// Radii of samples of which the table says the widths, at w = 1 and inverse depth `q`.
+    fn radii(layout: SplatIndexLayout, widths: [f32; LANES], w: f32, q: f32) -> [f32; LANES] {
+        let mut table = PaperSize { layout, ..PaperSize::new() };
+        table.widths[..LANES].copy_from_slice(&widths);
+        dispatch!(Level::new(), simd => {
+            let zero = f32x16::splat(simd, 0.0);
+            let lanes = Lanes {
+                homogeneous: [zero; 3],
+                reciprocal_w: f32x16::splat(simd, 1.0 / w),
+                inverse_depth: f32x16::splat(simd, q),
+                x: zero,
+                y: 0.0,
+                normals: Normals::Index(u32x16::load_array(simd, std::array::from_fn(|i| i as u32))),
+            };
+            let found = table.footprints(simd, &lanes);
+            assert_eq!(found.radius_x.to_array(), found.radius_y.to_array());
+            assert_eq!(found.weight.to_array(), [1.0; LANES]);
+            found.radius_x.to_array()
+        })
+    }
+
+    #[test]
+    fn squares_are_the_smallest_that_are_as_wide_as_the_sample() {
+        let widths = [0.0, 0.5, 1.0, 1.01, 2.0, 2.99, 3.0, 3.01, 4.5, 5.0, 5.01, 6.0, 7.0, 7.5, 60.0, f32::NAN];
+        let expected = [0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 2.5, 2.5, 2.5, 3.5, 3.5, 3.5, 3.5, 3.5, 0.5];
+        assert_eq!(radii(SplatIndexLayout::Normal, widths, 1.0, 9.0), expected);
+        // Twice as far from the eye as from the centre: half the width. The paper's entries are metres, times inverse depth.
+        assert_eq!(radii(SplatIndexLayout::Normal, widths.map(|w| w * 2.0), 2.0, 9.0), expected);
+        assert_eq!(radii(SplatIndexLayout::Paper, widths.map(|w| w * 2.0), 1.0, 0.5), expected);
+    }
+}
