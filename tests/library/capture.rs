@@ -161,7 +161,7 @@ fn rays_from_the_centre_keep_every_hit_beyond_the_headbox() {
     let wall = boxes.material([0.7, 0.6, 0.5], [0.0; 3]);
     let shells = [0.2, 1.0, 2.0, 4.0];
     let boxes = shells.into_iter().fold(boxes, |boxes, half| boxes.add(DVec3::ZERO, DVec3::splat(half), wall));
-    let ldi = capture(&CaptureJob { sampler: Sampler::CentreRays, ..job() }, &Arc::new(boxes.0), &Resources::default());
+    let ldi = capture(&asked(|p| p.sampler = Sampler::CentreRays), &Arc::new(boxes.0), &Resources::default());
     // Half a bin of parallax 1 px over sqrt(3) * 24 px and half-size 0.3 m.
     let tolerance = 1.0 / (3f32.sqrt() * 24.0 * 0.3);
     for (face, x, y) in (0..6 * 48 * 48).map(|i| (&ldi.faces[i / 48 / 48], i as u32 % 48, i as u32 / 48 % 48)) {
