@@ -38,6 +38,7 @@ pub mod random;
 pub mod rig;
 pub mod sampler;
 pub mod scene;
+pub mod simd;
 pub mod statistics;
 pub mod trace;
 pub mod viewpoint;

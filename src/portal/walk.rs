@@ -22,7 +22,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 /// The part of a frame that a backdrop fills.
-struct Part<'a> {
+struct BackdropArea<'a> {
     /// Of the portal's marker.
     number: u32,
     backdrop: &'a Backdrop,
@@ -81,6 +81,7 @@ impl Walker {
     }
 
     /// The backdrops that a frame uses.
+    #[cfg(feature = "cli")]
     pub(super) fn shown(house: &House, store: &Store, camera: &Camera, settings: &WalkSettings) -> Vec<Arc<Backdrop>> {
         let mut stats = WalkStats { cell: house.cell_of_eye(camera.eye()), ..WalkStats::default() };
         let (_, boundaries) = visit(house, store, camera, settings, &mut stats);
@@ -137,8 +138,8 @@ impl Walker {
     fn fill(&mut self, boundaries: &[Boundary], camera: &Camera, settings: &WalkSettings, stats: &mut WalkStats) {
         let output = self.rasterizer.output_mut();
         let numbered = (0..).zip(boundaries);
-        let parts: Vec<Part> =
-            numbered.filter_map(|(number, boundary)| Part::of(output, number, boundary, camera)).collect();
+        let parts: Vec<BackdropArea> =
+            numbered.filter_map(|(number, boundary)| BackdropArea::of(output, number, boundary, camera)).collect();
         self.drawers.resize_with(self.drawers.len().max(parts.len()), Drawer::default);
         let side_by_side = self.drawers.par_iter_mut().zip(&parts).with_max_len(1);
         let drawn: Vec<_> = side_by_side.map(|(drawer, part)| part.draw(drawer, settings)).collect();
@@ -148,7 +149,7 @@ impl Walker {
     }
 }
 
-impl<'a> Part<'a> {
+impl<'a> BackdropArea<'a> {
     fn of(output: &RasterOutput, number: u32, boundary: &'a Boundary, camera: &Camera) -> Option<Self> {
         let [columns, rows] = touched(output, number, &boundary.window)?;
         let part = camera.cropped(columns.clone(), rows.clone()).ok()?;

@@ -2,9 +2,8 @@
 //!
 //! A frame is drawn in bands of rows, each by one thread from its first triangle to its last pixel:
 //!
-//! 1. `mesh`: triangles in clusters of at most 128, each with a box; clusters outside the window are dropped (`cull`; leaving
-//!    out those that nearer ones hide took longer than it saved, 31.2 for 28.5 ms over a house of 1.7 M triangles, when
-//!    colours took twice the time);
+//! 1. `mesh`: triangles in clusters of at most 128, each with a box; clusters outside the window are dropped (`cull`; not
+//!    those that nearer ones hide, see docs/decisions.md: no occlusion culling of clusters);
 //! 2. `view`: the vertices of a cluster to the frame, 16 at a time, snapped to 1/256 px; triangles that reach behind the eye
 //!    or far outside the frame are clipped in `clip`;
 //! 3. `scan`: exact integer edge functions, a hair wider than the triangles, so that no crack is left between neighbours;
@@ -26,10 +25,11 @@ mod shade;
 mod view;
 mod weights;
 
+#[cfg(feature = "cli")]
 pub(crate) use encode::encode_srgb;
 pub use mesh::RasterMesh;
 
-use crate::capture::Camera;
+use crate::capture::{Camera, simd};
 use crate::environment::Environment;
 use crate::frame::{Coverage, Frame};
 use cull::VisibleCluster;
@@ -192,7 +192,7 @@ const BANDS_A_THREAD: u32 = 3;
 impl Rasterizer {
     /// A rasteriser that has drawn nothing yet.
     pub fn new() -> Self {
-        Self::with(Level::new(), 0)
+        Self::with(simd::level(), 0)
     }
 
     /// A rasteriser that uses one SIMD level and bands of a number of rows (0: the default). All give the same frame.

@@ -4,7 +4,7 @@ use crate::capture::Camera;
 use crate::packed::splat_index::{DEPTH_CODE_COUNT, SPLAT_INDEX_COUNT};
 use crate::packed::{PackedSegment, SplatIndexLayout};
 use crate::render::transfer::Transfer;
-use fearless_simd::{Simd, f32x16, prelude::*, u32x16};
+use fearless_simd::{ExtractToken, Simd, f32x16, prelude::*, u32x16};
 use glam::{DVec3, Vec3};
 
 /// Samples that are warped at a time.
@@ -51,7 +51,17 @@ pub(crate) struct FootprintLanes<S: Simd> {
     pub(crate) correlation: f32x16<S>,
 }
 
-/// A way to know sizes.
+impl<S: Simd> FootprintLanes<S> {
+    /// Squares of weight 1.
+    #[inline(always)]
+    fn of_squares(radius: f32x16<S>) -> Self {
+        let simd = radius.token();
+        let (weight, correlation) = (f32x16::splat(simd, 1.0), f32x16::splat(simd, 0.0));
+        Self { radius_x: radius, radius_y: radius, weight, correlation }
+    }
+}
+
+/// A way to know sizes. What works on lanes is inlined into the kernel of the warp, for every SIMD level.
 pub(crate) trait Size {
     /// Footprints are ellipses, whose correlations are to be kept.
     const IS_ELLIPTICAL: bool = false;
@@ -120,19 +130,21 @@ impl Size for PaperSize {
         f64::from(Self::MAX_RADIUS_PX)
     }
 
-    /// Squares of 1, 3, 5 or 7 pixels: the smallest that is at least as wide as the sample. (With the thresholds 2, 4, 6
-    /// of C10, rounding to the nearest, 20 % of the pixels of the test bed's room stay empty.)
+    /// Squares of 1, 3, 5 or 7 pixels: the smallest that is at least as wide as the sample. Rounded to the nearest, as C10 has
+    /// it, they leave cracks.
     #[inline(always)]
     fn footprints<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> FootprintLanes<S> {
         let index = lanes.normals.index();
-        let width: [f32; LANES] = std::array::from_fn(|i| self.widths[index[i] as usize % SPLAT_INDEX_COUNT]);
+        let mut width = [0.0; LANES];
+        for (width, index) in width.iter_mut().zip(index) {
+            *width = self.widths[index as usize % SPLAT_INDEX_COUNT];
+        }
         let mut width = f32x16::load_array(simd, width) * lanes.reciprocal_w;
         if self.layout == SplatIndexLayout::Paper {
             width *= lanes.inverse_depth;
         }
-        let splat = |v: f32| f32x16::splat(simd, v);
-        let radius = ((width - 1.0) * 0.5).ceil().max_precise(splat(0.0)).min_precise(splat(3.0)) + 0.5;
-        FootprintLanes { radius_x: radius, radius_y: radius, weight: splat(1.0), correlation: splat(0.0) }
+        let radius = ((width - 1.0) * 0.5).ceil().max_precise(0.0).min_precise(3.0) + 0.5;
+        FootprintLanes::of_squares(radius)
     }
 }
 
@@ -150,9 +162,7 @@ impl Size for FixedSize {
 
     #[inline(always)]
     fn footprints<S: Simd>(&self, simd: S, _: &Lanes<S>) -> FootprintLanes<S> {
-        let radius = f32x16::splat(simd, self.radius_px);
-        let (weight, correlation) = (f32x16::splat(simd, 1.0), f32x16::splat(simd, 0.0));
-        FootprintLanes { radius_x: radius, radius_y: radius, weight, correlation }
+        FootprintLanes::of_squares(f32x16::splat(simd, self.radius_px))
     }
 }
 
@@ -163,8 +173,8 @@ impl Size for FixedSize {
 /// where the neighbouring samples of the same surface land, in x and y, to first order. The radii are the lengths of the
 /// rows of this 2x2 Jacobian, which do not change when the face's grid is rotated in the frame.
 ///
-/// On the test bed this gained up to 1.5 dB over `w^-3/2 f2/f1` (no normals), and 8 dB over the angles of
-/// [`PaperSize`], which say nothing of a floor seen through a side face (both cosines are 0).
+/// The angles of [`PaperSize`] say nothing of a floor seen through a side face (both cosines are 0). What that brings:
+/// docs/decisions.md: sizes from the tangent plane.
 pub(crate) struct TangentSize<'a> {
     table: &'a TangentTable,
     x_step: Vec3,
@@ -198,8 +208,7 @@ impl Default for TangentTable {
 impl TangentTable {
     /// Relative change of inverse depth over one face pixel, times half of the face's size, at most. It is the tangent
     /// of the angle to the surface's normal; beyond it (76 degrees) the quantised normal says little, and a capture
-    /// resolves the slope into several samples a pixel. 1 to 16 were tried: 4 is best in the room, 1 to 2 by 0.2 dB
-    /// among leaves.
+    /// resolves the slope into several samples a pixel.
     const MAX_SLOPE: f32 = 4.0;
 
     /// Fills the table of planes. Radii are the spacing of the samples times `scale`, at least `min_radius_px`.
@@ -249,28 +258,31 @@ impl Size for TangentSize<'_> {
 
     #[inline(always)]
     fn footprints<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> FootprintLanes<S> {
-        let splat = |v: f32| f32x16::splat(simd, v);
         let [[xx, xy], [yx, yy]] = self.jacobian(simd, lanes);
-        let (scale, least, most) = (self.table.scale, splat(self.table.min_radius_px), splat(Self::MAX_RADIUS_PX));
-        let radius = |a: f32x16<S>, b: f32x16<S>| ((a * a + b * b).sqrt() * scale).max_precise(least).min_precise(most);
-        let (radius_x, radius_y) = (radius(xx, xy), radius(yx, yy));
+        let (radius_x, radius_y) = (self.radius(xx, xy), self.radius(yx, yy));
         let area = (xx * yy - xy * yx).abs();
-        let weight = (area / (radius_x * radius_y)).min_precise(splat(1.0));
-        FootprintLanes { radius_x, radius_y, weight, correlation: splat(0.0) }
+        let weight = (area / (radius_x * radius_y)).min_precise(1.0);
+        FootprintLanes { radius_x, radius_y, weight, correlation: f32x16::splat(simd, 0.0) }
     }
 }
 
 impl TangentSize<'_> {
+    /// The length of a row of the Jacobian, times the scale of radii, within their bounds.
+    #[inline(always)]
+    fn radius<S: Simd>(&self, of_x: f32x16<S>, of_y: f32x16<S>) -> f32x16<S> {
+        let length = (of_x * of_x + of_y * of_y).sqrt();
+        (length * self.table.scale).max_precise(self.table.min_radius_px).min_precise(Self::MAX_RADIUS_PX)
+    }
+
     /// Where in the frame, px, the next samples of the same surface land to the right and below: of x to both, and of y.
     #[inline(always)]
     fn jacobian<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> [[f32x16<S>; 2]; 2] {
-        let splat = |v: f32| f32x16::splat(simd, v);
         let [plane_x, plane_y, plane_z] = self.planes(simd, &lanes.normals);
-        let reciprocal = splat(1.0) / (plane_x * lanes.x + plane_y * lanes.y + plane_z);
-        let (least, most) = (splat(-self.table.max_slope), splat(self.table.max_slope));
+        let reciprocal = f32x16::splat(simd, 1.0) / (plane_x * lanes.x + plane_y * lanes.y + plane_z);
+        let most = self.table.max_slope;
         // The precise forms also turn the NaN of 0 / 0 into a number.
-        let slope = |s: f32x16<S>| (s * reciprocal).min_precise(most).max_precise(least) * lanes.inverse_depth;
-        let (slope_x, slope_y) = (slope(plane_x), slope(plane_y));
+        let slope_x = (plane_x * reciprocal).min_precise(most).max_precise(-most) * lanes.inverse_depth;
+        let slope_y = (plane_y * reciprocal).min_precise(most).max_precise(-most) * lanes.inverse_depth;
         let p = self.per_inverse_depth;
         let (dx, dy) = (self.x_step, self.y_step);
         let along_x = [slope_x * p.x + dx.x, slope_x * p.y + dx.y, slope_x * p.z + dx.z];
@@ -293,8 +305,7 @@ impl TangentSize<'_> {
                     let plane = self.table.planes[index[i] as usize % SPLAT_INDEX_COUNT];
                     (xs[i], ys[i], zs[i]) = (plane.x, plane.y, plane.z);
                 }
-                let load = |values: [f32; LANES]| f32x16::load_array(simd, values);
-                [load(xs), load(ys), load(zs)]
+                [f32x16::load_array(simd, xs), f32x16::load_array(simd, ys), f32x16::load_array(simd, zs)]
             }
             Normals::Exact { normal: [x, y, z], .. } => {
                 let step = self.table.step;
@@ -317,6 +328,13 @@ impl EllipseSize<'_> {
     pub(crate) const SCALE: f32 = Self::DEVIATIONS * Self::SPACINGS;
     /// Standard deviation of the blur, px.
     const BLUR_PX: f32 = 0.3;
+
+    /// The radius along one axis of the frame: of a row of the Jacobian, blurred.
+    #[inline(always)]
+    fn radius<S: Simd>(of_x: f32x16<S>, of_y: f32x16<S>) -> f32x16<S> {
+        let (along, blur) = (Self::SCALE * Self::SCALE, (Self::BLUR_PX * Self::DEVIATIONS).powi(2));
+        ((of_x * of_x + of_y * of_y) * along + blur).sqrt().min_precise(Self::MAX_RADIUS_PX)
+    }
 }
 
 impl Size for EllipseSize<'_> {
@@ -331,11 +349,8 @@ impl Size for EllipseSize<'_> {
     #[inline(always)]
     fn footprints<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> FootprintLanes<S> {
         let [[xx, xy], [yx, yy]] = self.0.jacobian(simd, lanes);
-        let (along, blur) = (Self::SCALE * Self::SCALE, (Self::BLUR_PX * Self::DEVIATIONS).powi(2));
-        let radius = |a: f32x16<S>, b: f32x16<S>| {
-            ((a * a + b * b) * along + blur).sqrt().min_precise(f32x16::splat(simd, Self::MAX_RADIUS_PX))
-        };
-        let (radius_x, radius_y) = (radius(xx, xy), radius(yx, yy));
+        let along = Self::SCALE * Self::SCALE;
+        let (radius_x, radius_y) = (Self::radius(xx, xy), Self::radius(yx, yy));
         let area = (xx * yy - xy * yx).abs();
         let reciprocal = f32x16::splat(simd, 1.0) / (radius_x * radius_y);
         let correlation = (xx * yx + xy * yy) * along * reciprocal;

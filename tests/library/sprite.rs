@@ -2,9 +2,9 @@
 //! views. The oracles are in `sprite_oracle.rs`.
 
 use crate::sprite_oracle::{Waves, bilinear, camera, exact_source, look, picture, sprite};
-use fearless_simd::Level;
 use glam::{DMat3, DVec3, dvec3};
 use headbox::capture::Camera;
+use headbox::capture::simd::levels;
 use headbox::sprite::{
     Displacement, DisplacementFormat, Outcome, Plane, PreparedSprite, RenderOptions, Sampling, Sprite, SpriteLayer,
     SpriteRenderer, SpriteWithDepth, Transfer, Variant,
@@ -20,17 +20,6 @@ fn render(sprite: &PreparedSprite, target: &Camera, options: &RenderOptions) -> 
     let mut frame = SpriteLayer::default();
     let outcome = SpriteRenderer::new().render(sprite, target, options, &mut frame);
     (outcome, frame)
-}
-
-/// Every level that this CPU has.
-fn levels() -> Vec<Level> {
-    let mut levels = vec![Level::baseline(), Level::new()];
-    #[cfg(target_arch = "x86_64")]
-    {
-        levels.extend(Level::new().as_sse4_2().map(Level::Sse4_2));
-        levels.extend(Level::new().as_avx2().map(Level::Avx2));
-    }
-    levels
 }
 
 /// Half a level of final rounding, 0.023 of the weights' rounding (see `sampling.rs`), and positions that are off by a

@@ -24,11 +24,11 @@ pub use threads::ThreadRow;
 
 use super::backdrop::{Backdrop, BackdropError, Kind, Quality};
 use super::house::{House, HouseError};
-use super::path::WalkPath;
 use super::settings::{WalkSettings, WalkStats};
 use super::store::Store;
 use super::variant::Variant;
 use super::walk::Walker;
+use super::walk_path::WalkPath;
 use crate::capture::{Camera, CameraError};
 use crate::frame::Frame;
 use crate::progress::{Progress, Silent};
