@@ -1,5 +1,5 @@
 //! Walking portal models: geometry for the cell that the eye is in and for near cells, images behind the other portals
-//! (inventory R1 to R3, R5 to R9, R11, R12, R14 to R16, P1, P2).
+//! (R1 to R3, R5 to R9, R11, R12, R14 to R16, P1, P2).
 //!
 //! * [`cull`]: which cells show, and through which part of the frame (R1).
 //! * [`house`]: a portal model made ready for the rasteriser and the tracer.

@@ -1,4 +1,4 @@
-//! A frame of a walk: geometry for the eye's cell and for near ones, backdrops behind all other portals (inventory R3, R15,
+//! A frame of a walk: geometry for the eye's cell and for near ones, backdrops behind all other portals (R3, R15,
 //! P1).
 //!
 //! 1. From the eye's cell on, cells are visited through portals ([`visit`](super::visit)). A portal near the eye is passed: the next cell

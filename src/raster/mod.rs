@@ -1,4 +1,4 @@
-//! A z-buffer rasteriser on the CPU: the geometry of the view cell and of cells too near for an image (inventory R3, R15).
+//! A z-buffer rasteriser on the CPU: the geometry of the view cell and of cells too near for an image (R3, R15).
 //!
 //! A frame is drawn in bands of rows, each by one thread from its first triangle to its last pixel:
 //!

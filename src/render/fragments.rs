@@ -1,4 +1,4 @@
-//! The papers' parallel warp: fragments of the LDI between epipolar lines, and a second pass where they meet (inventory P5,
+//! The papers' parallel warp: fragments of the LDI between epipolar lines, and a second pass where they meet (P5,
 //! P6, C16).
 //!
 //! The traversal already goes through each face sheet by sheet (the runs of [`super::order`] are those between the

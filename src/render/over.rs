@@ -1,4 +1,4 @@
-//! Each splat over what is there, in 8-bit integers (inventory S21, C12).
+//! Each splat over what is there, in 8-bit integers (S21, C12).
 
 use super::size::LANES;
 use super::splat::{self, Canvas, Splats, ceil_to_i32, covered_lanes, load};

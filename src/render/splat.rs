@@ -1,4 +1,4 @@
-//! Footprints: which there are ([`SplatKernel`]), splats ready to be drawn, and what they are drawn on (inventory S20, S21,
+//! Footprints: which there are ([`SplatKernel`]), splats ready to be drawn, and what they are drawn on (S20, S21,
 //! C10, C12).
 
 use super::Spans;

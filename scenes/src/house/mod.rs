@@ -1,5 +1,5 @@
 //! `house`: a furnished one-storey house of 18 rooms in a garden, as cells and portals; after the Brooks House of
-//! Rafferty et al. 1998 (19 cells, 52 portals and 1,744,000 polygons; inventory R-N3).
+//! Rafferty et al. 1998 (19 cells, 52 portals and 1,744,000 polygons; R-N3).
 
 mod floor;
 mod furnish;

@@ -1,4 +1,4 @@
-//! From rays behind a portal to a cube LDI: hits, their pixels, and what becomes of those at similar depth (inventory R11,
+//! From rays behind a portal to a cube LDI: hits, their pixels, and what becomes of those at similar depth (R11,
 //! P2, D1, D2, C11).
 //!
 //! *Similar depth* is measured in inverse depth, by parallax: two samples of a pixel that part by at most a pixel when the
