@@ -8,8 +8,8 @@ use super::progress::Bar;
 use crate::drawing::sheet::{Sheet, SheetCell, SheetRow};
 use crate::measure::walk::{MeasureSettings, PosePictures, measure};
 use crate::portal::file;
-use crate::portal::path::{PAPER_POSES, WalkPath};
 use crate::portal::variant::Variant;
+use crate::portal::walk_path::{PAPER_POSES, WalkPath};
 use clap::Args;
 use std::path::{Path, PathBuf};
 

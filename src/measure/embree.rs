@@ -113,7 +113,7 @@ mod tests {
         let scene = Arc::new(crate::scenes::build("bump", 0).expect("built in"));
         let centre = scene.headbox.expect("it has one").centre;
         let eye = centre + DVec3::new(0.1, 0.05, 0.0);
-        let camera = Camera::look_at(eye, eye - DVec3::Z, DVec3::Y, 70.0, 64, 48).expect("valid");
+        let camera = Camera::look_at(eye, eye - DVec3::Z, DVec3::Y, 70.0, [64, 48]).expect("valid");
         (Tracer::new(scene, centre), camera)
     }
 

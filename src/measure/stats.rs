@@ -1,6 +1,6 @@
 //! Medians, spreads, means of decibels, and what nothing beats.
 
-use crate::capture::stats::quantile;
+use crate::capture::statistics::quantile;
 use serde::{Deserialize, Serialize};
 
 /// The middle of some values and how far they spread; all 0 of none.
@@ -21,7 +21,9 @@ pub struct Spread {
 impl Spread {
     /// Of any number of values in any order; `None` if there are none.
     pub fn of(values: &[f64]) -> Option<Self> {
-        let at = |share| quantile(values, share);
+        let mut sorted = values.to_vec();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let at = |share| quantile(&sorted, share);
         let quartiles = [at(0.25)?, at(0.75)?];
         Some(Self { median: at(0.5)?, mean: mean(values.iter().copied()), quartiles, p95: at(0.95)?, worst: at(1.0)? })
     }

@@ -1,4 +1,4 @@
-//! Each splat over what is there, in 8-bit integers (inventory S21, C12).
+//! Each splat over what is there, in 8-bit integers (S21, C12).
 
 use super::size::LANES;
 use super::splat::{self, Canvas, Splats, ceil_to_i32, covered_lanes, load};
@@ -189,8 +189,7 @@ impl OverCanvas {
     }
 
     /// Writes the corners of a rectangle, which are all of one that is at most two pixels wide and high: without the loops, whose
-    /// ends no processor foresees. With this, and with sixteen boxes at a time instead of a batch's, drawing rectangles takes 0.70 to
-    /// 0.87 of the time.
+    /// ends no processor foresees (docs/decisions.md: small rectangles by their corners).
     #[inline(always)]
     fn fill_corners(&mut self, columns: Range<i32>, rows: Range<i32>, color: u32) {
         let at = (rows.start - self.rows.start as i32) as usize * self.stride() + columns.start as usize + MARGIN;
@@ -304,6 +303,7 @@ fn straight([r, g, b, share]: [u8; 4]) -> [u8; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::capture::random::Rng;
 
     /// One pixel blended by a weight in 1/256, and the same pixel by every SIMD level of this machine.
     fn blended(there: [u8; 4], source: [u8; 4], weight: u16) -> [u8; 4] {
@@ -323,15 +323,11 @@ mod tests {
 
     #[test]
     fn blends_do_not_drift() {
-        let mut state = 1u32;
-        let mut random = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            state >> 16
-        };
+        let mut random = Rng::keyed(1);
         let (mut exact, mut found, mut bias) = (128.0, [128, 128, 128, 255], 0.0);
         const BLENDS: u32 = 100_000;
         for _ in 0..BLENDS {
-            let (source, shift) = (60 + (random() % 120) as u8, 1 + (random() % 2) as u16);
+            let (source, shift) = (60 + random.below(120) as u8, 1 + random.below(2) as u16);
             found = blended(found, [source, source, source, 255], 256 >> shift);
             exact += (f64::from(source) - exact) / f64::from(1 << shift);
             bias += f64::from(found[0]) - exact;

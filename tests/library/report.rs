@@ -2,7 +2,6 @@
 
 use headbox::capture::light::Lighting;
 use headbox::capture::trace::Tracer;
-use headbox::ldi::build::Silent;
 use headbox::measure::machine::Machine;
 use headbox::measure::plan::{Plan, Quality, most_to_see};
 use headbox::measure::report::figures::figures;
@@ -11,6 +10,7 @@ use headbox::measure::report::scene;
 use headbox::measure::report::subject::Subject;
 use headbox::measure::report::{results, summary};
 use headbox::measure::stats::pareto_front;
+use headbox::progress::Silent;
 use std::sync::{Arc, LazyLock};
 
 const CLIPPING: &str = "clipping (one band, 1 thread)";

@@ -1,7 +1,7 @@
 //! The times of the last frames, for the rolling chart and the frame rate.
 
 use crate::source::Stage;
-use headbox_capture::stats::median;
+use headbox_capture::statistics::median;
 use std::collections::VecDeque;
 
 /// Times of one shown frame.
@@ -68,7 +68,7 @@ impl History {
 
     /// Median over the frames kept of `value`, or `None` if there is no frame.
     pub(crate) fn median(&self, value: impl Fn(&FrameTimes) -> f64) -> Option<f64> {
-        median(&self.frames.iter().map(value).collect::<Vec<f64>>())
+        median(self.frames.iter().map(value))
     }
 }
 
@@ -136,6 +136,6 @@ mod tests {
         for (value, top) in [(0.7, 1.0), (1.0, 1.0), (1.1, 2.0), (3.0, 5.0), (7.0, 10.0), (16.7, 20.0), (0.0, 1.0)] {
             assert_eq!(nice_ceiling(value), top, "{value}");
         }
-        assert_eq!(median(&[3.0, 1.0]), Some(2.0));
+        assert_eq!(median([3.0, 1.0]), Some(2.0));
     }
 }

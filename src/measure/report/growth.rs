@@ -3,12 +3,12 @@
 use super::contender::Contender;
 use super::judge::Measurement;
 use super::subject::ReportError;
-use crate::ldi::build::Progress;
 use crate::measure::plan::EyeSet;
 use crate::measure::plan::{Place, Plan};
 use crate::measure::stats::{mean, mse_of_psnr, psnr_of_mse};
 use crate::measure::truths::{Truths, samples_for};
 use crate::metrics;
+use crate::progress::Progress;
 use crate::truth::TruthFrame;
 
 /// Truth should lie so far below the error that is measured with it, dB.

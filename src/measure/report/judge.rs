@@ -2,13 +2,13 @@
 
 use super::contender::{Contender, Picture};
 use super::row::{Displaced, Row, WorstFrame};
-use crate::capture::stats::median;
-use crate::ldi::build::Progress;
+use crate::capture::statistics::median;
 use crate::measure::plan::EyeSet;
 use crate::measure::plan::{Eye, Place};
 use crate::measure::stats::{Spread, mean, pooled_psnr_db};
 use crate::measure::turns::{in_turns, least};
 use crate::metrics::{self, Comparison, MetricError};
+use crate::progress::Progress;
 use crate::truth::TruthFrame;
 use rayon::prelude::*;
 use std::time::Instant;
@@ -183,7 +183,7 @@ impl View<'_> {
             threads: contender.pool.current_num_threads(),
             ms_median: spread.median,
             ms_quartiles: spread.quartiles,
-            time_ratio: median(&ratios.collect::<Vec<f64>>()).unwrap_or(1.0),
+            time_ratio: median(ratios).unwrap_or(1.0),
             depth_pixels_in: self.found.depth_pixels_in,
             depth_pixels_m_per_s: self.found.depth_pixels_in / spread.median.max(1e-9) / 1e3,
             bytes: contender.bytes,
@@ -262,7 +262,7 @@ mod tests {
             grey(102, EyeSet::All, vec![Role::other("a", "two off")]),
             grey(100, EyeSet::Ahead, vec![Role::other("b", "right")]),
         ];
-        let measured = draw_in_turns(&mut contenders, &plan.eyes, 3, &crate::ldi::build::Silent);
+        let measured = draw_in_turns(&mut contenders, &plan.eyes, 3, &crate::progress::Silent);
         assert!(measured[2].pictures[0].is_none() && measured[2].ms[0].is_empty(), "not judged by uniform eyes");
         let rows = rows("s", &contenders, &measured, &plan.eyes, &truths).expect("sizes fit");
         let names: Vec<_> = rows.iter().map(|r| (r.group.as_str(), r.variant.as_str(), r.eyes)).collect();

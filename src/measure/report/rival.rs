@@ -1,7 +1,7 @@
 //! Frames of the LDI beside Embree's primary rays, eye by eye, in turns.
 
 use super::subject::{ReportError, Subject};
-use crate::capture::stats::median;
+use crate::capture::statistics::median;
 use crate::measure::embree::{Embree, PROGRAM};
 use crate::measure::plan::{Place, Plan};
 use crate::measure::turns::{in_turns, least};
@@ -75,7 +75,7 @@ pub(super) fn measure(
         let times = in_turns(&mut ways, ROUNDS, |_, way| match way {
             Way::Ours(renderer, settings) => Some(pool.install(|| {
                 let started = Instant::now();
-                renderer.render(cube, &eye.camera, settings);
+                renderer.render_with_stats(cube, &eye.camera, settings);
                 started.elapsed().as_secs_f64() * 1e3
             })),
             Way::Rays(embree) => embree.trace(&eye.camera).map(|frame| frame.ms).map_err(|e| failed = Some(e)).ok(),
@@ -90,10 +90,10 @@ pub(super) fn measure(
         let ratios: Vec<f64> = ms.iter().zip(&rays).map(|(ours, theirs)| ours / theirs).collect();
         KernelAgainstRival {
             kernel: kernel.name().into(),
-            ms_median: median(ms).unwrap_or(0.0),
-            over_rays: median(&ratios).unwrap_or(0.0),
+            ms_median: median(ms.iter().copied()).unwrap_or(0.0),
+            over_rays: median(ratios).unwrap_or(0.0),
         }
     };
     let kernels = kernels.iter().zip(&by_way).map(of_kernel).collect();
-    Ok(Some(RivalRows { version, threads, ms_median: median(&rays).unwrap_or(0.0), kernels }))
+    Ok(Some(RivalRows { version, threads, ms_median: median(rays.iter().copied()).unwrap_or(0.0), kernels }))
 }

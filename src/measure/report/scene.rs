@@ -7,11 +7,11 @@ use super::judge;
 use super::rival;
 use super::row::{EyeRecord, Row, SceneFacts};
 use super::subject::{ReportError, Subject, scene_bytes};
-use crate::ldi::build::Progress;
 use crate::measure::plan::{Eye, Plan};
 use crate::measure::stats::{mean, mse_of_psnr, pooled_psnr_db};
 use crate::measure::truths::Truths;
 use crate::packed::SegmentSide;
+use crate::progress::Progress;
 use crate::truth::TruthFrame;
 use std::path::PathBuf;
 

@@ -24,6 +24,9 @@ pub enum ReportError {
     /// Sprites could not be made.
     #[error(transparent)]
     Sprite(#[from] crate::sprite::SpriteError),
+    /// A frame is no picture.
+    #[error(transparent)]
+    Frame(#[from] crate::frame::FrameError),
     /// The rival was asked for and failed.
     #[error("the program that HEADBOX_EMBREE names: {0}")]
     Rival(#[source] std::io::Error),

@@ -1,7 +1,7 @@
 //! Frame time along the path: figure 6 of R (R-N4), with primary rays beside it.
 
 use super::WalkReport;
-use crate::capture::stats::median;
+use crate::capture::statistics::median;
 use crate::measure::chart::{Axis, Chart, ChartPoint, Series, Spacing};
 
 /// Lines of the chart, where the ways are among those measured: geometry, then the figure's others, then the default.
@@ -41,5 +41,6 @@ impl WalkReport {
 /// The median about a pose.
 fn point(ms: &[f64], pose: usize) -> ChartPoint {
     let around = &ms[pose.saturating_sub(SMOOTHED / 2)..ms.len().min(pose + SMOOTHED / 2 + 1)];
-    ChartPoint { at: [pose as f64, median(around).unwrap_or(0.0)], name: String::new(), spread: None }
+    let median = median(around.iter().copied()).unwrap_or(f64::NAN);
+    ChartPoint { at: [pose as f64, median], name: String::new(), spread: None }
 }

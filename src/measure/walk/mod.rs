@@ -1,5 +1,5 @@
 //! The papers' measurements of a walk: time and error of every way to draw it along one path, exposure errors, clipping,
-//! layers and threads (inventory R-N2 to R-N7, P-N1 to P-N10).
+//! layers and threads (R-N2 to R-N7, P-N1 to P-N10).
 //!
 //! All times of a pose are taken in turns ([`crate::measure::turns`]): the best of these is the pose's. Errors are against ray-traced frames of the same geometry with the same baked light.
 //!
@@ -23,17 +23,17 @@ pub use threads::ThreadRow;
 
 use crate::capture::{Camera, CameraError};
 use crate::frame::Frame;
-use crate::ldi::build::{Progress, Silent};
 use crate::measure::machine::{Machine, commit};
 use crate::measure::stats::{Spread, psnr_of_mse};
 use crate::measure::turns::in_turns;
 use crate::portal::backdrop::{Backdrop, BackdropError, Kind, Quality};
 use crate::portal::house::{House, HouseError};
-use crate::portal::path::WalkPath;
 use crate::portal::settings::{WalkSettings, WalkStats};
 use crate::portal::store::Store;
 use crate::portal::variant::Variant;
 use crate::portal::walk::Walker;
+use crate::portal::walk_path::WalkPath;
+use crate::progress::{Progress, Silent};
 use crate::raster::Seen;
 use crate::render::RenderSettings;
 use crate::truth;

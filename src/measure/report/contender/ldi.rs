@@ -32,7 +32,7 @@ impl LdiDraw {
 
 impl Draw for LdiDraw {
     fn draw(&mut self, camera: &Camera) {
-        self.renderer.render(&self.cube, camera, &self.settings);
+        self.renderer.render_with_stats(&self.cube, camera, &self.settings);
     }
 
     fn depth_pixels(&mut self, camera: &Camera) -> u64 {
@@ -40,7 +40,7 @@ impl Draw for LdiDraw {
     }
 
     fn picture(&mut self, camera: &Camera) -> Picture {
-        Picture::of_frame(self.renderer.render(&self.cube, camera, &self.settings).0)
+        Picture::of_frame(self.renderer.render(&self.cube, camera, &self.settings))
     }
 }
 
@@ -87,7 +87,7 @@ impl OracleDraw {
 
 impl Draw for OracleDraw {
     fn draw(&mut self, camera: &Camera) {
-        let frame = render_oracle(&self.ldi, camera).frame;
+        let frame = render_oracle(&self.ldi, camera);
         self.last = Some((*camera, Picture::of_frame(&frame)));
     }
 
@@ -98,7 +98,7 @@ impl Draw for OracleDraw {
     fn picture(&mut self, camera: &Camera) -> Picture {
         match self.last.take() {
             Some((drawn, picture)) if drawn == *camera => picture,
-            _ => Picture::of_frame(&render_oracle(&self.ldi, camera).frame),
+            _ => Picture::of_frame(&render_oracle(&self.ldi, camera)),
         }
     }
 }
