@@ -3,7 +3,7 @@
 use super::output::print_json;
 use super::progress::Bar;
 use crate::capture::images::{CheckReport, ImageSet, ImageSetOptions, Lens, check};
-use crate::ldi::build::Progress;
+use crate::progress::Progress;
 use clap::Args;
 use glam::DVec3;
 use serde_json::json;

@@ -1,27 +1,35 @@
 //! `headbox report`.
 
 use super::UsageError;
-use super::args::{FrameArgs, Unit, Up, parse_length, parse_vector};
+use super::args::{FrameArgs, Unit, parse_length, parse_up, parse_vector};
 use super::capture::place_headbox;
+use super::images::{SetArgs, is_image_set};
 use super::output::{print_notes, save_png, write_text};
 use super::progress::Bar;
 use crate::capture::light::Lighting;
+use crate::capture::scene::Headbox;
 use crate::capture::scene::UpAxis;
 use crate::capture::trace::Tracer;
 use crate::container::Container;
+use crate::ldi::from_images::ImagesJob;
+use crate::measure::images::{self, Shown};
+use crate::measure::machine::{Machine, commit};
+use crate::measure::plan::{Plan, Quality, most_to_see};
+use crate::measure::report::figures::figures;
+use crate::measure::report::row::Report;
+use crate::measure::report::subject::Subject;
+use crate::measure::report::{promises, results, scene, summary};
+use crate::measure::walk::WalkReport;
+use crate::measure::{stability, truths};
 use crate::packed::PackedCube;
 use crate::packed::file::CUBE_LDI;
-use crate::report::figures::figures;
-use crate::report::machine::commit;
-use crate::report::plan::{Plan, Quality, most_to_see};
-use crate::report::row::{Machine, Report};
-use crate::report::scene::{self, Subject};
-use crate::report::{results, stability, summary, truths};
 use crate::scene_source::SceneSource;
 use crate::sprite::{SPRITE_FILE, SpriteSet};
 use anyhow::{Context, bail};
+use clap::builder::TypedValueParser;
 use clap::{Args, ValueEnum};
 use glam::DVec3;
+use image::RgbImage;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -38,6 +46,18 @@ pub(super) struct ReportCommand {
     /// Small sizes: less than two minutes a scene on two cores
     #[arg(long)]
     quick: bool,
+    /// Frames of 1024x768 and faces of 1024 px, from few eyes and of one capture: some three minutes a scene on two cores
+    #[arg(long, conflicts_with = "quick")]
+    real: bool,
+    /// Leave out the scenes that OUTPUT/report.json, of the same commit, sizes and seed, has already
+    #[arg(long)]
+    resume: bool,
+    /// Hold what the README promises against the run, and fail if it does not hold
+    #[arg(long)]
+    promises: bool,
+    /// With --results: the walk.json of `headbox walk`, for a chapter of its own
+    #[arg(long, value_name = "walk.json", requires = "results")]
+    walk: Option<PathBuf>,
     /// Seed of eyes and captures
     #[arg(long, value_name = "K", default_value_t = 0)]
     seed: u64,
@@ -48,14 +68,22 @@ pub(super) struct ReportCommand {
     #[arg(long, value_name = "DIR")]
     cache: Option<PathBuf>,
     /// Measure nothing: make a page and its charts from the report.json of an earlier run
-    #[arg(long, value_name = "report.json", conflicts_with_all = ["subjects", "quick"])]
+    #[arg(long, value_name = "report.json", conflicts_with_all = ["subjects", "quick", "real"])]
     results: Option<PathBuf>,
     /// Measure hard numerical cases instead, and write the page of their bounds
-    #[arg(long, conflicts_with_all = ["subjects", "quick", "results"])]
+    #[arg(long, conflicts_with_all = ["subjects", "quick", "real", "results"])]
     stability: bool,
+    /// With --stability: the page of an earlier run, whose verdicts must be the same
+    #[arg(long, value_name = "STABILITY.md", requires = "stability")]
+    against: Option<PathBuf>,
     /// Seeds of each hard case
     #[arg(long, value_name = "N", default_value_t = 20, requires = "stability", value_parser = clap::value_parser!(u64).range(1..=100_000))]
     seeds: u64,
+    /// Of an image set (a folder): leave every N-th view out and judge how the others show it; 1 leaves out each alone
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..).map(usize::from))]
+    hold_out: usize,
+    #[command(flatten)]
+    images: SetArgs,
     #[command(flatten)]
     frame: FrameArgs,
 }
@@ -66,7 +94,7 @@ struct Named {
     name: String,
     center: Option<DVec3>,
     half_size: Option<f64>,
-    up: Option<Up>,
+    up: Option<UpAxis>,
     unit: Option<Unit>,
 }
 
@@ -87,7 +115,7 @@ fn parse_named(text: &str) -> Result<Named, String> {
         match key {
             "center" => named.center = Some(parse_vector(value)?),
             "half" => named.half_size = Some(parse_length(value)?),
-            "up" => named.up = Some(Up::from_str(value, true)?),
+            "up" => named.up = Some(parse_up(value)?),
             "unit" => named.unit = Some(Unit::from_str(value, true)?),
             _ => return Err(format!("{key}: give one of {}", KEYS.join("=, "))),
         }
@@ -95,12 +123,28 @@ fn parse_named(text: &str) -> Result<Named, String> {
     Ok(named)
 }
 
+/// Pictures of one size, from left to right.
+fn side_by_side(pictures: &[&RgbImage]) -> RgbImage {
+    let width: u32 = pictures.iter().map(|picture| picture.width()).sum();
+    let height = pictures.iter().map(|picture| picture.height()).max().unwrap_or(0);
+    let mut sheet = RgbImage::new(width, height);
+    let mut x = 0;
+    for picture in pictures {
+        image::imageops::replace(&mut sheet, *picture, i64::from(x), 0);
+        x += picture.width();
+    }
+    sheet
+}
+
 impl ReportCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         match &self.results {
             Some(json) => self.write_page(json),
             None if self.stability => self.measure_stability(),
-            None => self.measure(),
+            None => match self.subjects.as_slice() {
+                [set] if is_image_set(&set.name) => self.measure_images(Path::new(&set.name)),
+                _ => self.measure(),
+            },
         }
     }
 
@@ -111,10 +155,19 @@ impl ReportCommand {
 
     fn measure_stability(&self) -> anyhow::Result<()> {
         let output = self.output_or("STABILITY.md");
+        // Before it is written over.
+        let earlier = self.against.as_ref().map(|path| read_text(path)).transpose()?;
         let (page, all_hold) =
             stability::page(self.seed..self.seed.saturating_add(self.seeds), |name| eprintln!("{name}"));
         write_text(output, &page)?;
         println!("{}: {} seeds a case", output.display(), self.seeds);
+        if let Some(earlier) = earlier {
+            let [before, now] = [&earlier, &page].map(|page| stability::verdicts(page).unwrap_or_default());
+            let differences = stability::differences(&before, &now);
+            if !differences.is_empty() {
+                bail!("verdicts differ:\n{}", differences.join("\n"));
+            }
+        }
         if all_hold { Ok(()) } else { bail!("a bound is exceeded; see {}", output.display()) }
     }
 
@@ -136,43 +189,80 @@ impl ReportCommand {
             program: env!("CARGO_PKG_VERSION").into(),
             seed: self.seed,
             quick: self.quick,
+            real: self.real,
             scenes: Vec::new(),
             rows: Vec::new(),
         };
+        let json = output.join("report.json");
+        if self.resume {
+            report.resume(read_report(&json).ok());
+        }
         let bar = Bar::new();
         for named in &self.subjects {
+            if report.scenes.iter().any(|facts| facts.scene == named.name) {
+                continue;
+            }
             let (subject, plan) = self.open(named)?;
             let (facts, rows) = scene::run(&subject, &plan, Some(cache.clone()), &bar)?;
             report.scenes.push(facts);
             report.rows.extend(rows);
+            // After each scene, so that a run that is cut off can go on.
+            write_text(&json, &(serde_json::to_string_pretty(&report)? + "\n"))?;
         }
         bar.finish();
-        write_text(&output.join("report.json"), &(serde_json::to_string_pretty(&report)? + "\n"))?;
         write_text(&output.join("report.csv"), &report.to_csv())?;
         let summary = summary::summary(&report);
         write_text(&output.join("summary.md"), &summary)?;
         save_charts(&report, output, true)?;
         print!("{summary}");
         eprintln!("truth is kept in {}", cache.display());
+        if self.promises {
+            print!("{}", promises::table(&report));
+            let broken = promises::broken(&report);
+            if !broken.is_empty() {
+                bail!("the README promises what does not hold: {}", broken.join("; "));
+            }
+        }
+        Ok(())
+    }
+
+    /// Leaves views of an image set out and shows them from the others.
+    fn measure_images(&self, folder: &Path) -> anyhow::Result<()> {
+        let set = self.images.open(folder)?;
+        let output = self.output_or("headbox-report");
+        make_folder(output)?;
+        let bar = Bar::new();
+        let mut failed = None;
+        let mut save = |shown: Shown| {
+            let [nearest, ldi] = &shown.frames;
+            let path = output.join(format!("{}.png", shown.view.replace(['/', '.'], "_")));
+            failed = failed.take().or(save_png(&path, &side_by_side(&[&shown.photograph, nearest, ldi])).err());
+        };
+        let report = images::measure(&set, &ImagesJob::suggest(&set), self.hold_out, &bar, &mut save)?;
+        bar.finish();
+        if let Some(error) = failed {
+            return Err(error);
+        }
+        write_text(&output.join("report.json"), &(serde_json::to_string_pretty(&report)? + "\n"))?;
+        let summary = report.summary();
+        write_text(&output.join("summary.md"), &summary)?;
+        print!("{summary}");
         Ok(())
     }
 
     fn write_page(&self, json: &Path) -> anyhow::Result<()> {
-        let text = std::fs::read_to_string(json).with_context(|| format!("{} could not be read", json.display()))?;
-        let report: Report = serde_json::from_str(&text)
-            .with_context(|| format!("{} is not a report of this program's version", json.display()))?;
-        if report.version != Report::VERSION {
-            bail!(
-                "{}: version {} of reports; this program reads version {}",
-                json.display(),
-                report.version,
-                Report::VERSION
-            );
-        }
+        let report = read_report(json)?;
+        let walk: Option<WalkReport> = match &self.walk {
+            Some(path) => Some(serde_json::from_str(&read_text(path)?).with_context(|| not_ours(path))?),
+            None => None,
+        };
         let output = self.output_or("results.md");
-        write_text(output, &results::page(&report))?;
+        write_text(output, &results::page(&report, walk.as_ref()))?;
         let folder = output.with_file_name("results");
         make_folder(&folder)?;
+        if let Some(walk) = &walk {
+            write_text(&folder.join("along-path.svg"), &walk.chart().draw().to_svg())?;
+        }
         save_charts(&report, &folder, false)
     }
 
@@ -184,22 +274,20 @@ impl ReportCommand {
         if kind.is_some() && named.is_placed() {
             return Err(UsageError(format!("{name}: says itself where its headbox is")).into());
         }
-        let quality = if self.quick { Quality::QUICK } else { Quality::FULL };
+        let quality = match (self.quick, self.real) {
+            (true, _) => Quality::QUICK,
+            (_, true) => Quality::REAL,
+            _ => Quality::FULL,
+        };
         let (mut cube, mut sprites) = (None, None);
         let source = if kind == Some(CUBE_LDI.tag) {
             let read = PackedCube::read(path)?;
-            let source = SceneSource {
-                name: read.info.scene.clone(),
-                z_up: Some(read.info.z_up),
-                unit_m: Some(read.info.unit_m),
-            };
+            let source = SceneSource::in_frame(&read.info.scene, read.info.frame);
             cube = Some(read);
             source
         } else if kind == Some(SPRITE_FILE.tag) {
             let read = SpriteSet::read(path)?;
-            let frame = read.info.frame();
-            let z_up = Some(frame.up == UpAxis::Z);
-            let source = SceneSource { name: read.info.source.clone(), z_up, unit_m: Some(frame.unit_m) };
+            let source = SceneSource::in_frame(&read.info.source, read.info.frame);
             sprites = Some(read);
             source
         } else {
@@ -208,11 +296,11 @@ impl ReportCommand {
         let scene = source.open().with_context(|| format!("the scene of {name} is needed for truth"))?;
         let scene = Arc::new(scene);
         print_notes(&scene);
-        let (mut centre, mut half_size_m) = place_headbox(&scene, named.center, named.half_size)?;
+        let Headbox { mut centre, mut half_size_m } = place_headbox(&scene, named.center, named.half_size)?;
         let (mut bounces, mut lit, mut ahead) = (self.bounces, true, None);
         if let Some(cube) = &cube {
             (centre, half_size_m) = (cube.info.centre, cube.info.half_size_m);
-            (bounces, lit) = (cube.info.bounces, cube.info.light_samples > 0);
+            (bounces, lit) = (cube.info.parameters.bounces, cube.info.parameters.light_samples > 0);
         }
         if let Some(set) = &sprites {
             let Some(first) = set.sprites().first() else { bail!("{name}: holds no sprites") };
@@ -226,6 +314,23 @@ impl ReportCommand {
         let plan = plan.map_err(|error| UsageError(error.to_string()))?;
         Ok((Subject { name: name.to_owned(), tracer, lighting, lit, cube, sprites }, plan))
     }
+}
+
+fn read_text(path: &Path) -> anyhow::Result<String> {
+    std::fs::read_to_string(path).with_context(|| format!("{} could not be read", path.display()))
+}
+
+fn not_ours(path: &Path) -> String {
+    format!("{} is not of this program's version", path.display())
+}
+
+fn read_report(json: &Path) -> anyhow::Result<Report> {
+    let report: Report = serde_json::from_str(&read_text(json)?).with_context(|| not_ours(json))?;
+    if report.version != Report::VERSION {
+        let (path, version, ours) = (json.display(), report.version, Report::VERSION);
+        bail!("{path}: version {version} of reports; this program reads version {ours}");
+    }
+    Ok(report)
 }
 
 fn make_folder(folder: &Path) -> anyhow::Result<()> {
@@ -253,7 +358,7 @@ mod tests {
         let named = parse_named("a@home/house.obj@up=z@center=0,-1,1.5@half=0.4@unit=cm").unwrap();
         assert_eq!((named.name.as_str(), named.center), ("a@home/house.obj", Some(DVec3::new(0.0, -1.0, 1.5))));
         assert!(named.half_size == Some(0.4) && named.is_placed());
-        assert!(matches!((named.up, named.unit), (Some(Up::Z), Some(Unit::Cm))));
+        assert!(matches!((named.up, named.unit), (Some(UpAxis::Z), Some(Unit::Cm))));
         let plain = parse_named("a@home/house.obj").unwrap();
         assert!(plain.name == "a@home/house.obj" && !plain.is_placed());
         for wrong in ["a.obj@center=1,2", "a.obj@half=0", "a.obj@half=1@size=3", "a.obj@up=x", "a.obj@unit=m@z"] {

@@ -9,8 +9,8 @@ use super::progress::Bar;
 use crate::capture::DepthKind;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
-use crate::ldi::Environment;
-use crate::report::sprite_range::SpriteRange;
+use crate::environment::Environment;
+use crate::measure::sprite_range::SpriteRange;
 use crate::scene_source::SceneSource;
 use crate::sprite::{
     DepthImport, DepthPicture, DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, SpriteWithDepth, capture_slabs,
@@ -112,6 +112,8 @@ enum DepthKindArg {
     Ray,
     /// A depth buffer's value, 0 at the near plane and 1 at the far plane
     Window,
+    /// The same of a reversed buffer, 1 at the near plane and 0 at the far plane
+    ReversedWindow,
 }
 
 impl SpriteCommand {
@@ -166,7 +168,7 @@ impl SpriteCommand {
     fn capture(&self, source: &SceneSource) -> anyhow::Result<SpriteSet> {
         let scene = Arc::new(source.open()?);
         print_notes(&scene);
-        let (centre, _) = place_headbox(&scene, None, None)?;
+        let centre = place_headbox(&scene, None, None)?.centre;
         let camera = self.camera.camera(&scene.frame, &DefaultCamera::at(centre))?;
         let tracer = Tracer::new(Arc::clone(&scene), camera.eye());
         let lighting = Lighting::measure(&tracer, self.quality.bounces);
@@ -185,9 +187,8 @@ impl SpriteCommand {
             bail!("nothing of {} is seen from there: move --eye or --look-at", source.name);
         }
         let mut set = self.set(sprites)?;
-        let z_up = scene.frame.up == crate::capture::scene::UpAxis::Z;
-        set.info = SpriteInfo { source: source.name.clone(), z_up, unit_m: scene.frame.unit_m };
-        set.environment = sky(&lighting);
+        set.info = SpriteInfo { source: source.name.clone(), frame: scene.frame };
+        set.environment = Environment::sky(&lighting);
         if let Some(folder) = &self.range {
             let range = SpriteRange::measure(&capture, &camera, set.clone())?;
             let range = range.context("nothing lies straight ahead to measure a range by: move --look-at")?;
@@ -223,6 +224,7 @@ impl SpriteCommand {
                 DepthKindArg::Eye => DepthKind::EyeDepth,
                 DepthKindArg::Ray => DepthKind::RayDistance,
                 DepthKindArg::Window => DepthKind::WindowDepth,
+                DepthKindArg::ReversedWindow => DepthKind::ReversedWindowDepth,
             },
             window_range_m: self.import.window_range(kind)?,
             plane: None,
@@ -231,8 +233,7 @@ impl SpriteCommand {
         let sprite =
             import.build().with_context(|| format!("{} and {}", color_path.display(), depth_path.display()))?;
         let mut set = self.set(vec![sprite])?;
-        let z_up = frame.up == crate::capture::scene::UpAxis::Z;
-        set.info = SpriteInfo { source: color_path.display().to_string(), z_up, unit_m: frame.unit_m };
+        set.info = SpriteInfo { source: color_path.display().to_string(), frame };
         Ok(set)
     }
 
@@ -263,7 +264,7 @@ impl ImportArgs {
         let is_exr = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
         let usual = match kind {
             _ if is_exr => 1.0,
-            DepthKindArg::Window => 1.0 / 65_535.0,
+            DepthKindArg::Window | DepthKindArg::ReversedWindow => 1.0 / 65_535.0,
             DepthKindArg::Eye | DepthKindArg::Ray => 1e-3,
         };
         self.depth_unit.unwrap_or(usual) as f32
@@ -271,20 +272,11 @@ impl ImportArgs {
 
     fn window_range(&self, kind: DepthKindArg) -> anyhow::Result<(f64, f64)> {
         match (kind, self.near) {
-            (DepthKindArg::Window, Some(near)) => Ok((near, self.far.unwrap_or(f64::INFINITY))),
-            (DepthKindArg::Window, None) => {
-                Err(UsageError("window depth needs --near METRES (and --far METRES)".into()).into())
-            }
-            _ => Ok((0.0, 0.0)),
+            (DepthKindArg::Eye | DepthKindArg::Ray, _) => Ok((0.0, 0.0)),
+            (_, Some(near)) => Ok((near, self.far.unwrap_or(f64::INFINITY))),
+            (_, None) => Err(UsageError("window depth needs --near METRES (and --far METRES)".into()).into()),
         }
     }
-}
-
-/// The sky as a cube map; of size 0 where there is none.
-pub(super) fn sky(lighting: &Lighting) -> Environment {
-    /// Smooth as it is, the sky needs no more.
-    const SIZE_PX: u32 = 128;
-    if lighting.sky.is_none() { Environment::default() } else { Environment::of_sky(SIZE_PX, lighting, |_| true) }
 }
 
 /// Writes `range.csv` and `range.png`, and prints what they say.

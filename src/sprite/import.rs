@@ -15,8 +15,8 @@ pub struct DepthImport<'a> {
     pub depth: &'a [f32],
     /// What a depth means.
     pub depth_kind: DepthKind,
-    /// Near and far plane, metres, of [`DepthKind::WindowDepth`] (0 at near, 1 at far; far may be infinite). Ignored
-    /// otherwise.
+    /// Near and far plane, metres, of [`DepthKind::WindowDepth`] (0 at near, 1 at far; far may be infinite) and
+    /// [`DepthKind::ReversedWindowDepth`] (1 at near, 0 at far). Ignored otherwise.
     pub window_range_m: (f64, f64),
     /// The sprite's plane; fitted to the visible pixels if not given.
     pub plane: Option<Plane>,
@@ -40,7 +40,8 @@ impl DepthImport<'_> {
             return Err(SpriteError::Count { expected: width as usize * height as usize, found: self.depth.len() });
         }
         let (near, far) = self.window_range_m;
-        if self.depth_kind == DepthKind::WindowDepth && !(near > 0.0 && far > near && near.is_finite()) {
+        let is_window = matches!(self.depth_kind, DepthKind::WindowDepth | DepthKind::ReversedWindowDepth);
+        if is_window && !(near > 0.0 && far > near && near.is_finite()) {
             return Err(SpriteError::DepthRange { near, far });
         }
         let inverse_depths = self.inverse_depths();
@@ -83,6 +84,8 @@ impl DepthImport<'_> {
                 // depth = far / (far - near) * (1 - near / Z) (C1); the far plane itself is background.
                 DepthKind::WindowDepth if !(0.0..1.0).contains(&depth) => f64::NAN,
                 DepthKind::WindowDepth => (1.0 - depth * (1.0 - near / far)) / near,
+                DepthKind::ReversedWindowDepth if !(depth > 0.0 && depth <= 1.0) => f64::NAN,
+                DepthKind::ReversedWindowDepth => (near / far + depth * (1.0 - near / far)) / near,
             };
             (inverse_depth.is_finite() && inverse_depth > 0.0).then_some(inverse_depth)
         };
@@ -139,7 +142,7 @@ mod tests {
     use image::Rgba;
 
     fn import(depth: &[f32], depth_kind: DepthKind, alpha: u8) -> Result<SpriteWithDepth, SpriteError> {
-        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, 4, 3).expect("valid");
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [4, 3]).expect("valid");
         let color = RgbaImage::from_pixel(4, 3, Rgba([10, 20, 30, alpha]));
         let window_range_m = (0.5, 10.0);
         let format = DisplacementFormat::F32;
@@ -148,7 +151,7 @@ mod tests {
 
     #[test]
     fn every_depth_kind_gives_the_same_sprite() {
-        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, 4, 3).expect("valid");
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [4, 3]).expect("valid");
         let eye_depth: Vec<f32> = (0..12).map(|i| 2.0 + 0.1 * (i % 5) as f32).collect();
         let ray: Vec<f32> = pixel_centers(4, 3)
             .zip(&eye_depth)

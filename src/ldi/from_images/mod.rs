@@ -12,10 +12,12 @@ pub(crate) mod layers;
 mod surface;
 
 use super::accumulate::DepthBins;
-use super::build::Progress;
 use super::merge::MergeRule;
-use super::{CaptureInfo, CubeLdi, Environment};
+use super::parameters::CaptureParameters;
+use super::{CaptureInfo, CubeLdi};
 use crate::capture::images::{ImageSet, ImagesError, Lens, View};
+use crate::environment::Environment;
+use crate::progress::Progress;
 use footprint::Target;
 use glam::DVec3;
 use layers::{LayerCube, SortedSamples};
@@ -99,10 +101,9 @@ impl ImagesJob {
             scene: set.folder.display().to_string(),
             centre: self.centre,
             half_size_m: self.half_size_m,
-            unit_m: set.frame.unit_m,
-            z_up: set.frame.up == crate::capture::scene::UpAxis::Z,
-            merge_rule: self.merge_rule,
+            frame: set.frame,
             exposure: 1.0, // colours are the pictures' own
+            parameters: CaptureParameters { merge_rule: self.merge_rule, ..CaptureParameters::unlit(0, 0) },
             ..CaptureInfo::default()
         };
         Ok(CubeLdi { info, faces: cube.finish(), environment: Environment::default() })

@@ -13,11 +13,12 @@
 use super::mend::Mender;
 use crate::capture::rig::Face;
 use crate::capture::trace::{HitPacket, PACKET, Ray, RayPacket};
+use crate::environment::Environment;
 use crate::ldi::accumulate::DepthBins;
-use crate::ldi::build::Sampler;
 use crate::ldi::from_images::layers::{LayerCube, Sample, SortedSamples};
 use crate::ldi::merge::MergeRule;
-use crate::ldi::{CaptureInfo, CubeLdi, EncodedNormal, Environment};
+use crate::ldi::parameters::CaptureParameters;
+use crate::ldi::{CaptureInfo, CubeLdi, EncodedNormal};
 use crate::packed::{PackError, PackedCube, SplatIndexLayout, Split};
 use crate::portal::house::House;
 use glam::{DVec3, Vec3};
@@ -138,17 +139,16 @@ impl CubeJob<'_> {
     fn merge(&self, samples: &[Sample], environment: Environment) -> CubeLdi {
         let mut cube = LayerCube::new(self.face_px, self.rule, self.tolerance());
         cube.add(&[SortedSamples::new(samples)]);
-        let frame = self.house.scene().frame;
+        // No strata: what was gathered says where its rays came from.
+        let parameters = CaptureParameters { merge_rule: self.rule, ..CaptureParameters::unlit(0, 0) };
         let info = CaptureInfo {
             scene: self.house.scene().name.clone(),
             centre: self.centre,
             half_size_m: HALF_SIZE_M,
-            unit_m: frame.unit_m,
-            z_up: frame.up == crate::capture::scene::UpAxis::Z,
+            frame: self.house.scene().frame,
             exposure: self.house.lighting().exposure,
-            sampler: Sampler::Stratified,
+            parameters,
             rays_traced: samples.len() as u64,
-            merge_rule: self.rule,
             ..CaptureInfo::default()
         };
         CubeLdi { info, faces: cube.finish(), environment }

@@ -1,0 +1,293 @@
+//! Frames left out of an image set, judged against their photographs (inventory E12's protocol for LDIs from images, S12).
+//!
+//! Every N-th view is left out. It is then shown from the others: by `nearest`, the one view nearest to it warped alone, and by `ldi`, all
+//! of them merged into one cube. Errors are taken where both show something, so that neither gains by leaving out what is
+//! hard; the share that each covers stands beside them.
+
+use crate::capture::Camera;
+use crate::capture::images::{ImageSet, ImagesError, Lens, LoadedView, View};
+use crate::ldi::CubeLdi;
+use crate::ldi::from_images::ImagesJob;
+use crate::measure::machine::{Machine, commit};
+use crate::measure::stats::{Spread, pooled_psnr_db};
+use crate::measure::table::{Table, figure, percent};
+use crate::metrics;
+use crate::packed::{PackError, PackedCube, SplatIndexLayout, Split};
+use crate::progress::Progress;
+use crate::render::{RenderSettings, Renderer};
+use image::{Rgb, RgbImage};
+use serde::Serialize;
+
+/// Why a set could not be measured.
+#[derive(Debug, thiserror::Error)]
+pub enum ImagesReportError {
+    /// A view could not be read.
+    #[error(transparent)]
+    Images(#[from] ImagesError),
+    /// A cube could not be packed.
+    #[error(transparent)]
+    Pack(#[from] PackError),
+    /// There is nothing to leave out.
+    #[error("{0} views with depth: at least two are needed, so that one can be left out")]
+    TooFew(usize),
+}
+
+/// One way to show one view that was left out.
+#[derive(Clone, Debug, Serialize)]
+pub struct HeldOut {
+    /// The set.
+    pub scene: String,
+    /// `nearest` or `ldi`.
+    pub variant: &'static str,
+    /// The view that was left out.
+    pub view: String,
+    /// Against the photograph, where both variants and the photograph show something, dB.
+    pub psnr_db: f64,
+    /// Mean FLIP there.
+    pub flip: f64,
+    /// Share of the photograph's pixels that this variant covers.
+    pub covered: f64,
+    /// Of the frame, by the clock, ms.
+    pub frame_ms: f64,
+    /// Of the cube, bytes.
+    pub bytes: u64,
+}
+
+/// All rows, and where they were measured.
+#[derive(Clone, Debug, Serialize)]
+pub struct ImagesReport {
+    /// The computer.
+    pub machine: Machine,
+    /// The program.
+    pub commit: String,
+    /// A view in so many was left out.
+    pub hold_out: usize,
+    /// Seconds to build the cube of all views but those left out (of the last one that was built).
+    pub build_s: f64,
+    /// Two rows a view.
+    pub rows: Vec<HeldOut>,
+}
+
+/// A frame and its photograph side by side, for looking at.
+pub struct Shown {
+    /// The view's name.
+    pub view: String,
+    /// The photograph.
+    pub photograph: RgbImage,
+    /// `nearest`, `ldi`; magenta where nothing is known.
+    pub frames: [RgbImage; 2],
+}
+
+/// Where nothing is known of a pixel.
+const HOLE: [u8; 3] = [255, 0, 255];
+
+/// A pixel counts as covered from this share of 255 on.
+const COVERED: u8 = 128;
+
+/// Measures a set; `show` is given every view's frames. With `hold_out` 1 each view is left out alone, else every
+/// `hold_out`-th at once.
+///
+/// # Errors
+/// See [`ImagesReportError`].
+pub fn measure(
+    set: &ImageSet,
+    job: &ImagesJob,
+    hold_out: usize,
+    progress: &dyn Progress,
+    show: &mut dyn FnMut(Shown),
+) -> Result<ImagesReport, ImagesReportError> {
+    let views: Vec<&View> = set.with_depth().collect();
+    if views.len() < 2 {
+        return Err(ImagesReportError::TooFew(views.len()));
+    }
+    let hold_out = hold_out.clamp(1, views.len());
+    let rounds: Vec<Vec<usize>> = match hold_out {
+        1 => (0..views.len()).map(|i| vec![i]).collect(),
+        n => vec![(n / 2..views.len()).step_by(n).collect()],
+    };
+    let mut bench = Bench { set, job, views: &views, progress, renderer: Renderer::new(), rows: Vec::new() };
+    let mut build_s = 0.0;
+    for left_out in &rounds {
+        let started = std::time::Instant::now();
+        let kept: Vec<&View> = (0..views.len()).filter(|i| !left_out.contains(i)).map(|i| views[i]).collect();
+        let all = bench.cube(job, &kept)?;
+        build_s = started.elapsed().as_secs_f64();
+        for &i in left_out {
+            bench.judge(i, left_out, &all, show)?;
+        }
+    }
+    Ok(ImagesReport { machine: Machine::here(), commit: commit(), hold_out, build_s, rows: bench.rows })
+}
+
+struct Bench<'a> {
+    set: &'a ImageSet,
+    job: &'a ImagesJob,
+    views: &'a [&'a View],
+    progress: &'a dyn Progress,
+    renderer: Renderer,
+    rows: Vec<HeldOut>,
+}
+
+/// A frame of one variant.
+struct Drawn {
+    picture: RgbImage,
+    covered: Vec<bool>,
+    frame_ms: f64,
+    bytes: u64,
+}
+
+impl Bench<'_> {
+    fn cube(&self, job: &ImagesJob, views: &[&View]) -> Result<PackedCube, ImagesReportError> {
+        let cube: CubeLdi = job.run(self.set, views, self.progress)?;
+        Ok(PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto)?)
+    }
+
+    fn judge(
+        &mut self,
+        i: usize,
+        left_out: &[usize],
+        all: &PackedCube,
+        show: &mut dyn FnMut(Shown),
+    ) -> Result<(), ImagesReportError> {
+        let view = self.views[i];
+        let held = view.load()?;
+        let Some(camera) = camera_of(&held) else { return Ok(()) };
+        let (photograph, visible) = photograph(&held, &camera);
+        let Some(nearest) = self.nearest(&held, i, left_out) else { return Ok(()) };
+        let alone = ImagesJob { centre: nearest.pose.eye, ..self.job.clone() };
+        let alone = self.cube(&alone, &[nearest])?;
+        let drawn = [self.draw(&alone, &camera), self.draw(all, &camera)];
+        let judged: Vec<bool> =
+            (0..visible.len()).map(|p| visible[p] && drawn.iter().all(|drawn| drawn.covered[p])).collect();
+        for (variant, drawn) in ["nearest", "ldi"].into_iter().zip(&drawn) {
+            let (psnr_db, flip) = errors(&photograph, &drawn.picture, &judged);
+            let covered =
+                drawn.covered.iter().zip(&visible).filter(|(covered, visible)| **covered && **visible).count();
+            self.rows.push(HeldOut {
+                scene: self.set.folder.display().to_string(),
+                variant,
+                view: view.name.clone(),
+                psnr_db,
+                flip,
+                covered: covered as f64 / visible.iter().filter(|visible| **visible).count().max(1) as f64,
+                frame_ms: drawn.frame_ms,
+                bytes: drawn.bytes,
+            });
+        }
+        let frames = drawn.map(|drawn| drawn.picture);
+        show(Shown { view: view.name.clone(), photograph, frames });
+        Ok(())
+    }
+
+    /// The view from which a held-out view's points move least in the picture, of those that are kept.
+    fn nearest(&self, held: &LoadedView, i: usize, left_out: &[usize]) -> Option<&View> {
+        let mut depths: Vec<f32> = held.depth.iter().copied().filter(|depth| depth.is_finite()).collect();
+        depths.sort_by(f32::total_cmp);
+        let depth = f64::from(depths.get(depths.len() / 2).copied().unwrap_or(1.0));
+        let moved = |view: &&&View| {
+            let turn = view.pose.world_from_eye.z_axis.angle_between(held.pose.world_from_eye.z_axis);
+            view.pose.eye.distance(held.pose.eye) / depth + turn
+        };
+        let kept =
+            self.views.iter().enumerate().filter(|(j, _)| *j != i && !left_out.contains(j)).map(|(_, view)| view);
+        kept.min_by(|a, b| moved(a).total_cmp(&moved(b))).copied()
+    }
+
+    fn draw(&mut self, cube: &PackedCube, camera: &Camera) -> Drawn {
+        let settings = RenderSettings { hole_color_srgb: HOLE, ..RenderSettings::default() };
+        self.renderer.render(cube, camera, &settings);
+        self.renderer.render(cube, camera, &settings);
+        let (frame, stats) = self.renderer.render_with_stats(cube, camera, &settings);
+        let pixel = |x: u32, y: u32| {
+            let [r, g, b, _] = frame.color[(y * frame.width + x) as usize];
+            Rgb([r, g, b])
+        };
+        Drawn {
+            picture: RgbImage::from_fn(frame.width, frame.height, pixel),
+            covered: frame.coverage.iter().map(|coverage| coverage.splat_share() >= COVERED).collect(),
+            frame_ms: stats.frame_ms,
+            bytes: cube.bytes() as u64,
+        }
+    }
+}
+
+/// The camera of a view with square pixels.
+fn camera_of(view: &LoadedView) -> Option<Camera> {
+    let Lens::Pinhole(pinhole) = view.lens else { return None };
+    let [width, height] = view.size_px;
+    let camera =
+        Camera::from_parts(view.pose.eye, view.pose.world_from_eye, pinhole.focal_px[1], width, height).ok()?;
+    Some(camera.with_principal_px(pinhole.principal_px))
+}
+
+/// What a view shows on a camera's pixels, and which of these it shows at all.
+fn photograph(view: &LoadedView, camera: &Camera) -> (RgbImage, Vec<bool>) {
+    let (mut picture, mut visible) = (RgbImage::new(camera.width(), camera.height()), Vec::new());
+    for (x, y, pixel) in picture.enumerate_pixels_mut() {
+        let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let there = view.lens.project(view.pose.world_from_eye.transpose() * direction, view.size_px);
+        let color = there.and_then(|[px, py, _]| {
+            let inside = px >= 0.0 && py >= 0.0 && px < f64::from(view.size_px[0]) && py < f64::from(view.size_px[1]);
+            let opaque = inside && view.color[py as usize * view.size_px[0] as usize + px as usize][3] > 0;
+            opaque.then(|| view.color_at([px, py])).flatten()
+        });
+        visible.push(color.is_some());
+        *pixel = Rgb(color.unwrap_or_default().map(|c| (c + 0.5) as u8));
+    }
+    (picture, visible)
+}
+
+/// PSNR in dB and mean FLIP over the pixels that are judged.
+fn errors(photograph: &RgbImage, frame: &RgbImage, judged: &[bool]) -> (f64, f64) {
+    let mut test = frame.clone();
+    let (mut squares, mut count) = (0.0, 0u64);
+    for ((truth, test), judged) in photograph.pixels().zip(test.pixels_mut()).zip(judged) {
+        if *judged {
+            count += 1;
+            squares += (0..3).map(|c| f64::from(truth[c].abs_diff(test[c])).powi(2)).sum::<f64>();
+        } else {
+            *test = *truth; // no error
+        }
+    }
+    let mean_square = squares / (3.0 * count.max(1) as f64);
+    let share = count as f64 / judged.len().max(1) as f64;
+    let flip = metrics::compare(photograph, &test).map_or(f64::NAN, |comparison| comparison.flip / share);
+    (10.0 * (255.0f64.powi(2) / mean_square).log10(), flip)
+}
+
+impl ImagesReport {
+    /// Five lines and a table.
+    pub fn summary(&self) -> String {
+        let of = |variant: &'static str| self.rows.iter().filter(move |row| row.variant == variant);
+        let psnr = |variant: &'static str| pooled_psnr_db(of(variant).map(|row| row.psnr_db));
+        let mean = |variant: &'static str, value: fn(&HeldOut) -> f64| {
+            Spread::of(&of(variant).map(value).collect::<Vec<_>>()).map_or(f64::NAN, |spread| spread.mean)
+        };
+        let mut table = Table::new(["variant", "PSNR dB", "FLIP", "covered", "frame ms", "MB"]);
+        for variant in ["nearest", "ldi"] {
+            table.row([
+                variant.into(),
+                format!("{:.2}", psnr(variant)),
+                format!("{:.4}", mean(variant, |row| row.flip)),
+                percent(mean(variant, |row| row.covered)),
+                figure(mean(variant, |row| row.frame_ms)),
+                figure(mean(variant, |row| row.bytes as f64 / 1e6)),
+            ]);
+        }
+        let held = of("ldi").count();
+        format!(
+            "# Views left out of an image set\n\n{held} views left out (1 in {}), shown from the others and judged against their \
+             photographs where both ways show something.\nThe LDI of all images is {:.2} dB nearer to the photograph than the \
+             nearest image alone, and covers {} of it instead of {}.\nIt was built in {} s. Commit {}, {}, {} threads, {}.\n\n{table}",
+            self.hold_out,
+            psnr("ldi") - psnr("nearest"),
+            percent(mean("ldi", |row| row.covered)),
+            percent(mean("nearest", |row| row.covered)),
+            figure(self.build_s),
+            self.commit,
+            self.machine.processor,
+            self.machine.threads,
+            self.machine.simd,
+        )
+    }
+}

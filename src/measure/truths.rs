@@ -1,0 +1,195 @@
+//! Truth for a report: ray-traced frames, kept in a cache by what they are made of.
+
+use crate::capture::light::Lighting;
+use crate::capture::scene::UpAxis;
+use crate::capture::trace::Tracer;
+use crate::capture::{Camera, Scene};
+use crate::container::{Container, ContainerWriter, FileError, Kind};
+use crate::progress::Progress;
+use crate::truth::{self, TruthFrame};
+use glam::Vec3;
+use image::RgbImage;
+use serde::{Deserialize, Serialize};
+use std::hash::{DefaultHasher, Hasher};
+use std::path::{Path, PathBuf};
+
+/// A cached truth frame.
+const TRUTH_FILE: Kind = Kind { tag: *b"trth", name: "truth frame", version: 1 };
+
+/// What a cached frame says of itself.
+#[derive(Serialize, Deserialize)]
+struct Header {
+    width: u32,
+    height: u32,
+    #[serde(with = "crate::metrics::infinite_as_null")]
+    standard_error_psnr_db: f64,
+}
+
+/// Traces truth frames of one scene and light, or finds them in the cache.
+pub struct Truths<'a> {
+    tracer: &'a Tracer,
+    lighting: &'a Lighting,
+    lit: bool,
+    folder: Option<PathBuf>,
+    scene: [u64; 2],
+}
+
+impl<'a> Truths<'a> {
+    /// Truth of a scene; `lit` as in [`truth::render`]. Frames are kept in `folder`, if there is one; it must exist.
+    pub fn new(tracer: &'a Tracer, lighting: &'a Lighting, lit: bool, folder: Option<PathBuf>) -> Self {
+        Self { tracer, lighting, lit, folder, scene: digest(|hash| hash_scene(tracer.scene(), hash)) }
+    }
+
+    /// The frame of a camera with `samples` rays per pixel.
+    pub fn frame(&self, camera: &Camera, samples: u32, progress: &dyn Progress) -> TruthFrame {
+        let path = self.folder.as_ref().map(|folder| folder.join(self.name(camera, samples)));
+        let size = (camera.width(), camera.height());
+        // Of another size it is not this camera's, whatever its name says.
+        let kept = path.as_deref().and_then(|path| read(path).ok()).filter(|frame| frame.color.dimensions() == size);
+        if let Some(frame) = kept {
+            return frame;
+        }
+        let frame = truth::render(self.tracer, self.lighting, self.lit, camera, samples, progress);
+        if let Some(path) = path {
+            // A cache that cannot be written costs time, and no more.
+            let _ = write(&path, &frame);
+        }
+        frame
+    }
+
+    /// The name of a frame's file: a digest of all that decides its pixels. A small frame of two rays per pixel is part of
+    /// it, so that a program that traces or lights otherwise finds nothing of this one's.
+    fn name(&self, camera: &Camera, samples: u32) -> String {
+        let small = Camera::from_parts(camera.eye(), camera.world_from_eye(), camera.focal_px() / 8.0, 16, 12);
+        let witness = small.map(|small| {
+            truth::render(self.tracer, self.lighting, self.lit, &small, 2, &crate::progress::Silent).color
+        });
+        let parts = digest(|hash| {
+            self.scene.iter().for_each(|part| hash.write_u64(*part));
+            let numbers = [camera.eye().to_array(), [camera.focal_px(), 0.0, 0.0]].concat();
+            numbers.iter().chain(&camera.world_from_eye().to_cols_array()).for_each(|v| hash.write_u64(v.to_bits()));
+            [camera.width(), camera.height(), samples, self.lighting.bounces].iter().for_each(|v| hash.write_u32(*v));
+            hash.write_u32(self.lighting.exposure.to_bits());
+            hash.write_u8(u8::from(self.lit));
+            witness.iter().for_each(|image| hash.write(image.as_raw()));
+        });
+        format!("{:016x}{:016x}.truth", parts[0], parts[1])
+    }
+}
+
+fn write(path: &Path, frame: &TruthFrame) -> Result<(), FileError> {
+    let (width, height) = frame.color.dimensions();
+    let header = Header { width, height, standard_error_psnr_db: frame.standard_error_psnr_db };
+    let mut writer = ContainerWriter::new(TRUTH_FILE);
+    writer.section("info", move || Ok(serde_json::to_vec(&header)?));
+    writer.section("color", || Ok(frame.color.as_raw().clone()));
+    writer.section("surface", || Ok(bytemuck::cast_slice(&frame.surface_share).to_vec()));
+    writer.write(path)
+}
+
+fn read(path: &Path) -> Result<TruthFrame, FileError> {
+    let file = Container::open(path, TRUTH_FILE)?;
+    let info = file.section("info")?;
+    let Header { width, height, standard_error_psnr_db } = info.json()?;
+    let pixels = (width as usize).saturating_mul(height as usize);
+    let color = file.section("color")?.array(pixels.saturating_mul(3))?;
+    let surface_share = file.section("surface")?.array(pixels)?;
+    let color = RgbImage::from_raw(width, height, color);
+    let color = color.ok_or_else(|| info.damaged("a picture of its size", "another"))?;
+    Ok(TruthFrame { color, standard_error_psnr_db, surface_share })
+}
+
+/// 128 bits of what `feed` writes.
+fn digest(feed: impl Fn(&mut DefaultHasher)) -> [u64; 2] {
+    [0, 1].map(|lane| {
+        let mut hash = DefaultHasher::new();
+        hash.write_u8(lane);
+        feed(&mut hash);
+        hash.finish()
+    })
+}
+
+fn hash_scene(scene: &Scene, hash: &mut DefaultHasher) {
+    let vectors = |hash: &mut DefaultHasher, vectors: &[Vec3]| {
+        hash.write_usize(vectors.len());
+        hash.write(bytemuck::cast_slice(vectors));
+    };
+    hash.write(bytemuck::cast_slice(&scene.positions));
+    vectors(hash, &scene.normals);
+    vectors(hash, &scene.colors);
+    hash.write(bytemuck::cast_slice(&scene.texcoords));
+    for triangle in &scene.triangles {
+        hash.write(bytemuck::cast_slice(&triangle.vertices));
+        hash.write_u32(triangle.material);
+    }
+    for material in &scene.materials {
+        hash.write(format!("{material:?}").as_bytes());
+    }
+    for texture in &scene.textures {
+        [texture.width(), texture.height()].iter().for_each(|side| hash.write_u32(*side));
+        hash.write(bytemuck::cast_slice(texture.texels()));
+    }
+    hash.write(format!("{:?}{:?}{}", scene.sun, scene.sky, scene.frame.up == UpAxis::Z).as_bytes());
+}
+
+/// The folder in which truth is kept if the user does not say: `headbox/truth` in the user's cache folder, or `None` if the
+/// system has none.
+pub fn default_folder() -> Option<PathBuf> {
+    let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let caches = absolute("XDG_CACHE_HOME").or_else(|| Some(absolute("HOME")?.join(".cache")))?;
+    Some(caches.join("headbox").join("truth"))
+}
+
+/// Rays per pixel after which a frame's standard error should be `wanted_db`, if it is `reached_db` after `samples`: the
+/// squared error falls as 1 / samples. A fifth more for good measure; at most 16 times as many at once, because the
+/// measured standard error of few samples says little of that of many.
+pub fn samples_for(wanted_db: f64, reached_db: f64, samples: u32, most: u32) -> u32 {
+    let factor = (10f64.powf((wanted_db - reached_db) / 10.0) * 1.2).clamp(1.0, 16.0);
+    let wanted = (f64::from(samples) * factor / 16.0).ceil() * 16.0;
+    (wanted as u32).clamp(samples, most.max(samples))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::progress::Silent;
+    use glam::DVec3;
+    use std::sync::Arc;
+
+    #[test]
+    fn truth_is_traced_once_and_again_for_another_camera_or_light() {
+        let scene = Arc::new(crate::scenes::build("bump", 0).expect("built in"));
+        let headbox = scene.headbox.expect("it has one");
+        let tracer = Tracer::new(scene, headbox.centre);
+        let lighting = Lighting::measure(&tracer, 0);
+        let folder = tempfile::tempdir().expect("a folder");
+        let files = || std::fs::read_dir(folder.path()).expect("there").count();
+        let camera = |x: f64| {
+            let eye = headbox.centre + DVec3::X * x;
+            Camera::look_at(eye, eye - DVec3::Z, DVec3::Y, 60.0, [20, 10]).expect("valid")
+        };
+        let truths = Truths::new(&tracer, &lighting, true, Some(folder.path().into()));
+        let first = truths.frame(&camera(0.0), 4, &Silent);
+        assert_eq!((first.clone(), files()), (truths.frame(&camera(0.0), 4, &Silent), 1));
+        assert_eq!(first, Truths::new(&tracer, &lighting, true, None).frame(&camera(0.0), 4, &Silent));
+        truths.frame(&camera(0.01), 4, &Silent);
+        truths.frame(&camera(0.0), 6, &Silent);
+        let mut brighter = lighting.clone();
+        brighter.exposure *= 2.0;
+        let other = Truths::new(&tracer, &brighter, true, Some(folder.path().into())).frame(&camera(0.0), 4, &Silent);
+        assert_eq!(files(), 4);
+        assert_ne!(first.color, other.color);
+        // A damaged file is no file.
+        let damaged = std::fs::read_dir(folder.path()).expect("there").flatten();
+        damaged.for_each(|file| std::fs::write(file.path(), b"HEADBOX\0trth").expect("written"));
+        assert_eq!(first, truths.frame(&camera(0.0), 4, &Silent));
+    }
+
+    #[test]
+    fn samples_grow_as_the_error_asks() {
+        assert_eq!(samples_for(30.0, 40.0, 64, 4096), 64, "enough already");
+        assert_eq!(samples_for(30.0, 24.0, 64, 4096), 320, "four times and a fifth");
+        assert_eq!(samples_for(60.0, 20.0, 64, 4096), 1024, "not all at once");
+        assert_eq!(samples_for(60.0, 20.0, 512, 1024), 1024, "not beyond the limit");
+    }
+}
