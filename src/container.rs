@@ -13,7 +13,7 @@
 //!
 //! Everything is little-endian. A reader trusts no number before it has checked it against the length of the file.
 
-use crate::files::write_atomically;
+use crate::capture::files::write_whole;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -119,7 +119,7 @@ impl<'a> ContainerWriter<'a> {
     /// # Errors
     /// [`FileError::Io`].
     pub fn write(self, path: &Path) -> Result<(), FileError> {
-        let written = write_atomically(path, |w| self.write_to(w));
+        let written = write_whole(path, |w| self.write_to(w));
         written.map_err(|source| FileError::Io { path: path.into(), source })
     }
 
@@ -191,7 +191,12 @@ impl Container {
             return Err(header_damaged(path, "a section table that matches its checksum", "another"));
         }
         let sections = table.chunks_exact(ENTRY_BYTES).map(|entry| check_entry(path, entry, length));
-        let sections = sections.collect::<Result<_, _>>()?;
+        let sections = sections.collect::<Result<Vec<Entry>, _>>()?;
+        let end = sections.iter().map(|s| s.start + s.length).fold((HEADER_BYTES + table.len()) as u64, u64::max);
+        if length > end {
+            let found = format!("{} bytes more, which no program of ours has written", length - end);
+            return Err(header_damaged(path, format!("a file of {end} bytes"), found));
+        }
         Ok(Self { path: path.into(), file: Mutex::new(file), length, sections })
     }
 

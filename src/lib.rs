@@ -14,7 +14,6 @@ pub mod cli;
 pub mod compose;
 pub mod container;
 pub mod environment;
-pub mod files;
 pub mod frame;
 pub mod ldi;
 pub mod metrics;

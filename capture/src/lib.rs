@@ -29,6 +29,7 @@
 pub mod bake;
 mod camera;
 mod depth_image;
+pub mod files;
 pub mod light;
 pub mod load;
 mod material;

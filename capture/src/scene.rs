@@ -6,6 +6,7 @@ pub use surface::Surface;
 
 use crate::material::{Material, Texture};
 use glam::{DVec3, Vec2, Vec3};
+use std::path::PathBuf;
 
 /// Which axis of the file points up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -132,6 +133,8 @@ pub struct SuggestedHeadbox {
 pub struct LoadSummary {
     /// One readable sentence for each kind of defect, with its count.
     pub notes: Vec<String>,
+    /// The files that were read: the scene's own, its materials, textures and buffers.
+    pub files: Vec<PathBuf>,
 }
 
 /// A scene: every array in the world frame (metres, Y up), positions in `f64`.

@@ -167,10 +167,23 @@ impl CameraArgs {
         let eye = self.eye.map_or(default.eye, |eye| frame.world_from_file(eye));
         let look_at = self.look_at.map_or(eye + default.forward, |point| frame.world_from_file(point));
         let up = self.up_vector.map_or(DVec3::Y, |up| frame.world_direction_from_file(up));
+        warn_if_parallel(look_at - eye, up, frame);
         let (width, height) = self.size.unwrap_or(default.size);
         let fov_y_deg = self.fov.unwrap_or(default.fov_y_deg);
         let camera = Camera::look_at(eye, look_at, up, fov_y_deg, width, height);
         Ok(camera.map_err(|error| UsageError(error.to_string()))?)
+    }
+}
+
+/// Warns if the up vector does not say how to hold the camera.
+fn warn_if_parallel(forward: DVec3, up: DVec3, frame: &FileFrame) {
+    if forward.length() > 0.0 && forward.normalize().cross(up.normalize_or_zero()).length() <= 1e-6 {
+        let stand_in = if forward.normalize().y.abs() < 0.9 { DVec3::Y } else { DVec3::Z };
+        let in_file = frame.file_from_world(stand_in).normalize();
+        eprintln!(
+            "warning: the view runs along the up vector, which then does not say what is up in the picture; {in_file} (in the \
+             file's axes) is taken. Give --up-vector X,Y,Z to hold the camera in another way"
+        );
     }
 }
 

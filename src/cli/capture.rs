@@ -2,19 +2,19 @@
 
 use super::UsageError;
 use super::args::{SceneArgs, parse_length, parse_vector};
-use super::output::{memory_bytes, peak_rss_mb, print_json, print_notes};
+use super::output::{CUBE, Outputs, SHARD, memory_bytes, peak_rss_mb, print_json};
 use super::progress::Bar;
 use crate::capture::light::Lighting;
 use crate::capture::sampler::Strata;
 use crate::capture::trace::Tracer;
-use crate::capture::{Scene, viewpoint};
+use crate::capture::{Scene, files, viewpoint};
 use crate::ldi::build::{self, Sampler};
 use crate::ldi::job::{CaptureJob, Resources};
 use crate::ldi::merge::MergeRule;
 use crate::ldi::shard::{self, ShardInfo};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
 use crate::scene_source::{SceneSource, fingerprint};
-use anyhow::Context;
+use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 use serde_json::json;
@@ -26,7 +26,7 @@ use std::time::Instant;
 pub(super) struct Capture {
     #[command(flatten)]
     scene: SceneArgs,
-    /// File to write
+    /// The .ldi file to write, or with --shard the .shard file; `-` for standard output
     #[arg(short, long)]
     output: PathBuf,
     /// Centre of the headbox; free space found by the program if absent
@@ -190,6 +190,9 @@ impl QualityArgs {
     }
 }
 
+/// A scene this many of its diagonals away is less than a pixel wide on the largest face: 2/8192 of its depth.
+const MAX_DIAGONALS_AWAY: f64 = 4096.0;
+
 /// Where the headbox goes: what the user said, else what the scene suggests, else free space. World metres.
 pub(super) fn place_headbox(
     scene: &Arc<Scene>,
@@ -211,6 +214,15 @@ pub(super) fn place_headbox(
         (None, Some(half_size_m)) => half_size_m,
         (None, None) => viewpoint::suggest_half_size(&scout(), centre),
     };
+    let beyond = (centre - centre.clamp(low, high)).length();
+    if beyond > MAX_DIAGONALS_AWAY * (high - low).length() {
+        let [low, high] = [low, high].map(|corner| scene.frame.file_from_world(corner));
+        let message = format!(
+            "--center lies so far from the scene that nothing of it would be seen; the scene reaches from {low} to {high} (in \
+             the file's axes and unit)"
+        );
+        return Err(UsageError(message).into());
+    }
     if !centre.is_finite() || !(1e-9..=1e9).contains(&half_size_m) {
         let message = format!("a headbox of half-size {half_size_m} m; it must lie between 1e-9 and 1e9 m");
         return Err(UsageError(message).into());
@@ -229,11 +241,17 @@ pub(super) fn budget(memory_mb: Option<u64>, output: &Path) -> Option<(u64, Path
     if used >= limit {
         eprintln!("warning: the scene alone takes {} MiB; --memory cannot be honoured", used >> 20);
     }
-    let folder = match output.parent() {
+    Some(((limit.saturating_sub(used) / SHARE).max(16 << 20), spill_folder(output)))
+}
+
+/// Where there is as much room as the output will need: beside it, unless it is streamed or its folder is yet to be made.
+fn spill_folder(output: &Path) -> PathBuf {
+    let beside = match output.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
         _ => PathBuf::from("."),
     };
-    Some(((limit.saturating_sub(used) / SHARE).max(16 << 20), folder))
+    let is_beside = beside.is_dir() && !files::is_stream(output).unwrap_or(true);
+    if is_beside { beside } else { std::env::temp_dir() }
 }
 
 /// Warns if geometry hides part of the headbox from its centre.
@@ -251,8 +269,10 @@ impl Capture {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let start = Instant::now();
         let source = self.scene.source();
+        let endings = if self.shard.is_some() { &SHARD } else { &CUBE };
+        let outputs = Outputs::new(self.json, [&source.name]).file(&self.output, endings)?;
         let scene = Arc::new(source.open()?);
-        print_notes(&scene);
+        outputs.scene_is_open(&scene)?;
         let (centre, half_size_m) = place_headbox(&scene, self.center, self.half_size)?;
         let job = self.quality.job(source, centre, half_size_m);
         let tracer = Tracer::new(Arc::clone(&scene), centre);
@@ -265,6 +285,9 @@ impl Capture {
         let (ldi, trace_time) = job.run(&tracer, &lighting, &resources, &bar).context("the capture failed")?;
         drop((tracer, scene));
         let packed = self.packing.pack(&ldi)?;
+        if packed.depth_pixel_count() == 0 {
+            bail!("no ray from the headbox met the scene; move --center, or choose a larger --half-size");
+        }
         drop(ldi);
         packed.write(&self.output)?;
         bar.finish();

@@ -1,6 +1,6 @@
 //! Sprites with depth in `headbox demo`: a few layers taken from the centre, beside the cube LDI.
 
-use super::render::write_text;
+use super::output::write_text;
 use super::sprite::sky;
 use crate::capture::Camera;
 use crate::capture::light::Lighting;

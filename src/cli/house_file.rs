@@ -2,7 +2,7 @@
 
 use super::UsageError;
 use super::args::DefaultCamera;
-use super::output::print_json;
+use super::output::{HOUSE, Outputs, PATH, print_json};
 use super::progress::Bar;
 use super::walk::variant_by_name;
 use crate::capture::Camera;
@@ -70,6 +70,11 @@ impl HouseFileArgs {
         Ok(self.output.is_some() || self.walk.is_some())
     }
 
+    /// Adds what will be written.
+    pub(super) fn outputs(&self, outputs: Outputs) -> anyhow::Result<Outputs> {
+        outputs.maybe_file(self.output.as_ref(), &HOUSE)?.maybe_file(self.walk.as_ref(), &PATH)
+    }
+
     fn kinds(&self) -> Result<Vec<Kind>, UsageError> {
         let named = self.backdrops.iter().map(String::as_str).filter(|name| *name != "none");
         named.map(kind_by_name).collect()
@@ -98,7 +103,8 @@ impl HouseFileArgs {
         bar.finish();
         let capture_s = started.elapsed().as_secs_f64();
         file::write(path, &house, &store, &quality)?;
-        let bytes = std::fs::metadata(path)?.len();
+        // What was streamed has no size any more.
+        let bytes = std::fs::metadata(path).ok().filter(std::fs::Metadata::is_file).map(|file| file.len());
         Ok(json!({
             "output": path, "bytes": bytes, "captures": keys.len(), "capture_s": capture_s, "walk": self.walk,
         }))
@@ -134,7 +140,7 @@ impl HouseFileArgs {
         };
         let poses = walk.cameras(house)?.iter().map(record).collect();
         let text = serde_json::to_string(&PathRecord { size: Some(walk.size), poses })?;
-        super::render::write_text(path, &text)
+        super::output::write_text(path, &text)
     }
 }
 

@@ -93,7 +93,11 @@ pub fn main() -> ExitCode {
 }
 
 fn run(cli: Cli) -> anyhow::Result<()> {
-    crate::files::clean_up_on_interrupt()?;
+    // Ctrl-C, or a request to terminate, leaves no half-written file and ends with the usual exit code.
+    ctrlc::set_handler(|| {
+        crate::capture::files::remove_unfinished();
+        std::process::exit(130);
+    })?;
     if let Some(threads) = cli.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()?;
     }

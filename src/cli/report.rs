@@ -3,9 +3,8 @@
 use super::UsageError;
 use super::args::{FrameArgs, Unit, Up, parse_length, parse_vector};
 use super::capture::place_headbox;
-use super::output::{print_notes, save_png};
+use super::output::{NO_INPUTS, Outputs, PAGE, save_picture, write_text};
 use super::progress::Bar;
-use super::render::write_text;
 use crate::capture::light::Lighting;
 use crate::capture::scene::UpAxis;
 use crate::capture::trace::Tracer;
@@ -112,6 +111,7 @@ impl ReportCommand {
 
     fn measure_stability(&self) -> anyhow::Result<()> {
         let output = self.output_or("STABILITY.md");
+        Outputs::new(false, NO_INPUTS).file(output, &PAGE)?;
         let (page, all_hold) =
             stability::page(self.seed..self.seed.saturating_add(self.seeds), |name| eprintln!("{name}"));
         write_text(output, &page)?;
@@ -127,9 +127,10 @@ impl ReportCommand {
             }
         }
         let output = self.output_or("headbox-report");
-        make_folder(output)?;
+        let inputs = self.subjects.iter().map(|subject| Path::new(&subject.name));
+        let outputs = Outputs::new(false, inputs).folder(output)?;
         let cache = self.cache.clone().or_else(truths::default_folder).unwrap_or_else(|| output.join("truth"));
-        make_folder(&cache)?;
+        std::fs::create_dir_all(&cache).with_context(|| format!("{} could not be made", cache.display()))?;
         let mut report = Report {
             version: Report::VERSION,
             machine: Machine::here(),
@@ -142,7 +143,7 @@ impl ReportCommand {
         };
         let bar = Bar::new();
         for named in &self.subjects {
-            let (subject, plan) = self.open(named)?;
+            let (subject, plan) = self.open(named, &outputs)?;
             let (facts, rows) = scene::run(&subject, &plan, Some(cache.clone()), &bar)?;
             report.scenes.push(facts);
             report.rows.extend(rows);
@@ -159,6 +160,8 @@ impl ReportCommand {
     }
 
     fn write_page(&self, json: &Path) -> anyhow::Result<()> {
+        let output = self.output_or("results.md");
+        Outputs::new(false, [json]).file(output, &PAGE)?;
         let text = std::fs::read_to_string(json).with_context(|| format!("{} could not be read", json.display()))?;
         let report: Report = serde_json::from_str(&text)
             .with_context(|| format!("{} is not a report of this program's version", json.display()))?;
@@ -170,15 +173,13 @@ impl ReportCommand {
                 Report::VERSION
             );
         }
-        let output = self.output_or("results.md");
         write_text(output, &results::page(&report))?;
         let folder = output.with_file_name("results");
-        make_folder(&folder)?;
         save_charts(&report, &folder, false)
     }
 
     /// A scene or a file, ready to be measured, and the plan for it.
-    fn open(&self, named: &Named) -> anyhow::Result<(Subject, Plan)> {
+    fn open(&self, named: &Named, outputs: &Outputs) -> anyhow::Result<(Subject, Plan)> {
         let name = named.name.as_str();
         let path = Path::new(name);
         let kind = if path.is_file() { Container::peek_kind(path)? } else { None };
@@ -208,7 +209,7 @@ impl ReportCommand {
         };
         let scene = source.open().with_context(|| format!("the scene of {name} is needed for truth"))?;
         let scene = Arc::new(scene);
-        print_notes(&scene);
+        outputs.scene_is_open(&scene)?;
         let (mut centre, mut half_size_m) = place_headbox(&scene, named.center, named.half_size)?;
         let (mut bounces, mut lit, mut ahead) = (self.bounces, true, None);
         if let Some(cube) = &cube {
@@ -229,17 +230,13 @@ impl ReportCommand {
     }
 }
 
-fn make_folder(folder: &Path) -> anyhow::Result<()> {
-    std::fs::create_dir_all(folder).with_context(|| format!("{} could not be made", folder.display()))
-}
-
 /// Writes every chart as SVG, and as PNG too if asked.
 fn save_charts(report: &Report, folder: &Path, as_png: bool) -> anyhow::Result<()> {
     for figure in figures(report) {
         let drawing = figure.chart.draw();
         write_text(&folder.join(format!("{}.svg", figure.name)), &drawing.to_svg())?;
         if as_png && let Some(image) = drawing.to_image() {
-            save_png(&folder.join(format!("{}.png", figure.name)), &image)?;
+            save_picture(&folder.join(format!("{}.png", figure.name)), &image)?;
         }
     }
     Ok(())

@@ -4,9 +4,8 @@ use super::UsageError;
 use super::args::{CameraArgs, DefaultCamera, FrameArgs, parse_length};
 use super::capture::place_headbox;
 use super::info::sprite_json;
-use super::output::{peak_rss_mb, print_json, print_notes, save_png};
+use super::output::{Outputs, SPRITES, peak_rss_mb, print_json, save_picture, write_text};
 use super::progress::Bar;
-use super::render::write_text;
 use crate::capture::DepthKind;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
@@ -31,7 +30,7 @@ pub(super) struct SpriteCommand {
     scene: Option<String>,
     #[command(flatten)]
     frame: FrameArgs,
-    /// File to write
+    /// The .sprite file to write; `-` for standard output
     #[arg(short, long)]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -121,7 +120,8 @@ impl SpriteCommand {
             return Err(UsageError("nothing to do: give -o FILE.sprite, --export DIR or --range DIR".into()).into());
         }
         let start = Instant::now();
-        let set = self.sprites()?;
+        let outputs = self.outputs()?;
+        let set = self.sprites(&outputs)?;
         let sprites: Vec<&SpriteWithDepth> = set.sprites().iter().map(|prepared| prepared.sprite()).collect();
         if let Some(output) = &self.output {
             set.write(output)?;
@@ -146,7 +146,17 @@ impl SpriteCommand {
         Ok(())
     }
 
-    fn sprites(&self) -> anyhow::Result<SpriteSet> {
+    fn outputs(&self) -> anyhow::Result<Outputs> {
+        let pictures = [&self.import.color, &self.import.depth].into_iter().flatten().map(PathBuf::as_path);
+        let inputs = pictures.chain(self.scene.as_ref().map(Path::new));
+        let mut outputs = Outputs::new(self.json, inputs).maybe_file(self.output.as_ref(), &SPRITES)?;
+        for folder in [&self.export, &self.range].into_iter().flatten() {
+            outputs = outputs.folder(folder)?;
+        }
+        Ok(outputs)
+    }
+
+    fn sprites(&self, outputs: &Outputs) -> anyhow::Result<SpriteSet> {
         match (&self.scene, &self.import.color) {
             (_, Some(color)) => self.import(color),
             (Some(file), None) if Path::new(file).extension().is_some_and(|e| e.eq_ignore_ascii_case("sprite")) => {
@@ -155,7 +165,7 @@ impl SpriteCommand {
                 }
                 Ok(SpriteSet::read(Path::new(file))?)
             }
-            (Some(scene), None) => self.capture(&self.frame.source(scene)),
+            (Some(scene), None) => self.capture(&self.frame.source(scene), outputs),
             (None, None) => {
                 let message =
                     "what shall the sprites show? give a scene (see `headbox scenes`), or --color and --depth";
@@ -164,9 +174,9 @@ impl SpriteCommand {
         }
     }
 
-    fn capture(&self, source: &SceneSource) -> anyhow::Result<SpriteSet> {
+    fn capture(&self, source: &SceneSource, outputs: &Outputs) -> anyhow::Result<SpriteSet> {
         let scene = Arc::new(source.open()?);
-        print_notes(&scene);
+        outputs.scene_is_open(&scene)?;
         let (centre, _) = place_headbox(&scene, None, None)?;
         let camera = self.camera.camera(&scene.frame, &DefaultCamera::at(centre))?;
         let tracer = Tracer::new(Arc::clone(&scene), camera.eye());
@@ -290,10 +300,9 @@ pub(super) fn sky(lighting: &Lighting) -> Environment {
 
 /// Writes `range.csv` and `range.png`, and prints what they say.
 fn write_range(folder: &Path, name: &str, range: &SpriteRange) -> anyhow::Result<()> {
-    std::fs::create_dir_all(folder).with_context(|| format!("{} could not be made", folder.display()))?;
     write_text(&folder.join("range.csv"), &range.to_csv())?;
     let image = range.chart(name).draw().to_image().context("a chart without pixels")?;
-    save_png(&folder.join("range.png"), &image)?;
+    save_picture(&folder.join("range.png"), &image)?;
     range.sentences().iter().for_each(|sentence| println!("{sentence}"));
     println!("{}: range.csv and range.png", folder.display());
     Ok(())
@@ -301,7 +310,6 @@ fn write_range(folder: &Path, name: &str, range: &SpriteRange) -> anyhow::Result
 
 /// Writes `sprite_N.png`, `sprite_N.exr` and `sprites.json`.
 fn export(folder: &Path, sprites: &[&SpriteWithDepth], set: &SpriteSet) -> anyhow::Result<()> {
-    std::fs::create_dir_all(folder).with_context(|| format!("{} could not be made", folder.display()))?;
     for (number, sprite) in sprites.iter().enumerate() {
         let file = |extension: &str| folder.join(format!("sprite_{number}.{extension}"));
         sprite.export(&file("png"), &file("exr"))?;

@@ -1,7 +1,7 @@
 //! Depth pictures in files, and sprites back to pictures: PNG for colour, EXR for depth.
 
 use super::SpriteWithDepth;
-use crate::files::write_atomically;
+use crate::capture::files::write_whole;
 use exr::meta::MetaData;
 use exr::prelude::{Image, ReadChannels, ReadLayers, SpecificChannels, WritableImage, read};
 use std::io;
@@ -68,7 +68,7 @@ impl DepthPicture {
         let image = Image::from_channels((width, self.height as usize), channels);
         let write =
             |writer: &mut io::BufWriter<&std::fs::File>| image.write().to_buffered(writer).map_err(io::Error::other);
-        write_atomically(path, write).map_err(|source| ImageFileError::Io { path: path.into(), source })
+        write_whole(path, write).map_err(|source| ImageFileError::Io { path: path.into(), source })
     }
 }
 
@@ -89,7 +89,7 @@ impl SpriteWithDepth {
         let write = |writer: &mut io::BufWriter<&std::fs::File>| {
             self.sprite().color().write_to(writer, image::ImageFormat::Png).map_err(io::Error::other)
         };
-        write_atomically(color_png, write).map_err(|source| ImageFileError::Io { path: color_png.into(), source })?;
+        write_whole(color_png, write).map_err(|source| ImageFileError::Io { path: color_png.into(), source })?;
         self.depth_picture().write_exr(depth_exr)
     }
 }

@@ -122,6 +122,7 @@ impl Builder {
         self.end_group();
         self.groups.retain(|group| !group.triangles.is_empty());
         self.notes.add(Note::Duplicate, duplicate_count(&self.scene));
+        self.notes.add_file(path);
         discard_unused_vertices(&mut self.scene);
         let mut scene = Scene {
             name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),

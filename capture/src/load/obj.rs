@@ -113,6 +113,7 @@ fn read_libraries(survey: &Survey, folder: &Path, notes: &mut Notes) -> Vec<MtlM
             });
             match read {
                 Ok((path, bytes)) => {
+                    notes.add_file(&path);
                     mtl::parse(&decode(&bytes), name, folder_of(&path).to_path_buf(), &mut materials, notes);
                 }
                 Err(cause) => notes.add_named(Note::MaterialFileUnreadable, format!("{name} ({cause})")),

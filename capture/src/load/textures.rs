@@ -76,6 +76,7 @@ impl TextureSet {
                 }
                 // One file may be written in several ways.
                 let path = found.path.canonicalize().unwrap_or(found.path);
+                notes.add_file(&path);
                 (path.to_string_lossy().into_owned(), Source::File(path))
             }
             None => (written.to_owned(), Source::Absent("no such file".into())),
