@@ -1,6 +1,7 @@
 //! A finished frame.
 
 use crate::capture::CameraError;
+use image::RgbImage;
 use std::io::Cursor;
 
 /// How a pixel of a frame came about, in one byte.
@@ -117,6 +118,15 @@ impl Frame {
     /// Number of hole pixels.
     pub fn hole_count(&self) -> u64 {
         self.coverage.iter().filter(|c| c.is_hole()).count() as u64
+    }
+
+    /// The colours as a picture.
+    ///
+    /// # Errors
+    /// [`FrameError::Size`] if width, height and the number of colours do not fit together.
+    pub fn to_rgb(&self) -> Result<RgbImage, FrameError> {
+        let rgb = self.color.iter().flat_map(|&[r, g, b, _]| [r, g, b]).collect();
+        Ok(RgbImage::from_raw(self.width, self.height, rgb).ok_or(CameraError::Size(self.width, self.height))?)
     }
 
     /// The frame as the bytes of a PNG file (8-bit sRGB with alpha).

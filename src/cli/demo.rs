@@ -4,7 +4,6 @@ use super::capture::place_headbox;
 use super::demo_sprites::print_sprite_rows;
 use super::output::{Outputs, peak_rss_mb, save_picture, write_text};
 use super::progress::Bar;
-use super::render::rgb_image;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
 use crate::capture::{Camera, CameraError};
@@ -232,7 +231,7 @@ fn render_rows(cube: &PackedCube, tracer: &Tracer, lighting: &Lighting, sizes: &
         };
         let holes = frame.coverage.iter().zip(&truth.surface_share).filter(|&pair| hole(pair)).count();
         let hole_fraction = holes as f64 / frame.color.len() as f64;
-        let frame = rgb_image(frame)?;
+        let frame = frame.to_rgb()?;
         let (comparison, map) = metrics::compare_with_map(&truth.color, &frame)?;
         rows.push(Row { label, frame, truth, map: map.to_magma(), ms: ms[REPEATS / 2], hole_fraction, comparison });
     }

@@ -15,7 +15,7 @@ use crate::portal::file::HOUSE_FILE;
 use crate::render::splat::SplatKernel;
 use crate::render::{Parallel, RenderSettings, Renderer};
 use crate::sprite::{DepthPicture, RenderOptions, SPRITE_FILE, Sampling, SpriteFrame, SpriteSet, Variant};
-use anyhow::{Context, bail};
+use anyhow::bail;
 use clap::{Args, ValueEnum};
 use image::RgbImage;
 use serde_json::{Value, json};
@@ -369,7 +369,7 @@ fn render_cube(
         ms.push(start.elapsed().as_secs_f64() * 1e3);
         if ms.len() >= repeat as usize {
             let mut rendered = Rendered {
-                image: rgb_image(frame)?,
+                image: frame.to_rgb()?,
                 ms,
                 stages: json!({"clear_ms": stats.clear_ms, "warp_ms": stats.warp_ms, "finish_ms": stats.finish_ms}),
                 statistics: serde_json::to_value(stats)?,
@@ -412,10 +412,4 @@ fn render_layers(
             };
         }
     }
-}
-
-/// The colours of a frame.
-pub(super) fn rgb_image(frame: &Frame) -> anyhow::Result<RgbImage> {
-    let rgb = frame.color.iter().flat_map(|&[r, g, b, _]| [r, g, b]).collect();
-    RgbImage::from_raw(frame.width, frame.height, rgb).context("the frame's size does not fit its pixels")
 }

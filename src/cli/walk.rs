@@ -2,6 +2,7 @@
 
 use super::UsageError;
 use super::args::parse_size;
+use super::house_file::variant_by_name;
 use super::output::{Outputs, print_json, save_picture, write_text};
 use super::progress::Bar;
 use crate::portal::file;
@@ -99,12 +100,6 @@ impl Walk {
         }
         self.variants.iter().map(|name| variant_by_name(name)).collect()
     }
-}
-
-/// A way to draw a walk, or a sentence with the names of all.
-pub(super) fn variant_by_name(name: &str) -> Result<Variant, UsageError> {
-    Variant::by_name(name)
-        .ok_or_else(|| UsageError(format!("there is no variant \"{name}\"; there are: {}", Variant::names())))
 }
 
 /// Truth and all variants, four to a row.

@@ -11,7 +11,6 @@
 pub mod accumulate;
 pub mod build;
 pub(crate) mod coverage;
-pub mod file;
 pub mod finish;
 pub mod job;
 pub mod mend;

@@ -21,6 +21,7 @@ pub mod measure;
 pub mod opening;
 pub mod path;
 pub mod plan;
+pub mod settings;
 pub mod store;
 pub mod tour;
 pub mod variant;

@@ -2,9 +2,10 @@
 
 use super::backdrop::Quality;
 use super::house::House;
+use super::settings::{WalkSettings, WalkStats};
 use super::store::{Builder, Store};
 use super::visit::likely;
-use super::walk::{WalkSettings, WalkStats, Walker};
+use super::walk::Walker;
 use crate::capture::Camera;
 use crate::frame::Frame;
 use crate::raster::RasterFrame;

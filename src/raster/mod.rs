@@ -16,6 +16,7 @@
 //! of threads, bands and SIMD levels.
 
 mod clip;
+mod cluster;
 mod cull;
 mod encode;
 mod mesh;

@@ -12,22 +12,12 @@
 
 use super::SurfaceId;
 use super::mesh::RasterMesh;
-use super::view::View;
+use super::view::{Snapped, View};
 use super::weights::Weights;
 use super::{LANES, RasterStats};
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, i32x16, mask32x16, u32x16};
 use std::ops::Range;
-
-/// A corner in the frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Snapped {
-    /// Position in 1/256 px.
-    pub(super) x: i32,
-    pub(super) y: i32,
-    /// 1 / eye depth, 1/m.
-    pub(super) inverse_depth: f32,
-}
 
 /// Rows of a frame that are being drawn.
 pub(super) struct Target<'a> {

@@ -9,9 +9,9 @@ use std::ops::Range;
 
 /// Which footprints are drawn.
 ///
-/// PSNR in dB against truth on the test bed, by `tests/splat_quality.rs`: faces of 160 px, all eleven bits for the normal,
-/// f2/f1 = frame pixels for one face pixel on the axis. `cube map` is a ray-traced cube map of equal face size, resampled
-/// bilinearly: the best that is possible from the centre without silhouettes of one's own.
+/// PSNR in dB against truth on the test bed, by `tests/library/splat_quality.rs`: faces of 160 px, all eleven bits for the
+/// normal, f2/f1 = frame pixels for one face pixel on the axis. `cube map` is a ray-traced cube map of equal face size,
+/// resampled bilinearly: the best that is possible from the centre without silhouettes of one's own.
 ///
 /// | kernel     | room, centre: 0.5 | 1.3  | 2    | 3    | off it: 0.5 | 1.3  | 2    | 3    | holes   |
 /// |------------|-------------------|------|------|------|-------------|------|------|------|---------|

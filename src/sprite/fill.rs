@@ -1,6 +1,6 @@
 //! Filling the gaps that the first pass leaves (S9, C7).
 
-use super::field::{Coding, VISIBLE};
+use super::cell::{Coding, VISIBLE};
 use fearless_simd::{Simd, f32x16, i32x16, prelude::*, u32x16};
 
 /// Cells that are looked at together: this many of one row.

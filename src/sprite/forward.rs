@@ -6,7 +6,8 @@
 //! more than 1.05 as a patch (half as much again, where a step of filling closes the same gaps); more bands of rows
 //! than threads (four of 65 rows take 1.5 times the time of one: neighbours draw the same tiles).
 
-use super::field::{Coding, Field, VISIBLE, slopes};
+use super::cell::{Coding, VISIBLE, slopes};
+use super::field::Field;
 use super::fill::{Gaps, fill};
 use super::patches::{BLOCK_SIDE, GROUP, PatchGroup, TILE};
 use super::planes::{Setups, draw_patch, set_up, slope_units};

@@ -17,6 +17,7 @@
 
 mod backward;
 mod capture;
+mod cell;
 mod displacement;
 mod error;
 mod field;

@@ -2,7 +2,7 @@
 //! on a plane, the plane moves instead of its cells. Pure parallax takes a plane to a plane exactly, so nothing is lost but
 //! what the fit leaves, and a plane that is magnified has no gaps.
 
-use super::field::VISIBLE;
+use super::cell::VISIBLE;
 
 /// Patches that are set up together.
 pub(super) const GROUP: usize = 16;

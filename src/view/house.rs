@@ -12,10 +12,10 @@ use crate::portal::file::{self, HouseFileError};
 use crate::portal::house::House;
 use crate::portal::opening::Opening;
 use crate::portal::path::WalkPath;
+use crate::portal::settings::WalkStats;
 use crate::portal::store::Store;
 use crate::portal::tour::Tour;
 use crate::portal::variant::Variant;
-use crate::portal::walk::WalkStats;
 use crate::scenes;
 use glam::{DVec2, DVec3};
 use headbox_viewer::{

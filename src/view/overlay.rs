@@ -10,7 +10,6 @@ use crate::metrics;
 use crate::raster::{RasterFrame, Seen};
 use glam::DVec3;
 use headbox_viewer::{Figure, Refinement, Swatch};
-use image::RgbImage;
 use std::time::Duration;
 
 /// What the pixels show.
@@ -182,9 +181,7 @@ impl Judge {
 }
 
 fn judge(overlay: Overlay, frame: &Frame, traced: &Traced, pixels: &mut [[u8; 4]]) -> Result<Vec<Figure>, String> {
-    let rgb = frame.color.iter().flat_map(|&[r, g, b, _]| [r, g, b]).collect();
-    let image =
-        RgbImage::from_raw(frame.width, frame.height, rgb).ok_or("The frame's size does not fit its pixels.")?;
+    let image = frame.to_rgb().map_err(|error| error.to_string())?;
     let truth = &traced.frame.color;
     let words = |error: metrics::MetricError| error.to_string();
     let map = metrics::flip_map(truth, &image, metrics::DEFAULT_PIXELS_PER_DEGREE).map_err(words)?;

@@ -2,7 +2,7 @@
 //!
 //! P. Andersson, J. Nilsson, T. Akenine-Moller, M. Oskarsson, K. Astrom, M. Fairchild, "FLIP: A Difference Evaluator
 //! for Alternating Images", HPG 2020. Written from the paper's definition, with the separation of its filters into rows
-//! and columns of the authors' note on separated convolutions; checked against their evaluator in `tests/metrics.rs`.
+//! and columns of the authors' note on separated convolutions; checked against their evaluator in `tests/library/metrics_flip.rs`.
 //!
 //! The pipeline of a pixel: sRGB -> linear opponent color -> [`weights`] blur as the eye does at this distance ->
 //! [`color`] difference; beside it, luminance -> edges and points -> feature difference; error = color difference ^
