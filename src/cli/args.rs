@@ -3,6 +3,8 @@
 use super::UsageError;
 use crate::capture::Camera;
 use crate::capture::scene::{FileFrame, UpAxis};
+use crate::capture::trace::Tracer;
+use crate::capture::viewpoint;
 use crate::ldi::CaptureInfo;
 use crate::scene_source::SceneSource;
 use clap::{Args, ValueEnum};
@@ -116,7 +118,8 @@ pub(super) struct CameraArgs {
     /// Position of the eye; the centre of the headbox, or where sprites were taken from, if absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     eye: Option<DVec3>,
-    /// Point to look at; straight ahead (-Z, or +Y in a file with Z up; for sprites, as they were taken) if absent
+    /// Point to look at; the direction in which there is most to see from the headbox (for sprites, as they were taken) if
+    /// absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     look_at: Option<DVec3>,
     /// Direction that points up in the image; the file's up axis if absent
@@ -140,6 +143,16 @@ pub(super) struct DefaultCamera {
 }
 
 impl DefaultCamera {
+    /// From the centre of a cube LDI to where there is most to see.
+    pub(super) fn of_cube(info: &CaptureInfo) -> Self {
+        Self { forward: info.ahead.unwrap_or(DVec3::NEG_Z), ..Self::at(info.centre) }
+    }
+
+    /// From the centre of a scene's headbox to where there is most to see.
+    pub(super) fn of_scene(tracer: &Tracer, centre: DVec3) -> Self {
+        Self { forward: viewpoint::suggest_view(tracer, centre), ..Self::at(centre) }
+    }
+
     /// Straight ahead from an eye.
     pub(super) fn at(eye: DVec3) -> Self {
         Self { eye, forward: DVec3::NEG_Z, fov_y_deg: 60.0, size: (1024, 768) }

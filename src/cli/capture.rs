@@ -2,8 +2,9 @@
 
 use super::UsageError;
 use super::args::{SceneArgs, parse_length, parse_vector};
+use super::estimate::{Estimate, rays_of};
 use super::output::{CUBE, Outputs, SHARD, memory_bytes, peak_rss_mb, print_json};
-use super::progress::Bar;
+use super::progress::{Bar, duration};
 use crate::capture::light::Lighting;
 use crate::capture::sampler::Strata;
 use crate::capture::trace::Tracer;
@@ -53,24 +54,24 @@ pub(super) struct Capture {
 /// What decides the quality of a capture.
 #[derive(Args)]
 pub(super) struct QualityArgs {
-    /// Pixels a side of each cube face
-    #[arg(long, value_name = "PX", default_value_t = 1024,
-          value_parser = clap::value_parser!(u32).range(1..=i64::from(crate::ldi::MAX_FACE_SIZE_PX)))]
-    pub(super) face_size: u32,
-    /// Strata along each of the four dimensions of rays
-    #[arg(long, value_name = "N", default_value_t = 32,
-          value_parser = clap::value_parser!(u32).range(1..=i64::from(Strata::MAX_PER_DIMENSION)))]
-    pub(super) strata: u32,
-    /// Rays in each stratum
-    #[arg(long, value_name = "M", default_value_t = 16,
-          value_parser = clap::value_parser!(u32).range(1..=i64::from(Strata::MAX_RAYS)))]
-    pub(super) rays: u32,
+    /// Faces, strata, rays and light together, where they are not given one by one; best if absent
+    #[arg(long)]
+    quality: Option<Preset>,
+    /// Pixels a side of each cube face; 256 for draft, 512 for good, 1024 for best
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(1..=i64::from(crate::ldi::MAX_FACE_SIZE_PX)))]
+    face_size: Option<u32>,
+    /// Strata along each of the four dimensions of rays; 16 for draft, 24 for good, 32 for best
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(Strata::MAX_PER_DIMENSION)))]
+    strata: Option<u32>,
+    /// Rays in each stratum; 8 for draft and good, 16 for best
+    #[arg(long, value_name = "M", value_parser = clap::value_parser!(u32).range(1..=i64::from(Strata::MAX_RAYS)))]
+    rays: Option<u32>,
     /// Diffuse bounces of light beyond direct light
     #[arg(long, value_name = "B", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64))]
     pub(super) bounces: u32,
-    /// Light samples per depth pixel; 0 shows albedo and emission without light
-    #[arg(long, value_name = "K", default_value_t = 4, value_parser = clap::value_parser!(u32).range(0..=65_535))]
-    pub(super) light_samples: u32,
+    /// Light samples per depth pixel, 1 for draft, 2 for good, 4 for best; 0 shows albedo and emission without light
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(0..=65_535))]
+    light_samples: Option<u32>,
     /// Random seed
     #[arg(long, value_name = "K", default_value_t = 0)]
     pub(super) seed: u64,
@@ -94,6 +95,28 @@ pub(super) struct PackingArgs {
     /// Near/far split of each face: auto, none, or an eye depth
     #[arg(long, default_value = "auto", value_parser = parse_split, allow_hyphen_values = true)]
     split: SplitArg,
+}
+
+/// Qualities by name.
+#[derive(Clone, Copy, ValueEnum)]
+enum Preset {
+    /// To see whether the headbox is in the right place
+    Draft,
+    /// To look around
+    Good,
+    /// The paper's: to keep
+    Best,
+}
+
+/// Faces, strata, rays, light samples.
+impl Preset {
+    fn numbers(self) -> [u32; 4] {
+        match self {
+            Self::Draft => [256, 16, 8, 1],
+            Self::Good => [512, 24, 8, 2],
+            Self::Best => [1024, 32, 16, 4],
+        }
+    }
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -165,18 +188,19 @@ impl PackingArgs {
 impl QualityArgs {
     /// The capture of a headbox with this quality.
     fn job(&self, scene: SceneSource, centre: DVec3, half_size_m: f64) -> CaptureJob {
+        let [face_size, strata, rays, light_samples] = self.quality.unwrap_or(Preset::Best).numbers();
         CaptureJob {
             scene,
             centre,
             half_size_m,
-            face_size_px: self.face_size,
+            face_size_px: self.face_size.unwrap_or(face_size),
             sampler: match self.sampler {
                 SamplerArg::Stratified => Sampler::Stratified,
                 SamplerArg::WhiteNoise => Sampler::WhiteNoise,
                 SamplerArg::CentreRays => Sampler::CentreRays,
             },
-            strata: self.strata,
-            rays: self.rays,
+            strata: self.strata.unwrap_or(strata),
+            rays: self.rays.unwrap_or(rays),
             seed: self.seed,
             novelty: self.novelty,
             merge_rule: match self.merge {
@@ -185,7 +209,7 @@ impl QualityArgs {
                 MergeArg::ColorsApart => MergeRule::ColorsApart,
             },
             bounces: self.bounces,
-            light_samples: self.light_samples,
+            light_samples: self.light_samples.unwrap_or(light_samples),
         }
     }
 }
@@ -254,6 +278,23 @@ fn spill_folder(output: &Path) -> PathBuf {
     if is_beside { beside } else { std::env::temp_dir() }
 }
 
+/// Rays for each pixel of the faces.
+fn rays_per_pixel(job: &CaptureJob) -> f64 {
+    rays_of(job) / (6.0 * f64::from(job.face_size_px).powi(2))
+}
+
+/// A length with four digits that count.
+fn rounded(length: f64) -> f64 {
+    let digits = (3.0 - length.abs().max(f64::MIN_POSITIVE).log10().floor()).clamp(0.0, 12.0);
+    let scale = 10_f64.powf(digits);
+    (length * scale).round() / scale
+}
+
+/// A position as the command line takes it.
+fn triple(position: DVec3) -> String {
+    position.to_array().map(|x| rounded(x).to_string()).join(",")
+}
+
 /// Warns if geometry hides part of the headbox from its centre.
 pub(super) fn warn_if_blocked(blocked_share: f64) {
     if blocked_share > 0.0 {
@@ -274,8 +315,18 @@ impl Capture {
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
         let (centre, half_size_m) = place_headbox(&scene, self.center, self.half_size)?;
-        let job = self.quality.job(source, centre, half_size_m);
+        let mut job = self.quality.job(source, centre, half_size_m);
+        let is_free = self.half_size.is_none() && scene.headbox.is_none();
+        if is_free {
+            job.half_size_m = viewpoint::fitting_half_size(half_size_m, rays_per_pixel(&job));
+        }
         let tracer = Tracer::new(Arc::clone(&scene), centre);
+        eprintln!(
+            "headbox: centre {}, half-size {} (in the file's axes and unit)",
+            triple(scene.frame.file_from_world(centre)),
+            rounded(job.half_size_m / scene.frame.unit_m)
+        );
+        eprintln!("will take: {}", Estimate::of(&job, &tracer, self.shard.map_or(1, |(_, parts)| parts)));
         let resources = Resources { budget: budget(self.memory, &self.output) };
         let bar = Bar::new();
         if let Some(part) = self.shard {
@@ -292,7 +343,7 @@ impl Capture {
         packed.write(&self.output)?;
         bar.finish();
         warn_if_blocked(packed.info.blocked_share);
-        self.report(&packed, trace_time.as_secs_f64(), start.elapsed().as_secs_f64());
+        self.report(&packed, trace_time.as_secs_f64(), start.elapsed().as_secs_f64(), &bar.times());
         Ok(())
     }
 
@@ -323,7 +374,7 @@ impl Capture {
         Ok(())
     }
 
-    fn report(&self, cube: &PackedCube, trace_s: f64, total_s: f64) {
+    fn report(&self, cube: &PackedCube, trace_s: f64, total_s: f64, times: &str) {
         let rays = cube.info.rays_traced;
         let missing: Vec<f64> = cube.info.missing_estimate.iter().flatten().copied().collect();
         let mean = (!missing.is_empty()).then(|| missing.iter().sum::<f64>() / missing.len() as f64);
@@ -337,7 +388,7 @@ impl Capture {
             return;
         }
         println!("{}: {} depth pixels from {rays} rays", self.output.display(), cube.depth_pixel_count());
-        println!("  traced in {trace_s:.2} s ({:.1} Mrays/s), {total_s:.2} s in all", rays as f64 / trace_s / 1e6);
+        println!("  {} in all: {times}; {:.1} Mrays/s while tracing", duration(total_s), rays as f64 / trace_s / 1e6);
         if let Some(mean) = mean {
             println!("  the next ray would find something new with a probability of {:.1} %", mean * 100.0);
         }

@@ -16,6 +16,7 @@ mod capture;
 mod compare;
 mod demo;
 mod demo_sprites;
+mod estimate;
 mod house;
 mod house_file;
 mod info;

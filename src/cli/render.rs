@@ -151,7 +151,7 @@ impl Render {
                 }
             } else {
                 let cube = PackedCube::read(file)?;
-                world.get_or_insert((frame_of(&cube.info), DefaultCamera::at(cube.info.centre)));
+                world.get_or_insert((frame_of(&cube.info), DefaultCamera::of_cube(&cube.info)));
                 cubes.push(cube);
             }
         }

@@ -43,8 +43,9 @@ impl Truth {
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
         let (centre, _) = place_headbox(&scene, None, None)?;
-        let camera = self.camera.camera(&scene.frame, &DefaultCamera::at(centre))?;
-        let tracer = Tracer::new(Arc::clone(&scene), camera.eye());
+        let scout = Tracer::new(Arc::clone(&scene), centre);
+        let camera = self.camera.camera(&scene.frame, &DefaultCamera::of_scene(&scout, centre))?;
+        let tracer = if camera.eye() == centre { scout } else { Tracer::new(Arc::clone(&scene), camera.eye()) };
         let lighting = Lighting::measure(&tracer, self.bounces);
         let bar = Bar::new();
         let start = Instant::now();

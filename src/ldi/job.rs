@@ -6,6 +6,7 @@ use crate::capture::light::Lighting;
 use crate::capture::sampler::{Sampling, Strata};
 use crate::capture::scene::UpAxis;
 use crate::capture::trace::Tracer;
+use crate::capture::viewpoint;
 use crate::ldi::build::Sampler;
 use crate::ldi::merge::MergeRule;
 use crate::scene_source::SceneSource;
@@ -130,6 +131,7 @@ impl CaptureJob {
             bounces: self.bounces,
             light_samples: self.light_samples,
             blocked_share: build::blocked_share(tracer, self.half_size_m),
+            ahead: Some(viewpoint::suggest_view(tracer, self.centre)),
             ..CaptureInfo::default()
         }
     }

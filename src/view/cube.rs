@@ -181,7 +181,8 @@ impl FrameSource for CubeSource {
 
     fn start_pose(&self) -> Pose {
         let centre = self.cube.info.centre;
-        Pose::looking_at(centre, centre + richest_side(&self.cube), 60.0)
+        let ahead = self.cube.info.ahead.unwrap_or_else(|| richest_side(&self.cube));
+        Pose::looking_at(centre, centre + ahead, 60.0)
     }
 
     fn bounds(&self) -> Option<EyeBounds> {

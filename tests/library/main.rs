@@ -10,6 +10,7 @@ mod capture;
 mod metrics;
 mod metrics_flip;
 mod metrics_images;
+mod orientation;
 mod packed_ldi;
 mod portal_cull;
 mod portal_eyes;

@@ -12,21 +12,22 @@ mod mtl;
 mod notes;
 mod obj;
 mod obj_lines;
+mod orientation;
 mod polygon;
 mod textures;
 
 pub use builder::{Group, GroupedScene};
 pub use model::{LoadedModel, ModelOptions, load_model};
 
-use crate::scene::{FileFrame, Scene, SceneError, UpAxis};
+use crate::scene::{Scene, SceneError, UpAxis};
 use std::path::{Path, PathBuf};
 
 /// What the user says about a file, where the file does not say it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LoadOptions {
-    /// The axis that points up; `None` is the format's own (glTF) or usual (OBJ) one: Y.
+    /// The axis that points up; `None` is Y in a glTF, as its format rules, and guessed from evidence in an OBJ.
     pub up: Option<UpAxis>,
-    /// Metres per unit of the file; `None` is 1.
+    /// Metres per unit of the file; `None` is 1 in a glTF, and guessed in an OBJ.
     pub unit_m: Option<f64>,
 }
 
@@ -110,16 +111,15 @@ pub fn load_grouped(path: &Path, options: &LoadOptions) -> Result<GroupedScene, 
 }
 
 fn load_file(path: &Path, options: &LoadOptions, groups: bool) -> Result<GroupedScene, LoadError> {
-    let frame = FileFrame { up: options.up.unwrap_or_default(), unit_m: options.unit_m.unwrap_or(1.0) };
-    if !(frame.unit_m.is_finite() && frame.unit_m > 0.0) {
-        return Err(LoadError::Unit { path: path.to_path_buf(), unit_m: frame.unit_m });
+    if let Some(unit_m) = options.unit_m.filter(|unit_m| !(unit_m.is_finite() && *unit_m > 0.0)) {
+        return Err(LoadError::Unit { path: path.to_path_buf(), unit_m });
     }
     let loader = match extension_of(path).as_str() {
         "obj" => obj::load,
         "gltf" | "glb" => gltf::load,
         _ => return Err(LoadError::UnknownFormat { path: path.to_path_buf() }),
     };
-    loader(path, &read(path)?, frame, groups)
+    loader(path, &read(path)?, options, groups)
 }
 
 /// The ending of a path in lower case; empty if it has none.

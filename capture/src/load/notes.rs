@@ -91,6 +91,8 @@ struct Entry {
 pub(super) struct Notes {
     entries: BTreeMap<Note, Entry>,
     files: BTreeSet<PathBuf>,
+    /// Sentences of their own, which come first.
+    pub(super) told: Vec<String>,
 }
 
 impl Notes {
@@ -128,7 +130,10 @@ impl Notes {
     /// The readable summary.
     pub(super) fn summary(&self) -> LoadSummary {
         LoadSummary {
-            notes: self.entries.iter().map(|(note, entry)| note.sentence(entry)).collect(),
+            notes: {
+                let counted = self.entries.iter().map(|(note, entry)| note.sentence(entry));
+                self.told.iter().cloned().chain(counted).collect()
+            },
             files: self.files.iter().cloned().collect(),
         }
     }

@@ -11,7 +11,7 @@ mod uri;
 
 use super::builder::{Builder, GroupedScene, Vertex};
 use super::notes::{Note, Notes};
-use super::{LoadError, folder_of};
+use super::{LoadError, LoadOptions, folder_of};
 use crate::scene::FileFrame;
 use ::gltf::json::mesh::{Mode, Primitive, Semantic};
 use ::gltf::json::validation::Checked;
@@ -29,7 +29,9 @@ const KNOWN_EXTENSIONS: [&str; 4] =
 /// Extensions of materials change the looks at most.
 const MATERIAL_EXTENSIONS: &str = "KHR_materials_";
 
-pub(super) fn load(path: &Path, bytes: &[u8], frame: FileFrame, groups: bool) -> Result<GroupedScene, LoadError> {
+pub(super) fn load(path: &Path, bytes: &[u8], options: &LoadOptions, groups: bool) -> Result<GroupedScene, LoadError> {
+    // Chapter 3.4 of the specification: Y up, metres.
+    let frame = FileFrame { up: options.up.unwrap_or_default(), unit_m: options.unit_m.unwrap_or(1.0) };
     let (root, transforms, blob) = parse(path, bytes)?;
     let mut notes = Notes::default();
     for required in &root.extensions_required {
