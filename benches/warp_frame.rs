@@ -1,5 +1,6 @@
 //! One frame of 1024x768: milliseconds and depth pixels per second for each splat kernel, on one thread and on two, and
-//! what clipping saves; and what the papers' parallel warp (fragments between epipolar lines) takes against bands.
+//! what clipping saves; and what the papers' parallel warp (fragments between epipolar lines) takes against bands. First of
+//! all, what a pixel of sky takes on one thread, at every SIMD level.
 //!
 //! * `cube`: about 1.1 M depth pixels on six faces; a fifth of them is in view.
 //! * `face`: about 1.1 M depth pixels on one face, nearly all in view, as in the paper's tree.
@@ -11,9 +12,9 @@ use common::bed::{Scene, room};
 use common::capture::one_layer;
 use criterion::{Criterion, criterion_group, criterion_main};
 use glam::{DVec3, dvec3};
-use headbox::capture::Camera;
 use headbox::capture::rig::Face;
-use headbox::ldi::{CubeLdi, DepthPixel, EncodedNormal};
+use headbox::capture::{Camera, simd};
+use headbox::ldi::{CubeLdi, DepthPixel, EncodedNormal, Environment};
 use headbox::packed::{PackedCube, SplatIndexLayout, Split};
 use headbox::render::splat::SplatKernel;
 use headbox::render::{FrameStats, Parallel, RenderSettings, Renderer};
@@ -80,6 +81,30 @@ fn frames(criterion: &mut Criterion) {
     }
 }
 
+/// Nothing but environment: nanoseconds a pixel from canvas to frame, and of the whole frame, in the fastest of thirty frames
+/// that look at one face, across an edge, and at a corner.
+fn sky(_: &mut Criterion) {
+    const SIZE_PX: u32 = 256;
+    let mut cube =
+        PackedCube::pack(&pierced(&room(24.0), SIZE_PX, &[]), SplatIndexLayout::Normal, Split::Auto).expect("packs");
+    let texel = |i: u32| [(i * 7) as u8, (i / SIZE_PX) as u8, (i / 3) as u8, 255];
+    cube.environment = Environment { size_px: SIZE_PX, texels: (0..6 * SIZE_PX * SIZE_PX).map(texel).collect() };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("threads");
+    for (name, at) in
+        [("face", dvec3(0.1, 0.05, -1.0)), ("edge", dvec3(1.0, 0.1, -1.0)), ("corner", dvec3(1.0, 1.0, -0.9))]
+    {
+        let camera = Camera::look_at(DVec3::ZERO, at, DVec3::Y, 60.0, 1024, 768).expect("valid");
+        for level in simd::levels() {
+            let mut renderer = Renderer::with_level(level);
+            let settings = RenderSettings { kernel: SplatKernel::Opaque, ..RenderSettings::default() };
+            let stats = best(&pool, &mut renderer, &cube, &camera, &settings);
+            let per_pixel = |ms: f64| ms * 1e6 / (1024.0 * 768.0);
+            let (finish, frame) = (per_pixel(stats.finish_ms), per_pixel(stats.frame_ms));
+            println!("sky/{name}/{}: {finish:.2} ns a pixel, {frame:.2} of the whole frame", simd::name(level));
+        }
+    }
+}
+
 /// The fastest of thirty frames.
 fn best(
     pool: &rayon::ThreadPool,
@@ -98,6 +123,6 @@ fn best(
 criterion_group! {
     name = warp_frame;
     config = Criterion::default().sample_size(10).measurement_time(std::time::Duration::from_secs(1));
-    targets = frames
+    targets = sky, frames
 }
 criterion_main!(warp_frame);

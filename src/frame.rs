@@ -23,6 +23,18 @@ impl Coverage {
         Self(share.max(2))
     }
 
+    /// The coverage of a [`Self::byte`].
+    #[inline]
+    pub(crate) const fn of_byte(byte: u8) -> Self {
+        Self(byte)
+    }
+
+    /// The byte that it is kept in.
+    #[inline]
+    pub(crate) const fn byte(self) -> u8 {
+        self.0
+    }
+
     /// True if nothing is known of the pixel.
     pub fn is_hole(self) -> bool {
         self == Self::HOLE

@@ -38,6 +38,7 @@ pub mod portal_model;
 pub mod rig;
 pub mod sampler;
 pub mod scene;
+pub mod simd;
 pub mod trace;
 pub mod viewpoint;
 

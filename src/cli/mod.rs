@@ -32,6 +32,7 @@ mod truth;
 mod view;
 mod walk;
 
+use crate::capture::simd;
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
@@ -99,6 +100,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         crate::capture::files::remove_unfinished();
         std::process::exit(130);
     })?;
+    simd::requested().map_err(|error| UsageError(error.to_string()))?;
     if let Some(threads) = cli.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()?;
     }

@@ -4,8 +4,8 @@ use super::UsageError;
 use super::args::{CameraArgs, DefaultCamera, frame_of};
 use super::house_file::HouseContent;
 use super::output::{DEPTH, Outputs, PICTURE, print_json, save_picture, write_text};
-use crate::capture::Camera;
 use crate::capture::scene::FileFrame;
+use crate::capture::{Camera, simd};
 use crate::compose::{ComposeSettings, Composer, Composition};
 use crate::container::Container;
 use crate::frame::Frame;
@@ -234,7 +234,7 @@ impl Render {
                 "ms_median": ms_median, "ms": rendered.ms, "stages": rendered.stages, "variant": content.variant(),
                 "depth_pixels_in": rendered.depth_pixels_in, "splatted": rendered.splatted,
                 "statistics": rendered.statistics, "hole_fraction": rendered.hole_fraction(),
-                "threads": rayon::current_num_threads(),
+                "threads": rayon::current_num_threads(), "simd": simd::name(simd::level()),
             }));
         } else {
             let (file, holes) = (self.output.display(), rendered.hole_fraction() * 100.0);
@@ -275,7 +275,7 @@ impl Render {
         if self.json {
             print_json(&json!({
                 "ms_median": median, "ms": times, "frames": times.len(), "variant": content.variant(),
-                "threads": rayon::current_num_threads(),
+                "threads": rayon::current_num_threads(), "simd": simd::name(simd::level()),
             }));
         } else {
             println!("{}: {} frames, median {median:.2} ms, worst {worst:.2} ms", folder.display(), times.len());

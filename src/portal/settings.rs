@@ -1,6 +1,6 @@
 //! How a frame of a walk is drawn, and what it took.
 
-use super::backdrop::{BackdropStats, Kind, PortalSide};
+use super::backdrop::{BackdropStats, Kind, PortalSide, Quality};
 use super::cull::Limits;
 use crate::capture::Camera;
 use crate::raster::RasterStats;
@@ -12,19 +12,24 @@ use serde::Serialize;
 pub enum Near {
     /// The eye is nearer to the portal's rectangle than this, metres.
     Distance(f64),
-    /// The samples of a cube about the portal's middle, with faces of `face_px`, on a surface [`REFERENCE_DEPTH_M`] behind the
-    /// portal would be farther apart than `spacing_px` in the frame; or the eye is nearer than [`LEAST_DISTANCE_M`].
+    /// The samples of a cube `back_m` in front of the portal's middle, with faces of `face_px`, on a surface
+    /// [`REFERENCE_DEPTH_M`] behind the portal would be farther apart than `spacing_px` in the frame; or the eye is nearer than
+    /// [`LEAST_DISTANCE_M`].
     ProjectedError {
         /// Pixels between neighbouring samples that are allowed.
         spacing_px: f64,
         /// Pixels a side of the cube's faces.
         face_px: u32,
+        /// Metres from the portal's middle to the cube's centre.
+        back_m: f64,
     },
 }
 
 impl Default for Near {
+    /// Of [`Kind::WindowLdi`] as [`Quality::default`] captures it.
     fn default() -> Self {
-        Self::ProjectedError { spacing_px: 1.25, face_px: 512 }
+        let Quality { window_face_px, window_back_m, .. } = Quality::default();
+        Self::ProjectedError { spacing_px: 2.77, face_px: window_face_px, back_m: window_back_m }
     }
 }
 
@@ -39,10 +44,10 @@ impl Near {
     pub fn distance_m(self, camera: &Camera) -> f64 {
         match self {
             Self::Distance(distance) => distance,
-            Self::ProjectedError { spacing_px, face_px } => {
-                // At depth z behind the portal samples are z / f1 apart, which is f2 / (z + d) as large in the frame.
+            Self::ProjectedError { spacing_px, face_px, back_m } => {
+                // At depth z behind the portal samples are (z + back) / f1 apart, which is f2 / (z + d) as large in the frame.
                 let ratio = camera.focal_px() / (f64::from(face_px) / 2.0 * spacing_px);
-                (REFERENCE_DEPTH_M * (ratio - 1.0)).max(LEAST_DISTANCE_M)
+                ((REFERENCE_DEPTH_M + back_m) * ratio - REFERENCE_DEPTH_M).max(LEAST_DISTANCE_M)
             }
         }
     }
@@ -117,4 +122,41 @@ pub struct WalkStats {
     pub geometry_ms: f64,
     /// Backdrops, ms.
     pub backdrop_ms: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capture::rig::Face;
+    use glam::{DVec3, dvec3};
+
+    /// The tilt of a line of sight half a sample off the axis: (1/2 / f1)^2.
+    const TILT: f64 = 1e-4;
+
+    #[test]
+    fn doors_open_where_the_default_backdrops_samples_come_apart() {
+        let Near::ProjectedError { spacing_px, face_px, back_m } = Near::default() else { panic!("a rule of samples") };
+        let quality = Quality::default();
+        assert_eq!(
+            (face_px, back_m),
+            (quality.window_face_px, quality.window_back_m),
+            "what the default kind captures"
+        );
+        for (fov_y_deg, size) in [(60.0, [640, 512]), (60.0, [1280, 1024]), (40.0, [800, 600])] {
+            // A portal about the origin, the eye before it on +z, and the wall behind it.
+            let camera = |z: f64| Camera::look_at(DVec3::Z * z, DVec3::ZERO, DVec3::Y, fov_y_deg, size[0], size[1]);
+            let distance = Near::default().distance_m(&camera(1.0).expect("valid"));
+            let camera = camera(distance).expect("valid");
+            let middle = f64::from(face_px) / 2.0;
+            let sample = |column: f64| {
+                let toward = Face::NegZ.direction(middle + column, middle, face_px);
+                camera.project(dvec3(0.0, 0.0, back_m) + toward * (REFERENCE_DEPTH_M + back_m)).expect("in front")[0]
+            };
+            let spacing = sample(0.5) - sample(-0.5);
+            assert!((spacing / spacing_px - 1.0).abs() < TILT, "{spacing} px at {distance} m");
+        }
+        let tiny = Camera::look_at(DVec3::Z, DVec3::ZERO, DVec3::Y, 60.0, 8, 8).expect("valid");
+        assert_eq!(Near::default().distance_m(&tiny), LEAST_DISTANCE_M);
+        assert_eq!(Near::Distance(7.0).distance_m(&tiny), 7.0);
+    }
 }

@@ -29,7 +29,7 @@ mod weights;
 pub(crate) use encode::encode_srgb;
 pub use mesh::RasterMesh;
 
-use crate::capture::Camera;
+use crate::capture::{Camera, simd};
 use crate::frame::{Coverage, Frame};
 use crate::ldi::Environment;
 use cull::VisibleCluster;
@@ -192,7 +192,7 @@ const BANDS_A_THREAD: u32 = 3;
 impl Rasterizer {
     /// A rasteriser that has drawn nothing yet.
     pub fn new() -> Self {
-        Self::with(Level::new(), 0)
+        Self::with(simd::level(), 0)
     }
 
     /// A rasteriser that uses one SIMD level and bands of a number of rows (0: the default). All give the same frame.

@@ -153,10 +153,26 @@ fn is_nearer([value, depth]: [f32; 2], [id, shown]: [SurfaceId; 2]) -> bool {
 /// 2^23 units at most, and E no more than 2^38.3 within 80 columns of the box's start.
 const NARROW_PX: u32 = 64;
 
+/// Numbers of the pixels that are tested at once.
+const LANE_NUMBERS: [i32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+
 impl Target<'_> {
     /// Draws a triangle, of either orientation: surfaces have two sides.
-    #[inline(always)]
     pub(super) fn triangle<S: Simd>(
+        &mut self,
+        simd: S,
+        corners: [Snapped; 3],
+        id: SurfaceId,
+        cutout: Option<CutoutTest>,
+    ) {
+        simd.vectorize(
+            #[inline(always)]
+            || self.triangle_at(simd, corners, id, cutout),
+        );
+    }
+
+    #[inline(always)]
+    fn triangle_at<S: Simd>(
         &mut self,
         simd: S,
         [a, mut b, mut c]: [Snapped; 3],
@@ -225,7 +241,7 @@ impl Target<'_> {
         id: SurfaceId,
     ) {
         let count = (columns.end - columns.start) as i32;
-        let lane = i32x16::load_array(simd, std::array::from_fn(|i| i as i32));
+        let lane = i32x16::load_array_ref(simd, &LANE_NUMBERS);
         let mut written = 0;
         for (below, y) in (0..).zip(rows.clone()) {
             let first = plane.at(columns.start, y);
@@ -308,7 +324,7 @@ impl Target<'_> {
     /// Depth test and number of the surface for a run of covered pixels.
     #[inline(always)]
     fn span<S: Simd>(&mut self, simd: S, columns: Range<u32>, y: u32, plane: &DepthPlane, id: SurfaceId) {
-        let lane = i32x16::load_array(simd, std::array::from_fn(|i| i as i32));
+        let lane = i32x16::load_array_ref(simd, &LANE_NUMBERS);
         let first = plane.at(columns.start, y);
         let (row, count) = ((y - self.rows.start) as usize * self.width as usize, columns.len() as i32);
         let mut written = 0;

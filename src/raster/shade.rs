@@ -138,8 +138,22 @@ impl Shader<'_> {
     }
 
     /// Colours pixels of a triangle, and empties the batch.
-    #[inline(always)]
     fn shade<S: Simd>(&self, simd: S, shading: &Shading, batch: &mut Batch, target: &Target, colors: &mut [[u8; 4]]) {
+        simd.vectorize(
+            #[inline(always)]
+            || self.shade_at(simd, shading, batch, target, colors),
+        );
+    }
+
+    #[inline(always)]
+    fn shade_at<S: Simd>(
+        &self,
+        simd: S,
+        shading: &Shading,
+        batch: &mut Batch,
+        target: &Target,
+        colors: &mut [[u8; 4]],
+    ) {
         let table = SrgbTable::get();
         let [a, b, c] = shading.corners;
         let pixels = u32x16::load_array_ref(simd, &batch.pixels);

@@ -54,7 +54,7 @@ pub(crate) use epipolar::Spans;
 pub use fragments::MAX_FRAGMENTS;
 pub(crate) use traverse::BATCH_CAPACITY;
 
-use crate::capture::Camera;
+use crate::capture::{Camera, simd};
 use crate::frame::Frame;
 use crate::ldi::MAX_FACE_SIZE_PX;
 use crate::ldi::accumulate::DepthBins;
@@ -178,7 +178,7 @@ pub struct Renderer {
 
 impl Default for Renderer {
     fn default() -> Self {
-        Self::with_level(Level::new())
+        Self::with_level(simd::level())
     }
 }
 

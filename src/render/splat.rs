@@ -222,12 +222,16 @@ pub(super) fn covered_lanes<S: Simd>(
     start: usize,
     [first, end]: [f32; 2],
 ) -> [i32x16<S>; 2] {
-    let load = |values: &[f32; Splats::ROOM]| f32x16::from_slice(simd, &values[start..start + LANES]);
-    let (position, radius) = (load(position), load(radius));
-    let (first, end) = (f32x16::splat(simd, first), f32x16::splat(simd, end));
-    // Not by `map`: within a function of the standard library, which is compiled for no level, each operation is a call.
-    let beyond = |border: f32x16<S>| i32x16::truncate_from((border - 0.5).max(first).min(end).ceil());
-    [beyond(position - radius), beyond(position + radius)]
+    let (position, radius) = (load(simd, position, start), load(simd, radius, start));
+    let (left, right) = (position - radius - 0.5, position + radius - 0.5);
+    let (left, right) = (left.max(first).min(end).ceil(), right.max(first).min(end).ceil());
+    [i32x16::truncate_from(left), i32x16::truncate_from(right)]
+}
+
+/// The values of the splats from `start` on, as many as there are lanes.
+#[inline(always)]
+pub(super) fn load<S: Simd>(simd: S, values: &[f32; Splats::ROOM], start: usize) -> f32x16<S> {
+    f32x16::from_slice(simd, &values[start..start + LANES])
 }
 
 /// `v.ceil() as i32` for |v| < 2^24, without the call into libm that `ceil` is on processors before SSE4.1.

@@ -237,8 +237,23 @@ pub(super) struct Band<'a> {
 
 /// Moves a square of cells one by one, in blocks of [`BLOCK_SIDE`]. A cell that is magnified moves as a patch too, so that
 /// nothing farther shows through a surface between its cells.
-#[inline(always)]
 fn move_square<S: Simd>(
+    simd: S,
+    source: &Field,
+    parallax: &Parallax,
+    corner: [u32; 2],
+    side: u32,
+    setups: &mut Setups,
+    band: &mut Band,
+) {
+    simd.vectorize(
+        #[inline(always)]
+        || move_square_at(simd, source, parallax, corner, side, setups, band),
+    );
+}
+
+#[inline(always)]
+fn move_square_at<S: Simd>(
     simd: S,
     source: &Field,
     parallax: &Parallax,
@@ -271,8 +286,10 @@ fn block_of<S: Simd>(simd: S, source: &Field, [x, y]: [u32; 2]) -> u32x16<S> {
     if x + BLOCK_SIDE <= source.width
         && let Some(cells) = source.cells.get(start..start + 3 * width + 4)
     {
-        let row = |i: usize| u32x4::from_slice(simd, &cells[i * width..i * width + 4]);
-        return row(0).combine(row(1)).combine(row(2).combine(row(3)));
+        let (upper, lower) = cells.split_at(2 * width);
+        let first = u32x4::from_slice(simd, &upper[..4]).combine(u32x4::from_slice(simd, &upper[width..width + 4]));
+        let second = u32x4::from_slice(simd, &lower[..4]).combine(u32x4::from_slice(simd, &lower[width..width + 4]));
+        return first.combine(second);
     }
     let mut block = [0; 16];
     for (i, cell) in block.iter_mut().enumerate() {

@@ -9,7 +9,7 @@ use super::splat::splat;
 use super::texture::Texture;
 use super::transfer::{Outcome, Transfer};
 use super::{SpriteFrame, SpriteWithDepth};
-use crate::capture::Camera;
+use crate::capture::{Camera, simd};
 use fearless_simd::Level;
 
 /// How parallax inside a sprite is drawn.
@@ -139,7 +139,7 @@ impl Default for SpriteRenderer {
 impl SpriteRenderer {
     /// For the best SIMD level of the CPU.
     pub fn new() -> Self {
-        Self::with_level(Level::new())
+        Self::with_level(simd::level())
     }
 
     /// For a given SIMD level: every level gives the same bytes, as does every number of threads.

@@ -266,7 +266,7 @@ impl FrameSource for CubeSource {
                 refinement = Refinement::Later(LOOK_AGAIN);
             }
         }
-        Ok(FrameReport { stages, figures, refinement, legend: overlay.legend(), ..FrameReport::default() })
+        Ok(FrameReport { stages, figures, facts: vec![super::simd_fact()], refinement, legend: overlay.legend() })
     }
 
     fn act(&mut self, action: &str) -> Result<String, String> {

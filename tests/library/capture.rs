@@ -149,6 +149,23 @@ fn every_sampler_and_merge_rule_gives_a_valid_ldi() {
 }
 
 #[test]
+fn rays_from_the_centre_keep_every_hit_beyond_the_headbox() {
+    let mut boxes = Boxes::default();
+    let wall = boxes.material([0.7, 0.6, 0.5], [0.0; 3]);
+    let shells = [0.2, 1.0, 2.0, 4.0];
+    let boxes = shells.into_iter().fold(boxes, |boxes, half| boxes.add(DVec3::ZERO, DVec3::splat(half), wall));
+    let ldi = capture(&CaptureJob { sampler: Sampler::CentreRays, ..job() }, &Arc::new(boxes.0), &Resources::default());
+    // Half a bin of parallax 1 px over sqrt(3) * 24 px and half-size 0.3 m.
+    let tolerance = 1.0 / (3f32.sqrt() * 24.0 * 0.3);
+    for (face, x, y) in (0..6 * 48 * 48).map(|i| (&ldi.faces[i / 48 / 48], i as u32 % 48, i as u32 / 48 % 48)) {
+        let found: Vec<f32> = face.pixel(x, y).iter().map(|sample| sample.inverse_depth).collect();
+        let off = |(q, depth): (&f32, f32)| (q - 1.0 / depth).abs();
+        let right = found.len() == 3 && found.iter().zip([4.0, 2.0, 1.0]).all(|pair| off(pair) < tolerance);
+        assert!(right, "S13: {:?} ({x}, {y}): {found:?}; the box inside the headbox is not seen", face.face);
+    }
+}
+
+#[test]
 fn a_pixel_of_a_closed_room_without_samples_is_one_that_no_ray_met() {
     let ldi = capture(&CaptureJob { rays: 32, novelty: 0.0, ..job() }, &room(), &Resources::default());
     let empty: usize = ldi.faces.iter().map(|f| f.offsets.windows(2).filter(|w| w[0] == w[1]).count()).sum();

@@ -5,7 +5,7 @@ use fearless_simd::Level;
 use glam::{DVec3, Vec2, Vec3, dvec3};
 use headbox::capture::scene::Triangle;
 use headbox::capture::trace::{Hit, Ray, Tracer};
-use headbox::capture::{Camera, Cutout, Material, Scene, Texture, srgb8_from_linear};
+use headbox::capture::{Camera, Cutout, Material, Scene, Texture, simd, srgb8_from_linear};
 use headbox::ldi::Environment;
 use headbox::raster::{GroupWindow, Marker, RasterFrame, RasterMesh, RasterStats, RasterView, Rasterizer, Seen};
 use std::ops::Range;
@@ -250,14 +250,9 @@ fn the_same_bytes_whatever_the_bands_threads_and_instructions() {
         let mut rasterizer = Rasterizer::with(level, rows);
         pool.install(|| rasterizer.draw(&mesh, &camera, &view(&groups, &[]), &Environment::default()).0.clone())
     };
-    let best = Level::new();
-    let reference = render(1, best, 0);
-    let mut ways = vec![(2, best, 7), (3, Level::baseline(), 1), (1, Level::baseline(), 500)];
-    #[cfg(target_arch = "x86_64")]
-    {
-        ways.extend(best.as_sse4_2().map(|level| (1, Level::Sse4_2(level), 10)));
-        ways.extend(best.as_avx2().map(|level| (2, Level::Avx2(level), 0)));
-    }
+    let levels = simd::levels();
+    let reference = render(1, levels[0], 0);
+    let ways = levels.into_iter().flat_map(|level| [(2, level, 7), (3, level, 1), (1, level, 500), (1, level, 0)]);
     for (threads, level, rows) in ways {
         let other = render(threads, level, rows);
         assert_eq!(other.frame, reference.frame);

@@ -2,9 +2,9 @@
 //! views. The oracles are in `sprite_oracle.rs`.
 
 use crate::sprite_oracle::{Waves, bilinear, camera, exact_source, look, picture, sprite};
-use fearless_simd::Level;
 use glam::{DMat3, DVec3, dvec3};
 use headbox::capture::Camera;
+use headbox::capture::simd::levels;
 use headbox::sprite::{
     Displacement, DisplacementFormat, Outcome, Plane, PreparedSprite, RenderOptions, Sampling, Sprite, SpriteFrame,
     SpriteRenderer, SpriteWithDepth, Transfer, Variant,
@@ -20,17 +20,6 @@ fn render(sprite: &PreparedSprite, target: &Camera, options: &RenderOptions) -> 
     let mut frame = SpriteFrame::default();
     let outcome = SpriteRenderer::new().render(sprite, target, options, &mut frame);
     (outcome, frame)
-}
-
-/// Every level that this CPU has.
-fn levels() -> Vec<Level> {
-    let mut levels = vec![Level::baseline(), Level::new()];
-    #[cfg(target_arch = "x86_64")]
-    {
-        levels.extend(Level::new().as_sse4_2().map(Level::Sse4_2));
-        levels.extend(Level::new().as_avx2().map(Level::Avx2));
-    }
-    levels
 }
 
 /// Half a level of final rounding, 0.023 of the weights' rounding (see `sampling.rs`), and positions that are off by a
@@ -155,7 +144,8 @@ fn ramps(size: u32) -> RgbaImage {
     RgbaImage::from_fn(size, size, |x, y| Rgba([(x % 2 * 250) as u8, (y % 2 * 250) as u8, 0, 255]))
 }
 
-/// How a variant's source addresses differ from the exact ones, pixels.
+/// How a variant's source addresses differ from the exact ones, pixels; those of affine parallax from what it promises: the
+/// third component of the epipole is 0 (S8).
 struct AddressError {
     median: f64,
     max: f64,
@@ -174,7 +164,10 @@ fn address_error(
 ) -> AddressError {
     let picture = ramps(size);
     let prepared = PreparedSprite::new(sprite(size, picture.clone(), waves.displacement(size, format)));
-    let transfer = Transfer::new(prepared.sprite().sprite(), target).expect("in front");
+    let mut transfer = Transfer::new(prepared.sprite().sprite(), target).expect("in front");
+    if variant == Variant::AffineParallax {
+        transfer.epipole_in_sprite.z = 0.0;
+    }
     let (_, frame) = render(&prepared, target, &options(variant, Sampling::Bilinear));
     let surface = |x: f64, y: f64| waves.at(x / f64::from(size), y / f64::from(size));
     let range = [-1.5 * waves.amplitude, 1.5 * waves.amplitude];
@@ -245,6 +238,25 @@ fn the_printed_equations_are_off_where_the_plane_leans() {
     }
     let [(_, two_pass), (_, as_printed), ..] = &rows;
     assert!(as_printed.max > 4.0 * two_pass.max && as_printed.median > 4.0 * two_pass.median, "C5");
+}
+
+#[test]
+fn affine_parallax_moves_every_pixel_in_one_direction_by_its_displacement() {
+    // Toward the plane, so that the epipole lies in the sprite and its third component counts.
+    let target = look(dvec3(0.3, 0.2, 1.1), dvec3(0.02, 0.0, 0.0), 512);
+    let waves = Waves { amplitude: 0.05, waves: 1.0 };
+    let affine = address_error(256, waves, DisplacementFormat::F32, &target, Variant::AffineParallax);
+    println!("affine: parallax {:.1} px, median {:.4}, max {:.4} px", affine.parallax, affine.median, affine.max);
+    assert!(affine.max <= SMOOTH_TOLERANCE_PX, "S8: {} px", affine.max);
+    // With the epipole where it is the pixels go elsewhere, or the test would see no difference.
+    let displacement = waves.displacement(256, DisplacementFormat::F32);
+    let prepared = PreparedSprite::new(sprite(256, picture(256), displacement));
+    let transfer = Transfer::new(prepared.sprite().sprite(), &target).expect("in front");
+    let e = transfer.epipole_in_sprite;
+    let corner = dvec3(250.0, 250.0, 1.0) - e * waves.amplitude;
+    let bent = (corner.x / corner.z - (250.0 - e.x * waves.amplitude))
+        .hypot(corner.y / corner.z - (250.0 - e.y * waves.amplitude));
+    assert!(bent > 20.0 * SMOOTH_TOLERANCE_PX, "{bent} px");
 }
 
 #[test]

@@ -2,9 +2,8 @@
 
 use crate::common::bed::{Random, leaves, room};
 use crate::common::capture::quick;
-use fearless_simd::Level;
 use glam::{DVec3, dvec3};
-use headbox::capture::Camera;
+use headbox::capture::{Camera, simd};
 use headbox::frame::{Coverage, Frame};
 use headbox::packed::{PackedCube, SplatIndexLayout, Split};
 use headbox::render::splat::SplatKernel;
@@ -125,21 +124,15 @@ fn no_setting_changes_a_bit() {
 
 #[test]
 fn no_simd_level_changes_a_bit() {
-    let best = Level::new();
-    let mut levels = vec![best];
-    #[cfg(target_arch = "x86_64")]
-    {
-        levels.extend(best.as_sse4_2().map(Level::Sse4_2));
-        levels.extend(best.as_avx2().map(Level::Avx2));
-    }
+    let levels = simd::levels();
     let cube = PackedCube::pack(&quick(&leaves(6.0), 80), SplatIndexLayout::Normal, Split::Auto).expect("packs");
     let mut random = Random(6);
     for eye in eyes() {
         let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, 75.0, 97, 61).expect("valid");
         for kernel in KERNELS {
             let settings = RenderSettings { kernel, ..RenderSettings::default() };
-            let expected = Renderer::with_level(Level::baseline()).render(&cube, &camera, &settings).0.clone();
-            for level in &levels {
+            let expected = Renderer::with_level(levels[0]).render(&cube, &camera, &settings).0.clone();
+            for level in &levels[1..] {
                 let found = Renderer::with_level(*level).render(&cube, &camera, &settings).0.clone();
                 assert!(found == expected, "eye {eye}, {kernel:?}, {level:?}");
             }

@@ -1,6 +1,5 @@
 //! Scenes, rays and the oracle of the tracer's tests.
 
-use fearless_simd::{Level, Simd};
 use glam::{DVec3, dvec3};
 use headbox_capture::scene::Triangle;
 use headbox_capture::trace::{Hit, Ray};
@@ -47,18 +46,7 @@ impl Random {
     }
 }
 
-/// Every SIMD level that this CPU has, best first.
-pub(crate) fn levels() -> Vec<Level> {
-    let best = Level::new();
-    let mut levels = vec![best, Level::baseline()];
-    #[cfg(target_arch = "x86_64")]
-    {
-        levels.extend(best.as_avx2().map(|token| token.level()));
-        levels.extend(best.as_sse4_2().map(|token| token.level()));
-        levels.extend(best.as_sse2().map(|token| token.level()));
-    }
-    levels
-}
+pub(crate) use headbox_capture::simd::levels;
 
 /// A scene of separate triangles.
 pub(crate) fn scene_of(triangles: &[[DVec3; 3]]) -> Scene {

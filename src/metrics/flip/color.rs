@@ -107,7 +107,9 @@ impl ColorSpace {
 
     #[inline(always)]
     fn difference_of_green_and_blue<S: Simd>(&self, simd: S) -> f32 {
-        let [green, blue] = [1, 2].map(|primary| self.opponent_from_rgb.map(|row| S::f32s::splat(simd, row[primary])));
+        let [y, x, z] = &self.opponent_from_rgb;
+        let green = [S::f32s::splat(simd, y[1]), S::f32s::splat(simd, x[1]), S::f32s::splat(simd, z[1])];
+        let blue = [S::f32s::splat(simd, y[2]), S::f32s::splat(simd, x[2]), S::f32s::splat(simd, z[2])];
         self.difference(simd, green, blue)[0]
     }
 }

@@ -21,6 +21,7 @@ use self::color::{ColorSpace, row_errors};
 use self::weights::Weights;
 use super::rows::{RowRing, across, derive, padded_len, smooth};
 use super::{MetricError, check_sizes, magma};
+use crate::capture::simd;
 
 /// The usual viewing condition: a display 3840 pixels and 0.7 m wide, seen from 0.7 m: `3840 pi / 180` pixels a degree.
 pub const DEFAULT_PIXELS_PER_DEGREE: f32 = 67.020_64;
@@ -61,7 +62,7 @@ pub fn flip_map(reference: &RgbImage, test: &RgbImage, pixels_per_degree: f32) -
     if !(MIN_PIXELS_PER_DEGREE..=MAX_PIXELS_PER_DEGREE).contains(&pixels_per_degree) {
         return Err(MetricError::PixelsPerDegree(pixels_per_degree));
     }
-    Ok(flip_map_at(Level::new(), reference, test, pixels_per_degree))
+    Ok(flip_map_at(simd::level(), reference, test, pixels_per_degree))
 }
 
 /// [`flip_map`] of checked arguments at a given SIMD level.
