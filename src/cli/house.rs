@@ -70,7 +70,7 @@ impl House {
         if writes {
             let file = self.file.write(survey.model)?;
             if !self.json {
-                println!("file: {file}");
+                self.file.print(&file);
             }
             found["file"] = file;
         }

@@ -110,6 +110,19 @@ impl HouseFileArgs {
         }))
     }
 
+    /// Says what [`Self::write`] has written.
+    pub(super) fn print(&self, written: &Value) {
+        if let Some(path) = &self.walk {
+            println!("{}: a walk of {} poses", path.display(), self.poses);
+        }
+        if let Some(path) = &self.output {
+            let megabytes = written["bytes"].as_f64().map_or(String::new(), |bytes| format!(", {:.1} MB", bytes / 1e6));
+            let seconds = super::progress::duration(written["capture_s"].as_f64().unwrap_or_default());
+            println!("{}: {} captures in {seconds}{megabytes}", path.display(), written["captures"]);
+            println!("walk through it: headbox view {}", path.display());
+        }
+    }
+
     /// The model with its light baked in, if it is wanted and there is a file to hold it.
     fn lit(&self, model: PortalModel) -> PortalModel {
         if self.unlit || self.output.is_none() || model.scene.validate().is_err() {

@@ -329,9 +329,10 @@ impl Content {
 
     fn summary(&self, rendered: &Rendered) -> String {
         match self {
-            Self::House(house) => format!("{}, {} depth pixels splatted", house.variant(), rendered.splatted),
+            Self::House(house) => format!("{}, {} splats", house.variant(), rendered.splatted),
             Self::Cube { cube, .. } => {
-                format!("{} of {} depth pixels splatted", rendered.splatted, cube.depth_pixel_count())
+                // One depth pixel may be splatted in several bands of rows.
+                format!("{} splats of {} depth pixels", rendered.splatted, cube.depth_pixel_count())
             }
             Self::Layers { layers, .. } => {
                 let (sprites, cubes) = (layers.sprites().sprites().len(), layers.cubes().len());

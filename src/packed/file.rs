@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// A cube LDI file.
-pub const CUBE_LDI: Kind = Kind { tag: *b"cldi", name: "cube LDI", version: 1 };
+pub const CUBE_LDI: Kind = Kind::CUBE_LDI;
 
 /// What a cube LDI is but for its arrays.
 #[derive(Serialize, Deserialize)]

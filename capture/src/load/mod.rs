@@ -35,7 +35,7 @@ pub struct LoadOptions {
 #[derive(Debug, thiserror::Error)]
 pub enum LoadError {
     /// The file cannot be opened or read.
-    #[error("cannot read {}: {cause}", path.display())]
+    #[error("{}: {cause}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
@@ -43,13 +43,13 @@ pub enum LoadError {
         cause: std::io::Error,
     },
     /// The file's ending is not one of those that are read.
-    #[error("{}: unknown kind of scene file; expected .obj, .gltf or .glb", path.display())]
+    #[error("{}: not a kind of scene that is read; give an .obj, .gltf or .glb file, or builtin:NAME (see headbox scenes)", path.display())]
     UnknownFormat {
         /// The file.
         path: PathBuf,
     },
     /// The file's ending is not one of the portal models that are read.
-    #[error("{}: unknown kind of portal model; expected .toml, Home.xml or .sh3d", path.display())]
+    #[error("{}: not a kind of home that is read; give a .toml, Home.xml or .sh3d file, or builtin:house", path.display())]
     UnknownModel {
         /// The file.
         path: PathBuf,
