@@ -184,7 +184,6 @@ fn takes_a_stream(_: &Metadata) -> bool {
 type Identity = (u64, u64);
 
 #[cfg(unix)]
-#[expect(clippy::unnecessary_wraps, reason = "elsewhere there may be none")]
 fn identity(_: &Path, found: &Metadata) -> Option<Identity> {
     use std::os::unix::fs::MetadataExt;
     found.is_file().then(|| (found.dev(), found.ino()))

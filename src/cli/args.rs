@@ -65,10 +65,10 @@ pub(super) struct SceneArgs {
 /// The axes and the unit of a file, where they are not its format's default.
 #[derive(Args)]
 pub(super) struct FrameArgs {
-    /// Axis that points up in the file
+    /// Axis that points up in the file; Y in a glTF, guessed from evidence in an OBJ if absent
     #[arg(long)]
     up: Option<Up>,
-    /// Unit of lengths in the file
+    /// Unit of lengths in the file; metres in a glTF, guessed from evidence in an OBJ if absent
     #[arg(long)]
     unit: Option<Unit>,
 }

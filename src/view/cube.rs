@@ -19,7 +19,7 @@ use crate::render::{FrameStats, RenderSettings, Renderer};
 use crate::scene_source::SceneSource;
 use glam::DVec3;
 use headbox_viewer::{
-    EyeBounds, Figure, FrameReport, FrameRequest, FrameSource, Pose, Refinement, Setting, SettingValues, Stage,
+    EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Pose, Refinement, Setting, SettingValues, Stage,
 };
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -266,7 +266,13 @@ impl FrameSource for CubeSource {
                 refinement = Refinement::Later(LOOK_AGAIN);
             }
         }
-        Ok(FrameReport { stages, figures, facts: vec![super::simd_fact()], refinement, legend: overlay.legend() })
+        Ok(FrameReport {
+            stages,
+            figures,
+            facts: vec![super::simd_fact(), axes_fact(&cube)],
+            refinement,
+            legend: overlay.legend(),
+        })
     }
 
     fn act(&mut self, action: &str) -> Result<String, String> {
@@ -280,6 +286,12 @@ impl FrameSource for CubeSource {
             _ => Err(format!("\"{action}\" is not something that this view can do.")),
         }
     }
+}
+
+/// What was taken for the file's axes and unit.
+fn axes_fact(cube: &PackedCube) -> Fact {
+    let up = if cube.info.z_up { "Z" } else { "Y" };
+    Fact { name: "in the file", text: format!("{up} is up, 1 is {} m (view --up, --unit)", cube.info.unit_m) }
 }
 
 fn stages(stats: &FrameStats) -> Vec<Stage> {
