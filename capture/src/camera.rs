@@ -145,7 +145,7 @@ impl Camera {
 
     /// The matrix that takes a world point (X, Y, Z, 1) to (x w, y w, 1, w), where (x, y) is the position in pixels
     /// and w the eye depth. Its third row keeps the homogeneous 1, so that after the division by w the third
-    /// component is the inverse depth (the choice `z2 = 1/Z2` of Shade et al., section 5.3; inventory S20).
+    /// component is the inverse depth (the choice `z2 = 1/Z2` of Shade et al., section 5.3; S20).
     pub fn image_from_world(&self) -> DMat4 {
         let [right, up, back] = self.world_from_eye.to_cols_array_2d().map(DVec3::from);
         let row_x = right * self.focal_px - back * self.principal_px[0];

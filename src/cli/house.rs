@@ -6,7 +6,7 @@ use super::output::{Outputs, PLAN, print_json, save_picture, write_text};
 use crate::capture::load::{LoadedModel, ModelOptions, load_model};
 use crate::capture::portal_model::{Finding, PortalModel};
 use crate::capture::trace::Tracer;
-use crate::portal::plan::{Plan, storeys};
+use crate::portal::floor_plan::{FloorPlan, storeys};
 use clap::Args;
 use glam::DVec2;
 use serde_json::{Value, json};
@@ -98,7 +98,7 @@ impl House {
     fn draw(&self, model: &PortalModel, path: &Path) -> anyhow::Result<Vec<PathBuf>> {
         let mut written = Vec::new();
         for (storey, floor) in (1..).zip(storeys(model)) {
-            let plan = Plan::new(model, floor + self.cut);
+            let plan = FloorPlan::new(model, floor + self.cut);
             let path = of_storey(path, storey);
             if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg")) {
                 write_text(&path, &plan.to_svg())?;

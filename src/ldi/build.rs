@@ -6,7 +6,7 @@
 use super::accumulate::{Accumulator, DepthBins, Sample, sixteen_bits};
 use super::merge::MergeRule;
 use super::misses::MissMap;
-use super::plan::RayPlan;
+use super::ray_plan::RayPlan;
 use super::store::{InsertScratch, TileStore};
 use crate::capture::rig::Face;
 use crate::capture::sampler::{DirectionCell, RayDomain, RayKey, Strata};

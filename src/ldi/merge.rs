@@ -11,7 +11,7 @@ use crate::capture::srgb8_from_linear;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-/// What becomes of samples at similar depth in one pixel: the papers disagree (inventory D1).
+/// What becomes of samples at similar depth in one pixel: the papers disagree (D1).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MergeRule {

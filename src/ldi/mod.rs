@@ -1,6 +1,6 @@
 //! The build-time layered depth image: per pixel of a cube face, every surface that rays met there.
 //!
-//! Inventory S11, S14. Depth pixels of one layered depth pixel are kept **farthest first** (the render-time order,
+//! S11, S14. Depth pixels of one layered depth pixel are kept **farthest first** (the render-time order,
 //! C9), addressed through prefix sums:
 //!
 //! ```text
@@ -16,8 +16,8 @@ pub mod job;
 pub mod mend;
 pub mod merge;
 pub mod misses;
-pub mod plan;
 pub mod pool;
+pub mod ray_plan;
 pub mod shade;
 pub mod shard;
 pub mod store;

@@ -7,7 +7,7 @@ use super::accumulate::Accumulator;
 use super::build::Tracing;
 use super::job::CaptureJob;
 use super::misses::MissMap;
-use super::plan::RayPlan;
+use super::ray_plan::RayPlan;
 use super::store::TileStore;
 use crate::capture::rig::Face;
 use crate::container::{Container, ContainerWriter, FileError, Kind};

@@ -1,4 +1,4 @@
-//! Every promise of the build-time layout, checked (inventory S11, S14; C9 for the order of layers).
+//! Every promise of the build-time layout, checked (S11, S14; C9 for the order of layers).
 //!
 //! `headbox info --check` and [`crate::packed::PackedCube::pack`] run it: what passes can be packed and drawn without
 //! further checks.

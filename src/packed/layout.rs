@@ -1,4 +1,4 @@
-//! The bits and tables of the packed LDI (inventory S17, S22, C10).
+//! The bits and tables of the packed LDI (S17, S22, C10).
 //!
 //! One 32-bit word of geometry and one of colour:
 //!

@@ -1,5 +1,5 @@
 //! Backdrops in memory: built ahead of need by a thread in the background, the least recently used thrown away first
-//! (inventory R16).
+//! (R16).
 
 use super::backdrop::{Backdrop, Kind, PortalSide, Quality};
 use super::house::House;

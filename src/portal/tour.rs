@@ -1,4 +1,4 @@
-//! A walk whose backdrops are built ahead of need (inventory R3, R16, S24).
+//! A walk whose backdrops are built ahead of need (R3, R16).
 
 use super::backdrop::Quality;
 use super::house::House;

@@ -1,4 +1,4 @@
-//! A frame of a walk: geometry for the eye's cell and for near ones, backdrops behind all other portals (inventory R3, R15,
+//! A frame of a walk: geometry for the eye's cell and for near ones, backdrops behind all other portals (R3, R15,
 //! P1).
 //!
 //! 1. From the eye's cell on, cells are visited through portals ([`visit`](super::visit)). A portal near the eye is passed: the next cell
@@ -22,7 +22,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 /// The part of a frame that a backdrop fills.
-struct Part<'a> {
+struct BackdropArea<'a> {
     /// Of the portal's marker.
     number: u32,
     backdrop: &'a Backdrop,
@@ -137,8 +137,8 @@ impl Walker {
     fn fill(&mut self, boundaries: &[Boundary], camera: &Camera, settings: &WalkSettings, stats: &mut WalkStats) {
         let output = self.rasterizer.output_mut();
         let numbered = (0..).zip(boundaries);
-        let parts: Vec<Part> =
-            numbered.filter_map(|(number, boundary)| Part::of(output, number, boundary, camera)).collect();
+        let parts: Vec<BackdropArea> =
+            numbered.filter_map(|(number, boundary)| BackdropArea::of(output, number, boundary, camera)).collect();
         self.drawers.resize_with(self.drawers.len().max(parts.len()), Drawer::default);
         let side_by_side = self.drawers.par_iter_mut().zip(&parts).with_max_len(1);
         let drawn: Vec<_> = side_by_side.map(|(drawer, part)| part.draw(drawer, settings)).collect();
@@ -148,7 +148,7 @@ impl Walker {
     }
 }
 
-impl<'a> Part<'a> {
+impl<'a> BackdropArea<'a> {
     fn of(output: &RasterFrame, number: u32, boundary: &'a Boundary, camera: &Camera) -> Option<Self> {
         let [columns, rows] = touched(output, number, &boundary.window)?;
         let part = camera.cropped(columns.clone(), rows.clone()).ok()?;

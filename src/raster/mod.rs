@@ -1,10 +1,9 @@
-//! A z-buffer rasteriser on the CPU: the geometry of the view cell and of cells too near for an image (inventory R3, R15).
+//! A z-buffer rasteriser on the CPU: the geometry of the view cell and of cells too near for an image (R3, R15).
 //!
 //! A frame is drawn in bands of rows, each by one thread from its first triangle to its last pixel:
 //!
-//! 1. `mesh`: triangles in clusters of at most 128, each with a box; clusters outside the window are dropped (`cull`; leaving
-//!    out those that nearer ones hide took longer than it saved, 31.2 for 28.5 ms over a house of 1.7 M triangles, when
-//!    colours took twice the time);
+//! 1. `mesh`: triangles in clusters of at most 128, each with a box; clusters outside the window are dropped (`cull`; not
+//!    those that nearer ones hide, see docs/decisions.md: no occlusion culling of clusters);
 //! 2. `view`: the vertices of a cluster to the frame, 16 at a time, snapped to 1/256 px; triangles that reach behind the eye
 //!    or far outside the frame are clipped in `clip`;
 //! 3. `scan`: exact integer edge functions, a hair wider than the triangles, so that no crack is left between neighbours;

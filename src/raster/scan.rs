@@ -6,9 +6,9 @@
 //!
 //! A centre belongs to a large triangle if it lies at most a hair, 1/256 px, beyond its edges. Where the corner of one triangle lies on
 //! the edge of another (a T-junction, of which scenes are full), rounding opens cracks of up to 1.4/256 px, and without the hair
-//! the sky twinkled through them, a pixel in every third frame of a house. Of two triangles that claim a centre the nearer one
+//! the sky twinkles through them (docs/decisions.md: large triangles are a hair wider). Of two triangles that claim a centre the nearer one
 //! shows; depths are moved back by what the hair can add, so that a surface seen edge-on never comes out in front of what hides
-//! it. A frame of the house takes 1 % longer for it, and 0.04 % of its pixels change.
+//! it.
 
 use super::SurfaceId;
 use super::mesh::RasterMesh;
@@ -60,7 +60,7 @@ impl CutoutTest<'_> {
 const HAIR: i32 = 1;
 
 /// Triangles that reach over fewer pixels have no hair: the edge on which a corner lies is the longer one, and leaves of a far
-/// tree would cover 2 % more pixels.
+/// tree would grow.
 const LARGE_PX: i32 = 4;
 
 /// E / 256 of an edge, rounded down, as a linear function of the pixel; a centre is inside where that is not negative.

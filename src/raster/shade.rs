@@ -4,9 +4,8 @@
 //! that still show it are collected, and coloured [`LANES`] at a time; only texels and sRGB levels are looked up one by one.
 //! A colour depends on nothing but triangle and pixel, so that neither bands nor lanes can be told from it.
 //!
-//! Tried and lost: each run of a row's pixels by itself. In rooms most of the lanes are idle then, and most of the time goes into
-//! what holds for the triangle: with this, and with depth tests, texels and sRGB in explicit SIMD, whole frames of a house take
-//! 0.475 of the time (640x512, two threads).
+//! Each run of a row's pixels by itself would leave most lanes idle in rooms (docs/decisions.md: pixels are coloured triangle
+//! after triangle).
 
 use super::encode::SrgbTable;
 use super::mesh::{RasterMesh, Surface, Vertex};

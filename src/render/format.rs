@@ -1,4 +1,4 @@
-//! The forms in which depth pixels can be kept: packed into 8 bytes, or as they were before that (inventory S17, C10).
+//! The forms in which depth pixels can be kept: packed into 8 bytes, or as they were before that (S17, C10).
 
 use super::traverse::Batch;
 use crate::packed::{ExactDepthPixel, INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, PackedSegment};

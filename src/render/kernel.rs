@@ -1,4 +1,4 @@
-//! The warp of a batch, sixteen depth pixels at a time: unpack, transfer, cull, size (inventory S18, S20, C8).
+//! The warp of a batch, sixteen depth pixels at a time: unpack, transfer, cull, size (S18, S20, C8).
 //!
 //! One code for every SIMD level, down to plain scalars: IEEE operations in a fixed order, without fused multiply-adds and
 //! approximate reciprocals, so that all levels give the same bits.

@@ -1,5 +1,5 @@
 //! From a packed cube LDI to a frame: six faces and two segments in occlusion-compatible order, the incremental warp,
-//! splats, and the environment under what they leave open (inventory S17 to S23, C3, C3b, C8 to C10, C12, C15, C17).
+//! splats, and the environment under what they leave open (S17 to S23, C3, C3b, C8 to C10, C12, C15, C17).
 //!
 //! A frame is drawn in bands of rows ([`band`]), each by one thread, from first to last: clipped segments and blocks
 //! (`clip`), one traversal that yields depth pixels in drawing order, in batches of one row (`traverse`), a warp kernel that makes
@@ -98,7 +98,7 @@ pub enum Parallel {
     /// Bands of rows of the frame.
     #[default]
     Bands,
-    /// As many fragments of the LDI between epipolar lines, at most [`MAX_FRAGMENTS`], or 0 for one a thread (inventory P5,
+    /// As many fragments of the LDI between epipolar lines, at most [`MAX_FRAGMENTS`], or 0 for one a thread (P5,
     /// P6, C16); see there for what it costs.
     Fragments(u32),
 }

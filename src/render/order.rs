@@ -1,4 +1,4 @@
-//! The order in which splats must be drawn so that near ones come after far ones (inventory S19, P4, C3, C3b, C9).
+//! The order in which splats must be drawn so that near ones come after far ones (S19, P4, C3, C3b, C9).
 //!
 //! For any eye and any scene it is enough to draw, without comparing depths,
 //!
@@ -209,7 +209,7 @@ mod tests {
         ranks
     }
 
-    /// Eyes of inventory part 8, items 1 and 3, and seeded ones inside, on the faces, beyond and far outside.
+    /// Eyes of hard cases 1 and 3, and seeded ones inside, on the faces, beyond and far outside.
     fn eyes() -> Vec<DVec3> {
         let cell = 2.0 / f64::from(SIZE);
         let mut eyes = vec![DVec3::ZERO];

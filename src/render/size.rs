@@ -130,8 +130,8 @@ impl Size for PaperSize {
         f64::from(Self::MAX_RADIUS_PX)
     }
 
-    /// Squares of 1, 3, 5 or 7 pixels: the smallest that is at least as wide as the sample. (With the thresholds 2, 4, 6
-    /// of C10, rounding to the nearest, 20 % of the pixels of the test bed's room stay empty.)
+    /// Squares of 1, 3, 5 or 7 pixels: the smallest that is at least as wide as the sample. Rounded to the nearest, as C10 has
+    /// it, they leave cracks.
     #[inline(always)]
     fn footprints<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> FootprintLanes<S> {
         let index = lanes.normals.index();
@@ -173,8 +173,8 @@ impl Size for FixedSize {
 /// where the neighbouring samples of the same surface land, in x and y, to first order. The radii are the lengths of the
 /// rows of this 2x2 Jacobian, which do not change when the face's grid is rotated in the frame.
 ///
-/// On the test bed this gained up to 1.5 dB over `w^-3/2 f2/f1` (no normals), and 8 dB over the angles of
-/// [`PaperSize`], which say nothing of a floor seen through a side face (both cosines are 0).
+/// The angles of [`PaperSize`] say nothing of a floor seen through a side face (both cosines are 0). What that brings:
+/// docs/decisions.md: sizes from the tangent plane.
 pub(crate) struct TangentSize<'a> {
     table: &'a TangentTable,
     x_step: Vec3,
@@ -208,8 +208,7 @@ impl Default for TangentTable {
 impl TangentTable {
     /// Relative change of inverse depth over one face pixel, times half of the face's size, at most. It is the tangent
     /// of the angle to the surface's normal; beyond it (76 degrees) the quantised normal says little, and a capture
-    /// resolves the slope into several samples a pixel. 1 to 16 were tried: 4 is best in the room, 1 to 2 by 0.2 dB
-    /// among leaves.
+    /// resolves the slope into several samples a pixel.
     const MAX_SLOPE: f32 = 4.0;
 
     /// Fills the table of planes. Radii are the spacing of the samples times `scale`, at least `min_radius_px`.

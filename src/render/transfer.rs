@@ -1,4 +1,4 @@
-//! The matrix that takes an LDI's pixels to a frame's (inventory S18, C2, C8).
+//! The matrix that takes an LDI's pixels to a frame's (S18, C2, C8).
 
 use crate::capture::Camera;
 use crate::capture::rig::Face;

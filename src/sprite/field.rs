@@ -1,7 +1,7 @@
 //! A grid of displacements: a sprite's own, or what the first pass made of it.
 
 use super::cell::Coding;
-use super::patches::{Patches, Surface};
+use super::patches::{Patches, UnpackedField};
 use super::{Displacement, DisplacementFormat, Sprite};
 use image::RgbaImage;
 use rayon::prelude::*;
@@ -60,7 +60,7 @@ impl Field {
         let cells: Vec<u32> =
             pixels().zip(visible).map(|((x, y), visible)| coding.pack(visible, at(x, y), slope(x, y))).collect();
         let step = if displacement.format() == DisplacementFormat::F32 { 0.0 } else { displacement.scale() };
-        let patches = Patches::new(&Surface { width, height, values: &values, cells: &cells }, step);
+        let patches = Patches::new(&UnpackedField { width, height, values: &values, cells: &cells }, step);
         Self { x0: 0, y0: 0, width, height, cells, coding, range: [low.min(0.0), high.max(0.0)], patches }
     }
 }

@@ -1,10 +1,8 @@
 //! First pass: moving displacements by pure parallax (Eq. 6), d1(x1, y1) to d3(x3, y3) with d3 = d1 / w3 (C5).
 //!
 //! Tiles that lie on planes ([`super::patches`]) are drawn whole, as the parallelograms that they become
-//! ([`super::planes`]); the cells of all others go one by one. On the benchmark's hemisphere of 256 x 256 cells, nine tenths
-//! of which are tiles, that takes half the time of cells alone. Tried and lost: drawing every cell that is magnified by
-//! more than 1.05 as a patch (half as much again, where a step of filling closes the same gaps); more bands of rows
-//! than threads (four of 65 rows take 1.5 times the time of one: neighbours draw the same tiles).
+//! ([`super::planes`]); the cells of all others go one by one. There are no more bands of rows than threads: neighbours
+//! draw the same tiles (docs/decisions.md: tiles on planes are drawn whole).
 
 use super::cell::{Coding, VISIBLE, slopes};
 use super::field::Field;

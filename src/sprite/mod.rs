@@ -1,4 +1,4 @@
-//! Sprites with depth (Shade et al. 1998, section 3; inventory S2 to S10, corrected by C4 to C7 and C30).
+//! Sprites with depth (Shade et al. 1998, section 3; S2 to S9, corrected by C4 to C7 and C30).
 //!
 //! A [`Sprite`] is an alpha-matted picture taken by a camera, and a plane through what it shows. A [`SpriteWithDepth`]
 //! adds a *displacement* per pixel: how far the surface lies off the plane, towards the camera positive, divided by

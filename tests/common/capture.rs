@@ -1,5 +1,5 @@
 //! A small capture of an analytic scene, independent of the product's: rays from the headbox's faces, cosine-weighted
-//! (inventory S15), merged by depth in their order of arrival.
+//! (S15), merged by depth in their order of arrival.
 
 use super::bed::{Random, Scene, sky, srgb};
 use glam::{DVec3, dvec3};

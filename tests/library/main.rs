@@ -7,6 +7,7 @@
 mod common;
 
 mod capture;
+mod citations;
 mod metrics;
 mod metrics_flip;
 mod metrics_images;

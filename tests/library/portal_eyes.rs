@@ -2,7 +2,7 @@
 
 use glam::dvec3;
 use headbox::portal::house::House;
-use headbox::portal::path::WalkPath;
+use headbox::portal::walk_path::WalkPath;
 
 /// Eyes where walls of the built-in house meet, in planes of portals and a hair off; and every eye of a walk.
 #[test]

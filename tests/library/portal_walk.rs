@@ -8,12 +8,12 @@ use headbox::capture::portal_model::PortalModel;
 use headbox::portal::backdrop::{Backdrop, BackdropError, Kind, PortalSide, Quality};
 use headbox::portal::file;
 use headbox::portal::house::{House, HouseError};
-use headbox::portal::path::WalkPath;
 use headbox::portal::settings::{Division, Near, WalkSettings};
 use headbox::portal::store::{Builder, Store};
 use headbox::portal::tour::Tour;
 use headbox::portal::visit::likely;
 use headbox::portal::walk::Walker;
+use headbox::portal::walk_path::WalkPath;
 use headbox::raster::Seen;
 use std::sync::Arc;
 

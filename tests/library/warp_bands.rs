@@ -19,8 +19,8 @@ const KERNELS: [SplatKernel; 6] = [
     SplatKernel::Point,
 ];
 
-/// Eyes at the centre, on lines that put an epipole into a pixel, on a corner, far away and at infinity (inventory part
-/// 8, items 1 and 3), on a face and a corner of the headbox, and anywhere inside and around it.
+/// Eyes at the centre, on lines that put an epipole into a pixel, on a corner, far away and at infinity (hard
+/// cases 1 and 3), on a face and a corner of the headbox, and anywhere inside and around it.
 fn eyes() -> Vec<DVec3> {
     let mut random = Random(11);
     let cell = 2.0 / 48.0;

@@ -1,4 +1,4 @@
-//! Fragments between epipolar lines (inventory P5, P6, C16) against the serial warp: one band on one thread.
+//! Fragments between epipolar lines (P5, P6, C16) against the serial warp: one band on one thread.
 
 use crate::common::bed::{Random, leaves, room};
 use crate::common::capture::{one_layer, quick};

@@ -1,4 +1,4 @@
-//! Inventory, part 8: samples behind, on and just before the eye's plane, grazing and back-facing surfaces, surfaces
+//! Hard cases (docs/papers.md): samples behind, on and just before the eye's plane, grazing and back-facing surfaces, surfaces
 //! nearer to each other than a capture tells apart. (Items 1 and 3 are in `warp::order`, 9 in `warp::transfer`.)
 
 use crate::common::bed::Random;

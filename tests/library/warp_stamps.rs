@@ -1,4 +1,4 @@
-//! The fixed stamps of Rafferty et al. (inventory R7, R12): which pixels one sample covers.
+//! The fixed stamps of Rafferty et al. (R7, R12): which pixels one sample covers.
 
 use crate::common::bed::Random;
 use crate::common::capture::one_layer;

@@ -1,6 +1,6 @@
 //! The materials of the house beyond those of its furniture.
 
-use super::plan::Purpose;
+use super::floor::Purpose;
 use crate::finishes::Finishes;
 use crate::mesh::Mesh;
 use crate::rng::{Rng, hash, unit};

@@ -1,4 +1,4 @@
-//! A sprite with depth behind a portal, where what lies behind is smooth enough for one (inventory S1, S5; R2).
+//! A sprite with depth behind a portal, where what lies behind is smooth enough for one (S1, S5; R2).
 
 use super::Quality;
 use crate::capture::trace::Ray;

@@ -1,4 +1,4 @@
-//! The warp alone, by three arithmetics (inventory S18, C8): what it gains to add where one could multiply.
+//! The warp alone, by three arithmetics (S18, C8): what it gains to add where one could multiply.
 //!
 //! Every depth pixel becomes one frame pixel in a depth buffer: no footprints, no order, no clipping, no SIMD, one thread.
 //! What differs is how its position is found.

@@ -1,4 +1,4 @@
-//! Surfaces and layers (inventory part 8, items 2, 4, 5; C9, D1).
+//! Surfaces and layers (hard cases 2, 4, 5; C9, D1).
 
 use super::Case;
 use super::bed::{Dice, draw, kernel, largest, ldi_of, look, pack, sample, sample_with_normal};

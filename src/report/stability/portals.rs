@@ -1,4 +1,4 @@
-//! Portals (inventory part 8, item 7; C17).
+//! Portals (hard case 7; C17).
 
 use super::Case;
 use super::bed::{Dice, differing, largest, look};

@@ -1,4 +1,4 @@
-//! Sprites with depth (inventory part 8, item 6; C4 to C7).
+//! Sprites with depth (hard case 6; C4 to C7).
 
 use super::Case;
 use super::bed::{Dice, largest, look};

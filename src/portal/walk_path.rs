@@ -1,4 +1,4 @@
-//! A seeded walk through every room, as the papers' path of 520 poses (inventory R-N4).
+//! A seeded walk through every room, as the papers' path of 520 poses (R-N4).
 
 use super::house::House;
 use super::opening::Opening;

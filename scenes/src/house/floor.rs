@@ -49,7 +49,7 @@ pub(super) enum Fill {
 #[derive(Clone, Debug)]
 pub(super) struct Opening {
     pub(super) name: String,
-    /// The two cells; the outside is [`Plan::outside`]. The first is a room.
+    /// The two cells; the outside is [`Floor::outside`]. The first is a room.
     pub(super) cells: [usize; 2],
     pub(super) fill: Fill,
     /// The axis that the wall is perpendicular to: 0 is x, 1 is z.
@@ -64,7 +64,7 @@ pub(super) struct Opening {
 
 /// A whole floor.
 #[derive(Clone, Debug)]
-pub(super) struct Plan {
+pub(super) struct Floor {
     pub(super) rooms: Vec<Room>,
     pub(super) openings: Vec<Opening>,
     /// Least and greatest (x, z) in the middles of the outer walls.
@@ -197,7 +197,7 @@ pub(super) fn half_thickness(at: f64, ends: [f64; 2]) -> f64 {
     if ends.contains(&at) { OUTER_WALL / 2.0 } else { INNER_WALL / 2.0 }
 }
 
-impl Plan {
+impl Floor {
     pub(super) fn new(rng: &Rng) -> Self {
         let mut draw = rng.fork(0);
         let mirrored = draw.unit() < 0.5;
@@ -313,7 +313,7 @@ fn ceiling(purpose: Purpose) -> f64 {
 
 impl Opening {
     /// Corners of the opening in the middle of the wall, counter-clockwise seen from its first cell.
-    pub(super) fn polygon(&self, plan: &Plan) -> Vec<DVec3> {
+    pub(super) fn polygon(&self, plan: &Floor) -> Vec<DVec3> {
         let at = |along: f64, y: f64| point(self.axis, self.plane, along, y);
         let [from, to] = self.span;
         let [sill, lintel] = self.heights;

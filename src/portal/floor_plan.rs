@@ -36,7 +36,7 @@ const CUT_COLORS: [[u8; 3]; 2] = [[165; 3], [40; 3]];
 
 /// What is drawn of a portal model; positions are pixels from the upper left corner.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Plan {
+pub struct FloorPlan {
     width: u32,
     height: u32,
     rooms: Vec<Room>,
@@ -80,7 +80,7 @@ pub fn storeys(model: &PortalModel) -> Vec<f64> {
     if storeys.is_empty() { vec![0.0] } else { storeys }
 }
 
-impl Plan {
+impl FloorPlan {
     /// Draws up the plan of the storey that a level plane `cut_y` metres above the world's origin cuts (a metre above the floor
     /// shows walls, windows and high furniture; low furniture is shown paler): rooms and portals that it passes through.
     /// Portals carry their index as a number. All plans of a model have one scale and place.
@@ -194,7 +194,7 @@ impl Plan {
 
     /// The plan as an image.
     pub fn to_image(&self) -> RgbImage {
-        // `Plan::new` keeps both sides between 1 and a few thousand, which is all that a pixmap asks for.
+        // `FloorPlan::new` keeps both sides between 1 and a few thousand, which is all that a pixmap asks for.
         let Some(mut pixmap) = Pixmap::new(self.width, self.height) else {
             return RgbImage::new(self.width, self.height);
         };

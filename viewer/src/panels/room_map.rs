@@ -1,14 +1,14 @@
 //! The plan of the rooms with the eye on it.
 
 use super::theme;
-use crate::{pose::Pose, source::Plan};
+use crate::{pose::Pose, source::RoomMap};
 use egui::{Align2, FontId, Painter, Pos2, Rect, Shape, Stroke, pos2, vec2};
 
 /// Length of the drawn view wedge, points.
 const WEDGE_POINTS: f32 = 18.0;
 
 /// Draws the plan to fit `rect`; the room that holds the eye is brighter and named.
-pub(crate) fn paint(painter: &Painter, rect: Rect, plan: &Plan, pose: &Pose) {
+pub(crate) fn paint(painter: &Painter, rect: Rect, plan: &RoomMap, pose: &Pose) {
     let Some(page) = Page::new(rect, plan) else { return };
     let here = plan.room_at(pose.eye);
     for (i, room) in plan.rooms.iter().enumerate() {
@@ -30,7 +30,7 @@ pub(crate) fn paint(painter: &Painter, rect: Rect, plan: &Plan, pose: &Pose) {
     painter.text(rect.right_bottom(), Align2::RIGHT_BOTTOM, name, FontId::proportional(10.0), theme::LINE);
 }
 
-/// Plan metres to points, filling a rectangle.
+/// RoomMap metres to points, filling a rectangle.
 struct Page {
     min: [f64; 2],
     origin: Pos2,
@@ -38,7 +38,7 @@ struct Page {
 }
 
 impl Page {
-    fn new(rect: Rect, plan: &Plan) -> Option<Self> {
+    fn new(rect: Rect, plan: &RoomMap) -> Option<Self> {
         let area = rect.shrink2(vec2(6.0, 16.0));
         let corners = || plan.rooms.iter().flat_map(|room| &room.outline);
         let low = corners().fold([f64::INFINITY; 2], |m, p| [m[0].min(p[0]), m[1].min(p[1])]);
@@ -67,10 +67,10 @@ mod tests {
     fn plans_fit_and_keep_their_proportions() {
         let rect = Rect::from_min_size(pos2(5.0, 5.0), vec2(136.0, 136.0));
         let room = Room { name: "hall".into(), outline: vec![[-3.0, 1.0], [9.0, 1.0], [9.0, 3.0], [-3.0, 3.0]] };
-        let page = Page::new(rect, &Plan { rooms: vec![room.clone()], openings: vec![] }).unwrap();
+        let page = Page::new(rect, &RoomMap { rooms: vec![room.clone()], openings: vec![] }).unwrap();
         assert!(room.outline.iter().all(|p| rect.contains(page.point(*p))));
         let (a, b, c) = (page.point([0.0, 1.0]), page.point([1.0, 1.0]), page.point([0.0, 2.0]));
         assert!((a.distance(b) - a.distance(c)).abs() < 1e-3);
-        assert!(Page::new(rect, &Plan::default()).is_none(), "a plan without rooms draws nothing");
+        assert!(Page::new(rect, &RoomMap::default()).is_none(), "a plan without rooms draws nothing");
     }
 }
