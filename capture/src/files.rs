@@ -137,6 +137,9 @@ fn target(path: &Path) -> io::Result<Target> {
     if path.as_os_str() == STANDARD_OUTPUT {
         return Ok(Target::StandardOutput);
     }
+    if path.as_os_str().is_empty() {
+        return Err(refused("it has no name"));
+    }
     if names_descriptor(path) {
         return Ok(Target::Stream(path.into()));
     }

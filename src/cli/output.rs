@@ -154,7 +154,8 @@ impl Outputs {
 
 /// What the rule refuses is a mistake of the user's, all else a failure.
 fn cannot_write(path: &Path, error: std::io::Error) -> anyhow::Error {
-    let message = format!("{} cannot be written: {error}", path.display());
+    let name = if path.as_os_str().is_empty() { "the output".into() } else { path.display().to_string() };
+    let message = format!("{name} cannot be written: {error}");
     if error.kind() == std::io::ErrorKind::InvalidInput { UsageError(message).into() } else { anyhow::anyhow!(message) }
 }
 

@@ -84,15 +84,15 @@ fn outputs_are_refused_before_any_work_and_harm_nothing() {
         assert!(message.contains(expected), "{arguments:?}: {message}");
         assert!(all() == untouched, "{arguments:?} harmed a file");
     };
-    refused(2, &["render", "a.ldi", "-o", "a.ldi"], ".png, .jpg");
+    refused(2, &["render", "a.ldi", "-o", "a.ldi"], "input of this command");
     refused(2, &["render", "a.ldi", "-o", "x.gif"], ".png, .jpg");
     refused(2, &["render", "a.ldi", "-o", "-", "--json"], "leave one out");
     refused(2, &["render", "a.ldi", "-o", "x.png", "--coverage", "x.png"], "two outputs");
-    refused(2, &["capture", "one.obj", "-o", "one.obj"], ".ldi");
+    refused(2, &["capture", "one.obj", "-o", "one.obj"], "input of this command");
     refused(2, &["capture", "one.obj", "-o", "x.shard"], ".ldi");
     refused(2, &["truth", "one.obj", "-o", "one.png", "--samples", "1"], "input of this command");
     refused(2, &["compare", "one.png", "one.png", "--map", "one.png"], "input of this command");
-    refused(2, &["sprite", "one.obj", "-o", "one.obj"], ".sprite");
+    refused(2, &["sprite", "one.obj", "-o", "one.obj"], "input of this command");
     refused(1, &["render", "a.ldi", "-o", "one.obj/x.png"], "one.obj/x.png");
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 4);
     for name in ["new/x.jpg", "x.webp", "x.TIF"] {

@@ -56,6 +56,7 @@ fn prepare(folder: &Path) {
 #[test]
 fn what_is_said_to_150_bad_inputs() {
     let dir = tempfile::tempdir().unwrap();
+    let cache = tempfile::tempdir().unwrap();
     prepare(dir.path());
     let before = std::fs::read_dir(dir.path()).unwrap().count();
     let lines: Vec<&str> = BAD.lines().filter(|line| !line.is_empty()).collect();
@@ -65,6 +66,7 @@ fn what_is_said_to_150_bad_inputs() {
         let arguments = line.split(' ').map(|word| if word == "''" { "" } else { word });
         let mut command = Command::new(env!("CARGO_BIN_EXE_headbox"));
         command.env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY").env_remove("WAYLAND_SOCKET");
+        command.env("XDG_CACHE_HOME", cache.path());
         let output = command.args(arguments).current_dir(dir.path()).output().unwrap();
         let said = String::from_utf8(output.stderr).unwrap().replace(dir.path().to_str().unwrap(), "DIR");
         let code = output.status.code().unwrap();
