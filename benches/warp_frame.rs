@@ -14,7 +14,8 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use glam::{DVec3, dvec3};
 use headbox::capture::rig::Face;
 use headbox::capture::{Camera, simd};
-use headbox::ldi::{CubeLdi, DepthPixel, EncodedNormal, Environment};
+use headbox::environment::Environment;
+use headbox::ldi::{CubeLdi, DepthPixel, EncodedNormal};
 use headbox::packed::{PackedCube, SplatIndexLayout, Split};
 use headbox::render::splat::SplatKernel;
 use headbox::render::{FrameStats, Parallel, RenderSettings, Renderer};
@@ -34,7 +35,7 @@ fn frames(criterion: &mut Criterion) {
     for (name, ldi) in [("cube", pierced(&scene, 428, &Face::ALL)), ("face", pierced(&scene, 1049, &[Face::NegZ]))] {
         let eye = dvec3(0.21, -0.13, 0.17);
         let fov = if name == "cube" { 60.0 } else { 80.0 };
-        let camera = Camera::look_at(eye, dvec3(0.1, 0.0, -3.0), DVec3::Y, fov, 1024, 768).expect("valid");
+        let camera = Camera::look_at(eye, dvec3(0.1, 0.0, -3.0), DVec3::Y, fov, [1024, 768]).expect("valid");
         for layout in [SplatIndexLayout::Paper, SplatIndexLayout::Normal] {
             let cube = PackedCube::pack(&ldi, layout, Split::Auto).expect("packs");
             for kernel in [SplatKernel::Paper, SplatKernel::Opaque, SplatKernel::Tent] {
@@ -73,7 +74,7 @@ fn frames(criterion: &mut Criterion) {
                         fragments.imbalance,
                     );
                     criterion.bench_function(&title, |b| {
-                        b.iter(|| pool.install(|| renderer.render(&cube, &camera, &settings).1.hole_pixels));
+                        b.iter(|| pool.install(|| renderer.render_with_stats(&cube, &camera, &settings).1.hole_pixels));
                     });
                 }
             }
@@ -93,7 +94,7 @@ fn sky(_: &mut Criterion) {
     for (name, at) in
         [("face", dvec3(0.1, 0.05, -1.0)), ("edge", dvec3(1.0, 0.1, -1.0)), ("corner", dvec3(1.0, 1.0, -0.9))]
     {
-        let camera = Camera::look_at(DVec3::ZERO, at, DVec3::Y, 60.0, 1024, 768).expect("valid");
+        let camera = Camera::look_at(DVec3::ZERO, at, DVec3::Y, 60.0, [1024, 768]).expect("valid");
         for level in simd::levels() {
             let mut renderer = Renderer::with_level(level);
             let settings = RenderSettings { kernel: SplatKernel::Opaque, ..RenderSettings::default() };
@@ -113,7 +114,7 @@ fn best(
     camera: &Camera,
     settings: &RenderSettings,
 ) -> FrameStats {
-    let mut frame = || *pool.install(|| renderer.render(cube, camera, settings)).1;
+    let mut frame = || *pool.install(|| renderer.render_with_stats(cube, camera, settings)).1;
     (1..30).fold(frame(), |best, _| {
         let next = frame();
         if next.frame_ms < best.frame_ms { next } else { best }

@@ -5,8 +5,17 @@ mod sixteen;
 use crate::capture::light::Lighting;
 use crate::capture::rig::Face;
 use crate::capture::srgb8_from_linear;
-use crate::ldi::Environment;
 use glam::{DVec3, Vec3};
+
+/// The far surroundings, which do not move with the eye: radiance by direction, a small cube map.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Environment {
+    /// Texels a side of each face; 0 if no ray ever left the scene (then `texels` is empty).
+    pub size_px: u32,
+    /// Six faces in the order of [`Face::ALL`], row-major, row 0 on top: sRGB, and alpha 255 where a real miss reached
+    /// the texel, 0 where none did.
+    pub texels: Vec<[u8; 4]>,
+}
 
 /// Four bytes, 16 bits each, so that one multiplication serves all.
 #[inline(always)]
@@ -38,6 +47,13 @@ impl Environment {
             [r, g, b, if reached(at) { 255 } else { 0 }]
         };
         Self { size_px, texels: (0..6 * per_face).map(texel).collect() }
+    }
+
+    /// All of the sky; of size 0 where there is none.
+    pub fn sky(lighting: &Lighting) -> Self {
+        /// Smooth as it is, the sky needs no more.
+        const SIZE_PX: u32 = 128;
+        if lighting.sky.is_none() { Self::default() } else { Self::of_sky(SIZE_PX, lighting, |_| true) }
     }
 
     /// Bilinear sample of the cube map in a direction (world axes, any length), sRGB. Texels that no miss reached have

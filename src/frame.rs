@@ -1,8 +1,10 @@
 //! A finished frame.
 
 use crate::capture::CameraError;
+use crate::capture::files::write_whole;
 use image::RgbImage;
-use std::io::Cursor;
+use std::io::{self, Cursor, Write};
+use std::path::{Path, PathBuf};
 
 /// How a pixel of a frame came about, in one byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -79,6 +81,14 @@ pub enum FrameError {
         /// Bytes that a row of the frame needs.
         row_bytes: usize,
     },
+    /// The file could not be written.
+    #[error("{} could not be written: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
     /// The encoder failed.
     #[error("cannot encode the frame as PNG: {0}")]
     Png(#[from] image::ImageError),
@@ -139,6 +149,16 @@ impl Frame {
     pub fn to_rgb(&self) -> Result<RgbImage, FrameError> {
         let rgb = self.color.iter().flat_map(|&[r, g, b, _]| [r, g, b]).collect();
         Ok(RgbImage::from_raw(self.width, self.height, rgb).ok_or(CameraError::Size(self.width, self.height))?)
+    }
+
+    /// Saves the frame as a PNG file, whole or not at all.
+    ///
+    /// # Errors
+    /// As [`Self::to_png`]; [`FrameError::Write`].
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FrameError> {
+        let (path, png) = (path.as_ref(), self.to_png()?);
+        let written = write_whole(path, |file| file.write_all(&png));
+        written.map_err(|source| FrameError::Write { path: path.into(), source })
     }
 
     /// The frame as the bytes of a PNG file (8-bit sRGB with alpha).

@@ -37,9 +37,9 @@ impl Estimate {
         let pixels = 6.0 * f64::from(job.face_size_px).powi(2);
         let rays = rays_of(job);
         let depth_pixels = (LAYERS * pixels).min(rays);
-        let traced = rays * if job.novelty > 0.0 { TRACED } else { 1.0 } / f64::from(parts);
+        let traced = rays * if job.parameters.novelty > 0.0 { TRACED } else { 1.0 } / f64::from(parts);
         let probe_s = probe_seconds(tracer);
-        let light = depth_pixels * f64::from(job.light_samples) * f64::from(job.bounces + 1);
+        let light = depth_pixels * f64::from(job.parameters.light_samples) * f64::from(job.parameters.bounces + 1);
         let light = if parts == 1 { light } else { 0.0 };
         Self {
             rays: rays / f64::from(parts),
@@ -52,7 +52,7 @@ impl Estimate {
 
 /// Rays of a whole job before any are saved.
 pub(super) fn rays_of(job: &CaptureJob) -> f64 {
-    6.0 * f64::from(job.strata).powi(4) * f64::from(job.rays)
+    6.0 * f64::from(job.parameters.strata).powi(4) * f64::from(job.parameters.rays_per_stratum)
 }
 
 /// Seconds for a ray in every direction, all cores at work.

@@ -54,7 +54,13 @@ const EXAMPLES: [(&str, &str); 14] = [
 /// The whole command line, with its examples.
 pub(super) fn command() -> Command {
     let known = |name: &str| Cli::command().find_subcommand(name).is_some();
-    EXAMPLES.iter().filter(|(name, _)| known(name)).fold(Cli::command(), |cli, (name, examples)| {
+    let cli = Cli::command().mut_subcommand("capture", |capture| {
+        super::capture::Preset::NUMBERS.iter().fold(capture, |capture, (argument, [draft, good])| {
+            let presets = [("quality", "draft", Some(*draft)), ("quality", "good", Some(*good))];
+            capture.mut_arg(*argument, |argument| argument.default_value_ifs(presets))
+        })
+    });
+    EXAMPLES.iter().filter(|(name, _)| known(name)).fold(cli, |cli, (name, examples)| {
         cli.mut_subcommand(*name, |command| {
             // Where a word follows that begins with a dash and a digit, it is a number.
             command.after_help(format!("Examples:\n  {examples}{}", names_for(name))).allow_negative_numbers(true)

@@ -1,6 +1,6 @@
 //! How far long work is: a bar with its stages and the time left on a terminal, a line every ten seconds elsewhere.
 
-use crate::ldi::build::Progress;
+use crate::progress::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
 use std::sync::{Mutex, PoisonError};

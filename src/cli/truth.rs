@@ -42,7 +42,7 @@ impl Truth {
         let outputs = Outputs::new(self.json, [&source.name]).file(&self.output, &PICTURE)?;
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
-        let (centre, _) = place_headbox(&scene, None, None)?;
+        let centre = place_headbox(&scene, None, None)?.centre;
         let scout = Tracer::new(Arc::clone(&scene), centre);
         let camera = self.camera.camera(&scene.frame, &DefaultCamera::of_scene(&scout, centre))?;
         let tracer = if camera.eye() == centre { scout } else { Tracer::new(Arc::clone(&scene), camera.eye()) };

@@ -5,7 +5,7 @@
 //! adds to them. Few runs of sixteen pixels lie on two faces; those are done face by face.
 
 use crate::capture::rig::Face;
-use crate::ldi::Environment;
+use crate::environment::Environment;
 use fearless_simd::{ExtractToken, Simd, SimdCvtTruncate, f32x16, mask32x16, prelude::*, u32x16};
 use glam::Vec3;
 

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 
 /// What becomes of samples at similar depth in one pixel: the papers disagree (D1).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum MergeRule {
     /// One depth pixel with their mean depth and colour, weighted by the rays that saw them (Shade et al.; default).

@@ -7,7 +7,8 @@
 use super::{BlockIndex, PackedCube, PackedSegment, SegmentSide, SplatIndexLayout};
 use crate::capture::rig::Face;
 use crate::container::{Container, ContainerWriter, FileError, Kind, Section};
-use crate::ldi::{CaptureInfo, Environment};
+use crate::environment::Environment;
+use crate::ldi::CaptureInfo;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

@@ -16,8 +16,10 @@
 pub mod backdrop;
 pub mod cull;
 pub mod file;
+#[cfg(feature = "cli")]
 pub mod floor_plan;
 pub mod house;
+#[cfg(feature = "cli")]
 pub mod measure;
 pub mod opening;
 pub mod settings;

@@ -144,7 +144,7 @@ mod tests {
         );
         for (fov_y_deg, size) in [(60.0, [640, 512]), (60.0, [1280, 1024]), (40.0, [800, 600])] {
             // A portal about the origin, the eye before it on +z, and the wall behind it.
-            let camera = |z: f64| Camera::look_at(DVec3::Z * z, DVec3::ZERO, DVec3::Y, fov_y_deg, size[0], size[1]);
+            let camera = |z: f64| Camera::look_at(DVec3::Z * z, DVec3::ZERO, DVec3::Y, fov_y_deg, [size[0], size[1]]);
             let distance = Near::default().distance_m(&camera(1.0).expect("valid"));
             let camera = camera(distance).expect("valid");
             let middle = f64::from(face_px) / 2.0;
@@ -155,7 +155,7 @@ mod tests {
             let spacing = sample(0.5) - sample(-0.5);
             assert!((spacing / spacing_px - 1.0).abs() < TILT, "{spacing} px at {distance} m");
         }
-        let tiny = Camera::look_at(DVec3::Z, DVec3::ZERO, DVec3::Y, 60.0, 8, 8).expect("valid");
+        let tiny = Camera::look_at(DVec3::Z, DVec3::ZERO, DVec3::Y, 60.0, [8, 8]).expect("valid");
         assert_eq!(Near::default().distance_m(&tiny), LEAST_DISTANCE_M);
         assert_eq!(Near::Distance(7.0).distance_m(&tiny), 7.0);
     }

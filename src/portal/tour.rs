@@ -8,7 +8,7 @@ use super::visit::likely;
 use super::walk::Walker;
 use crate::capture::Camera;
 use crate::frame::Frame;
-use crate::raster::RasterFrame;
+use crate::raster::RasterOutput;
 use std::sync::Arc;
 
 /// A house, a walker, a store of backdrops, and a thread that fills it: first with what the last frame lacked, then with what
@@ -40,7 +40,7 @@ impl Tour {
     }
 
     /// The last frame with what each of its pixels shows.
-    pub fn last(&self) -> &RasterFrame {
+    pub fn last(&self) -> &RasterOutput {
         self.walker.last()
     }
 

@@ -15,7 +15,7 @@ use super::store::Store;
 use super::visit::{Boundary, union, visit};
 use crate::capture::Camera;
 use crate::frame::{Coverage, Frame};
-use crate::raster::{Marker, RasterFrame, RasterView, Rasterizer, Seen};
+use crate::raster::{Marker, RasterOutput, RasterView, Rasterizer, Seen};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
@@ -81,6 +81,7 @@ impl Walker {
     }
 
     /// The backdrops that a frame uses.
+    #[cfg(feature = "cli")]
     pub(super) fn shown(house: &House, store: &Store, camera: &Camera, settings: &WalkSettings) -> Vec<Arc<Backdrop>> {
         let mut stats = WalkStats { cell: house.cell_of_eye(camera.eye()), ..WalkStats::default() };
         let (_, boundaries) = visit(house, store, camera, settings, &mut stats);
@@ -129,7 +130,7 @@ impl Walker {
     }
 
     /// The last frame with what each of its pixels shows.
-    pub fn last(&self) -> &RasterFrame {
+    pub fn last(&self) -> &RasterOutput {
         self.rasterizer.output()
     }
 
@@ -149,7 +150,7 @@ impl Walker {
 }
 
 impl<'a> BackdropArea<'a> {
-    fn of(output: &RasterFrame, number: u32, boundary: &'a Boundary, camera: &Camera) -> Option<Self> {
+    fn of(output: &RasterOutput, number: u32, boundary: &'a Boundary, camera: &Camera) -> Option<Self> {
         let [columns, rows] = touched(output, number, &boundary.window)?;
         let part = camera.cropped(columns.clone(), rows.clone()).ok()?;
         Some(Self { number, backdrop: &boundary.backdrop, columns, rows, camera: part })
@@ -161,7 +162,7 @@ impl<'a> BackdropArea<'a> {
     }
 
     /// Copies what was drawn of it into the marker's pixels.
-    fn copy(&self, drawn: &Frame, took: BackdropStats, output: &mut RasterFrame, stats: &mut WalkStats) {
+    fn copy(&self, drawn: &Frame, took: BackdropStats, output: &mut RasterOutput, stats: &mut WalkStats) {
         stats.portals += 1;
         stats.backdrop.samples += took.samples;
         stats.backdrop.depth_pixels_in += took.depth_pixels_in;
@@ -184,7 +185,7 @@ fn marker(house: &House, number: u32, boundary: &Boundary) -> Option<Marker> {
 }
 
 /// The smallest rectangle, inside a window, that holds the pixels of a marker.
-fn touched(output: &RasterFrame, number: u32, [columns, rows]: &[Range<u32>; 2]) -> Option<[Range<u32>; 2]> {
+fn touched(output: &RasterOutput, number: u32, [columns, rows]: &[Range<u32>; 2]) -> Option<[Range<u32>; 2]> {
     let mut found: Option<[Range<u32>; 2]> = None;
     for y in rows.clone() {
         let start = y as usize * output.frame.width as usize;
@@ -199,7 +200,7 @@ fn touched(output: &RasterFrame, number: u32, [columns, rows]: &[Range<u32>; 2])
 }
 
 /// Holes keep the colour that they had in the last frame of the same size.
-fn persist(output: &mut RasterFrame, previous: &Frame, camera: &Camera) {
+fn persist(output: &mut RasterOutput, previous: &Frame, camera: &Camera) {
     if (previous.width, previous.height) != (camera.width(), camera.height()) {
         return;
     }

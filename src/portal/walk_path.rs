@@ -75,7 +75,7 @@ impl WalkPath {
             let flat = turn.rotate(DVec2::new(ahead.x, ahead.z));
             let flat = if flat.length() > 1e-6 { flat.normalize() } else { DVec2::X };
             let look = eye + DVec3::new(flat.x, 0.12 * (phase * 1.7).sin() - 0.05, flat.y);
-            Camera::look_at(eye, look, DVec3::Y, self.fov_y_deg, self.size[0], self.size[1])
+            Camera::look_at(eye, look, DVec3::Y, self.fov_y_deg, [self.size[0], self.size[1]])
         };
         (0..self.poses).map(pose).collect()
     }

@@ -2,8 +2,8 @@
 
 use super::FramePlan;
 use crate::capture::Camera;
+use crate::environment::Environment;
 use crate::frame::Coverage;
-use crate::ldi::Environment;
 use crate::packed::PackedCube;
 use crate::render::linear::LinearLight;
 use fearless_simd::{Level, Simd, dispatch, prelude::*, u32x16};
@@ -15,8 +15,7 @@ pub(super) struct Pixels<'a> {
     /// From a canvas: straight colour, and the share of 255 that splats cover. In the frame: colour and alpha, 255.
     pub(super) colors: &'a mut [[u8; 4]],
     pub(super) coverages: &'a mut [Coverage],
-    /// From a canvas: 1 / eye depth, 1/m, 0 for nothing. In the frame: eye depth, m, infinite where no splat is. Empty if nobody
-    /// wants it.
+    /// Eye depth, m, infinite where no splat is. Empty if nobody wants it.
     pub(super) depths_m: &'a mut [f32],
 }
 
@@ -85,8 +84,9 @@ impl<'a> Background<'a> {
             coverages.copy_from_slice(&all_coverages[..coverages.len()]);
         }
         for (depth_m, coverage) in depths_m.iter_mut().zip(coverages) {
-            let covered = coverage.splat_share() > 0 && *depth_m > 0.0;
-            *depth_m = if covered { 1.0 / *depth_m } else { f32::INFINITY };
+            if coverage.splat_share() == 0 {
+                *depth_m = f32::INFINITY;
+            }
         }
         holes
     }

@@ -303,6 +303,7 @@ fn straight([r, g, b, share]: [u8; 4]) -> [u8; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::capture::random::Rng;
 
     /// One pixel blended by a weight in 1/256, and the same pixel by every SIMD level of this machine.
     fn blended(there: [u8; 4], source: [u8; 4], weight: u16) -> [u8; 4] {
@@ -322,15 +323,11 @@ mod tests {
 
     #[test]
     fn blends_do_not_drift() {
-        let mut state = 1u32;
-        let mut random = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            state >> 16
-        };
+        let mut random = Rng::keyed(1);
         let (mut exact, mut found, mut bias) = (128.0, [128, 128, 128, 255], 0.0);
         const BLENDS: u32 = 100_000;
         for _ in 0..BLENDS {
-            let (source, shift) = (60 + (random() % 120) as u8, 1 + (random() % 2) as u16);
+            let (source, shift) = (60 + random.below(120) as u8, 1 + random.below(2) as u16);
             found = blended(found, [source, source, source, 255], 256 >> shift);
             exact += (f64::from(source) - exact) / f64::from(1 << shift);
             bias += f64::from(found[0]) - exact;

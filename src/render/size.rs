@@ -424,7 +424,7 @@ mod tests {
                     let depth = if layout == SplatIndexLayout::Paper { range.decode(index as usize % 32) } else { 2.5 };
                     let (eye, point) = (world * eye, world * dvec3(0.0, 0.0, -depth));
                     // The sight line is the camera's axis, where the angles to both are one.
-                    let camera = Camera::look_at(eye, point, dvec3(0.3, 0.9, 0.2), fov, 300, 200).expect("valid");
+                    let camera = Camera::look_at(eye, point, dvec3(0.3, 0.9, 0.2), fov, [300, 200]).expect("valid");
                     let normal = layout.normal(index).as_dvec3();
                     let (cos1, cos2) = (normal.z, (world * normal).dot((eye - point).normalize()));
                     let flattest = f64::from(PaperSize::MIN_COSINE);

@@ -432,7 +432,7 @@ mod tests {
     #[test]
     fn bands_agree_with_the_whole() {
         const SIDE: u32 = 144;
-        let camera = Camera::look_at(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 50.0, SIDE, SIDE).expect("valid");
+        let camera = Camera::look_at(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 50.0, [SIDE, SIDE]).expect("valid");
         let color = RgbaImage::from_pixel(SIDE, SIDE, Rgba([255; 4]));
         let sprite = Sprite::new(color, camera, Plane::through(DVec3::ZERO, DVec3::Z)).expect("valid");
         // Squares at heights of their own: gaps of more rows than filling takes steps lie everywhere.

@@ -8,7 +8,7 @@ use super::shift::ShiftField;
 use super::splat::splat;
 use super::texture::Texture;
 use super::transfer::{Outcome, Transfer};
-use super::{SpriteFrame, SpriteWithDepth};
+use super::{SpriteLayer, SpriteWithDepth};
 use crate::capture::{Camera, simd};
 use fearless_simd::Level;
 
@@ -158,7 +158,7 @@ impl SpriteRenderer {
         sprite: &PreparedSprite,
         target: &Camera,
         options: &RenderOptions,
-        frame: &mut SpriteFrame,
+        frame: &mut SpriteLayer,
     ) -> Outcome {
         frame.resize(target.width(), target.height());
         match Transfer::new(sprite.sprite.sprite(), target) {
@@ -178,7 +178,7 @@ impl SpriteRenderer {
         sprite: &PreparedSprite,
         transfer: &Transfer,
         options: &RenderOptions,
-        frame: &mut SpriteFrame,
+        frame: &mut SpriteLayer,
     ) {
         let affine;
         let mut transfer = transfer;

@@ -2,7 +2,7 @@
 
 use super::background::{self, FewerThreads};
 use super::effort::swatch;
-use super::library::file_name;
+use super::file_name::file_name;
 use super::overlay::{Overlay, paint_backdrops, paint_holes};
 use crate::capture::bake::{BakeOptions, bake_model};
 use crate::capture::portal_model::PortalModel;

@@ -17,6 +17,7 @@
 mod background;
 mod cube;
 mod effort;
+mod file_name;
 mod growth;
 mod house;
 mod library;

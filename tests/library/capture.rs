@@ -9,12 +9,14 @@ use headbox::capture::rig::Face;
 use headbox::capture::scene::{Scene, Sky, Sun, Triangle};
 use headbox::capture::trace::Tracer;
 use headbox::capture::{Material, srgb8_from_linear};
-use headbox::ldi::build::{self, Sampler, Silent, Tracing};
-use headbox::ldi::job::{CaptureJob, Resources};
+use headbox::ldi::build::{self, Tracing};
+use headbox::ldi::job::CaptureJob;
 use headbox::ldi::merge::MergeRule;
+use headbox::ldi::parameters::{CaptureParameters, Resources, Sampler};
 use headbox::ldi::shard::{self, ShardInfo};
 use headbox::ldi::{CubeLdi, store::TileStore};
 use headbox::packed::{PackedCube, SplatIndexLayout, Split};
+use headbox::progress::Silent;
 use headbox::scene_source::{SceneSource, fingerprint};
 use std::sync::Arc;
 
@@ -58,24 +60,28 @@ fn room() -> Arc<Scene> {
 
 fn job() -> CaptureJob {
     CaptureJob {
-        scene: SceneSource::new("test"),
-        centre: DVec3::ZERO,
-        half_size_m: 0.3,
         face_size_px: 48,
-        sampler: Sampler::Stratified,
-        strata: 8,
-        rays: 8,
-        seed: 7,
-        novelty: 0.3,
-        merge_rule: MergeRule::Average,
-        bounces: 1,
-        light_samples: 2,
+        parameters: CaptureParameters {
+            seed: 7,
+            novelty: 0.3,
+            bounces: 1,
+            light_samples: 2,
+            ..CaptureParameters::unlit(8, 8)
+        },
+        ..CaptureJob::new(SceneSource::new("test"), DVec3::ZERO, 0.3)
     }
+}
+
+/// The job with a change.
+fn asked(change: impl FnOnce(&mut CaptureParameters)) -> CaptureJob {
+    let mut job = job();
+    change(&mut job.parameters);
+    job
 }
 
 fn capture(job: &CaptureJob, scene: &Arc<Scene>, resources: &Resources) -> CubeLdi {
     let tracer = Tracer::new(Arc::clone(scene), job.centre);
-    let lighting = Lighting::measure(&tracer, job.bounces);
+    let lighting = Lighting::measure(&tracer, job.parameters.bounces);
     job.run(&tracer, &lighting, resources, &Silent).unwrap().0
 }
 
@@ -130,7 +136,7 @@ fn merged_from_shards(job: &CaptureJob, scene: &Arc<Scene>, budget: Option<(u64,
         assert_eq!(shard::read_info(path).unwrap(), *info);
         shard::absorb(path, info, &mut merged).unwrap();
     }
-    let lighting = Lighting::measure(&tracer, job.bounces);
+    let lighting = Lighting::measure(&tracer, job.parameters.bounces);
     job.finish(&merged, &tracer, &lighting, &Resources::default(), &Silent).unwrap()
 }
 
@@ -139,7 +145,8 @@ fn every_sampler_and_merge_rule_gives_a_valid_ldi() {
     let scene = room();
     for sampler in [Sampler::Stratified, Sampler::WhiteNoise, Sampler::CentreRays] {
         for merge_rule in [MergeRule::Average, MergeRule::SmallerArea, MergeRule::ColorsApart] {
-            let ldi = capture(&CaptureJob { sampler, merge_rule, ..job() }, &scene, &Resources::default());
+            let ldi =
+                capture(&asked(|p| (p.sampler, p.merge_rule) = (sampler, merge_rule)), &scene, &Resources::default());
             assert_eq!(ldi.validate(), Ok(()), "{sampler:?} {merge_rule:?}");
             let samples: usize = ldi.faces.iter().map(|face| face.samples.len()).sum();
             assert!(samples > 6 * 48 * 48 / 2, "{sampler:?} {merge_rule:?}: {samples}");
@@ -154,7 +161,7 @@ fn rays_from_the_centre_keep_every_hit_beyond_the_headbox() {
     let wall = boxes.material([0.7, 0.6, 0.5], [0.0; 3]);
     let shells = [0.2, 1.0, 2.0, 4.0];
     let boxes = shells.into_iter().fold(boxes, |boxes, half| boxes.add(DVec3::ZERO, DVec3::splat(half), wall));
-    let ldi = capture(&CaptureJob { sampler: Sampler::CentreRays, ..job() }, &Arc::new(boxes.0), &Resources::default());
+    let ldi = capture(&asked(|p| p.sampler = Sampler::CentreRays), &Arc::new(boxes.0), &Resources::default());
     // Half a bin of parallax 1 px over sqrt(3) * 24 px and half-size 0.3 m.
     let tolerance = 1.0 / (3f32.sqrt() * 24.0 * 0.3);
     for (face, x, y) in (0..6 * 48 * 48).map(|i| (&ldi.faces[i / 48 / 48], i as u32 % 48, i as u32 / 48 % 48)) {
@@ -167,7 +174,7 @@ fn rays_from_the_centre_keep_every_hit_beyond_the_headbox() {
 
 #[test]
 fn a_pixel_of_a_closed_room_without_samples_is_one_that_no_ray_met() {
-    let ldi = capture(&CaptureJob { rays: 32, novelty: 0.0, ..job() }, &room(), &Resources::default());
+    let ldi = capture(&asked(|p| (p.rays_per_stratum, p.novelty) = (32, 0.0)), &room(), &Resources::default());
     let empty: usize = ldi.faces.iter().map(|f| f.offsets.windows(2).filter(|w| w[0] == w[1]).count()).sum();
     // 786,432 rays over 13,824 pixels: a mean of 57 a pixel, and Poisson's chance of none is 2e-25.
     assert_eq!(empty, 0);
@@ -193,12 +200,12 @@ fn depths_are_those_of_the_walls() {
 fn the_missing_estimate_is_within_a_factor_of_two_of_what_fresh_rays_find() {
     let scene = room();
     for novelty in [0.0, 0.3] {
-        let job = CaptureJob { novelty, ..job() };
+        let job = asked(|p| p.novelty = novelty);
         let tracer = Tracer::new(Arc::clone(&scene), job.centre);
         let known = build::trace(&tracer, &job.settings(&Resources::default(), (0, 1)), &Silent).unwrap();
         let estimates = known.plan.missing_estimate(&known.store).unwrap();
         let estimate = estimates.iter().sum::<f64>() / 6.0;
-        let fresh_job = CaptureJob { seed: 99, rays: 4, novelty: 0.0, ..job };
+        let fresh_job = asked(|p| (p.seed, p.rays_per_stratum, p.novelty) = (99, 4, 0.0));
         let fresh = build::trace(&tracer, &fresh_job.settings(&Resources::default(), (0, 1)), &Silent).unwrap();
         let new = unknown_rays(&fresh.store, &known.store) as f64 / fresh.rays as f64;
         assert!(estimate < 2.0 * new && new < 2.0 * estimate, "estimated {estimate}, found {new} (novelty {novelty})");
@@ -272,7 +279,7 @@ fn a_dark_room_gets_fill_light_and_an_open_scene_does_not() {
     let closed = Arc::new(boxes.add(DVec3::ZERO, DVec3::splat(2.0), grey).0);
     let lighting = Lighting::measure(&Tracer::new(Arc::clone(&closed), DVec3::ZERO), 1);
     assert!(lighting.fill.radiance > 0.0 && lighting.exposure.is_finite());
-    let ldi = capture(&CaptureJob { light_samples: 16, ..job() }, &closed, &Resources::default());
+    let ldi = capture(&asked(|p| p.light_samples = 16), &closed, &Resources::default());
     let bright = ldi.faces.iter().flat_map(|f| &f.samples).filter(|s| s.color_srgb[0] > 60).count();
     let all: usize = ldi.faces.iter().map(|f| f.samples.len()).sum();
     assert!(bright * 10 > all * 9, "{bright} of {all} can be seen");
@@ -293,7 +300,7 @@ fn geometry_inside_the_headbox_is_noticed() {
 
 #[test]
 fn an_unlit_capture_shows_albedo() {
-    let ldi = capture(&CaptureJob { light_samples: 0, ..job() }, &room(), &Resources::default());
+    let ldi = capture(&asked(|p| p.light_samples = 0), &room(), &Resources::default());
     let exposure = ldi.info.exposure;
     let wall = [0.7, 0.6, 0.5].map(|c| srgb8_from_linear(c * exposure));
     let corner = ldi.faces[Face::NegX.index()].pixel(24, 24).last().unwrap().color_srgb;
@@ -308,7 +315,8 @@ fn no_wall_has_a_gap_of_one_pixel() {
     let wall = boxes.material([0.7, 0.6, 0.5], [0.0; 3]);
     let scene = Arc::new(boxes.add(DVec3::ZERO, dvec3(2.0, 1.5, 2.0), wall).0);
     // So few rays that one pixel in two hundred stays empty.
-    let job = CaptureJob { face_size_px: 96, strata: 4, rays: 192, novelty: 0.0, light_samples: 1, ..job() };
+    let parameters = CaptureParameters { bounces: 1, light_samples: 1, seed: 7, ..CaptureParameters::unlit(4, 192) };
+    let job = CaptureJob { face_size_px: 96, parameters, ..job() };
     let ldi = capture(&job, &scene, &Resources::default());
     let (mut gaps, mut covered) = (0, 0);
     for face in &ldi.faces {

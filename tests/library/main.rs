@@ -27,6 +27,7 @@ mod sprite_files;
 mod sprite_oracle;
 mod stability;
 mod three_rooms;
+mod version_1;
 mod warp_analytic;
 mod warp_bands;
 mod warp_fragments;

@@ -4,7 +4,8 @@ use crate::common::bed::{leaves, room};
 use crate::common::capture::{one_layer, quick};
 use glam::{DVec3, Vec3};
 use headbox::capture::rig::Face;
-use headbox::ldi::{CubeLdi, DepthPixel, EncodedNormal, Environment, LdiError};
+use headbox::environment::Environment;
+use headbox::ldi::{CubeLdi, DepthPixel, EncodedNormal, LdiError};
 use headbox::packed::validate::SegmentProblem;
 use headbox::packed::{PackError, PackedCube, PackedDepthPixel, PackedError, SegmentSide, SplatIndexLayout, Split};
 
@@ -146,7 +147,7 @@ fn every_broken_promise_of_the_ldi_is_named() {
         ("centre", |l| l.info.centre.y = f64::NAN),
         ("half_size_m", |l| l.info.half_size_m = 0.0),
         ("half_size_m", |l| l.info.half_size_m = f64::INFINITY),
-        ("unit_m", |l| l.info.unit_m = -1.0),
+        ("unit_m", |l| l.info.frame.unit_m = -1.0),
         ("exposure", |l| l.info.exposure = 0.0),
         ("missing_estimate", |l| l.info.missing_estimate[3] = Some(1.5)),
         ("missing_estimate", |l| l.info.missing_estimate[0] = Some(f64::NAN)),
@@ -179,7 +180,7 @@ fn every_broken_promise_of_the_packed_ldi_is_named() {
     broken("face size", &|c| c.face_size_px = 1 << 20, &|e| *e == PackedError::FaceSize(1 << 20));
     broken("order", &|c| c.segments.swap(4, 5), &|e| *e == PackedError::SegmentOrder(5));
     broken("twice", &|c| c.segments[5] = c.segments[4].clone(), &|e| *e == PackedError::SegmentOrder(5));
-    broken("info", &|c| c.info.unit_m = 0.0, &|e| matches!(e, PackedError::Shared(_)));
+    broken("info", &|c| c.info.frame.unit_m = 0.0, &|e| matches!(e, PackedError::Shared(_)));
     broken("environment", &|c| c.environment.size_px = 3, &|e| matches!(e, PackedError::Shared(_)));
     let empty = |c: &mut PackedCube| c.segments[4].depth_pixels.clear();
     in_segment("empty", &empty, &|p| *p == P::Empty);

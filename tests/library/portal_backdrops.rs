@@ -223,7 +223,7 @@ fn of_two_images_the_nearer_goes_over_the_other_and_no_third_is_drawn() {
     let second = wall_from(dvec3(0.0, 0.0, 0.6), green, |x| x < 0.6);
     let third = wall_from(dvec3(-0.9, 0.0, 0.0), blue, |_| true);
     let settings = RenderSettings { hole_color_srgb: [9, 9, 9], ..RenderSettings::default() };
-    let look = |eye: DVec3| Camera::look_at(eye, eye - DVec3::Z, DVec3::Y, 50.0, 80, 60).expect("valid");
+    let look = |eye: DVec3| Camera::look_at(eye, eye - DVec3::Z, DVec3::Y, 50.0, [80, 60]).expect("valid");
     // Where an eye meets the wall left of, between and right of the borders of what was captured.
     let colors = |cubes: &Backdrop, eye: DVec3| {
         let (mut drawer, camera) = (Drawer::default(), look(eye));

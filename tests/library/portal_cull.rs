@@ -1,8 +1,8 @@
 //! Portal culling never drops what shows: lines of sight through models of boxes with random openings, followed one by one.
 
-use crate::common::bed::Random;
 use glam::{DVec2, DVec3, dvec3};
 use headbox::capture::portal_model::{Cell, Portal, PortalModel, Prism};
+use headbox::capture::random::Rng;
 use headbox::capture::{Camera, Scene};
 use headbox::portal::cull::{CellView, Limits, Window, visible_cells};
 
@@ -10,7 +10,7 @@ const SIDE: u32 = 4;
 
 /// Rooms of one metre in a grid of 4 by 4, each with an opening to most of its neighbours: convex polygons of three to seven
 /// corners, some as wide as the wall.
-fn rooms(random: &mut Random) -> PortalModel {
+fn rooms(random: &mut Rng) -> PortalModel {
     let cell = |i: u32| {
         let (x, z) = (f64::from(i % SIDE), f64::from(i / SIDE));
         let corners = [[x, z], [x + 1.0, z], [x + 1.0, z + 1.0], [x, z + 1.0]];
@@ -79,7 +79,7 @@ fn contains(views: &[CellView], portals: &[u32], direction: DVec3) -> bool {
 
 #[test]
 fn never_culls_what_shows() {
-    let mut random = Random(5);
+    let mut random = Rng::keyed(5);
     let (mut through, mut deepest) = (0, 0);
     for model_number in 0..12 {
         let model = rooms(&mut random);
@@ -92,7 +92,8 @@ fn never_culls_what_shows() {
                 eye = middle + random.in_cube([1e-12, 1e-6, 1e-4, 0.02][view_number % 4]);
             }
             let Some(cell) = model.cell_at(eye) else { continue };
-            let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, random.between(20.0, 120.0), 64, 48);
+            let camera =
+                Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, random.between(20.0, 120.0), [64, 48]);
             let Ok(camera) = camera else { continue };
             let views = visible_cells(&model, &camera, cell, &Limits::default(), |_, _| true);
             assert_eq!((views[0].cell, views[0].portals.len()), (cell, 0));
@@ -113,12 +114,12 @@ fn never_culls_what_shows() {
 
 #[test]
 fn windows_shrink_and_bound_their_pixels() {
-    let mut random = Random(9);
+    let mut random = Rng::keyed(9);
     let (mut windows, mut smaller) = (0, 0);
     for _ in 0..10 {
         let model = rooms(&mut random);
         let eye = dvec3(1.4, 0.5, 2.3);
-        let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, 70.0, 80, 60).expect("valid");
+        let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, 70.0, [80, 60]).expect("valid");
         for view in visible_cells(&model, &camera, model.cell_at(eye).expect("inside"), &Limits::default(), |_, _| true)
         {
             let [columns, rows] = view.window.rectangle(&camera);
@@ -138,10 +139,10 @@ fn windows_shrink_and_bound_their_pixels() {
 
 #[test]
 fn cycles_end_and_limits_hold() {
-    let mut random = Random(1);
+    let mut random = Rng::keyed(1);
     let model = rooms(&mut random);
     let eye = dvec3(1.5, 0.5, 1.5);
-    let camera = Camera::look_at(eye, dvec3(2.5, 0.5, 1.6), DVec3::Y, 120.0, 64, 48).expect("valid");
+    let camera = Camera::look_at(eye, dvec3(2.5, 0.5, 1.6), DVec3::Y, 120.0, [64, 48]).expect("valid");
     let cell = model.cell_at(eye).expect("inside");
     let all = visible_cells(&model, &camera, cell, &Limits::default(), |_, _| true);
     assert!(all.len() > 4);

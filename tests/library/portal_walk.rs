@@ -1,10 +1,10 @@
 //! A walk through three rooms: geometry against truth, at doors, in walls and without images; files, tours and paths. What
 //! backdrops promise: `portal_backdrops.rs`.
 
-use crate::common::bed::Random;
 use crate::three_rooms::{QUALITY, camera, house, poses, rooms, stocked, three_rooms, truth, wrong_share};
 use glam::dvec3;
 use headbox::capture::portal_model::PortalModel;
+use headbox::capture::random::Rng;
 use headbox::portal::backdrop::{Backdrop, BackdropError, Kind, PortalSide, Quality};
 use headbox::portal::file;
 use headbox::portal::house::{House, HouseError};
@@ -135,7 +135,7 @@ fn a_house_file_gives_back_what_was_written_and_damage_is_found() {
     assert!(nothing.all().is_empty(), "nothing fits into ten bytes");
 
     let good = std::fs::read(&path).expect("bytes");
-    let mut random = Random(4);
+    let mut random = Rng::keyed(4);
     for _ in 0..60 {
         let mut bad = good.clone();
         let at = (random.unit() * bad.len() as f64) as usize;

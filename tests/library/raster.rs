@@ -1,13 +1,13 @@
 //! The rasteriser against the tracer, against arithmetic, and against itself in other parts.
 
-use crate::common::bed::Random;
 use fearless_simd::Level;
 use glam::{DVec3, Vec2, Vec3, dvec3};
+use headbox::capture::random::Rng;
 use headbox::capture::scene::Triangle;
 use headbox::capture::trace::{Hit, Ray, Tracer};
 use headbox::capture::{Camera, Cutout, Material, Scene, Texture, simd, srgb8_from_linear};
-use headbox::ldi::Environment;
-use headbox::raster::{GroupWindow, Marker, RasterFrame, RasterMesh, RasterStats, RasterView, Rasterizer, Seen};
+use headbox::environment::Environment;
+use headbox::raster::{GroupWindow, Marker, RasterMesh, RasterOutput, RasterStats, RasterView, Rasterizer, Seen};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -21,7 +21,7 @@ fn whole(groups: u32) -> Vec<GroupWindow> {
     (0..groups).map(|group| GroupWindow { group, window: None }).collect()
 }
 
-fn draw(scene: &Arc<Scene>, camera: &Camera) -> (RasterFrame, RasterStats) {
+fn draw(scene: &Arc<Scene>, camera: &Camera) -> (RasterOutput, RasterStats) {
     let mesh =
         RasterMesh::new(Arc::clone(scene), std::slice::from_ref(&(0..scene.triangles.len() as u32)), camera.eye());
     let mut rasterizer = Rasterizer::new();
@@ -31,7 +31,7 @@ fn draw(scene: &Arc<Scene>, camera: &Camera) -> (RasterFrame, RasterStats) {
 
 /// Triangles with a colour at each corner.
 fn scene_of(triangles: &[[DVec3; 3]]) -> Scene {
-    let mut random = Random(7);
+    let mut random = Rng::keyed(7);
     let positions: Vec<DVec3> = triangles.iter().flatten().copied().collect();
     let mut channel = || random.between(0.1, 0.9) as f32;
     Scene {
@@ -47,7 +47,7 @@ fn scene_of(triangles: &[[DVec3; 3]]) -> Scene {
 
 /// Triangles of all sizes on all sides of the origin, some through it, some slivers.
 fn soup(count: usize) -> Scene {
-    let mut random = Random(3);
+    let mut random = Rng::keyed(3);
     let triangle = |i: usize| {
         let size = [0.05, 0.4, 3.0, 40.0][i % 4];
         let centre = random.in_cube(6.0);
@@ -74,7 +74,7 @@ fn painted(mut scene: Scene, repetitions: f64) -> Scene {
 }
 
 fn camera(eye: DVec3, at: DVec3, width: u32, height: u32) -> Camera {
-    Camera::look_at(eye, at, DVec3::Y, 70.0, width, height).expect("valid")
+    Camera::look_at(eye, at, DVec3::Y, 70.0, [width, height]).expect("valid")
 }
 
 fn hit(tracer: &Tracer, camera: &Camera, x: f64, y: f64) -> Option<Hit> {
@@ -162,7 +162,7 @@ fn triangles_that_reach_behind_the_eye() {
 /// is covered by one of them, and by a second one only within a hair of its edge.
 #[test]
 fn neighbours_leave_no_pixel_out_and_share_few() {
-    let mut random = Random(11);
+    let mut random = Rng::keyed(11);
     for (side, reach, tilt) in [(3, 4.0, 0.0), (9, 4.0, 0.4), (40, 3.0, 0.1), (4, 4000.0, 0.9)] {
         let mut corner = |i: usize, j: usize| {
             let inside = i > 0 && j > 0 && i < side && j < side;
@@ -202,7 +202,7 @@ fn neighbours_leave_no_pixel_out_and_share_few() {
 /// through where corners lie on edges.
 #[test]
 fn no_crack_opens_where_corners_lie_on_edges() {
-    let mut random = Random(5);
+    let mut random = Rng::keyed(5);
     let whole_panel =
         [dvec3(-1.0, -40.0, 0.0), dvec3(-1.0, 40.0, 0.0), dvec3(-40.0, 40.0, 0.0), dvec3(-40.0, -40.0, 0.0)];
     let mut triangles =
@@ -256,7 +256,7 @@ fn the_same_bytes_whatever_the_bands_threads_and_instructions() {
     for (threads, level, rows) in ways {
         let other = render(threads, level, rows);
         assert_eq!(other.frame, reference.frame);
-        let bits = |frame: &RasterFrame| frame.inverse_depth.iter().map(|q| q.to_bits()).collect::<Vec<_>>();
+        let bits = |frame: &RasterOutput| frame.inverse_depth.iter().map(|q| q.to_bits()).collect::<Vec<_>>();
         assert_eq!(bits(&other), bits(&reference));
     }
 }
@@ -303,7 +303,7 @@ fn a_floor_just_under_the_eye_has_its_colours_in_their_places() {
         ..Scene::default()
     };
     // Head over: the first row is right under the eye, and the middle one 25 m away, 4e-6 rad under the horizon.
-    let camera = |up| Camera::look_at(DVec3::ZERO, dvec3(0.3, -4e-6, -1.0), up, 100.0, 61, 97).expect("valid");
+    let camera = |up| Camera::look_at(DVec3::ZERO, dvec3(0.3, -4e-6, -1.0), up, 100.0, [61, 97]).expect("valid");
     let scene = Arc::new(scene);
     for camera in [camera(DVec3::Y), camera(-DVec3::Y)] {
         let frame = draw(&scene, &camera).0;
@@ -331,7 +331,7 @@ fn minified_textures_turn_grey_and_cut_outs_have_holes() {
         textures: vec![checks],
         ..Scene::default()
     };
-    let camera = Camera::look_at(DVec3::ZERO, dvec3(0.0, 0.0, -1.0), DVec3::Y, 90.0, 8, 8).expect("valid");
+    let camera = Camera::look_at(DVec3::ZERO, dvec3(0.0, 0.0, -1.0), DVec3::Y, 90.0, [8, 8]).expect("valid");
     let (frame, _) = draw(&Arc::new(scene.clone()), &camera);
     let grey = srgb8_from_linear(0.5);
     assert!(frame.frame.color.iter().all(|c| c[0].abs_diff(grey) <= 2), "{:?}", frame.frame.color);

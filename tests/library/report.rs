@@ -2,7 +2,7 @@
 
 use headbox::capture::light::Lighting;
 use headbox::capture::trace::Tracer;
-use headbox::ldi::build::Silent;
+use headbox::progress::Silent;
 use headbox::report::figures::figures;
 use headbox::report::plan::{Plan, Quality, most_to_see};
 use headbox::report::row::{Machine, Report, Row, SceneFacts};

@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3, dvec3};
 use headbox::capture::Camera;
 use headbox::capture::simd::levels;
 use headbox::sprite::{
-    Displacement, DisplacementFormat, Outcome, Plane, PreparedSprite, RenderOptions, Sampling, Sprite, SpriteFrame,
+    Displacement, DisplacementFormat, Outcome, Plane, PreparedSprite, RenderOptions, Sampling, Sprite, SpriteLayer,
     SpriteRenderer, SpriteWithDepth, Transfer, Variant,
 };
 use image::{Rgba, RgbaImage};
@@ -16,8 +16,8 @@ fn options(variant: Variant, sampling: Sampling) -> RenderOptions {
     RenderOptions { variant, sampling, ..RenderOptions::default() }
 }
 
-fn render(sprite: &PreparedSprite, target: &Camera, options: &RenderOptions) -> (Outcome, SpriteFrame) {
-    let mut frame = SpriteFrame::default();
+fn render(sprite: &PreparedSprite, target: &Camera, options: &RenderOptions) -> (Outcome, SpriteLayer) {
+    let mut frame = SpriteLayer::default();
     let outcome = SpriteRenderer::new().render(sprite, target, options, &mut frame);
     (outcome, frame)
 }
@@ -50,7 +50,7 @@ fn the_homography_samples_as_exactly_as_bilinear_weights_allow() {
         let transfer = Transfer::from_parts(benchmark_homography(f64::from(n)).inverse(), DVec3::ZERO, 1.0);
         let transfer = transfer.expect("regular");
         let prepared = PreparedSprite::new(sprite(n, picture.clone(), Displacement::zero(n, n)));
-        let mut frame = SpriteFrame::new(n, n);
+        let mut frame = SpriteLayer::new(n, n);
         let options = options(Variant::Homography, Sampling::Bilinear);
         SpriteRenderer::new().render_transfer(&prepared, &transfer, &options, &mut frame);
         let mut worst = 0.0f64;
@@ -125,7 +125,7 @@ fn levels_and_threads_do_not_change_a_bit() {
                 for level in levels() {
                     for threads in [1, 3] {
                         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-                        let mut got = SpriteFrame::default();
+                        let mut got = SpriteLayer::default();
                         let mut renderer = SpriteRenderer::with_level(level);
                         pool.install(|| renderer.render(&prepared, &target, &options, &mut got));
                         assert_eq!(got, want, "{} {level:?} on {threads} threads", variant.name());
@@ -323,7 +323,7 @@ fn first_crack(height: impl Fn(f32) -> f32, format: DisplacementFormat) -> Optio
     let displacement = Displacement::new(SIDE, SIDE, &values, format).expect("finite");
     let prepared = PreparedSprite::new(sprite(SIDE, color, displacement));
     let transfer = Transfer::from_parts(DMat3::IDENTITY, dvec3(90.0, 0.0, 0.0), 1.0).expect("regular");
-    let mut frame = SpriteFrame::new(192, SIDE);
+    let mut frame = SpriteLayer::new(192, SIDE);
     let options = RenderOptions { fill_steps: 0, ..options(Variant::TwoPass, Sampling::Nearest) };
     SpriteRenderer::new().render_transfer(&prepared, &transfer, &options, &mut frame);
     let row = &frame.pixels()[192 * 48..192 * 49];
@@ -349,7 +349,7 @@ fn a_narrow_frame_is_as_sharp_as_a_wide_one() {
     let prepared = PreparedSprite::new(sprite(256, stripes, Displacement::zero(256, 256)));
     let wide = look(dvec3(-1.1, 0.0, 0.45), dvec3(-0.2, 0.0, 0.0), 256);
     let (_, whole) = render(&prepared, &wide, &RenderOptions::default());
-    let contrast = |frame: &SpriteFrame, first: usize, width: usize| {
+    let contrast = |frame: &SpriteLayer, first: usize, width: usize| {
         let rows = frame.pixels().chunks_exact(width).skip(110).take(36);
         let steps = rows.flat_map(|row| row[first..first + 15].windows(2).map(|p| p[0][0].abs_diff(p[1][0])));
         steps.map(f64::from).sum::<f64>() / (36.0 * 14.0)
@@ -396,11 +396,11 @@ proptest! {
         let (columns, rows) = (width.div_ceil(divisor), height.div_ceil(divisor));
         let values: Vec<f32> = (0..columns * rows).map(|i| amplitude * (noise(i) as f32 / 2f32.powi(31) - 1.0)).collect();
         let displacement = Displacement::new(columns, rows, &values, DisplacementFormat::I16).expect("finite");
-        let camera = Camera::look_at(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 60.0, width, height).expect("valid");
+        let camera = Camera::look_at(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 60.0, [width, height]).expect("valid");
         let plane = Plane::through(DVec3::ZERO, dvec3(0.1, 0.2, 1.0));
         let sprite = Sprite::new(color, camera, plane).expect("valid");
         let prepared = PreparedSprite::new(SpriteWithDepth::new(sprite, displacement).expect("valid"));
-        let target = Camera::look_at(eye.into(), at.into(), DVec3::Y, 80.0, 37, 21).expect("valid");
+        let target = Camera::look_at(eye.into(), at.into(), DVec3::Y, 80.0, [37, 21]).expect("valid");
         let sampling = if nearest { Sampling::Nearest } else { Sampling::Bilinear };
         let (_, frame) = render(&prepared, &target, &options(Variant::ALL[variant], sampling));
         prop_assert_eq!(frame.pixels().len(), 37 * 21);

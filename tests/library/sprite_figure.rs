@@ -7,12 +7,12 @@ use headbox::capture::light::Lighting;
 use headbox::capture::scene::{Scene, Triangle};
 use headbox::capture::trace::Tracer;
 use headbox::capture::{Camera, Material};
-use headbox::ldi::build::Silent;
 use headbox::metrics::compare;
+use headbox::progress::Silent;
 use headbox::report::sheet::{Sheet, SheetCell, SheetRow};
 use headbox::report::sprite_range::SpriteRange;
 use headbox::sprite::{
-    DisplacementFormat, PreparedSprite, RenderOptions, Sampling, SlabCapture, Sprite, SpriteFrame, SpriteRenderer,
+    DisplacementFormat, PreparedSprite, RenderOptions, Sampling, SlabCapture, Sprite, SpriteLayer, SpriteRenderer,
     SpriteSet, SpriteWithDepth, Transfer, Variant, capture_slabs, slabs_at_gaps,
 };
 use headbox::truth;
@@ -60,7 +60,7 @@ fn pyramid(x: f64, y: f64) -> f64 {
 }
 
 fn camera(eye: DVec3) -> Camera {
-    Camera::look_at(eye, DVec3::ZERO, DVec3::Y, 60.0, SIZE, SIZE).expect("valid")
+    Camera::look_at(eye, DVec3::ZERO, DVec3::Y, 60.0, [SIZE, SIZE]).expect("valid")
 }
 
 fn capture(tracer: &Tracer) -> SpriteWithDepth {
@@ -82,7 +82,7 @@ fn truth_at(tracer: &Tracer, target: &Camera) -> RgbImage {
 
 fn draw(sprite: &PreparedSprite, target: &Camera, variant: Variant, fill_steps: u32) -> RgbImage {
     let options = RenderOptions { variant, sampling: Sampling::Bilinear, fill_steps };
-    let mut frame = SpriteFrame::default();
+    let mut frame = SpriteLayer::default();
     SpriteRenderer::new().render(sprite, target, &options, &mut frame);
     frame.to_rgb(WHITE)
 }
@@ -105,7 +105,7 @@ fn colored_by_depth(sprite: &SpriteWithDepth) -> PreparedSprite {
 fn pure_parallax(depth: &PreparedSprite, target: &Camera) -> RgbImage {
     let full = Transfer::new(depth.sprite().sprite(), target).expect("in front");
     let pure = Transfer::from_parts(DMat3::IDENTITY, full.epipole_in_sprite, full.side).expect("regular");
-    let mut frame = SpriteFrame::new(SIZE, SIZE);
+    let mut frame = SpriteLayer::new(SIZE, SIZE);
     SpriteRenderer::new().render_transfer(depth, &pure, &RenderOptions::default(), &mut frame);
     frame.to_rgb(WHITE)
 }
@@ -190,7 +190,7 @@ fn range_chart(name: &str, tracer: &Tracer, reference: &Camera) -> Vec<[f64; Var
 #[test]
 fn flip_over_eye_displacement_on_bump() {
     let scene = Arc::new(headbox::scenes::build("bump", 0).expect("built in"));
-    let reference = Camera::look_at(dvec3(0.0, 0.0, 3.0), DVec3::ZERO, DVec3::Y, 60.0, RANGE_SIZE, RANGE_SIZE);
+    let reference = Camera::look_at(dvec3(0.0, 0.0, 3.0), DVec3::ZERO, DVec3::Y, 60.0, [RANGE_SIZE, RANGE_SIZE]);
     let reference = reference.expect("valid");
     let tracer = Tracer::new(scene, reference.eye());
     let rows = range_chart("bump", &tracer, &reference);
@@ -214,7 +214,7 @@ fn flip_over_eye_displacement_in_a_real_house() {
     // Toward the side with the most room.
     let sides = [DVec3::X, DVec3::NEG_X, DVec3::Z, DVec3::NEG_Z];
     let room = |side: DVec3| {
-        let camera = Camera::look_at(headbox.centre, headbox.centre + side, DVec3::Y, 60.0, 1, 1).expect("valid");
+        let camera = Camera::look_at(headbox.centre, headbox.centre + side, DVec3::Y, 60.0, [1, 1]).expect("valid");
         let ray = headbox::capture::trace::Ray {
             origin: (camera.eye() - tracer.origin()).as_vec3(),
             direction: camera.forward().as_vec3(),
@@ -225,7 +225,7 @@ fn flip_over_eye_displacement_in_a_real_house() {
     };
     let ahead = sides.into_iter().max_by(|&a, &b| room(a).total_cmp(&room(b))).expect("four sides");
     let look_at = headbox.centre + ahead * room(ahead);
-    let reference = Camera::look_at(headbox.centre, look_at, DVec3::Y, 60.0, RANGE_SIZE, RANGE_SIZE).expect("valid");
+    let reference = Camera::look_at(headbox.centre, look_at, DVec3::Y, 60.0, [RANGE_SIZE, RANGE_SIZE]).expect("valid");
     let rows = range_chart("house", &tracer, &reference);
     for [homography, _, two_pass, ..] in &rows[1..5] {
         assert!(two_pass < homography, "{two_pass} {homography}");
@@ -238,7 +238,7 @@ fn four_layers_stand_in_for_a_scene() {
     let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
     let mut lighting = Lighting::of_scene(&tracer, 0);
     lighting.sky = None; // black, as a frame of sprites is where there is none
-    let reference = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, SIZE, SIZE).expect("valid");
+    let reference = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [SIZE, SIZE]).expect("valid");
     let slabs = slabs_at_gaps(&tracer, &reference, 4);
     let capture =
         SlabCapture { tracer: &tracer, lighting: &lighting, lit: false, samples: 16, format: DisplacementFormat::I8 };
@@ -248,7 +248,7 @@ fn four_layers_stand_in_for_a_scene() {
     let target = reference.with_eye(dvec3(0.25, 0.1, -0.2));
     let truth = truth::render(&tracer, &lighting, false, &target, 16, &Silent).color;
     let mut cells = vec![SheetCell { image: truth.clone(), caption: "truth".into() }];
-    let mut frame = SpriteFrame::default();
+    let mut frame = SpriteLayer::default();
     let mut flip = |variant: Variant| {
         let options = RenderOptions { variant, ..RenderOptions::default() };
         set.render(&mut SpriteRenderer::new(), &target, &options, &mut frame);

@@ -6,10 +6,10 @@ use headbox::capture::light::Lighting;
 use headbox::capture::scene::{Scene, Triangle};
 use headbox::capture::trace::Tracer;
 use headbox::capture::{Camera, DepthKind, Material};
-use headbox::ldi::build::Silent;
+use headbox::progress::Silent;
 use headbox::sprite::{
     DepthImport, DepthPicture, Displacement, DisplacementFormat, Plane, RenderOptions, SlabCapture, Sprite,
-    SpriteFrame, SpriteRenderer, SpriteSet, SpriteWithDepth, capture_slabs, slabs_at_gaps,
+    SpriteLayer, SpriteRenderer, SpriteSet, SpriteWithDepth, capture_slabs, slabs_at_gaps,
 };
 use image::{Rgba, RgbaImage};
 use std::sync::Arc;
@@ -115,7 +115,7 @@ fn the_front_covers_the_back() {
         card([0, 0, 255, 255], dvec3(0.0, 0.0, 1.0), DVec3::Z),
         card([255, 0, 0, 255], dvec3(0.0, 0.0, -1.0), DVec3::Z),
     ]);
-    let mut frame = SpriteFrame::default();
+    let mut frame = SpriteLayer::default();
     let mut middle = |z: f64| {
         let target = look(dvec3(0.0, 0.0, z), DVec3::ZERO, 32);
         set.render(&mut SpriteRenderer::new(), &target, &RenderOptions::default(), &mut frame);
@@ -146,7 +146,7 @@ fn squares() -> Scene {
 fn slabs_of_a_scene_become_matted_sprites() {
     let tracer = Tracer::new(Arc::new(squares()), DVec3::ZERO);
     let lighting = Lighting::of_scene(&tracer, 0);
-    let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, 41, 41).expect("valid");
+    let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [41, 41]).expect("valid");
     let slabs = slabs_at_gaps(&tracer, &camera, 2);
     assert_eq!(slabs.len(), 2);
     let capture =
@@ -181,7 +181,7 @@ fn bad_parts_are_named() {
     assert!(matches!(finer, Err(SpriteError::DisplacementSize { .. })));
     // Nothing visible: a frame of nothing.
     let set = SpriteSet::new(vec![SpriteWithDepth::new(sprite, Displacement::zero(1, 1)).expect("valid")]);
-    let mut frame = SpriteFrame::default();
+    let mut frame = SpriteLayer::default();
     set.render(
         &mut SpriteRenderer::new(),
         &look(dvec3(0.3, 0.0, 2.0), DVec3::ZERO, 16),
@@ -194,9 +194,8 @@ fn bad_parts_are_named() {
 #[test]
 fn sprites_and_a_cube_are_composed_back_to_front() {
     use headbox::compose::{ComposeSettings, Composer, Composition, Layer};
-    use headbox::ldi::build::Sampler;
-    use headbox::ldi::job::{CaptureJob, Resources};
-    use headbox::ldi::merge::MergeRule;
+    use headbox::ldi::job::CaptureJob;
+    use headbox::ldi::parameters::{CaptureParameters, Resources};
     use headbox::packed::{PackedCube, SplatIndexLayout, Split};
     use headbox::scene_source::SceneSource;
 
@@ -206,18 +205,9 @@ fn sprites_and_a_cube_are_composed_back_to_front() {
     let centre = dvec3(0.0, 0.0, 3.0);
     let tracer = Tracer::new(Arc::clone(&scene), centre);
     let job = CaptureJob {
-        scene: source,
-        centre,
-        half_size_m: 0.5,
         face_size_px: 32,
-        sampler: Sampler::Stratified,
-        strata: 6,
-        rays: 4,
-        seed: 0,
-        novelty: CaptureJob::DEFAULT_NOVELTY,
-        merge_rule: MergeRule::Average,
-        bounces: 0,
-        light_samples: 0,
+        parameters: CaptureParameters::unlit(6, 4),
+        ..CaptureJob::new(source, centre, 0.5)
     };
     let (ldi, _) = job.run(&tracer, &Lighting::of_scene(&tracer, 0), &Resources::default(), &Silent).expect("captured");
     let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packed");
@@ -235,11 +225,11 @@ fn sprites_and_a_cube_are_composed_back_to_front() {
     assert!(place(Layer::Sprite(1)) < place(Layer::Cube(0)), "{order:?}");
     assert!(place(Layer::Cube(0)) < place(Layer::Sprite(0)), "{order:?}");
 
-    let (mut composer, mut frame) = (Composer::default(), SpriteFrame::default());
+    let (mut composer, mut frame) = (Composer::default(), headbox::frame::Frame::default());
     let mut seen = |eye: DVec3, at: DVec3| {
         let stats = composition.render(&mut composer, &look(eye, at, 32), &ComposeSettings::default(), &mut frame);
         assert_eq!(stats.outcomes.len(), 3);
-        frame.pixels()[16 * 32 + 16]
+        frame.color[16 * 32 + 16]
     };
     assert_eq!(seen(centre, before), [0, 0, 255, 255], "the blue card hides the wall");
     let [red, green, blue, alpha] = seen(centre, DVec3::ZERO);

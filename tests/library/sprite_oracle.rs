@@ -10,7 +10,7 @@ pub(crate) fn camera(size: u32) -> Camera {
 }
 
 pub(crate) fn look(eye: DVec3, at: DVec3, size: u32) -> Camera {
-    Camera::look_at(eye, at, DVec3::Y, 50.0, size, size).expect("valid camera")
+    Camera::look_at(eye, at, DVec3::Y, 50.0, [size, size]).expect("valid camera")
 }
 
 /// A picture in which every distortion shows.

@@ -1,8 +1,8 @@
 //! Three rooms in a row for the tests of houses, what is behind their doors, and truth.
 
-use crate::common::bed::Random;
 use glam::{DVec2, DVec3, Vec3, dvec3};
 use headbox::capture::portal_model::{Cell, Portal, PortalModel, Prism};
+use headbox::capture::random::Rng;
 use headbox::capture::scene::{Sky, Triangle};
 use headbox::capture::trace::Ray;
 use headbox::capture::{Camera, Material, Scene, srgb8_from_linear};
@@ -16,7 +16,7 @@ use std::sync::Arc;
 #[derive(Default)]
 struct Build {
     scene: Scene,
-    random: Option<Random>,
+    random: Option<Rng>,
 }
 
 impl Build {
@@ -28,7 +28,7 @@ impl Build {
         for i in 0..columns * rows {
             let (x, y) = ((i % columns) as f64, (i / columns) as f64);
             let first = self.scene.positions.len() as u32;
-            let shade = self.random.get_or_insert(Random(2)).between(0.6, 1.0) as f32;
+            let shade = self.random.get_or_insert(Rng::keyed(2)).between(0.6, 1.0) as f32;
             for (dx, dy) in [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)] {
                 self.scene.positions.push(at((x + dx) / columns as f64, (y + dy) / rows as f64));
                 self.scene.colors.push(color * shade);
@@ -152,7 +152,7 @@ pub(crate) fn stocked(house: &House, kind: Kind) -> Store {
 }
 
 pub(crate) fn camera(eye: DVec3, at: DVec3) -> Camera {
-    Camera::look_at(eye, at, DVec3::Y, 65.0, 80, 64).expect("valid")
+    Camera::look_at(eye, at, DVec3::Y, 65.0, [80, 64]).expect("valid")
 }
 
 /// A camera at the same place with `scale` times the pixels.

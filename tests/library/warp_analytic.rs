@@ -1,10 +1,11 @@
 //! Frames whose every pixel is known in closed form.
 
-use crate::common::bed::{Random, leaves, room};
+use crate::common::bed::{leaves, room};
 use crate::common::capture::{one_layer, quick};
 use crate::common::compare::assert_close;
 use glam::{DMat3, DVec3, dvec3};
 use headbox::capture::Camera;
+use headbox::capture::random::Rng;
 use headbox::capture::rig::Face;
 use headbox::frame::Frame;
 use headbox::ldi::{CubeLdi, DepthPixel, EncodedNormal};
@@ -31,7 +32,7 @@ fn face_camera(centre: DVec3, face: Face, size: u32) -> Camera {
 fn the_identity_warp_is_the_identity() {
     let centre = dvec3(1e5, -3.0, 2e4);
     for face in Face::ALL {
-        let random = std::cell::RefCell::new(Random(face.index() as u64));
+        let random = std::cell::RefCell::new(Rng::keyed(face.index() as u64));
         let noise = |_: Face, _: f64, _: f64| {
             let mut r = random.borrow_mut();
             let mut byte = || (r.unit() * 256.0) as u8;
@@ -50,7 +51,8 @@ fn the_identity_warp_is_the_identity() {
                 sample.inverse_depth = 0.7;
             }
             let mut renderer = Renderer::new();
-            let (frame, stats) = renderer.render(&pack(&ldi, layout), &face_camera(centre, face, 37), &with(kernel));
+            let (frame, stats) =
+                renderer.render_with_stats(&pack(&ldi, layout), &face_camera(centre, face, 37), &with(kernel));
             assert_eq!(stats.hole_pixels, 0);
             // With 5-bit depth codes the paper's widths may exceed one pixel by a hair.
             if layout == SplatIndexLayout::Normal || kernel != SplatKernel::Paper {
@@ -84,7 +86,7 @@ fn a_slanted_plane_warps_to_its_homography() {
         .into_iter()
         .enumerate()
     {
-        let camera = Camera::look_at(eye, through + eye * 0.5, dvec3(0.1, 1.0, 0.0), 35.0, 101, 83).expect("valid");
+        let camera = Camera::look_at(eye, through + eye * 0.5, dvec3(0.1, 1.0, 0.0), 35.0, [101, 83]).expect("valid");
         let color = (0..101 * 83).map(|i| {
             let direction = camera.direction(f64::from(i % 101) + 0.5, f64::from(i / 101) + 0.5);
             let [r, g, b] = ramp(meet(eye, direction));
@@ -93,7 +95,7 @@ fn a_slanted_plane_warps_to_its_homography() {
         let expected = Frame { width: 101, height: 83, color: color.collect(), ..Frame::default() };
         for layout in LAYOUTS {
             let mut renderer = Renderer::new();
-            let (frame, stats) = renderer.render(&pack(&ldi, layout), &camera, &RenderSettings::default());
+            let (frame, stats) = renderer.render_with_stats(&pack(&ldi, layout), &camera, &RenderSettings::default());
             assert_eq!(stats.hole_pixels, 0, "no cracks");
             assert_close(&format!("homography_{i}_{layout:?}"), &expected, frame, RAMP_LEVELS, 0.0);
         }
@@ -107,13 +109,13 @@ const HOLE_SHARE: f64 = 0.001;
 fn a_closed_room_has_no_holes() {
     let cube = pack(&quick(&room(20.0), 96), SplatIndexLayout::Normal);
     let mut renderer = Renderer::new();
-    let mut random = Random(5);
+    let mut random = Rng::keyed(5);
     for magnification in [0.3, 1.3, 4.0] {
         let fov = 2.0 * (0.5 / magnification * 96.0 / 48.0_f64).atan().to_degrees() * 0.5;
         for i in 0..8 {
             let eye = if i == 0 { DVec3::ZERO } else { random.in_cube(0.499) };
-            let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, fov, 96, 96).expect("valid");
-            let (_, stats) = renderer.render(&cube, &camera, &RenderSettings::default());
+            let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, fov, [96, 96]).expect("valid");
+            let (_, stats) = renderer.render_with_stats(&cube, &camera, &RenderSettings::default());
             let share = stats.hole_pixels as f64 / (96.0 * 96.0);
             assert!(if i == 0 { share == 0.0 } else { share <= HOLE_SHARE }, "{magnification}, {eye}: {share}");
             assert!(
@@ -129,9 +131,9 @@ fn a_closed_room_has_no_holes() {
 #[test]
 fn the_environment_shows_where_nothing_is_and_only_there() {
     let cube = pack(&quick(&leaves(20.0), 64), SplatIndexLayout::Normal);
-    let look = |to: DVec3| Camera::look_at(DVec3::ZERO, to, DVec3::Z, 50.0, 64, 64).expect("valid");
+    let look = |to: DVec3| Camera::look_at(DVec3::ZERO, to, DVec3::Z, 50.0, [64, 64]).expect("valid");
     let mut renderer = Renderer::new();
-    let (frame, stats) = renderer.render(&cube, &look(DVec3::Y), &RenderSettings::default());
+    let (frame, stats) = renderer.render_with_stats(&cube, &look(DVec3::Y), &RenderSettings::default());
     assert_eq!(stats.hole_pixels, 0);
     assert!(
         frame.coverage.iter().any(|c| c.splat_share() == 0) && frame.coverage.iter().any(|c| c.splat_share() == 255)
@@ -139,7 +141,7 @@ fn the_environment_shows_where_nothing_is_and_only_there() {
     let mut no_sky = cube.clone();
     no_sky.environment.texels.iter_mut().for_each(|t| t[3] = 0);
     let environment_pixels = frame.coverage.iter().filter(|c| c.splat_share() == 0).count() as u64;
-    let (frame, stats) = renderer.render(
+    let (frame, stats) = renderer.render_with_stats(
         &no_sky,
         &look(DVec3::Y),
         &RenderSettings { hole_color_srgb: [255, 0, 255], ..RenderSettings::default() },
@@ -157,8 +159,8 @@ fn odd_frame_sizes_and_extreme_cameras_are_drawn() {
         for (width, height) in [(1, 1), (1, 257), (509, 1), (7, 3), (131, 61), (1, 1)] {
             for fov in [0.5, 60.0, 170.0] {
                 let camera =
-                    Camera::look_at(dvec3(0.1, 0.2, -0.3), DVec3::Z, DVec3::Y, fov, width, height).expect("valid");
-                let (frame, stats) = renderer.render(&cube, &camera, &with(kernel));
+                    Camera::look_at(dvec3(0.1, 0.2, -0.3), DVec3::Z, DVec3::Y, fov, [width, height]).expect("valid");
+                let (frame, stats) = renderer.render_with_stats(&cube, &camera, &with(kernel));
                 assert_eq!((frame.width, frame.height), (width, height));
                 assert_eq!(frame.color.len(), (width * height) as usize);
                 assert!(frame.color.iter().all(|c| c[3] == 255));
@@ -179,7 +181,8 @@ fn odd_frame_sizes_and_extreme_cameras_are_drawn() {
 #[test]
 fn a_renderer_keeps_nothing_of_its_last_frame() {
     let (first, second) = (quick(&room(20.0), 32), quick(&leaves(20.0), 24));
-    let camera = |size| Camera::look_at(dvec3(0.2, 0.1, 0.3), DVec3::NEG_Z, DVec3::Y, 70.0, size, size).expect("valid");
+    let camera =
+        |size| Camera::look_at(dvec3(0.2, 0.1, 0.3), DVec3::NEG_Z, DVec3::Y, 70.0, [size, size]).expect("valid");
     let mut used = Renderer::new();
     for (ldi, size, kernel, layout) in [
         (&first, 64, SplatKernel::Tent, SplatIndexLayout::Normal),
@@ -190,16 +193,16 @@ fn a_renderer_keeps_nothing_of_its_last_frame() {
     ] {
         let cube = pack(ldi, layout);
         let mut fresh = Renderer::new();
-        let expected = fresh.render(&cube, &camera(size), &with(kernel)).0;
-        assert_eq!(used.render(&cube, &camera(size), &with(kernel)).0, expected);
+        let expected = fresh.render(&cube, &camera(size), &with(kernel));
+        assert_eq!(used.render(&cube, &camera(size), &with(kernel)), expected);
     }
 }
 
 #[test]
 fn damaged_cubes_are_drawn_without_a_panic() {
     let whole = pack(&quick(&room(20.0), 16), SplatIndexLayout::Normal);
-    let camera = Camera::look_at(dvec3(0.2, 0.1, 0.3), DVec3::NEG_Z, DVec3::Y, 70.0, 32, 32).expect("valid");
-    let mut random = Random(11);
+    let camera = Camera::look_at(dvec3(0.2, 0.1, 0.3), DVec3::NEG_Z, DVec3::Y, 70.0, [32, 32]).expect("valid");
+    let mut random = Rng::keyed(11);
     let mut renderer = Renderer::new();
     for _ in 0..400 {
         let mut cube = whole.clone();

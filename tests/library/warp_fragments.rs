@@ -1,9 +1,10 @@
 //! Fragments between epipolar lines (P5, P6, C16) against the serial warp: one band on one thread.
 
-use crate::common::bed::{Random, leaves, room};
+use crate::common::bed::{leaves, room};
 use crate::common::capture::{one_layer, quick};
 use glam::{DVec3, dvec3};
 use headbox::capture::Camera;
+use headbox::capture::random::Rng;
 use headbox::capture::rig::Face;
 use headbox::frame::Frame;
 use headbox::ldi::{DepthPixel, EncodedNormal, LayeredDepthImage};
@@ -87,10 +88,10 @@ impl Pair {
         counts: &[u32],
     ) -> Vec<[FrameStats; 2]> {
         let serial = RenderSettings { band_rows: camera.height(), ..settings };
-        let (expected, of_serial) = self.pools[0].install(|| self.serial.render(cube, camera, &serial));
+        let (expected, of_serial) = self.pools[0].install(|| self.serial.render_with_stats(cube, camera, &serial));
         let one = |(&count, pool): (&u32, &ThreadPool)| {
             let settings = RenderSettings { parallel: Parallel::Fragments(count), ..settings };
-            let (found, stats) = pool.install(|| self.fragments.render(cube, camera, &settings));
+            let (found, stats) = pool.install(|| self.fragments.render_with_stats(cube, camera, &settings));
             let differing = differing(expected, found);
             let title = format!("{name}, {:?}, {count} fragments", settings.kernel);
             assert!(differing == DIFFERING_PIXELS, "{title}: {differing} pixels differ");
@@ -109,14 +110,14 @@ fn fragments_give_the_serial_frame() {
     const WIDTH: u32 = 203;
     const HEIGHT: u32 = 121;
     let mut pair = Pair::new();
-    let mut random = Random(3);
+    let mut random = Rng::keyed(3);
     let (mut pixels, mut redone, mut passes) = (0, 0, [0; 2]);
     for (c, cube) in cubes().iter().enumerate() {
         for (i, (name, eye)) in eyes().into_iter().enumerate() {
             // Every other time with an epipole in the middle of the frame, if there is one.
             let ahead = if i % 2 == 0 { dvec3(eye.x, eye.y, -3.0) } else { eye - DVec3::Z + random.in_cube(0.7) };
             let fov = [90.0, 40.0, 130.0][(i + c) % 3];
-            let camera = Camera::look_at(eye, ahead, DVec3::Y, fov, WIDTH, HEIGHT).expect("valid");
+            let camera = Camera::look_at(eye, ahead, DVec3::Y, fov, [WIDTH, HEIGHT]).expect("valid");
             for kernel in KERNELS {
                 let settings = RenderSettings { kernel, depth: true, ..RenderSettings::default() };
                 for [_, stats] in pair.compare(name, cube, &camera, settings, &[1, 2, 3, 4, 7]) {
@@ -138,12 +139,12 @@ fn fragments_give_the_serial_frame() {
 #[test]
 fn eyes_and_views_at_random_and_every_depth_pixel_warped() {
     let mut pair = Pair::new();
-    let mut random = Random(21);
+    let mut random = Rng::keyed(21);
     let cubes = cubes();
     for i in 0..60 {
         let eye = random.in_cube([0.5, 0.5, 3.0][i % 3]);
         let fov = [5.0, 60.0, 100.0, 170.0][i % 4];
-        let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, fov, 83, 59).expect("valid");
+        let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, fov, [83, 59]).expect("valid");
         let settings =
             RenderSettings { kernel: KERNELS[i % KERNELS.len()], unclipped: i % 5 == 0, ..RenderSettings::default() };
         let name = format!("{i}: eye {eye}, {fov} degrees");
@@ -157,14 +158,14 @@ fn frames_of_every_size_and_more_fragments_than_there_can_be() {
     let cubes = cubes();
     for [width, height] in [[1, 1], [1, 97], [97, 1], [2048, 3], [3, 2048], [47, 49], [48, 47]] {
         let camera =
-            Camera::look_at(dvec3(0.1, 0.2, -0.3), DVec3::NEG_Z, DVec3::Y, 60.0, width, height).expect("valid");
+            Camera::look_at(dvec3(0.1, 0.2, -0.3), DVec3::NEG_Z, DVec3::Y, 60.0, [width, height]).expect("valid");
         for kernel in KERNELS {
             let settings = RenderSettings { kernel, depth: true, ..RenderSettings::default() };
             pair.compare(&format!("{width}x{height}"), &cubes[0], &camera, settings, &[2, 16, u32::MAX]);
         }
     }
     let empty = PackedCube { segments: Vec::new(), ..cubes[0].clone() };
-    let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, 40, 30).expect("valid");
+    let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [40, 30]).expect("valid");
     pair.compare("no segments", &empty, &camera, RenderSettings::default(), &[1, 4]);
 }
 
@@ -177,9 +178,9 @@ fn fragments_have_about_equally_many_depth_pixels() {
     let cube = &cubes()[0];
     let mut renderer = Renderer::new();
     for (name, eye) in eyes().into_iter().take(10) {
-        let camera = Camera::look_at(eye, dvec3(eye.x, eye.y, -3.0), DVec3::Y, 90.0, 97, 61).expect("valid");
+        let camera = Camera::look_at(eye, dvec3(eye.x, eye.y, -3.0), DVec3::Y, 90.0, [97, 61]).expect("valid");
         let settings = RenderSettings { parallel: Parallel::Fragments(4), ..RenderSettings::default() };
-        let (_, stats) = renderer.render(cube, &camera, &settings);
+        let (_, stats) = renderer.render_with_stats(cube, &camera, &settings);
         let mean = (stats.depth_pixels_in - stats.redone_depth_pixels) as f64 / 4.0;
         let largest = stats.largest_fragment as f64;
         assert!(largest <= UNEVEN * mean, "{name}: {largest} of {mean}");
@@ -199,13 +200,13 @@ fn a_pixel_on_the_baseline_takes_no_neighbours_along() {
         });
         let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
         for forward in forwards {
-            let camera = Camera::look_at(DVec3::ZERO, forward, DVec3::Y, 75.0, 64, 48).expect("valid");
+            let camera = Camera::look_at(DVec3::ZERO, forward, DVec3::Y, 75.0, [64, 48]).expect("valid");
             for kernel in KERNELS {
                 let settings = RenderSettings { kernel, ..RenderSettings::default() };
-                let expected = pair.serial.render(&cube, &camera, &settings).0;
+                let expected = pair.serial.render(&cube, &camera, &settings);
                 for count in [2, 3, 7] {
                     let settings = RenderSettings { parallel: Parallel::Fragments(count), ..settings };
-                    let found = pair.fragments.render(&cube, &camera, &settings).0;
+                    let found = pair.fragments.render(&cube, &camera, &settings);
                     assert_eq!(differing(expected, found), DIFFERING_PIXELS, "{face_px} px, {kernel:?}, {count}");
                 }
             }

@@ -1,9 +1,9 @@
 //! The fixed stamps of Rafferty et al. (R7, R12): which pixels one sample covers.
 
-use crate::common::bed::Random;
 use crate::common::capture::one_layer;
 use glam::{DVec3, dvec3};
 use headbox::capture::Camera;
+use headbox::capture::random::Rng;
 use headbox::capture::rig::Face;
 use headbox::ldi::{DepthPixel, EncodedNormal};
 use headbox::packed::{PackedCube, SplatIndexLayout, Split};
@@ -43,13 +43,13 @@ fn stamp(kernel: SplatKernel, x: f64, y: f64) -> Vec<[i64; 2]> {
 
 #[test]
 fn a_plus_has_five_pixels_and_squares_have_one_four_and_nine() {
-    let (cube, mut renderer, mut random) = (one_sample(), Renderer::new(), Random(9));
+    let (cube, mut renderer, mut random) = (one_sample(), Renderer::new(), Rng::keyed(9));
     let kernels =
         [(SplatKernel::Point, 1), (SplatKernel::Plus, 5), (SplatKernel::Square2, 4), (SplatKernel::Square3, 9)];
     let (mut inside, mut cut) = (0, 0);
     for _ in 0..300 {
         let eye = dvec3(random.between(-0.35, 0.35), random.between(-0.3, 0.3), random.between(-0.2, 0.2));
-        let camera = Camera::look_at(eye, eye - DVec3::Z, DVec3::Y, 30.0, WIDTH, HEIGHT).expect("valid");
+        let camera = Camera::look_at(eye, eye - DVec3::Z, DVec3::Y, 30.0, [WIDTH, HEIGHT]).expect("valid");
         let [x, y, _] = camera.project(-DVec3::Z).expect("in front");
         // Nearer to a border of pixels, or of halves, rounding decides.
         if [x, y].iter().any(|v| (2.0 * v - (2.0 * v).round()).abs() < 1e-3) {
@@ -57,7 +57,7 @@ fn a_plus_has_five_pixels_and_squares_have_one_four_and_nine() {
         }
         for (kernel, count) in kernels {
             let settings = RenderSettings { kernel, ..RenderSettings::default() };
-            let (frame, _) = renderer.render(&cube, &camera, &settings);
+            let (frame, _) = renderer.render_with_stats(&cube, &camera, &settings);
             let covered = (0..frame.color.len()).filter(|&i| frame.coverage[i].splat_share() > 0);
             let mut covered: Vec<[i64; 2]> =
                 covered.map(|i| [i as i64 % i64::from(WIDTH), i as i64 / i64::from(WIDTH)]).collect();

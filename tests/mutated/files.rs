@@ -11,12 +11,13 @@ use headbox::capture::light::Lighting;
 use headbox::capture::load::{LoadOptions, load};
 use headbox::capture::scene::FileFrame;
 use headbox::capture::trace::Tracer;
-use headbox::ldi::build::{self, Sampler, Silent};
-use headbox::ldi::job::{CaptureJob, Resources};
-use headbox::ldi::merge::MergeRule;
+use headbox::ldi::build;
+use headbox::ldi::job::CaptureJob;
+use headbox::ldi::parameters::{CaptureParameters, Resources};
 use headbox::ldi::shard::{self, ShardInfo};
 use headbox::packed::{BlockIndex, PackedCube, PackedSegment, SplatIndexLayout, Split};
 use headbox::path;
+use headbox::progress::Silent;
 use headbox::render::splat::SplatKernel;
 use headbox::render::{RenderSettings, Renderer};
 use headbox::report::figures::figures;
@@ -24,7 +25,7 @@ use headbox::report::row::Report;
 use headbox::report::{results, summary};
 use headbox::scene_source::{SceneSource, fingerprint};
 use headbox::sprite::{
-    DepthPicture, DisplacementFormat, SlabCapture, SpriteFrame, SpriteRenderer, SpriteSet, capture_slabs,
+    DepthPicture, DisplacementFormat, SlabCapture, SpriteLayer, SpriteRenderer, SpriteSet, capture_slabs,
 };
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -37,18 +38,9 @@ fn job() -> CaptureJob {
     let scene = headbox::scenes::build("bump", 0).expect("built in");
     let headbox = scene.headbox.expect("it has one");
     CaptureJob {
-        scene: SceneSource::new("builtin:bump"),
-        centre: headbox.centre,
-        half_size_m: headbox.half_size_m,
         face_size_px: 7,
-        sampler: Sampler::Stratified,
-        strata: 3,
-        rays: 3,
-        seed: 0,
-        novelty: 0.25,
-        merge_rule: MergeRule::Average,
-        bounces: 0,
-        light_samples: 1,
+        parameters: CaptureParameters { novelty: 0.25, light_samples: 1, ..CaptureParameters::unlit(3, 3) },
+        ..CaptureJob::new(SceneSource::new("builtin:bump"), headbox.centre, headbox.half_size_m)
     }
 }
 
@@ -65,7 +57,7 @@ fn cube() -> PackedCube {
 
 fn camera(eye: DVec3, forward: DVec3) -> Camera {
     // Not `eye + forward`, which is `eye` where a mutation has put it far away.
-    Camera::look_at(DVec3::ZERO, forward, DVec3::Y, 70.0, 13, 9).expect("valid").with_eye(eye)
+    Camera::look_at(DVec3::ZERO, forward, DVec3::Y, 70.0, [13, 9]).expect("valid").with_eye(eye)
 }
 
 /// Draws a cube from two eyes by all kernels; whatever is in it, this must come to an end.
@@ -102,7 +94,7 @@ fn read_shard(path: &Path) -> bool {
 
 fn read_sprite(path: &Path) -> bool {
     let Ok(set) = SpriteSet::read(path) else { return false };
-    let (mut renderer, mut frame) = (SpriteRenderer::new(), SpriteFrame::default());
+    let (mut renderer, mut frame) = (SpriteRenderer::new(), SpriteLayer::default());
     for eye in [DVec3::ZERO, DVec3::new(0.3, 0.1, 3.2)] {
         set.render(&mut renderer, &camera(eye, DVec3::NEG_Z), &Default::default(), &mut frame);
     }
@@ -240,7 +232,7 @@ fn packed_cubes_that_break_their_promises() {
     let mut invalid = 0;
     let mut rounds = Rounds::of(CASES);
     while let Some(seed) = rounds.next() {
-        let mut dice = Dice(seed.wrapping_mul(0x9e37_79b9));
+        let mut dice = Dice::new(seed.wrapping_mul(0x9e37_79b9));
         let mut broken = original.clone();
         let count = broken.segments.len();
         for _ in 0..1 + dice.below(3) {

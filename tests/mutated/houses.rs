@@ -6,13 +6,13 @@ use headbox::capture::Camera;
 use headbox::capture::light::Lighting;
 use headbox::capture::load::{ModelOptions, load_model};
 use headbox::capture::trace::Tracer;
-use headbox::ldi::build::Silent;
 use headbox::portal::backdrop::{Backdrop, Kind, PortalSide, Quality};
 use headbox::portal::file;
 use headbox::portal::house::House;
 use headbox::portal::settings::{Near, WalkSettings};
 use headbox::portal::store::Store;
 use headbox::portal::walk::Walker;
+use headbox::progress::Silent;
 use headbox::report::truths::Truths;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -89,7 +89,7 @@ fn read_house(path: &Path) -> bool {
         (dvec3(6.5, 1.2, 2.0), DVec3::NEG_X),
         (dvec3(4.0, 1.0, 1.5), dvec3(0.3, 0.1, 1.0)),
     ] {
-        let camera = Camera::look_at(eye, eye + to, DVec3::Y, 80.0, 17, 11).expect("valid");
+        let camera = Camera::look_at(eye, eye + to, DVec3::Y, 80.0, [17, 11]).expect("valid");
         for kind in [None, Some(Kind::WindowLdi), Some(Kind::Textures), Some(Kind::Sprite), Some(Kind::TwoImages)] {
             let settings =
                 WalkSettings { backdrops: kind, near: Near::Distance(0.5), persistence: true, ..Default::default() };
@@ -118,7 +118,7 @@ impl Cached {
         let centre = scene.headbox.expect("it has one").centre;
         let tracer = Tracer::new(scene, centre);
         let lighting = Lighting::measure(&tracer, 0);
-        let camera = Camera::look_at(centre, centre - DVec3::Z, DVec3::Y, 60.0, 5, 3).expect("valid");
+        let camera = Camera::look_at(centre, centre - DVec3::Z, DVec3::Y, 60.0, [5, 3]).expect("valid");
         let cached = Self { tracer, lighting, camera, folder: tempfile::tempdir().expect("a folder") };
         cached.check();
         cached

@@ -6,6 +6,7 @@
     reason = "nobody but the tests reads it, and not every test all of it"
 )]
 
+use headbox::capture::random::Rng;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -105,7 +106,7 @@ pub fn try_mutations(name: &str, originals: &[Vec<u8>], in_sections: bool, read:
     }
     let (mut rounds, mut sound) = (Rounds::of(CASES), 0u64);
     while let Some(seed) = rounds.next() {
-        let mut dice = Dice(seed.wrapping_mul(0x2545_f491_4f6c_dd1d));
+        let mut dice = Dice::new(seed.wrapping_mul(0x2545_f491_4f6c_dd1d));
         let original = &originals[dice.below(originals.len())];
         let bytes = if in_sections && dice.below(4) > 0 {
             let mut parts = Parts::of(original);
@@ -148,21 +149,21 @@ pub fn corpus_folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/corpus")
 }
 
-/// SplitMix64.
-pub struct Dice(pub u64);
+/// Chance.
+pub struct Dice(Rng);
 
 impl Dice {
+    pub fn new(seed: u64) -> Self {
+        Self(Rng::keyed(seed))
+    }
+
     pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ z >> 31
+        self.0.bits()
     }
 
     /// 0..count, or 0.
     pub fn below(&mut self, count: usize) -> usize {
-        (self.bits() % count.max(1) as u64) as usize
+        self.0.below(count as u64) as usize
     }
 
     fn pick<'a, T>(&mut self, list: &'a [T]) -> &'a T {

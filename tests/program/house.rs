@@ -7,7 +7,7 @@ use headbox::capture::Camera;
 use headbox::capture::bake::{BakeOptions, bake};
 use headbox::capture::light::Lighting;
 use headbox::capture::trace::Tracer;
-use headbox::ldi::build::Silent;
+use headbox::progress::Silent;
 use headbox::{metrics, truth};
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -161,7 +161,7 @@ fn baked_light_looks_like_truth() {
     const LEAST_PSNR_DB: f64 = 26.0;
     let source = Arc::new(headbox::scenes::build("bump", 1).unwrap());
     let eye = source.headbox.unwrap().centre;
-    let camera = Camera::look_at(eye, eye + dvec3(0.1, -0.2, -1.0), glam::DVec3::Y, 60.0, 120, 90).unwrap();
+    let camera = Camera::look_at(eye, eye + dvec3(0.1, -0.2, -1.0), glam::DVec3::Y, 60.0, [120, 90]).unwrap();
     let tracer = Tracer::new(Arc::clone(&source), eye);
     let lit = truth::render(&tracer, &Lighting::measure(&tracer, 1), true, &camera, 64, &Silent).color;
 

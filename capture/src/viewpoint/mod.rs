@@ -10,7 +10,7 @@ mod place;
 mod tests;
 mod view;
 
-pub use place::{EYE_HEIGHT_M, fitting_half_size, suggest_half_size, suggest_headbox};
+pub use place::{EYE_HEIGHT_M, HeadboxError, fitting_half_size, place_headbox, suggest_half_size, suggest_headbox};
 pub use view::suggest_view;
 
 use crate::trace::{Hit, Ray, Tracer};

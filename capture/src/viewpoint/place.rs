@@ -2,9 +2,10 @@
 
 use super::{cast, look_around};
 use crate::sampler::{random4, unit_float};
-use crate::scene::SuggestedHeadbox;
+use crate::scene::{Headbox, Scene};
 use crate::trace::Tracer;
 use glam::{DVec3, Vec3};
+use std::sync::Arc;
 
 /// Height of a standing person's eyes above the floor, metres.
 pub const EYE_HEIGHT_M: f64 = 1.6;
@@ -18,6 +19,63 @@ const STOREY_M: f64 = 0.5;
 const TRIES: u32 = 600;
 /// More clearance than this makes a standing place no better, metres.
 const AMPLE_M: f64 = 2.0;
+
+/// A scene this many of its diagonals away is less than a pixel wide on the largest face: 2/8192 of its depth.
+const MAX_DIAGONALS_AWAY: f64 = 4096.0;
+
+/// Why a headbox cannot be placed.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum HeadboxError {
+    /// Its centre is nowhere.
+    #[error("a headbox about {0}; its centre must be three finite numbers")]
+    Centre(DVec3),
+    /// Nothing of the scene would be seen from there.
+    #[error(
+        "a headbox about {centre}, so far from the scene that nothing of it would be seen; it reaches from {low} to {high} (metres, Y up)"
+    )]
+    TooFar {
+        /// Its centre, world metres.
+        centre: DVec3,
+        /// Lowest corner of the scene.
+        low: DVec3,
+        /// Highest corner of the scene.
+        high: DVec3,
+    },
+    /// It is too small or too large to be worked with.
+    #[error("a headbox of half-size {0} m; it must lie between 1e-9 and 1e9 m")]
+    HalfSize(f64),
+}
+
+/// The headbox of a scene, world metres: what is given of it, else what the scene suggests, else free space.
+///
+/// # Errors
+/// [`HeadboxError`] if there is no such box.
+pub fn place_headbox(
+    scene: &Arc<Scene>,
+    centre: Option<DVec3>,
+    half_size_m: Option<f64>,
+) -> Result<Headbox, HeadboxError> {
+    let [low, high] = scene.bounds();
+    let scout = || Tracer::new(Arc::clone(scene), (low + high) / 2.0);
+    let suggested = match centre {
+        Some(_) => None,
+        None => Some(scene.headbox.unwrap_or_else(|| suggest_headbox(&scout()))),
+    };
+    let centre = centre.or(suggested.map(|headbox| headbox.centre)).unwrap_or_default();
+    let half_size_m = half_size_m
+        .or(suggested.map(|headbox| headbox.half_size_m))
+        .unwrap_or_else(|| suggest_half_size(&scout(), centre));
+    if !centre.is_finite() {
+        return Err(HeadboxError::Centre(centre));
+    }
+    if (centre - centre.clamp(low, high)).length() > MAX_DIAGONALS_AWAY * (high - low).length() {
+        return Err(HeadboxError::TooFar { centre, low, high });
+    }
+    if !(1e-9..=1e9).contains(&half_size_m) {
+        return Err(HeadboxError::HalfSize(half_size_m));
+    }
+    Ok(Headbox { centre, half_size_m })
+}
 
 /// A half-size for a headbox about a world position: half the clearance (a cube's corner is 1.73 half-sizes away), but
 /// at most a twentieth of the scene's diagonal; if the position touches geometry, a hundredth of the diagonal.
@@ -41,9 +99,9 @@ pub fn fitting_half_size(half_size_m: f64, rays_per_pixel: f64) -> f64 {
 
 /// A headbox about the eyes of a person who stands on a floor, with as much clearance and as much to see around as seeded
 /// tries find; where no try finds room to stand, about any free place in the lower part of the scene's box.
-pub fn suggest_headbox(tracer: &Tracer) -> SuggestedHeadbox {
+pub fn suggest_headbox(tracer: &Tracer) -> Headbox {
     let centre = standing_place(tracer).unwrap_or_else(|| free_place(tracer));
-    SuggestedHeadbox { centre, half_size_m: suggest_half_size(tracer, centre) }
+    Headbox { centre, half_size_m: suggest_half_size(tracer, centre) }
 }
 
 /// The `i`-th place of the scene's box, evenly spread at random.

@@ -5,7 +5,7 @@ use headbox_capture::Material;
 use headbox_capture::bake::{BakeOptions, Baked, bake, bake_model};
 use headbox_capture::light::{LightSample, Lighting, LitPoint};
 use headbox_capture::portal_model::{Cell, PortalModel};
-use headbox_capture::scene::{Scene, Sky, SuggestedHeadbox, Sun, Triangle};
+use headbox_capture::scene::{Headbox, Scene, Sky, Sun, Triangle};
 use headbox_capture::trace::Tracer;
 use std::collections::HashSet;
 use std::ops::ControlFlow;
@@ -129,7 +129,7 @@ fn floor_and_post(flipped: bool) -> Scene {
     quad([dvec3(-2.0, 0.0, 2.0), dvec3(2.0, 0.0, 2.0), dvec3(2.0, 0.0, -2.0), dvec3(-2.0, 0.0, -2.0)]);
     quad([dvec3(-0.5, 0.0, 0.0), dvec3(0.5, 0.0, 0.0), dvec3(0.5, 1.5, 0.0), dvec3(-0.5, 1.5, 0.0)]);
     let sun = Sun { direction: Vec3::new(0.3, 0.8, 0.5).normalize(), ..Sun::default() };
-    let headbox = SuggestedHeadbox { centre: dvec3(0.0, 1.0, 1.5), half_size_m: 0.2 };
+    let headbox = Headbox { centre: dvec3(0.0, 1.0, 1.5), half_size_m: 0.2 };
     Scene { sun: Some(sun), sky: Some(Sky::default()), headbox: Some(headbox), ..scene }
 }
 

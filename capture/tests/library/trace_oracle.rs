@@ -1,50 +1,10 @@
 //! Scenes, rays and the oracle of the tracer's tests.
 
 use glam::{DVec3, dvec3};
+use headbox_capture::random::Rng;
 use headbox_capture::scene::Triangle;
 use headbox_capture::trace::{Hit, Ray};
 use headbox_capture::{Material, Scene};
-
-/// A small generator (SplitMix64), so that the cases never change.
-pub(crate) struct Random(u64);
-
-impl Random {
-    pub(crate) fn new(seed: u64) -> Self {
-        Self(seed)
-    }
-
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// Uniform in [0, 1).
-    pub(crate) fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    pub(crate) fn below(&mut self, n: u64) -> u64 {
-        self.next() % n
-    }
-
-    /// Uniform in the cube [-0.5, 0.5]^3.
-    pub(crate) fn in_cube(&mut self) -> DVec3 {
-        dvec3(self.unit(), self.unit(), self.unit()) - 0.5
-    }
-
-    /// Uniform in the unit ball.
-    pub(crate) fn in_ball(&mut self) -> DVec3 {
-        loop {
-            let p = self.in_cube() * 2.0;
-            if p.length() <= 1.0 {
-                return p;
-            }
-        }
-    }
-}
 
 pub(crate) use headbox_capture::simd::levels;
 
@@ -61,11 +21,11 @@ pub(crate) fn scene_of(triangles: &[[DVec3; 3]]) -> Scene {
 }
 
 /// Random triangles of about `size`, in a cube of edge `scale`.
-pub(crate) fn soup(random: &mut Random, count: usize, size: f64, scale: f64) -> Vec<[DVec3; 3]> {
+pub(crate) fn soup(random: &mut Rng, count: usize, size: f64, scale: f64) -> Vec<[DVec3; 3]> {
     (0..count)
         .map(|_| {
-            let at = random.in_cube();
-            [(); 3].map(|()| (at + random.in_cube() * size) * scale)
+            let at = random.in_cube(0.5);
+            [(); 3].map(|()| (at + random.in_cube(0.5) * size) * scale)
         })
         .collect()
 }
@@ -96,16 +56,16 @@ pub(crate) fn sphere(depth: u32) -> Vec<[DVec3; 3]> {
 }
 
 /// Rays from inside and outside a cube of edge `scale`: sixteen at a time with similar directions, then random ones.
-pub(crate) fn rays_for(random: &mut Random, count: usize, scale: f64) -> Vec<Ray> {
+pub(crate) fn rays_for(random: &mut Rng, count: usize, scale: f64) -> Vec<Ray> {
     let mut rays = Vec::with_capacity(count);
     while rays.len() < count {
-        let (from, toward) = (random.in_cube() * 2.0, random.in_cube() * 0.8);
+        let (from, toward) = (random.in_cube(0.5) * 2.0, random.in_cube(0.5) * 0.8);
         let coherent = random.below(3) > 0;
         for _ in 0..16 {
             let (from, toward) = if coherent {
-                (from + random.in_cube() * 0.05, toward + random.in_cube() * 0.1)
+                (from + random.in_cube(0.5) * 0.05, toward + random.in_cube(0.5) * 0.1)
             } else {
-                (random.in_cube() * 2.0, random.in_cube())
+                (random.in_cube(0.5) * 2.0, random.in_cube(0.5))
             };
             let length = if random.below(4) == 0 { 1e-2 } else { 1.0 };
             rays.push(Ray {

@@ -1,7 +1,7 @@
 //! The floor plan: rooms, and the openings in their walls. Pure numbers, no triangles.
 
-use crate::rng::Rng;
 use glam::{DVec2, DVec3};
+use headbox_capture::random::Rng;
 
 /// What a room is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,8 +5,8 @@ use super::palette::Palette;
 use super::shell::Wall;
 use crate::furniture;
 use crate::mesh::Mesh;
-use crate::rng::Rng;
 use glam::{DVec2, DVec3, dvec3};
+use headbox_capture::random::Rng;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// A piece of furniture, with a width where it has a choice of them.

@@ -8,11 +8,11 @@ mod palette;
 mod shell;
 
 use crate::mesh::{Fineness, Mesh};
-use crate::rng::Rng;
 use floor::{Floor, Purpose};
 use furnish::{Furnishing, hang_lamps};
 use glam::{DVec2, DVec3};
 use headbox_capture::portal_model::{Cell, Portal, PortalModel, Prism};
+use headbox_capture::random::Rng;
 use headbox_capture::scene::Scene;
 use palette::{Palette, TILE_M};
 use shell::{add_slab, walls};

@@ -4,9 +4,9 @@ use super::floor::{Fill, Floor};
 use super::palette::Palette;
 use super::shell::walls;
 use crate::mesh::{Mesh, Vertex};
-use crate::rng::Rng;
 use crate::texture::fractal;
 use glam::{DVec2, DVec3, dvec3};
+use headbox_capture::random::Rng;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Height of the ground, metres; the floors lie at 0.

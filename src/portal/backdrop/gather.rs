@@ -14,10 +14,11 @@ use super::mend::Mender;
 use crate::capture::rig::Face;
 use crate::capture::srgb8_from_linear;
 use crate::capture::trace::{HitPacket, PACKET, Ray, RayPacket};
+use crate::environment::Environment;
 use crate::ldi::accumulate::DepthBins;
-use crate::ldi::build::Sampler;
 use crate::ldi::merge::MergeRule;
-use crate::ldi::{CaptureInfo, CubeLdi, DepthPixel, EncodedNormal, Environment, LayeredDepthImage};
+use crate::ldi::parameters::CaptureParameters;
+use crate::ldi::{CaptureInfo, CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
 use crate::packed::{PackError, PackedCube, SplatIndexLayout, Split};
 use crate::portal::house::House;
 use glam::{DVec3, Vec3};
@@ -187,17 +188,16 @@ impl CubeJob<'_> {
                 *offset = total;
             }
         }
-        let frame = self.house.scene().frame;
+        // No strata: what was gathered says where its rays came from.
+        let parameters = CaptureParameters { merge_rule: self.rule, ..CaptureParameters::unlit(0, 0) };
         let info = CaptureInfo {
             scene: self.house.scene().name.clone(),
             centre: self.centre,
             half_size_m: HALF_SIZE_M,
-            unit_m: frame.unit_m,
-            z_up: frame.up == crate::capture::scene::UpAxis::Z,
+            frame: self.house.scene().frame,
             exposure: self.house.lighting().exposure,
-            sampler: Sampler::Stratified,
+            parameters,
             rays_traced: samples.len() as u64,
-            merge_rule: self.rule,
             ..CaptureInfo::default()
         };
         CubeLdi { info, faces: faces.into(), environment }

@@ -31,7 +31,7 @@ use super::walk::Walker;
 use super::walk_path::WalkPath;
 use crate::capture::{Camera, CameraError};
 use crate::frame::Frame;
-use crate::ldi::build::{Progress, Silent};
+use crate::progress::{Progress, Silent};
 use crate::raster::Seen;
 use crate::render::RenderSettings;
 use crate::truth;

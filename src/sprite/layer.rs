@@ -1,19 +1,20 @@
-//! The picture that a renderer draws.
+//! What sprites are drawn into and laid over each other in, before it is a finished [`Frame`].
 
-use super::texture::premultiplied;
+use crate::frame::{Coverage, Frame};
 use image::{RgbImage, RgbaImage};
 use rayon::prelude::*;
 
-/// A frame of 8-bit sRGB with premultiplied alpha, row-major; transparent pixels are all zero.
+/// A layer of 8-bit sRGB with premultiplied alpha, row-major; transparent pixels are all zero. [`Self::finish`] makes a
+/// [`Frame`] of it, [`Self::draw_frame_over`] takes one in.
 #[derive(Clone, Debug, PartialEq, Eq, Default)]
-pub struct SpriteFrame {
+pub struct SpriteLayer {
     width: u32,
     height: u32,
     /// Red in the lowest byte, alpha in the highest.
     pub(super) pixels: Vec<u32>,
 }
 
-impl SpriteFrame {
+impl SpriteLayer {
     /// A transparent frame.
     pub fn new(width: u32, height: u32) -> Self {
         Self { width, height, pixels: vec![0; width as usize * height as usize] }
@@ -52,24 +53,44 @@ impl SpriteFrame {
         }
     }
 
-    /// Takes a size and pixels with straight alpha, row-major; what `pixels` leaves out is transparent.
-    pub fn set_straight(&mut self, width: u32, height: u32, pixels: impl Iterator<Item = [u8; 4]>) {
-        let count = width as usize * height as usize;
-        (self.width, self.height) = (width, height);
-        self.pixels.clear();
-        self.pixels.extend(pixels.take(count).map(|pixel| u32::from_le_bytes(premultiplied(pixel))));
-        self.pixels.resize(count, 0);
+    /// As [`Self::draw_over`], of the share of each pixel that splats cover in a frame drawn without an environment. Colours are
+    /// weighted and added in one step, rounded once.
+    pub fn draw_frame_over(&mut self, front: &Frame) {
+        let width = (self.width as usize).max(1);
+        let rows = self.pixels.chunks_mut(width).zip(front.color.chunks((front.width as usize).max(1)));
+        for ((back, colors), coverages) in rows.zip(front.coverage.chunks((front.width as usize).max(1))) {
+            for ((back, &[r, g, b, _]), coverage) in back.iter_mut().zip(colors).zip(coverages) {
+                let under = back.to_le_bytes();
+                let (share, rest) = (u32::from(coverage.splat_share()), u32::from(255 - coverage.splat_share()));
+                let mixed =
+                    |front: u8, c: usize| ((u32::from(front) * share + u32::from(under[c]) * rest) * 2 + 255) / 510;
+                *back = u32::from_le_bytes([mixed(r, 0), mixed(g, 1), mixed(b, 2), mixed(255, 3)].map(|c| c as u8));
+            }
+        }
     }
 
-    /// Draws an opaque background under this frame: `color` gives it for a column and a row, `None` where there is
-    /// none. It is asked only where the frame is not opaque.
-    pub fn draw_under(&mut self, color: impl Fn(u32, u32) -> Option<[u8; 3]> + Sync) {
+    /// The finished frame: over what `background` gives for a column and a row, and where it gives nothing over the colour of
+    /// holes. It is asked only where the layer is not opaque.
+    pub fn finish(
+        &self,
+        background: impl Fn(u32, u32) -> Option<[u8; 3]> + Sync,
+        hole_color_srgb: [u8; 3],
+        frame: &mut Frame,
+    ) {
+        frame.resize(self.width, self.height, false);
         let width = (self.width as usize).max(1);
-        self.pixels.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
-            for (x, pixel) in row.iter_mut().enumerate().filter(|(_, pixel)| **pixel >> 24 < 255) {
-                if let Some([r, g, b]) = color(x as u32, y as u32) {
-                    *pixel = over(*pixel, u32::from_le_bytes([r, g, b, 255]));
-                }
+        let rows = frame.color.par_chunks_mut(width).zip(frame.coverage.par_chunks_mut(width));
+        rows.zip(self.pixels.par_chunks(width)).enumerate().for_each(|(y, ((colors, coverages), layer))| {
+            for (x, ((color, coverage), &pixel)) in colors.iter_mut().zip(coverages).zip(layer).enumerate() {
+                let share = (pixel >> 24) as u8;
+                let behind = if share < 255 { background(x as u32, y as u32) } else { None };
+                let [r, g, b] = behind.unwrap_or(hole_color_srgb);
+                *color = over(pixel, u32::from_le_bytes([r, g, b, 255])).to_le_bytes();
+                *coverage = match (share, behind) {
+                    (0, None) => Coverage::HOLE,
+                    (0, Some(_)) => Coverage::ENVIRONMENT,
+                    _ => Coverage::of_splats(share),
+                };
             }
         });
     }
