@@ -1,7 +1,7 @@
 //! What goes to standard output, and what the process has used.
 
 use super::UsageError;
-use crate::capture::{Scene, files};
+use crate::capture::{Scene, files, picture};
 use image::codecs::jpeg::JpegEncoder;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -164,8 +164,13 @@ pub(super) fn save_picture(path: &Path, image: &image::RgbImage) -> anyhow::Resu
     /// Beyond what is told from the original by eye.
     const JPEG_QUALITY: u8 = 95;
     let format = image::ImageFormat::from_path(path).unwrap_or(image::ImageFormat::Png);
+    let (width, height) = image.dimensions();
     let written = files::write_whole(path, |w| {
         let encoded = match format {
+            image::ImageFormat::Png => {
+                let png = picture::png(image.as_raw(), width, height, image::ExtendedColorType::Rgb8);
+                return w.write_all(&png.map_err(std::io::Error::other)?);
+            }
             image::ImageFormat::Jpeg => JpegEncoder::new_with_quality(w, JPEG_QUALITY).encode_image(image),
             format => image.write_to(w, format),
         };

@@ -6,11 +6,11 @@ use super::capture::place_headbox;
 use super::info::sprite_json;
 use super::output::{Outputs, SPRITES, peak_rss_mb, print_json, save_picture, write_text};
 use super::progress::Bar;
-use crate::capture::DepthKind;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
+use crate::capture::{DepthKind, picture};
 use crate::environment::Environment;
-use crate::report::sprite_range::SpriteRange;
+use crate::measure::sprite_range::SpriteRange;
 use crate::scene_source::SceneSource;
 use crate::sprite::{
     DepthImport, DepthPicture, DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, SpriteWithDepth, capture_slabs,
@@ -112,6 +112,8 @@ enum DepthKindArg {
     Ray,
     /// A depth buffer's value, 0 at the near plane and 1 at the far plane
     Window,
+    /// The same of a reversed buffer, 1 at the near plane and 0 at the far plane
+    ReversedWindow,
 }
 
 impl SpriteCommand {
@@ -211,7 +213,7 @@ impl SpriteCommand {
         let (Some(depth_path), Some(kind)) = (&self.import.depth, self.import.depth_kind) else {
             return Err(UsageError("--color needs --depth and --depth-kind".into()).into());
         };
-        let color = image::open(color_path);
+        let color = picture::read(color_path, picture::MAX_BYTES);
         let color =
             color.with_context(|| format!("{} could not be read as an image", color_path.display()))?.to_rgba8();
         let depth = DepthPicture::read(depth_path, self.import.unit(depth_path, kind))?;
@@ -234,6 +236,7 @@ impl SpriteCommand {
                 DepthKindArg::Eye => DepthKind::EyeDepth,
                 DepthKindArg::Ray => DepthKind::RayDistance,
                 DepthKindArg::Window => DepthKind::WindowDepth,
+                DepthKindArg::ReversedWindow => DepthKind::ReversedWindowDepth,
             },
             window_range_m: self.import.window_range(kind)?,
             plane: None,
@@ -273,7 +276,7 @@ impl ImportArgs {
         let is_exr = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
         let usual = match kind {
             _ if is_exr => 1.0,
-            DepthKindArg::Window => 1.0 / 65_535.0,
+            DepthKindArg::Window | DepthKindArg::ReversedWindow => 1.0 / 65_535.0,
             DepthKindArg::Eye | DepthKindArg::Ray => 1e-3,
         };
         self.depth_unit.unwrap_or(usual) as f32
@@ -281,11 +284,9 @@ impl ImportArgs {
 
     fn window_range(&self, kind: DepthKindArg) -> anyhow::Result<(f64, f64)> {
         match (kind, self.near) {
-            (DepthKindArg::Window, Some(near)) => Ok((near, self.far.unwrap_or(f64::INFINITY))),
-            (DepthKindArg::Window, None) => {
-                Err(UsageError("window depth needs --near METRES (and --far METRES)".into()).into())
-            }
-            _ => Ok((0.0, 0.0)),
+            (DepthKindArg::Eye | DepthKindArg::Ray, _) => Ok((0.0, 0.0)),
+            (_, Some(near)) => Ok((near, self.far.unwrap_or(f64::INFINITY))),
+            (_, None) => Err(UsageError("window depth needs --near METRES (and --far METRES)".into()).into()),
         }
     }
 }
