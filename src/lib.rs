@@ -70,6 +70,9 @@ pub mod cli;
 pub mod compose;
 #[doc(hidden)]
 pub mod container;
+#[cfg(feature = "cli")]
+#[doc(hidden)]
+pub mod drawing;
 #[doc(hidden)]
 pub mod environment;
 #[doc(hidden)]
@@ -78,6 +81,9 @@ pub mod files;
 pub mod frame;
 #[doc(hidden)]
 pub mod ldi;
+#[cfg(feature = "cli")]
+#[doc(hidden)]
+pub mod measure;
 #[doc(hidden)]
 pub mod metrics;
 #[doc(hidden)]
@@ -90,9 +96,6 @@ pub mod progress;
 pub mod raster;
 #[doc(hidden)]
 pub mod render;
-#[cfg(feature = "cli")]
-#[doc(hidden)]
-pub mod report;
 #[doc(hidden)]
 pub mod scene_source;
 #[doc(hidden)]

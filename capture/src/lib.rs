@@ -37,6 +37,7 @@ pub mod portal_model;
 pub mod random;
 pub mod rig;
 pub mod sampler;
+pub mod save;
 pub mod scene;
 pub mod simd;
 pub mod statistics;

@@ -50,8 +50,8 @@ struct Cli {
 enum Command {
     /// The main job end to end on a built-in scene: capture, render, compare with truth
     Demo(demo::Demo),
-    /// List the built-in scenes
-    Scenes,
+    /// List the built-in scenes, or write one as .obj or .glb
+    Scenes(scenes::Scenes),
     /// Capture a scene into a cube LDI (or one shard of it)
     Capture(capture::Capture),
     /// Merge all shards of a capture into a cube LDI
@@ -101,7 +101,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
     }
     match cli.command {
         Command::Demo(command) => command.run(),
-        Command::Scenes => scenes::run(),
+        Command::Scenes(command) => command.run(),
         Command::Capture(command) => command.run(),
         Command::Merge(command) => command.run(),
         Command::Sprite(command) => command.run(),

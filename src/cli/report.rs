@@ -10,14 +10,16 @@ use crate::capture::scene::Headbox;
 use crate::capture::scene::UpAxis;
 use crate::capture::trace::Tracer;
 use crate::container::Container;
+use crate::measure::machine::{Machine, commit};
+use crate::measure::plan::{Plan, Quality, most_to_see};
+use crate::measure::report::figures::figures;
+use crate::measure::report::row::Report;
+use crate::measure::report::subject::Subject;
+use crate::measure::report::{promises, results, scene, summary};
+use crate::measure::walk::WalkReport;
+use crate::measure::{stability, truths};
 use crate::packed::PackedCube;
 use crate::packed::file::CUBE_LDI;
-use crate::report::figures::figures;
-use crate::report::machine::commit;
-use crate::report::plan::{Plan, Quality, most_to_see};
-use crate::report::row::{Machine, Report};
-use crate::report::scene::{self, Subject};
-use crate::report::{results, stability, summary, truths};
 use crate::scene_source::SceneSource;
 use crate::sprite::{SPRITE_FILE, SpriteSet};
 use anyhow::{Context, bail};
@@ -39,6 +41,18 @@ pub(super) struct ReportCommand {
     /// Small sizes: less than two minutes a scene on two cores
     #[arg(long)]
     quick: bool,
+    /// Frames of 1024x768 and faces of 1024 px, from few eyes and of one capture: some three minutes a scene on two cores
+    #[arg(long, conflicts_with = "quick")]
+    real: bool,
+    /// Leave out the scenes that OUTPUT/report.json, of the same commit, sizes and seed, has already
+    #[arg(long)]
+    resume: bool,
+    /// Hold what the README promises against the run, and fail if it does not hold
+    #[arg(long)]
+    promises: bool,
+    /// With --results: the walk.json of `headbox walk`, for a chapter of its own
+    #[arg(long, value_name = "walk.json", requires = "results")]
+    walk: Option<PathBuf>,
     /// Seed of eyes and captures
     #[arg(long, value_name = "K", default_value_t = 0)]
     seed: u64,
@@ -49,11 +63,14 @@ pub(super) struct ReportCommand {
     #[arg(long, value_name = "DIR")]
     cache: Option<PathBuf>,
     /// Measure nothing: make a page and its charts from the report.json of an earlier run
-    #[arg(long, value_name = "report.json", conflicts_with_all = ["subjects", "quick"])]
+    #[arg(long, value_name = "report.json", conflicts_with_all = ["subjects", "quick", "real"])]
     results: Option<PathBuf>,
     /// Measure hard numerical cases instead, and write the page of their bounds
-    #[arg(long, conflicts_with_all = ["subjects", "quick", "results"])]
+    #[arg(long, conflicts_with_all = ["subjects", "quick", "real", "results"])]
     stability: bool,
+    /// With --stability: the page of an earlier run, whose verdicts must be the same
+    #[arg(long, value_name = "STABILITY.md", requires = "stability")]
+    against: Option<PathBuf>,
     /// Seeds of each hard case
     #[arg(long, value_name = "N", default_value_t = 20, requires = "stability", value_parser = clap::value_parser!(u64).range(1..=100_000))]
     seeds: u64,
@@ -112,10 +129,19 @@ impl ReportCommand {
 
     fn measure_stability(&self) -> anyhow::Result<()> {
         let output = self.output_or("STABILITY.md");
+        // Before it is written over.
+        let earlier = self.against.as_ref().map(|path| read_text(path)).transpose()?;
         let (page, all_hold) =
             stability::page(self.seed..self.seed.saturating_add(self.seeds), |name| eprintln!("{name}"));
         write_text(output, &page)?;
         println!("{}: {} seeds a case", output.display(), self.seeds);
+        if let Some(earlier) = earlier {
+            let [before, now] = [&earlier, &page].map(|page| stability::verdicts(page).unwrap_or_default());
+            let differences = stability::differences(&before, &now);
+            if !differences.is_empty() {
+                bail!("verdicts differ:\n{}", differences.join("\n"));
+            }
+        }
         if all_hold { Ok(()) } else { bail!("a bound is exceeded; see {}", output.display()) }
     }
 
@@ -137,43 +163,56 @@ impl ReportCommand {
             program: env!("CARGO_PKG_VERSION").into(),
             seed: self.seed,
             quick: self.quick,
+            real: self.real,
             scenes: Vec::new(),
             rows: Vec::new(),
         };
+        let json = output.join("report.json");
+        if self.resume {
+            report.resume(read_report(&json).ok());
+        }
         let bar = Bar::new();
         for named in &self.subjects {
+            if report.scenes.iter().any(|facts| facts.scene == named.name) {
+                continue;
+            }
             let (subject, plan) = self.open(named)?;
             let (facts, rows) = scene::run(&subject, &plan, Some(cache.clone()), &bar)?;
             report.scenes.push(facts);
             report.rows.extend(rows);
+            // After each scene, so that a run that is cut off can go on.
+            write_text(&json, &(serde_json::to_string_pretty(&report)? + "\n"))?;
         }
         bar.finish();
-        write_text(&output.join("report.json"), &(serde_json::to_string_pretty(&report)? + "\n"))?;
         write_text(&output.join("report.csv"), &report.to_csv())?;
         let summary = summary::summary(&report);
         write_text(&output.join("summary.md"), &summary)?;
         save_charts(&report, output, true)?;
         print!("{summary}");
         eprintln!("truth is kept in {}", cache.display());
+        if self.promises {
+            print!("{}", promises::table(&report));
+            let broken = promises::broken(&report);
+            if !broken.is_empty() {
+                bail!("the README promises what does not hold: {}", broken.join("; "));
+            }
+        }
         Ok(())
     }
 
     fn write_page(&self, json: &Path) -> anyhow::Result<()> {
-        let text = std::fs::read_to_string(json).with_context(|| format!("{} could not be read", json.display()))?;
-        let report: Report = serde_json::from_str(&text)
-            .with_context(|| format!("{} is not a report of this program's version", json.display()))?;
-        if report.version != Report::VERSION {
-            bail!(
-                "{}: version {} of reports; this program reads version {}",
-                json.display(),
-                report.version,
-                Report::VERSION
-            );
-        }
+        let report = read_report(json)?;
+        let walk: Option<WalkReport> = match &self.walk {
+            Some(path) => Some(serde_json::from_str(&read_text(path)?).with_context(|| not_ours(path))?),
+            None => None,
+        };
         let output = self.output_or("results.md");
-        write_text(output, &results::page(&report))?;
+        write_text(output, &results::page(&report, walk.as_ref()))?;
         let folder = output.with_file_name("results");
         make_folder(&folder)?;
+        if let Some(walk) = &walk {
+            write_text(&folder.join("along-path.svg"), &walk.chart().draw().to_svg())?;
+        }
         save_charts(&report, &folder, false)
     }
 
@@ -185,7 +224,11 @@ impl ReportCommand {
         if kind.is_some() && named.is_placed() {
             return Err(UsageError(format!("{name}: says itself where its headbox is")).into());
         }
-        let quality = if self.quick { Quality::QUICK } else { Quality::FULL };
+        let quality = match (self.quick, self.real) {
+            (true, _) => Quality::QUICK,
+            (_, true) => Quality::REAL,
+            _ => Quality::FULL,
+        };
         let (mut cube, mut sprites) = (None, None);
         let source = if kind == Some(CUBE_LDI.tag) {
             let read = PackedCube::read(path)?;
@@ -221,6 +264,23 @@ impl ReportCommand {
         let plan = plan.map_err(|error| UsageError(error.to_string()))?;
         Ok((Subject { name: name.to_owned(), tracer, lighting, lit, cube, sprites }, plan))
     }
+}
+
+fn read_text(path: &Path) -> anyhow::Result<String> {
+    std::fs::read_to_string(path).with_context(|| format!("{} could not be read", path.display()))
+}
+
+fn not_ours(path: &Path) -> String {
+    format!("{} is not of this program's version", path.display())
+}
+
+fn read_report(json: &Path) -> anyhow::Result<Report> {
+    let report: Report = serde_json::from_str(&read_text(json)?).with_context(|| not_ours(json))?;
+    if report.version != Report::VERSION {
+        let (path, version, ours) = (json.display(), report.version, Report::VERSION);
+        bail!("{path}: version {version} of reports; this program reads version {ours}");
+    }
+    Ok(report)
 }
 
 fn make_folder(folder: &Path) -> anyhow::Result<()> {

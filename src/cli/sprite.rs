@@ -10,7 +10,7 @@ use crate::capture::DepthKind;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
 use crate::environment::Environment;
-use crate::report::sprite_range::SpriteRange;
+use crate::measure::sprite_range::SpriteRange;
 use crate::scene_source::SceneSource;
 use crate::sprite::{
     DepthImport, DepthPicture, DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, SpriteWithDepth, capture_slabs,
@@ -112,6 +112,8 @@ enum DepthKindArg {
     Ray,
     /// A depth buffer's value, 0 at the near plane and 1 at the far plane
     Window,
+    /// The same of a reversed buffer, 1 at the near plane and 0 at the far plane
+    ReversedWindow,
 }
 
 impl SpriteCommand {
@@ -222,6 +224,7 @@ impl SpriteCommand {
                 DepthKindArg::Eye => DepthKind::EyeDepth,
                 DepthKindArg::Ray => DepthKind::RayDistance,
                 DepthKindArg::Window => DepthKind::WindowDepth,
+                DepthKindArg::ReversedWindow => DepthKind::ReversedWindowDepth,
             },
             window_range_m: self.import.window_range(kind)?,
             plane: None,
@@ -261,7 +264,7 @@ impl ImportArgs {
         let is_exr = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
         let usual = match kind {
             _ if is_exr => 1.0,
-            DepthKindArg::Window => 1.0 / 65_535.0,
+            DepthKindArg::Window | DepthKindArg::ReversedWindow => 1.0 / 65_535.0,
             DepthKindArg::Eye | DepthKindArg::Ray => 1e-3,
         };
         self.depth_unit.unwrap_or(usual) as f32
@@ -269,11 +272,9 @@ impl ImportArgs {
 
     fn window_range(&self, kind: DepthKindArg) -> anyhow::Result<(f64, f64)> {
         match (kind, self.near) {
-            (DepthKindArg::Window, Some(near)) => Ok((near, self.far.unwrap_or(f64::INFINITY))),
-            (DepthKindArg::Window, None) => {
-                Err(UsageError("window depth needs --near METRES (and --far METRES)".into()).into())
-            }
-            _ => Ok((0.0, 0.0)),
+            (DepthKindArg::Eye | DepthKindArg::Ray, _) => Ok((0.0, 0.0)),
+            (_, Some(near)) => Ok((near, self.far.unwrap_or(f64::INFINITY))),
+            (_, None) => Err(UsageError("window depth needs --near METRES (and --far METRES)".into()).into()),
         }
     }
 }

@@ -5,11 +5,11 @@ use super::args::parse_size;
 use super::house_file::variant_by_name;
 use super::output::{print_json, save_png, write_text};
 use super::progress::Bar;
+use crate::drawing::sheet::{Sheet, SheetCell, SheetRow};
+use crate::measure::walk::{MeasureSettings, PosePictures, measure};
 use crate::portal::file;
-use crate::portal::measure::{MeasureSettings, PosePictures, measure};
 use crate::portal::variant::Variant;
 use crate::portal::walk_path::{PAPER_POSES, WalkPath};
-use crate::report::sheet::{Sheet, SheetCell, SheetRow};
 use clap::Args;
 use std::path::{Path, PathBuf};
 

@@ -1,11 +1,9 @@
 //! The plan of a portal model, seen from above: rooms, walls, and numbered portals, as PNG or SVG.
 
 use crate::capture::portal_model::{Cell, Portal, PortalModel, Prism};
-use crate::report::font::TextStyle;
+use crate::drawing::{Anchor, Drawing, Mark, letters};
 use glam::{DVec2, DVec3};
-use image::{Rgb, RgbImage};
-use std::fmt::Write as _;
-use tiny_skia::{Color, FillRule, Paint, Path, PathBuilder, Pixmap, Stroke, Transform};
+use image::RgbImage;
 
 /// Width of a drawing, pixels; its height follows from the plan.
 const WIDTH_PX: f64 = 1600.0;
@@ -17,9 +15,11 @@ const HIGHEST_PX: f64 = 2400.0;
 /// Half of the side of the square that carries a portal's number, pixels.
 const LABEL_PX: f64 = 9.0;
 
-/// Size of a room's name, pixels: from character to character, and from line to line.
-const CHARACTER_PX: f64 = 12.0;
+/// Size of a room's name, pixels, and from line to line.
+const NAME_PX: f64 = 19.0;
 const LINE_PX: f64 = 22.0;
+/// Size of a portal's number, pixels.
+const NUMBER_PX: f64 = 13.0;
 
 /// Surfaces this steep (the cosine of their normal with the vertical below it) are walls and furniture.
 const STEEP: f64 = 0.3;
@@ -136,125 +136,51 @@ impl FloorPlan {
 
     /// The plan as an SVG file.
     pub fn to_svg(&self) -> String {
-        let (width, height) = (self.width, self.height);
-        let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
-             viewBox=\"0 0 {width} {height}\" font-family=\"sans-serif\">\n<rect width=\"100%\" height=\"100%\" \
-             fill=\"white\"/>\n"
-        );
-        // Writing to a string cannot fail.
-        let mut add = |text: std::fmt::Arguments| _ = svg.write_fmt(text);
-        for room in &self.rooms {
-            let [r, g, b] = room.color;
-            for outline in &room.outlines {
-                let points: Vec<String> = outline.iter().map(|p| format!("{:.1},{:.1}", p.x, p.y)).collect();
-                add(format_args!("<polygon points=\"{}\" fill=\"rgb({r},{g},{b})\"/>\n", points.join(" ")));
-            }
-        }
-        for (cut, [r, g, b]) in self.cuts.iter().zip(CUT_COLORS) {
-            add(format_args!("<path fill=\"none\" stroke=\"rgb({r},{g},{b})\" stroke-width=\"0.8\" d=\""));
-            for [a, b] in cut {
-                add(format_args!("M{:.1} {:.1}L{:.1} {:.1}", a.x, a.y, b.x, b.y));
-            }
-            add(format_args!("\"/>\n"));
-        }
-        for opening in &self.openings {
-            let ([a, b], color) = (opening.ends, opening.color());
-            add(format_args!(
-                "<line x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" y2=\"{:.1}\" stroke=\"{color}\" stroke-width=\"5\"/>\n",
-                a.x, a.y, b.x, b.y
-            ));
-        }
-        for room in &self.rooms {
-            for (name, at) in room.lines() {
-                let (x, y, name) = (at.x, at.y + 5.0, escape(name));
-                add(format_args!(
-                    "<text x=\"{x:.1}\" y=\"{y:.1}\" font-size=\"16\" text-anchor=\"middle\" stroke=\"white\" \
-                     stroke-width=\"4\" paint-order=\"stroke\">{name}</text>\n"
-                ));
-            }
-        }
-        for opening in &self.openings {
-            let (p, color) = (opening.label, opening.color());
-            let side = 2.0 * LABEL_PX;
-            add(format_args!(
-                "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{side}\" height=\"{side}\" rx=\"4\" fill=\"white\" \
-                 stroke=\"{color}\"/><text x=\"{:.1}\" y=\"{:.1}\" font-size=\"12\" text-anchor=\"middle\" \
-                 fill=\"{color}\">{}</text>\n",
-                p.x - LABEL_PX,
-                p.y - LABEL_PX,
-                p.x,
-                p.y + 4.0,
-                opening.number
-            ));
-        }
-        add(format_args!("</svg>\n"));
-        svg
+        self.drawing().to_svg()
     }
 
     /// The plan as an image.
     pub fn to_image(&self) -> RgbImage {
-        // `FloorPlan::new` keeps both sides between 1 and a few thousand, which is all that a pixmap asks for.
-        let Some(mut pixmap) = Pixmap::new(self.width, self.height) else {
-            return RgbImage::new(self.width, self.height);
-        };
-        pixmap.fill(Color::WHITE);
-        for room in &self.rooms {
-            for path in room.outlines.iter().filter_map(|outline| polygon_path(outline)) {
-                pixmap.fill_path(&path, &paint(room.color), FillRule::EvenOdd, Transform::identity(), None);
-            }
+        // `Plan::new` keeps both sides between 1 and a few thousand, which is all that a picture asks for.
+        self.drawing().to_image().unwrap_or_default()
+    }
+
+    /// Rooms, what is cut, portals, and on top of them names and numbers.
+    fn drawing(&self) -> Drawing {
+        let mut marks = Vec::new();
+        for Room { outlines, color, .. } in &self.rooms {
+            let outlines = outlines.iter().map(|outline| outline.iter().map(DVec2::to_array).collect()).collect();
+            marks.push(Mark::Area { outlines, color: *color });
         }
         for (cut, color) in self.cuts.iter().zip(CUT_COLORS) {
-            let mut lines = PathBuilder::new();
-            for [a, b] in cut {
-                lines.move_to(a.x as f32, a.y as f32);
-                lines.line_to(b.x as f32, b.y as f32);
-            }
-            stroke(&mut pixmap, lines, color, 0.8);
+            marks.push(Mark::Strokes {
+                ends: cut.iter().map(|ends| ends.map(DVec2::into)).collect(),
+                color,
+                width: 0.8,
+            });
         }
         for opening in &self.openings {
-            let mut line = PathBuilder::new();
-            let [a, b] = opening.ends;
-            line.move_to(a.x as f32, a.y as f32);
-            line.line_to(b.x as f32, b.y as f32);
-            stroke(&mut pixmap, line, opening.rgb(), 5.0);
+            let ends = vec![opening.ends.map(DVec2::into)];
+            marks.push(Mark::Strokes { ends, color: opening.color(), width: 5.0 });
         }
-        let boxes: Vec<[f64; 4]> = self.openings.iter().map(|opening| opening.label_box()).collect();
-        for (opening, [x, y, w, h]) in self.openings.iter().zip(&boxes) {
-            let corners = [[*x, *y], [x + w, *y], [x + w, y + h], [*x, y + h]].map(DVec2::from);
-            if let Some(path) = polygon_path(&corners) {
-                pixmap.fill_path(&path, &paint([255; 3]), FillRule::EvenOdd, Transform::identity(), None);
-                let thin = Stroke { width: 1.2, ..Stroke::default() };
-                pixmap.stroke_path(&path, &paint(opening.rgb()), &thin, Transform::identity(), None);
-            }
-        }
-        // Everything painted is opaque, so premultiplied is straight.
-        let mut image = RgbImage::from_fn(self.width, self.height, |x, y| {
-            let [r, g, b, _] = pixmap.pixel(x, y).map_or([255; 4], |p| [p.red(), p.green(), p.blue(), p.alpha()]);
-            Rgb([r, g, b])
-        });
-        for room in &self.rooms {
-            for (name, at) in room.lines() {
-                draw_centred(&mut image, &TextStyle { scale: 2, color: Rgb([20; 3]) }, at, name);
-            }
+        for (name, at) in self.rooms.iter().flat_map(Room::lines) {
+            marks.push(text(name, at, NAME_PX, [20; 3], true));
         }
         for opening in &self.openings {
-            draw_centred(
-                &mut image,
-                &TextStyle { scale: 2, color: Rgb(opening.rgb()) },
-                opening.label,
-                &opening.number,
-            );
+            let half = DVec2::new((letters::width_px(&opening.number, NUMBER_PX) / 2.0 + 4.0).max(LABEL_PX), LABEL_PX);
+            let (at, size) = ((opening.label - half).into(), (2.0 * half).into());
+            marks.push(Mark::Box { at, size, color: opening.color() });
+            marks.push(text(&opening.number, opening.label, NUMBER_PX, opening.color(), false));
         }
-        image
+        Drawing { width: self.width, height: self.height, fineness: 1.0, marks }
     }
 }
 
-/// Draws a line of text about a point.
-fn draw_centred(image: &mut RgbImage, style: &TextStyle, at: DVec2, text: &str) {
-    let width = text.chars().count() as f64 * f64::from(style.advance_px());
-    let (x, y) = (at.x - width / 2.0, at.y - f64::from(style.line_height_px()) / 2.0 + 3.0);
-    style.draw(image, x.max(0.0) as u32, y.max(0.0) as u32, text);
+/// A line of text about a point.
+fn text(text: &str, at: DVec2, size: f64, color: [u8; 3], halo: bool) -> Mark {
+    // Capitals and figures reach 0.69 of a font's size above its baseline.
+    let at = [at.x, at.y + 0.345 * size];
+    Mark::Text { at, size, color, anchor: Anchor::Middle, upright: true, halo, text: text.into() }
 }
 
 impl Room {
@@ -267,19 +193,8 @@ impl Room {
 }
 
 impl Opening {
-    fn rgb(&self) -> [u8; 3] {
+    fn color(&self) -> [u8; 3] {
         if self.to_outside { [20, 90, 200] } else { [200, 40, 30] }
-    }
-
-    fn color(&self) -> String {
-        let [r, g, b] = self.rgb();
-        format!("rgb({r},{g},{b})")
-    }
-
-    /// Where the number stands: x, y, width, height.
-    fn label_box(&self) -> [f64; 4] {
-        let half = DVec2::new(LABEL_PX.max(7.0 * self.number.len() as f64), LABEL_PX + 1.0);
-        [self.label.x - half.x, self.label.y - half.y, 2.0 * half.x, 2.0 * half.y]
     }
 }
 
@@ -306,7 +221,7 @@ fn room(index: usize, name: &str, space: &[Prism], to_px: impl Fn(DVec2) -> DVec
 
 /// A name in as few lines as fit into a width, pixels, broken at spaces.
 fn in_lines(name: &str, width: f64) -> Vec<String> {
-    let fits = |line: &str| line.chars().count() as f64 * CHARACTER_PX <= width - CHARACTER_PX;
+    let fits = |line: &str| letters::width_px(line, NAME_PX) <= width - NAME_PX / 2.0;
     let mut lines: Vec<String> = Vec::new();
     for word in name.split_whitespace() {
         match lines.last_mut() {
@@ -368,30 +283,4 @@ fn cut_triangle(corners: [DVec3; 3], y: f64) -> Option<[DVec2; 2]> {
         crosses.then(|| in_plan(&p.lerp(q, (y - p.y) / (q.y - p.y))))
     });
     Some([ends.next()?, ends.next()?])
-}
-
-fn polygon_path(corners: &[DVec2]) -> Option<Path> {
-    let mut path = PathBuilder::new();
-    let (first, rest) = corners.split_first()?;
-    path.move_to(first.x as f32, first.y as f32);
-    rest.iter().for_each(|p| path.line_to(p.x as f32, p.y as f32));
-    path.close();
-    path.finish()
-}
-
-fn paint([r, g, b]: [u8; 3]) -> Paint<'static> {
-    let mut paint = Paint::default();
-    paint.set_color_rgba8(r, g, b, 255);
-    paint
-}
-
-fn stroke(pixmap: &mut Pixmap, path: PathBuilder, color: [u8; 3], width: f32) {
-    if let Some(path) = path.finish() {
-        pixmap.stroke_path(&path, &paint(color), &Stroke { width, ..Stroke::default() }, Transform::identity(), None);
-    }
-}
-
-/// A name as text of an SVG.
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }

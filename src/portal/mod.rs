@@ -9,7 +9,6 @@
 //! * [`store`]: backdrops in memory, built in the background.
 //! * [`visit`]: which cells a frame draws as geometry, and where backdrops begin.
 //! * [`walk`]: a frame of all of this; [`variant`]: the ways to draw it; [`tour`]: with backdrops built ahead of need.
-//! * [`measure`]: time and error of every way along a walk.
 //! * [`walk_path`]: a walk through every room.
 //! * [`floor_plan`]: the model drawn from above.
 
@@ -19,8 +18,6 @@ pub mod file;
 #[cfg(feature = "cli")]
 pub mod floor_plan;
 pub mod house;
-#[cfg(feature = "cli")]
-pub mod measure;
 pub mod opening;
 pub mod settings;
 pub mod store;

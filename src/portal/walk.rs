@@ -82,7 +82,7 @@ impl Walker {
 
     /// The backdrops that a frame uses.
     #[cfg(feature = "cli")]
-    pub(super) fn shown(house: &House, store: &Store, camera: &Camera, settings: &WalkSettings) -> Vec<Arc<Backdrop>> {
+    pub(crate) fn shown(house: &House, store: &Store, camera: &Camera, settings: &WalkSettings) -> Vec<Arc<Backdrop>> {
         let mut stats = WalkStats { cell: house.cell_of_eye(camera.eye()), ..WalkStats::default() };
         let (_, boundaries) = visit(house, store, camera, settings, &mut stats);
         boundaries.into_iter().map(|boundary| boundary.backdrop).collect()

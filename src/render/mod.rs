@@ -156,8 +156,7 @@ impl FrameStats {
 }
 
 /// Rows of a band unless the settings say otherwise: so many that each thread has [`BANDS_A_THREAD`] to even out, but at most
-/// 192. What reaches into two bands is warped twice: on one thread, bands of 48 rows take 5 to 12 % longer than bands of
-/// 192, and one of all 768 as long, though the level 2 cache no longer holds it (`benches/warp_study.rs`).
+/// 192. What reaches into two bands is warped twice (docs/decisions.md: bands of at most 192 rows).
 fn default_band_rows(height: u32, threads: usize) -> u32 {
     let bands = BANDS_A_THREAD.saturating_mul(u32::try_from(threads).unwrap_or(u32::MAX)).max(1);
     height.div_ceil(bands).next_multiple_of(16).min(192)
@@ -384,6 +383,5 @@ impl FramePlan {
     }
 }
 
-/// The least radius of a tent, px: of 0.5, 0.6, 0.75 and 1, the best off the centre of `builtin:tree` and
-/// `builtin:interior` (0.6: up to 0.4 and 0.7 dB less; 1 lost 0.7 dB to blur at f2/f1 = 0.5).
+/// The least radius of a tent, px; less and more are both worse (docs/decisions.md: sizes from the tangent plane).
 const TENT_MIN_RADIUS_PX: f32 = 0.75;

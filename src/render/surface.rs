@@ -1,14 +1,10 @@
 //! Splats of one surface are averaged by weight, surfaces are then blended (the default kernel).
 //!
 //! With *over* alone, a splat that is larger than a pixel blends its rim over neighbours that are drawn already, also
-//! where it is a hidden far layer of the next pixel: backgrounds bleed through (C12 asks to measure: on the test bed
-//! 14 dB in a room). Here each pixel remembers the inverse depth of its front surface. A splat that lies on it adds to
+//! where it is a hidden far layer of the next pixel: backgrounds bleed through (C12). Here each pixel remembers the inverse depth of its front surface. A splat that lies on it adds to
 //! a weighted mean, as bilinear interpolation does; a nearer one first sends the mean behind itself. Because drawing is
 //! strictly back to front, one mean and one blended colour behind it are enough.
-//!
-//! Tried and lost, with the same bits unless said: eight cells a SIMD register (51 against 42 ms for the tree) and four (1.2 times
-//! the time): rows of tents are two or three pixels long; all three cases without branches (1.2 to 1.4 times); what is behind
-//! in linear `f32` (other roundings; drawing 5 to 10 % faster among leaves, not in rooms, but 32 bytes a cell to clear and read).
+//! Cell by cell, with branches: docs/decisions.md: surfaces are averaged before they are blended.
 
 use super::linear::LinearLight;
 use super::size::LANES;
@@ -61,7 +57,7 @@ impl Cell {
     /// The surface behind often ends here only because nobody could see it go on behind the front one, and the weights of
     /// its tents fade toward that border. It is therefore taken to fill the part of the pixel that the front surface
     /// leaves open as it fills the pixel, up to wholly: without this the sky shines through every crown of leaves along its
-    /// branches (on `builtin:tree` 1.8 dB at the centre, 0.013 in FLIP).
+    /// branches (docs/decisions.md: surfaces are averaged before they are blended).
     #[inline(always)]
     fn flattened(&self, light: &LinearLight) -> [u8; 4] {
         let weight = self.weight();
@@ -163,16 +159,14 @@ pub(crate) struct SurfaceCanvas {
     pub(crate) tolerance: f32,
     /// The least difference: the width of a depth bin of the capture, 1/m. A grazing, far surface puts several samples
     /// into one LDI pixel, each in a bin of its own; taken for surfaces behind one another, they let the background
-    /// through. On `builtin:tree` one bin gained 0.3 dB at the centre and 0.1 dB in a corner of the headbox over none; two
-    /// and three gained less than 0.1 dB more and lost in FLIP.
+    /// through.
     pub(crate) bin: f32,
 }
 
 impl SurfaceCanvas {
-    /// The tolerance for faces of `face_px` pixels: 1.5 % for what a capture merges (1 % loses 0.2 dB and a sixth of the FLIP on
-    /// `builtin:interior`), and the change of
-    /// depth over one face pixel of a surface at 74 degrees to the line of sight (2 / `face_px` is a face pixel's
-    /// angle, tan 74 = 3.6). On the test bed a third of it lost up to 0.9 dB, 1.3 times as much gained 0.0 to 0.1 dB.
+    /// The tolerance for faces of `face_px` pixels: 1.5 % for what a capture merges, and the change of depth over one face pixel
+    /// of a surface at 74 degrees to the line of sight (2 / `face_px` is a face pixel's angle, tan 74 = 3.6). Other tolerances:
+    /// docs/decisions.md: surfaces are averaged before they are blended.
     pub(crate) fn tolerance(face_px: u32) -> f32 {
         0.015 + 3.6 * 2.0 / face_px as f32
     }

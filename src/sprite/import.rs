@@ -15,8 +15,8 @@ pub struct DepthImport<'a> {
     pub depth: &'a [f32],
     /// What a depth means.
     pub depth_kind: DepthKind,
-    /// Near and far plane, metres, of [`DepthKind::WindowDepth`] (0 at near, 1 at far; far may be infinite). Ignored
-    /// otherwise.
+    /// Near and far plane, metres, of [`DepthKind::WindowDepth`] (0 at near, 1 at far; far may be infinite) and
+    /// [`DepthKind::ReversedWindowDepth`] (1 at near, 0 at far). Ignored otherwise.
     pub window_range_m: (f64, f64),
     /// The sprite's plane; fitted to the visible pixels if not given.
     pub plane: Option<Plane>,
@@ -40,7 +40,8 @@ impl DepthImport<'_> {
             return Err(SpriteError::Count { expected: width as usize * height as usize, found: self.depth.len() });
         }
         let (near, far) = self.window_range_m;
-        if self.depth_kind == DepthKind::WindowDepth && !(near > 0.0 && far > near && near.is_finite()) {
+        let is_window = matches!(self.depth_kind, DepthKind::WindowDepth | DepthKind::ReversedWindowDepth);
+        if is_window && !(near > 0.0 && far > near && near.is_finite()) {
             return Err(SpriteError::DepthRange { near, far });
         }
         let inverse_depths = self.inverse_depths();
@@ -83,6 +84,8 @@ impl DepthImport<'_> {
                 // depth = far / (far - near) * (1 - near / Z) (C1); the far plane itself is background.
                 DepthKind::WindowDepth if !(0.0..1.0).contains(&depth) => f64::NAN,
                 DepthKind::WindowDepth => (1.0 - depth * (1.0 - near / far)) / near,
+                DepthKind::ReversedWindowDepth if !(depth > 0.0 && depth <= 1.0) => f64::NAN,
+                DepthKind::ReversedWindowDepth => (near / far + depth * (1.0 - near / far)) / near,
             };
             (inverse_depth.is_finite() && inverse_depth > 0.0).then_some(inverse_depth)
         };

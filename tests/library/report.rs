@@ -2,14 +2,18 @@
 
 use headbox::capture::light::Lighting;
 use headbox::capture::trace::Tracer;
+use headbox::measure::machine::Machine;
+use headbox::measure::plan::{Plan, Quality, most_to_see};
+use headbox::measure::report::figures::figures;
+use headbox::measure::report::row::{Report, Row, SceneFacts};
+use headbox::measure::report::scene;
+use headbox::measure::report::subject::Subject;
+use headbox::measure::report::{results, summary};
+use headbox::measure::stats::pareto_front;
 use headbox::progress::Silent;
-use headbox::report::figures::figures;
-use headbox::report::plan::{Plan, Quality, most_to_see};
-use headbox::report::row::{Machine, Report, Row, SceneFacts};
-use headbox::report::scene::{self, Subject};
-use headbox::report::stats::pareto_front;
-use headbox::report::{results, summary};
 use std::sync::{Arc, LazyLock};
+
+const CLIPPING: &str = "clipping (one band, 1 thread)";
 
 /// As small as it can be with every row in it.
 const TINY: Quality = Quality {
@@ -25,6 +29,7 @@ const TINY: Quality = Quality {
     first_samples: 4,
     most_samples: 64,
     rounds: 1,
+    variations: true,
 };
 
 fn measured(seed: u64) -> (SceneFacts, Vec<Row>) {
@@ -47,6 +52,7 @@ static REPORT: LazyLock<Report> = LazyLock::new(|| {
         program: "test".into(),
         seed: 3,
         quick: true,
+        real: false,
         scenes: vec![facts],
         rows,
     }
@@ -79,8 +85,7 @@ fn two_runs_agree_on_errors_to_the_last_digit() {
 fn every_group_has_one_baseline_and_rows_that_make_sense() {
     let report = &*REPORT;
     let groups = report.groups("builtin:bump");
-    for expected in
-        ["representation", "footprints", "clipping", "threads", "near/far split", "sampler", "rays", "layers"]
+    for expected in ["representation", "footprints", CLIPPING, "threads", "near/far split", "sampler", "rays", "layers"]
     {
         assert!(groups.contains(&expected), "{expected}: {groups:?}");
     }
@@ -97,7 +102,7 @@ fn every_group_has_one_baseline_and_rows_that_make_sense() {
         assert!(row.worst.flip >= row.flip && row.displacement.len() == 2 && row.flicker.is_some(), "{row:?}");
     }
     let find = |group: &str, variant: &str| report.find("builtin:bump", group, variant).expect(variant);
-    assert!(find("clipping", "off").psnr_to_baseline_db.is_infinite(), "clipping changes no bit");
+    assert!(find(CLIPPING, "off").psnr_to_baseline_db.is_infinite(), "clipping changes no bit");
     assert!(
         find("layers", "the nearest of each pixel (a depth image a face)").depth_pixels
             <= find("layers", "all").depth_pixels
@@ -114,6 +119,25 @@ fn every_group_has_one_baseline_and_rows_that_make_sense() {
         find("representation", "cube map").displacement[1].flip
             > find("representation", "cube map").displacement[0].flip
     );
+}
+
+/// R-N6 and the rates count a depth pixel once a frame, in however many bands it is warped.
+#[test]
+fn depth_pixels_count_once_a_frame() {
+    let find = |group: &str, variant: &str| REPORT.find("builtin:bump", group, variant).expect(variant);
+    let (on, off) = (find(CLIPPING, "on"), find(CLIPPING, "off"));
+    assert_eq!([on.threads, off.threads], [1, 1]);
+    assert_eq!(off.depth_pixels_in, off.depth_pixels as f64, "without clipping all are looked at, once");
+    assert!(0.0 < on.depth_pixels_in && on.depth_pixels_in <= off.depth_pixels_in, "clipping leaves a part of them");
+    for row in &REPORT.rows {
+        assert!(row.depth_pixels_in <= row.depth_pixels as f64, "{}, {}", row.group, row.variant);
+    }
+    // The default draws in bands; what they have in common counts once.
+    assert_eq!(find("representation", "LDI").depth_pixels_in, on.depth_pixels_in);
+    let left = results::page(&REPORT, None);
+    let left = left.lines().find(|line| line.starts_with("| R-N6 |")).expect("a claim");
+    let share: f64 = left.split('|').nth(4).and_then(|cell| cell.trim().parse().ok()).expect("a share");
+    assert!((share - on.depth_pixels_in / on.depth_pixels as f64).abs() < 0.006, "{left}");
 }
 
 #[test]
@@ -168,7 +192,7 @@ fn charts_and_the_page_show_the_rows() {
     let points = |i: usize| figures[i].chart.series.iter().map(|series| series.points.len()).sum::<usize>();
     assert_eq!((points(0), points(2)), (rows, rows));
     assert!(figures.iter().all(|figure| figure.chart.draw().to_svg().contains("</svg>")));
-    let page = results::page(&REPORT);
+    let page = results::page(&REPORT, None);
     for row in &REPORT.rows {
         assert!(page.contains(&format!("| {}", row.variant)), "{}", row.variant);
     }
@@ -176,6 +200,6 @@ fn charts_and_the_page_show_the_rows() {
         assert!(page.contains(&format!("(results/{name}.svg)")));
     }
     let clipping = page.lines().find(|line| line.starts_with("| S-N6 |")).expect("a claim");
-    let ratio = REPORT.find("builtin:bump", "clipping", "off").expect("a row").time_ratio;
+    let ratio = REPORT.find("builtin:bump", CLIPPING, "off").expect("a row").time_ratio;
     assert!(clipping.ends_with(&format!("{:.2} |", ratio / 3.0)), "{clipping}");
 }

@@ -7,10 +7,10 @@ use headbox::capture::light::Lighting;
 use headbox::capture::scene::{Scene, Triangle};
 use headbox::capture::trace::Tracer;
 use headbox::capture::{Camera, Material};
+use headbox::drawing::sheet::{Sheet, SheetCell, SheetRow};
+use headbox::measure::sprite_range::SpriteRange;
 use headbox::metrics::compare;
 use headbox::progress::Silent;
-use headbox::report::sheet::{Sheet, SheetCell, SheetRow};
-use headbox::report::sprite_range::SpriteRange;
 use headbox::sprite::{
     DisplacementFormat, PreparedSprite, RenderOptions, Sampling, SlabCapture, Sprite, SpriteLayer, SpriteRenderer,
     SpriteSet, SpriteWithDepth, Transfer, Variant, capture_slabs, slabs_at_gaps,

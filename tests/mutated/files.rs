@@ -15,14 +15,14 @@ use headbox::ldi::build;
 use headbox::ldi::job::CaptureJob;
 use headbox::ldi::parameters::{CaptureParameters, Resources};
 use headbox::ldi::shard::{self, ShardInfo};
+use headbox::measure::report::figures::figures;
+use headbox::measure::report::row::Report;
+use headbox::measure::report::{results, summary};
 use headbox::packed::{BlockIndex, PackedCube, PackedSegment, SplatIndexLayout, Split};
 use headbox::path;
 use headbox::progress::Silent;
 use headbox::render::splat::SplatKernel;
 use headbox::render::{RenderSettings, Renderer};
-use headbox::report::figures::figures;
-use headbox::report::row::Report;
-use headbox::report::{results, summary};
 use headbox::scene_source::{SceneSource, fingerprint};
 use headbox::sprite::{
     DepthPicture, DisplacementFormat, SlabCapture, SpriteLayer, SpriteRenderer, SpriteSet, capture_slabs,
@@ -214,7 +214,7 @@ fn textures() {
 /// Reads a report and makes all that is made of one.
 fn read_report(path: &Path) -> bool {
     let Ok(report) = serde_json::from_slice::<Report>(&std::fs::read(path).expect("written")) else { return false };
-    results::page(&report);
+    results::page(&report, None);
     summary::summary(&report);
     figures(&report).iter().for_each(|figure| drop(figure.chart.draw().to_svg()));
     true

@@ -136,6 +136,6 @@ mod tests {
         for (value, top) in [(0.7, 1.0), (1.0, 1.0), (1.1, 2.0), (3.0, 5.0), (7.0, 10.0), (16.7, 20.0), (0.0, 1.0)] {
             assert_eq!(nice_ceiling(value), top, "{value}");
         }
-        assert_eq!(median(vec![3.0, 1.0]), Some(2.0));
+        assert_eq!(median([3.0, 1.0]), Some(2.0));
     }
 }

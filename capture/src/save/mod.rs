@@ -1,0 +1,186 @@
+//! Scenes into files that other programs read: OBJ with MTL and textures, and GLB.
+//!
+//! What [`crate::load`] reads back shows the same triangles, in the order of their materials, in the same colours. Neither
+//! format has a place for the sun and the sky; positions are world metres with Y up.
+
+mod glb;
+mod obj;
+
+use crate::material::{Material, Texture};
+use crate::scene::Scene;
+use image::ImageEncoder;
+use image::codecs::png::PngEncoder;
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+
+/// A file to be written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SavedFile {
+    /// Where.
+    pub path: PathBuf,
+    /// What.
+    pub bytes: Vec<u8>,
+}
+
+/// Why a scene could not be saved.
+#[derive(Debug, thiserror::Error)]
+pub enum SaveError {
+    /// The file's ending names no format.
+    #[error("{0}: a scene is saved as .obj or .glb")]
+    Format(PathBuf),
+    /// The scene breaks a promise.
+    #[error(transparent)]
+    Scene(#[from] crate::scene::SceneError),
+    /// A texture could not be written as PNG.
+    #[error("texture {index} could not be written as PNG: {cause}")]
+    Texture {
+        /// Its place in the scene.
+        index: usize,
+        /// Why.
+        cause: image::ImageError,
+    },
+    /// It is larger than the format allows.
+    #[error("it takes {0} bytes, and a GLB file holds at most 4 GB")]
+    TooLarge(usize),
+    /// The container could not be written.
+    #[error("GLB could not be written: {0}")]
+    Glb(String),
+}
+
+/// The files that hold a scene, the one named `path` first; none is written. `.obj` comes with an `.mtl` and a PNG a texture
+/// beside it, `.glb` holds all.
+///
+/// # Errors
+/// See [`SaveError`].
+pub fn scene_files(scene: &Scene, path: &Path) -> Result<Vec<SavedFile>, SaveError> {
+    scene.validate()?;
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+    match ending.as_deref() {
+        Some("obj") => obj::files(scene, path),
+        Some("glb") => Ok(vec![SavedFile { path: path.to_path_buf(), bytes: glb::bytes(scene)? }]),
+        _ => Err(SaveError::Format(path.to_path_buf())),
+    }
+}
+
+fn png(index: usize, texture: &Texture) -> Result<Vec<u8>, SaveError> {
+    let mut bytes = Vec::new();
+    let (texels, color) = (texture.texels().as_flattened(), image::ExtendedColorType::Rgba8);
+    let written = PngEncoder::new(&mut bytes).write_image(texels, texture.width(), texture.height(), color);
+    written.map_err(|cause| SaveError::Texture { index, cause })?;
+    Ok(bytes)
+}
+
+/// A name of one word for each material, all different.
+fn names(materials: &[Material]) -> Vec<String> {
+    let mut taken = HashSet::new();
+    let name = |(index, material): (usize, &Material)| {
+        let word: String =
+            material.name.chars().map(|c| if c.is_whitespace() || c.is_control() { '_' } else { c }).collect();
+        let word = if word.is_empty() { format!("material_{index}") } else { word };
+        let name = if taken.contains(&word) { format!("{word}_{index}") } else { word };
+        taken.insert(name.clone());
+        name
+    };
+    materials.iter().enumerate().map(name).collect()
+}
+
+/// Triangles by material, in the order of the scene.
+fn by_material(scene: &Scene) -> Vec<Vec<[u32; 3]>> {
+    let mut all = vec![Vec::new(); scene.materials.len()];
+    scene.triangles.iter().for_each(|triangle| all[triangle.material as usize].push(triangle.vertices));
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::load::{LoadOptions, load};
+    use crate::material::Cutout;
+    use crate::scene::Triangle;
+    use glam::{DVec3, Vec2, Vec3, dvec3};
+
+    /// Two materials with textures, one of them with holes from another texture, light brighter than white, vertex colours, far
+    /// from the origin.
+    fn scene() -> Scene {
+        let at = dvec3(1e6, -3.25, 17.0);
+        let corner = |i: u32| at + dvec3(f64::from(i % 3), f64::from(i / 3), 0.1 * f64::from(i));
+        let painted = |seed: u8| Texture::from_fn(8, 8, |x, y| [30 * x as u8, 30 * y as u8, seed, 255]);
+        let holes = Texture::from_fn(8, 8, |x, y| [9, 9, 9, if (x + y) % 3 == 0 { 0 } else { 255 }]);
+        let lamp = Material { name: "a lamp".into(), emission: [9.0, 5.0, 0.0], ..Material::default() };
+        let leaf = Material {
+            name: "a lamp".into(),
+            albedo: [0.25, 0.5, 0.125],
+            albedo_texture: Some(0),
+            cutout: Some(Cutout { texture: 2, threshold: 0.5 }),
+            ..Material::default()
+        };
+        let screen = Material {
+            name: "screen".into(),
+            albedo_texture: Some(1),
+            emission: [0.5; 3],
+            emission_texture: Some(1),
+            ..Material::default()
+        };
+        Scene {
+            name: "all there is".into(),
+            positions: (0..9).map(corner).collect(),
+            normals: (0..9).map(|i| Vec3::new(0.1 * i as f32, 0.2, 1.0).normalize()).collect(),
+            texcoords: (0..9).map(|i| Vec2::new(0.13 * i as f32, 1.5 - 0.21 * i as f32)).collect(),
+            colors: (0..9).map(|i| Vec3::new(0.1 * i as f32, 0.5, 1.0)).collect(),
+            triangles: [[0, 1, 3], [1, 4, 3], [3, 4, 6], [4, 7, 6], [1, 2, 4]]
+                .into_iter()
+                .zip([0, 1, 0, 2, 1])
+                .map(|(vertices, material)| Triangle { vertices, material })
+                .collect(),
+            materials: vec![lamp, leaf, screen],
+            textures: vec![painted(1), painted(200), holes],
+            ..Scene::default()
+        }
+    }
+
+    /// Corners, and of the middle colour, light, normal, and whether it is there.
+    type Shown = ([DVec3; 3], [f32; 3], [f32; 3], Vec3, bool);
+
+    /// What each triangle shows, by material: corners, and at its middle colour, light, normal, and whether it is there.
+    fn shown(scene: &Scene) -> Vec<Shown> {
+        let mut order: Vec<u32> = (0..scene.triangles.len() as u32).collect();
+        order.sort_by_key(|&i| scene.triangles[i as usize].material);
+        order
+            .into_iter()
+            .map(|i| {
+                let surface = scene.surface(i, 0.31, 0.27);
+                (
+                    scene.corners(i),
+                    surface.albedo,
+                    surface.emission,
+                    surface.shading_normal,
+                    scene.is_solid(i, 0.31, 0.27),
+                )
+            })
+            .collect()
+    }
+
+    #[test]
+    fn what_is_saved_shows_the_same_when_it_is_read_back() {
+        let (scene, folder) = (scene(), tempfile::tempdir().expect("a folder"));
+        let expected = shown(&scene);
+        for (name, count, off_m) in [("far.obj", 5, 0.0), ("far.glb", 1, 1e-6)] {
+            let path = folder.path().join(name);
+            let files = scene_files(&scene, &path).expect("saved");
+            assert_eq!(files.len(), count, "{name}");
+            files.iter().for_each(|file| std::fs::write(&file.path, &file.bytes).expect("written"));
+            let read = load(&path, &LoadOptions::default()).expect("read back");
+            assert_eq!(read.summary.notes, Vec::<String>::new(), "{name}");
+            let found = shown(&read);
+            assert_eq!(found.len(), expected.len(), "{name}");
+            for (a, b) in found.iter().zip(&expected) {
+                assert!((0..3).all(|i| a.0[i].distance(b.0[i]) <= off_m), "{name}: {:?} for {:?}", a.0, b.0);
+                let near = |a: [f32; 3], b: [f32; 3]| (0..3).all(|c| (a[c] - b[c]).abs() < 2e-5 * b[c].max(1.0));
+                assert!(near(a.1, b.1) && near(a.2, b.2) && a.3.distance(b.3) < 1e-5, "{name}: {a:?} for {b:?}");
+                assert_eq!(a.4, b.4, "{name}: what is there");
+            }
+        }
+        assert!(matches!(scene_files(&scene, Path::new("scene.stl")), Err(SaveError::Format(_))));
+        assert!(matches!(scene_files(&Scene::default(), Path::new("a.obj")), Err(SaveError::Scene(_))));
+    }
+}

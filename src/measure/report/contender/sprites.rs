@@ -1,0 +1,51 @@
+//! Sprites with depth, over the environment.
+
+use super::{Draw, Picture};
+use crate::capture::Camera;
+use crate::compose::{ComposeSettings, Composer, Composition};
+use crate::frame::Frame;
+use crate::sprite::{RenderOptions, SpriteSet};
+use std::sync::Arc;
+
+/// A set of sprites under one setting.
+pub struct SpriteDraw {
+    layers: Arc<Composition>,
+    settings: ComposeSettings,
+    composer: Composer,
+    frame: Frame,
+}
+
+impl SpriteDraw {
+    /// Draws `layers`, which hold sprites only.
+    pub fn new(layers: Arc<Composition>, options: RenderOptions) -> Self {
+        let settings = ComposeSettings { sprites: options, ..ComposeSettings::default() };
+        let (composer, frame) = Default::default();
+        Self { layers, settings, composer, frame }
+    }
+}
+
+/// Bytes of pictures and displacements.
+pub fn bytes_of(set: &SpriteSet) -> u64 {
+    let sprite = |prepared: &crate::sprite::PreparedSprite| {
+        let (color, displacement) = (prepared.sprite().sprite().color(), prepared.sprite().displacement());
+        let (width, height) = displacement.size();
+        let cell = match displacement.format() {
+            crate::sprite::DisplacementFormat::I8 => 1,
+            crate::sprite::DisplacementFormat::I16 => 2,
+            crate::sprite::DisplacementFormat::F32 => 4,
+        };
+        color.as_raw().len() as u64 + u64::from(width) * u64::from(height) * cell
+    };
+    set.sprites().iter().map(sprite).sum::<u64>() + size_of_val(&set.environment.texels[..]) as u64
+}
+
+impl Draw for SpriteDraw {
+    fn draw(&mut self, camera: &Camera) {
+        self.layers.render(&mut self.composer, camera, &self.settings, &mut self.frame);
+    }
+
+    fn picture(&mut self, camera: &Camera) -> Picture {
+        self.draw(camera);
+        Picture::of_frame(&self.frame)
+    }
+}

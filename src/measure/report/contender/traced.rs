@@ -1,0 +1,66 @@
+//! What traces rays for every frame, and the cube map.
+
+use super::{Draw, Picture, Shown};
+use crate::capture::Camera;
+use crate::capture::light::Lighting;
+use crate::capture::trace::Tracer;
+use crate::measure::cube_map::CubeMap;
+use crate::progress::Silent;
+use crate::truth::{self, TruthFrame};
+use image::RgbImage;
+use std::sync::Arc;
+
+/// Full path tracing with a few rays per pixel: truth, too early.
+pub struct PathTraced {
+    tracer: Arc<Tracer>,
+    lighting: Lighting,
+    lit: bool,
+    samples: u32,
+    last: Option<(Camera, TruthFrame)>,
+}
+
+impl PathTraced {
+    /// Traces `samples` rays per pixel (rounded up to a multiple of 2).
+    pub fn new(tracer: Arc<Tracer>, lighting: Lighting, lit: bool, samples: u32) -> Self {
+        Self { tracer, lighting, lit, samples, last: None }
+    }
+}
+
+impl Draw for PathTraced {
+    fn draw(&mut self, camera: &Camera) {
+        let frame = truth::render(&self.tracer, &self.lighting, self.lit, camera, self.samples, &Silent);
+        self.last = Some((*camera, frame));
+    }
+
+    fn picture(&mut self, camera: &Camera) -> Picture {
+        if self.last.as_ref().is_none_or(|(drawn, _)| drawn != camera) {
+            self.draw(camera);
+        }
+        let (color, share) = self.last.take().map(|(_, f)| (f.color, f.surface_share)).unwrap_or_default();
+        let shown = |share: &f32| if *share > 0.0 { Shown::Surface } else { Shown::Environment };
+        Picture { color, shown: share.iter().map(shown).collect() }
+    }
+}
+
+/// A cube map about the headbox's centre: no parallax at all.
+pub struct CubeMapDraw {
+    map: Arc<CubeMap>,
+    color: RgbImage,
+}
+
+impl CubeMapDraw {
+    /// Looks `map` up.
+    pub fn new(map: Arc<CubeMap>) -> Self {
+        Self { map, color: RgbImage::new(0, 0) }
+    }
+}
+
+impl Draw for CubeMapDraw {
+    fn draw(&mut self, camera: &Camera) {
+        self.color = self.map.resample(camera);
+    }
+
+    fn picture(&mut self, camera: &Camera) -> Picture {
+        Picture { color: self.map.resample(camera), shown: Vec::new() }
+    }
+}

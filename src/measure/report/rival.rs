@@ -1,0 +1,99 @@
+//! Frames of the LDI beside Embree's primary rays, eye by eye, in turns.
+
+use super::subject::{ReportError, Subject};
+use crate::capture::statistics::median;
+use crate::measure::embree::{Embree, PROGRAM};
+use crate::measure::plan::{Place, Plan};
+use crate::measure::turns::{in_turns, least};
+use crate::packed::PackedCube;
+use crate::render::splat::SplatKernel;
+use crate::render::{RenderSettings, Renderer};
+use rayon::ThreadPool;
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// The rival and how every kernel stands against it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RivalRows {
+    /// Embree's version.
+    pub version: String,
+    /// Threads of both.
+    pub threads: usize,
+    /// Milliseconds of its primary rays: median over eyes of the least of the rounds.
+    pub ms_median: f64,
+    /// The kernels, the default first.
+    pub kernels: Vec<KernelAgainstRival>,
+}
+
+/// One kernel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct KernelAgainstRival {
+    /// Its name on the command line.
+    pub kernel: String,
+    /// Milliseconds, as the rival's.
+    pub ms_median: f64,
+    /// Median over eyes of its time over the rival's.
+    pub over_rays: f64,
+}
+
+/// Turns of each eye.
+const ROUNDS: u32 = 7;
+
+/// Whoever takes turns.
+enum Way {
+    Ours(Box<Renderer>, RenderSettings),
+    Rays(Embree),
+}
+
+/// Measures all kernels on a cube against the rival; `None` where [`PROGRAM`] is not set.
+///
+/// # Errors
+/// [`ReportError::Rival`] if it is set, and the program does not do what it should.
+pub(super) fn measure(
+    subject: &Subject,
+    plan: &Plan,
+    cube: &PackedCube,
+    pool: &ThreadPool,
+) -> Result<Option<RivalRows>, ReportError> {
+    let Some(program) = std::env::var_os(PROGRAM) else {
+        eprintln!("Embree's primary rays: left out, as {PROGRAM} is not set");
+        return Ok(None);
+    };
+    let threads = pool.current_num_threads();
+    let embree = Embree::start(&program, &subject.tracer, threads).map_err(ReportError::Rival)?;
+    let version = embree.version.clone();
+    let default = RenderSettings::default().kernel;
+    let others = SplatKernel::ALL.map(|(_, kernel)| kernel).into_iter().filter(|kernel| *kernel != default);
+    let kernels: Vec<SplatKernel> = std::iter::once(default).chain(others).collect();
+    let ours = |&kernel: &SplatKernel| {
+        Way::Ours(Box::new(Renderer::new()), RenderSettings { kernel, ..RenderSettings::default() })
+    };
+    let mut ways: Vec<Way> = kernels.iter().map(ours).chain([Way::Rays(embree)]).collect();
+    let mut by_way: Vec<Vec<f64>> = vec![Vec::new(); ways.len()];
+    for eye in plan.eyes.iter().filter(|eye| eye.place != Place::Path) {
+        let mut failed = None;
+        let times = in_turns(&mut ways, ROUNDS, |_, way| match way {
+            Way::Ours(renderer, settings) => Some(pool.install(|| {
+                let started = Instant::now();
+                renderer.render_with_stats(cube, &eye.camera, settings);
+                started.elapsed().as_secs_f64() * 1e3
+            })),
+            Way::Rays(embree) => embree.trace(&eye.camera).map(|frame| frame.ms).map_err(|e| failed = Some(e)).ok(),
+        });
+        if let Some(error) = failed {
+            return Err(ReportError::Rival(error));
+        }
+        by_way.iter_mut().zip(&times).for_each(|(all, times)| all.extend(least(times)));
+    }
+    let rays = by_way.pop().unwrap_or_default();
+    let of_kernel = |(kernel, ms): (&SplatKernel, &Vec<f64>)| {
+        let ratios: Vec<f64> = ms.iter().zip(&rays).map(|(ours, theirs)| ours / theirs).collect();
+        KernelAgainstRival {
+            kernel: kernel.name().into(),
+            ms_median: median(ms.iter().copied()).unwrap_or(0.0),
+            over_rays: median(ratios).unwrap_or(0.0),
+        }
+    };
+    let kernels = kernels.iter().zip(&by_way).map(of_kernel).collect();
+    Ok(Some(RivalRows { version, threads, ms_median: median(rays.iter().copied()).unwrap_or(0.0), kernels }))
+}
