@@ -26,7 +26,7 @@ use std::sync::Arc;
 /// # fn main() -> Result<(), headbox::Error> {
 /// let scene = headbox::Scene::open("builtin:miniature")?;
 /// let ldi = headbox::Capture::new(&scene).face_size(32).strata(4).rays(4).light_samples(1).run()?;
-/// assert!(ldi.depth_pixel_count() > 1000);
+/// assert!(ldi.depth_pixel_count() > 100);
 /// # Ok(())
 /// # }
 /// ```
