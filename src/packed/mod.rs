@@ -5,6 +5,7 @@ pub mod decode;
 pub mod encode;
 pub mod exact;
 pub mod layout;
+pub mod sheets;
 pub mod splat_index;
 pub mod validate;
 
