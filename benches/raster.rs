@@ -6,7 +6,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use glam::DVec3;
 use headbox::capture::Camera;
-use headbox::ldi::Environment;
+use headbox::environment::Environment;
 use headbox::raster::{GroupWindow, RasterMesh, RasterStats, RasterView, Rasterizer};
 use std::sync::Arc;
 
@@ -23,7 +23,7 @@ fn frames(criterion: &mut Criterion) {
         let groups = [GroupWindow { group: 0, window: None }];
         let view = RasterView { groups: &groups, markers: &[], exposure: 1.0, hole_color_srgb: [0; 3] };
         for (width, height) in [(640, 512), (1280, 720)] {
-            let camera = Camera::look_at(eye, at, DVec3::Y, 60.0, width, height).expect("valid");
+            let camera = Camera::look_at(eye, at, DVec3::Y, 60.0, [width, height]).expect("valid");
             for threads in [1, 2] {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
                 let mut rasterizer = Rasterizer::new();

@@ -8,8 +8,9 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DMat3, DVec3, dvec3};
 use headbox::capture::Camera;
+use headbox::capture::statistics::median;
 use headbox::sprite::{
-    Displacement, DisplacementFormat, Plane, PreparedSprite, RenderOptions, Sampling, Sprite, SpriteFrame,
+    Displacement, DisplacementFormat, Plane, PreparedSprite, RenderOptions, Sampling, Sprite, SpriteLayer,
     SpriteRenderer, SpriteWithDepth, Transfer, Variant,
 };
 use image::{Rgba, RgbaImage};
@@ -20,7 +21,7 @@ fn sprite(n: u32) -> PreparedSprite {
     let wave = |v: u32, k: f32| 127.5 + 120.0 * (k * v as f32 * 256.0 / n as f32).sin();
     let color =
         RgbaImage::from_fn(n, n, |x, y| Rgba([wave(x, 0.05) as u8, wave(y, 0.04) as u8, wave(x + y, 0.03) as u8, 255]));
-    let camera = Camera::look_at(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 50.0, n, n).expect("valid");
+    let camera = Camera::look_at(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 50.0, [n, n]).expect("valid");
     let sprite = Sprite::new(color, camera, Plane::through(DVec3::ZERO, DVec3::Z)).expect("valid");
     let height = |i: u32| {
         let (x, y) = ((i % n) as f32 / n as f32 * 2.0 - 1.0, (i / n) as f32 / n as f32 * 2.0 - 1.0);
@@ -49,7 +50,7 @@ fn transfer(n: f64) -> Transfer {
 fn variants(criterion: &mut Criterion) {
     for n in [256, 1024] {
         let (sprite, transfer) = (sprite(n), transfer(f64::from(n)));
-        let mut frame = SpriteFrame::new(n, n);
+        let mut frame = SpriteLayer::new(n, n);
         for threads in [1, 2] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
             let mut group = criterion.benchmark_group(format!("sprite of {n}x{n}, {threads} threads"));
@@ -72,7 +73,7 @@ fn variants(criterion: &mut Criterion) {
 fn medians<const N: usize>(n: u32, options: [RenderOptions; N]) -> [f64; N] {
     const ROUNDS: usize = 101;
     let (sprite, transfer) = (sprite(n), transfer(f64::from(n)));
-    let (mut renderer, mut frame) = (SpriteRenderer::new(), SpriteFrame::new(n, n));
+    let (mut renderer, mut frame) = (SpriteRenderer::new(), SpriteLayer::new(n, n));
     let mut times = [const { Vec::new() }; N];
     for _ in 0..ROUNDS {
         for (options, times) in options.iter().zip(&mut times) {
@@ -81,10 +82,7 @@ fn medians<const N: usize>(n: u32, options: [RenderOptions; N]) -> [f64; N] {
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }
     }
-    times.map(|mut times: Vec<f64>| {
-        times.sort_by(f64::total_cmp);
-        times[ROUNDS / 2]
-    })
+    times.map(|times: Vec<f64>| median(times).expect("rounds"))
 }
 
 /// Time over the homography's beside that of the paper (frames a second on 256x256: bilinear 30, 21, 16; nearest 47, 24,

@@ -7,10 +7,11 @@
 #[path = "../tests/common/mod.rs"]
 mod common;
 
-use common::bed::{Random, room};
+use common::bed::room;
 use common::capture::one_layer;
 use glam::{DVec3, dvec3};
 use headbox::capture::Camera;
+use headbox::capture::random::Rng;
 use headbox::capture::rig::Face;
 use headbox::ldi::{DepthPixel, EncodedNormal};
 use headbox::packed::{ExactCube, PackedCube, SplatIndexLayout, Split};
@@ -47,7 +48,7 @@ impl Memory {
             black_box(block.iter().sum::<u64>());
         });
         let mut frame = vec![0u32; (SIZE[0] * SIZE[1]) as usize];
-        let mut random = Random(1);
+        let mut random = Rng::keyed(1);
         let places: Vec<u32> = (0..1 << 20).map(|_| random.between(0.0, frame.len() as f64) as u32).collect();
         let write_ms = best_ms(&mut || {
             for (place, value) in places.iter().zip(0..) {
@@ -90,7 +91,7 @@ fn kernels(name: &str, cube: &PackedCube, camera: &Camera, memory: &Memory) {
         for threads in [1, 2] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
             let mut renderer = Renderer::new();
-            let mut frame = || pool.install(|| *renderer.render(cube, camera, &settings).1);
+            let mut frame = || pool.install(|| *renderer.render_with_stats(cube, camera, &settings).1);
             let warm = fastest(|| {}, &mut frame);
             let cold = fastest(|| memory.make_cold(), &mut frame);
             of_one_thread = if threads == 1 { warm.frame_ms } else { of_one_thread };
@@ -117,7 +118,7 @@ fn band_heights(name: &str, cube: &PackedCube, camera: &Camera) {
     for kernel in [SplatKernel::Paper, SplatKernel::Opaque, SplatKernel::Tent] {
         let ms = [16, 32, 48, 64, 96, 192, 768].map(|band_rows| {
             let settings = RenderSettings { kernel, band_rows, ..RenderSettings::default() };
-            let stats = fastest(|| {}, || pool.install(|| *renderer.render(cube, camera, &settings).1));
+            let stats = fastest(|| {}, || pool.install(|| *renderer.render_with_stats(cube, camera, &settings).1));
             format!("{band_rows}: {:.2} ms, {} k in", stats.frame_ms, stats.depth_pixels_in / 1000)
         });
         println!("{name}, {kernel:?}, rows of a band: {}", ms.join("; "));
@@ -126,12 +127,12 @@ fn band_heights(name: &str, cube: &PackedCube, camera: &Camera) {
 
 /// What clipping saves over 200 seeded views inside the headbox.
 fn clipping(name: &str, cube: &PackedCube) {
-    let (mut renderer, mut random, settings) = (Renderer::new(), Random(1), RenderSettings::default());
+    let (mut renderer, mut random, settings) = (Renderer::new(), Rng::keyed(1), RenderSettings::default());
     let [mut kept, mut of_segments, mut of_all] = [0; 3];
     for _ in 0..200 {
         let eye = cube.info.centre + random.in_cube(cube.info.half_size_m);
         let to = eye + random.in_cube(1.0) * dvec3(1.0, 0.3, 1.0);
-        let camera = Camera::look_at(eye, to, DVec3::Y, 60.0, SIZE[0], SIZE[1]).expect("valid");
+        let camera = Camera::look_at(eye, to, DVec3::Y, 60.0, [SIZE[0], SIZE[1]]).expect("valid");
         let counts = renderer.clip_counts(cube, &camera, &settings);
         kept += counts.kept;
         of_segments += counts.clipped + counts.kept;
@@ -160,7 +161,7 @@ fn packing(name: &str, cube: PackedCube, camera: &Camera, memory: &Memory) {
                     }
                 };
                 before();
-                let ms = pool.install(|| packed.render(&exact.cube, camera, &settings).1.frame_ms);
+                let ms = pool.install(|| packed.render_with_stats(&exact.cube, camera, &settings).1.frame_ms);
                 best[0] = ms.min(best[0]);
                 before();
                 let ms = pool.install(|| unpacked.render_exact(&exact, camera, &settings).1.frame_ms);
@@ -195,7 +196,7 @@ fn main() {
         memory.writes_per_ms / 1e3
     );
     let looking =
-        |eye: DVec3, to: DVec3, fov| Camera::look_at(eye, to, DVec3::Y, fov, SIZE[0], SIZE[1]).expect("valid");
+        |eye: DVec3, to: DVec3, fov| Camera::look_at(eye, to, DVec3::Y, fov, [SIZE[0], SIZE[1]]).expect("valid");
     let mut scenes = vec![("face".to_owned(), face(), looking(dvec3(0.21, -0.13, 0.17), dvec3(0.1, 0.0, -3.0), 80.0))];
     for path in std::env::var("HEADBOX_BENCH_LDI").unwrap_or_default().split(':').filter(|path| !path.is_empty()) {
         let cube = PackedCube::read(Path::new(path)).expect("an .ldi file");

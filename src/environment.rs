@@ -1,11 +1,21 @@
-//! The surroundings at infinity, looked up by direction.
+//! The surroundings at infinity, looked up by direction; `sixteen` does so for a run of pixels.
+
+mod sixteen;
 
 use crate::capture::light::Lighting;
 use crate::capture::rig::Face;
 use crate::capture::srgb8_from_linear;
-use crate::ldi::Environment;
-use fearless_simd::{Simd, SimdCvtTruncate, f32x16, mask32x16, prelude::*, u32x16};
 use glam::{DVec3, Vec3};
+
+/// The far surroundings, which do not move with the eye: radiance by direction, a small cube map.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Environment {
+    /// Texels a side of each face; 0 if no ray ever left the scene (then `texels` is empty).
+    pub size_px: u32,
+    /// Six faces in the order of [`Face::ALL`], row-major, row 0 on top: sRGB, and alpha 255 where a real miss reached
+    /// the texel, 0 where none did.
+    pub texels: Vec<[u8; 4]>,
+}
 
 /// Four bytes, 16 bits each, so that one multiplication serves all.
 #[inline(always)]
@@ -39,6 +49,13 @@ impl Environment {
         Self { size_px, texels: (0..6 * per_face).map(texel).collect() }
     }
 
+    /// All of the sky; of size 0 where there is none.
+    pub fn sky(lighting: &Lighting) -> Self {
+        /// Smooth as it is, the sky needs no more.
+        const SIZE_PX: u32 = 128;
+        if lighting.sky.is_none() { Self::default() } else { Self::of_sky(SIZE_PX, lighting, |_| true) }
+    }
+
     /// Bilinear sample of the cube map in a direction (world axes, any length), sRGB. Texels that no miss reached have
     /// no part in it; `None` if that leaves none (or the direction is not finite).
     pub fn sample(&self, direction: Vec3) -> Option<[u8; 3]> {
@@ -55,92 +72,6 @@ impl Environment {
         let first = (face.index() * size + top as usize) * size + left as usize;
         let within = [((x - left as f32) * 256.0) as u32, ((y - top as f32) * 256.0) as u32];
         if inside { self.between_four(first, within) } else { self.sample_anywhere(direction.as_dvec3()) }
-    }
-
-    /// The samples in the directions `start + i * step` for i from 0 to 15, as [`Self::sample`] finds them, with alpha 255; alpha 0
-    /// for none. Those whose bit in `wanted` is not set may be anything.
-    #[inline(always)]
-    pub(crate) fn sample_sixteen<S: Simd>(&self, simd: S, wanted: u64, start: Vec3, step: Vec3) -> [[u8; 4]; 16] {
-        if self.size_px == 0 {
-            return [[0; 4]; 16];
-        }
-        let k = f32x16::load_array(simd, std::array::from_fn(|i| i as f32));
-        let splat = |v: f32| f32x16::splat(simd, v);
-        let (x, y, z) = (k * step.x + start.x, k * step.y + start.y, k * step.z + start.z);
-        // As `Face::locate`: of a face, its number without the sign; right, up and depth.
-        let (ax, ay, az) = (x.abs(), y.abs(), z.abs());
-        let on_x = ax.simd_ge(ay) & ax.simd_ge(az);
-        let on_z = az.simd_gt(ay) & !on_x;
-        let of_axis = |on_x_: f32x16<S>, on_y_, on_z_| on_x.select(on_x_, on_z.select(on_z_, on_y_));
-        let signed_depth = of_axis(x, y, z);
-        let negative = signed_depth.simd_lt(splat(0.0));
-        let flip = |v: f32x16<S>| negative.select(-v, v);
-        let right = of_axis(flip(z), x, flip(-x));
-        let up = of_axis(y, flip(z), y);
-        let number = of_axis(splat(0.0), splat(2.0), splat(4.0)) + negative.select(splat(1.0), splat(0.0));
-
-        let (size, half) = (self.size_px as f32, self.size_px as f32 / 2.0);
-        let per_depth = splat(half) / signed_depth.abs();
-        let (x_px, y_px) = (right * per_depth + (half - 0.5), up * -per_depth + (half - 0.5));
-        let (left, top) = (x_px.floor(), y_px.floor());
-        // False for NaN.
-        let inside = left.simd_ge(splat(0.0))
-            & top.simd_ge(splat(0.0))
-            & left.simd_lt(splat(size - 1.0))
-            & top.simd_lt(splat(size - 1.0));
-        let whole = |v: f32x16<S>| u32x16::truncate_from(inside.select(v, splat(0.0)));
-        let first = (whole(number) * self.size_px + whole(top)) * self.size_px + whole(left);
-        let (u, v) = (whole((x_px - left) * 256.0), whole((y_px - top) * 256.0));
-        let (mut found, alike) = self.between_sixty_four(simd, first, [u, v]);
-        let inside = inside.to_bitmask();
-        let mut others = wanted & !(inside & alike.to_bitmask());
-        let (first, u, v) = (first.to_array(), u.to_array(), v.to_array());
-        while others != 0 {
-            let i = others.trailing_zeros() as usize;
-            others &= others - 1;
-            let sample = match inside >> i & 1 {
-                0 => self.sample(start + step * i as f32),
-                _ => self.between_four(first[i] as usize, [u[i], v[i]]),
-            };
-            found[i] = sample.map_or([0; 4], |[r, g, b]| [r, g, b, 255]);
-        }
-        found
-    }
-
-    /// [`Self::between_four`] for sixteen indices at a time, with the alpha of the texels, 255 or 0; wrong where some are known
-    /// and others are not. The mask says where they are alike.
-    #[inline(always)]
-    fn between_sixty_four<S: Simd>(
-        &self,
-        simd: S,
-        first: u32x16<S>,
-        [u, v]: [u32x16<S>; 2],
-    ) -> ([[u8; 4]; 16], mask32x16<S>) {
-        let size = self.size_px as usize;
-        let mut rows = [[[[0; 4]; 2]; 16]; 2];
-        for (i, first) in first.to_array().into_iter().enumerate() {
-            for (row, at) in rows.iter_mut().zip([first as usize, first as usize + size]) {
-                row[i] = self.texels.get(at..at + 2).map_or([[0; 4]; 2], |texels| [texels[0], texels[1]]);
-            }
-        }
-        let left_and_right = |pairs: [[[u8; 4]; 2]; 16]| {
-            let words: [u32; 32] = bytemuck::cast(pairs);
-            let (low, high) = words.split_at(16);
-            simd.deinterleave_u32x16(u32x16::from_slice(simd, low), u32x16::from_slice(simd, high))
-        };
-        let ((a, b), (c, d)) = (left_and_right(rows[0]), left_and_right(rows[1]));
-        let alpha = u32x16::splat(simd, u32::from_ne_bytes([0, 0, 0, 255]));
-        let alike = ((a & b & c & d) & alpha).simd_eq((a | b | c | d) & alpha);
-        // Two of the four bytes at a time, 16 bits each. Rounding of either step is at most half a level.
-        let two = 0x00ff_00ff;
-        let mix = |a: u32x16<S>, b: u32x16<S>, share: u32x16<S>| {
-            let rest = u32x16::splat(simd, 256) - share;
-            ((a * rest + b * share + 0x0080_0080) >> 8) & two
-        };
-        let even = mix(mix(a & two, b & two, u), mix(c & two, d & two, u), v);
-        let odd = |t: u32x16<S>| (t >> 8) & two;
-        let odd = mix(mix(odd(a), odd(b), u), mix(odd(c), odd(d), u), v);
-        (bytemuck::cast((even | (odd << 8)).to_array()), alike)
     }
 
     /// Between the texels of index `first` and right of it, and the two below, at distances in 1/256 from the first. All four
@@ -203,10 +134,10 @@ impl Environment {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
-    fn by_direction(size_px: u32, color: impl Fn(DVec3) -> [u8; 4]) -> Environment {
+    pub(super) fn by_direction(size_px: u32, color: impl Fn(DVec3) -> [u8; 4]) -> Environment {
         let mut texels = Vec::new();
         for face in Face::ALL {
             for y in 0..size_px {
@@ -236,35 +167,6 @@ mod tests {
                 assert!((i32::from(found[c]) - i32::from(expected[c])).abs() <= LEVELS, "{d}: {found:?} {expected:?}");
             }
         }
-    }
-
-    /// One step of the 8-bit weights on either axis, on a ramp of 16 levels a texel, and rounding.
-    const WEIGHT_LEVELS: u8 = 2;
-
-    #[test]
-    fn sixteen_samples_are_those_of_one_by_one() {
-        let patchy = by_direction(16, |d| {
-            let c = |v: f64| (127.5 + 127.0 * v).round() as u8;
-            [c(d.x), c(d.y), c(d.z), if (d.x * 7.0 + d.y * 5.0).sin() > -0.6 { 255 } else { 0 }]
-        });
-        let (mut found_any, mut lacked_any) = (false, false);
-        for i in 0..400 {
-            let a = i as f32 * 0.31;
-            let (start, step) = (Vec3::new(a.sin(), (a * 1.7).cos(), (a * 0.6).cos()), Vec3::new(0.03, -0.05, 0.11));
-            let sixteen = fearless_simd::dispatch!(fearless_simd::Level::new(), simd => {
-                patchy.sample_sixteen(simd, 0xffff, start, step)
-            });
-            for (k, [r, g, b, a]) in sixteen.into_iter().enumerate() {
-                let found = (a > 0).then_some([r, g, b]);
-                let expected = patchy.sample(start + step * k as f32);
-                assert_eq!(found.is_some(), expected.is_some(), "{i} {k}");
-                let levels =
-                    found.zip(expected).map_or(0, |(f, e)| (0..3).map(|c| f[c].abs_diff(e[c])).fold(0, u8::max));
-                assert!(levels <= WEIGHT_LEVELS, "{i} {k}: {found:?} {expected:?}");
-                (found_any, lacked_any) = (found_any || found.is_some(), lacked_any || found.is_none());
-            }
-        }
-        assert!(found_any && lacked_any);
     }
 
     #[test]

@@ -62,6 +62,7 @@ fn allow_everyone_to_read(_: &File) -> io::Result<()> {
 ///
 /// # Errors
 /// If a handler is already installed.
+#[cfg(feature = "cli")]
 pub fn clean_up_on_interrupt() -> Result<(), ctrlc::Error> {
     ctrlc::set_handler(|| {
         for path in unfinished().iter() {

@@ -1,7 +1,10 @@
 //! A finished frame.
 
 use crate::capture::CameraError;
-use std::io::Cursor;
+use crate::files::write_atomically;
+use image::RgbImage;
+use std::io::{self, Cursor, Write};
+use std::path::{Path, PathBuf};
 
 /// How a pixel of a frame came about, in one byte.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -20,6 +23,18 @@ impl Coverage {
     /// [`Self::ENVIRONMENT`].
     pub fn of_splats(share: u8) -> Self {
         Self(share.max(2))
+    }
+
+    /// The coverage of a [`Self::byte`].
+    #[inline]
+    pub(crate) const fn of_byte(byte: u8) -> Self {
+        Self(byte)
+    }
+
+    /// The byte that it is kept in.
+    #[inline]
+    pub(crate) const fn byte(self) -> u8 {
+        self.0
     }
 
     /// True if nothing is known of the pixel.
@@ -65,6 +80,14 @@ pub enum FrameError {
         rows: u32,
         /// Bytes that a row of the frame needs.
         row_bytes: usize,
+    },
+    /// The file could not be written.
+    #[error("{} could not be written: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
     },
     /// The encoder failed.
     #[error("cannot encode the frame as PNG: {0}")]
@@ -117,6 +140,25 @@ impl Frame {
     /// Number of hole pixels.
     pub fn hole_count(&self) -> u64 {
         self.coverage.iter().filter(|c| c.is_hole()).count() as u64
+    }
+
+    /// The colours as a picture.
+    ///
+    /// # Errors
+    /// [`FrameError::Size`] if width, height and the number of colours do not fit together.
+    pub fn to_rgb(&self) -> Result<RgbImage, FrameError> {
+        let rgb = self.color.iter().flat_map(|&[r, g, b, _]| [r, g, b]).collect();
+        Ok(RgbImage::from_raw(self.width, self.height, rgb).ok_or(CameraError::Size(self.width, self.height))?)
+    }
+
+    /// Saves the frame as a PNG file, whole or not at all.
+    ///
+    /// # Errors
+    /// As [`Self::to_png`]; [`FrameError::Write`].
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FrameError> {
+        let (path, png) = (path.as_ref(), self.to_png()?);
+        let written = write_atomically(path, |file| file.write_all(&png));
+        written.map_err(|source| FrameError::Write { path: path.into(), source })
     }
 
     /// The frame as the bytes of a PNG file (8-bit sRGB with alpha).

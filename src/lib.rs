@@ -1,30 +1,104 @@
 //! `headbox`: image-based rendering with depth. A scene is ray-traced once into cube layered depth images (LDIs) and
 //! then shown from anywhere inside a *headbox*, on a CPU, at a frame rate that does not depend on its geometry.
 //!
-//! The stages, in the order in which data flows: [`capture`] (scenes, light, rays) -> [`ldi`] (the build-time cube
-//! LDI) -> [`packed`] (its 8-byte render-time form) -> [`render`] (samples to pixels) -> [`metrics`];
-//! beside them [`sprite`], sprites with depth, and [`compose`], both in one frame.
-//! Conventions (axes, pixels, depth, colour) are stated once, in [`capture`].
+//! ```
+//! use headbox::{Camera, Capture, DVec3, Renderer, Scene};
+//!
+//! # fn main() -> Result<(), headbox::Error> {
+//! # let folder = tempfile::tempdir().expect("a folder");
+//! # let frame_png = folder.path().join("frame.png");
+//! let scene = Scene::open("builtin:miniature")?;
+//! let ldi = Capture::new(&scene).face_size(64).strata(6).run()?; // free space, light and packing by default
+//! let at = ldi.center() + DVec3::NEG_Z;
+//! let camera = Camera::look_at(ldi.center(), at, DVec3::Y, 60.0, [640, 480])?;
+//! Renderer::new().render(&ldi, &camera, &Default::default()).save(&frame_png)?;
+//! # assert!(frame_png.is_file());
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! * Cube LDIs: a [`Scene`] is captured ([`Capture`]) into a [`CubeLdi`], which a [`Renderer`] draws into a [`Frame`].
+//! * Sprites with depth: [`SpriteCapture`] makes a [`SpriteSet`]; a [`Composition`] lays sprites and cube LDIs over each other.
+//! * Houses of cells and portals: a [`Walker`] draws a [`House`], with the [`Backdrops`] of a store behind its portals.
+//!
+//! All drawing and capturing is done on the current rayon thread pool, and gives the same bytes on any number of threads and
+//! at every SIMD level. Conventions: world metres, right-handed, Y up; cameras look down -Z; row 0 of a picture is on top; pictures
+//! are 8-bit sRGB with straight alpha; depth is never a bare number, see [`DepthKind`]. Scene files have axes and a unit of their own,
+//! which [`FileFrame`] maps to the world's.
+//!
+//! Features: `cli` (default) is the command line with its charts, `viewer` (default) the window. A library needs neither:
+//! `headbox = { default-features = false, .. }`.
 
+mod capturing;
+mod error;
+mod scene;
+
+pub use capturing::{Capture, SpriteCapture};
+pub use compose::{ComposeSettings, Composer, Composition};
+pub use error::Error;
+pub use frame::{Coverage, Frame};
+pub use glam::DVec3;
+pub use headbox_capture::load::LoadOptions;
+pub use headbox_capture::scene::{FileFrame, Headbox, UpAxis};
+pub use headbox_capture::{Camera, DepthKind};
+pub use ldi::parameters::CaptureParameters;
+pub use packed::PackedCube as CubeLdi;
+pub use portal::backdrop::{Kind as BackdropKind, Quality as BackdropQuality};
+pub use portal::house::House;
+pub use portal::settings::WalkSettings;
+pub use portal::store::Store as Backdrops;
+pub use portal::walk::Walker;
+pub use portal::walk_path::WalkPath;
+pub use progress::Progress;
+pub use render::splat::SplatKernel;
+pub use render::{RenderSettings, Renderer};
+pub use scene::Scene;
+pub use sprite::{RenderOptions as SpriteSettings, SpriteSet};
+
+// What lies below: for the binary, the tests and the benches, without a promise that it stays.
+#[doc(hidden)]
 pub use headbox_capture as capture;
+#[doc(hidden)]
 pub use headbox_capture::path;
+#[doc(hidden)]
 pub use headbox_scenes as scenes;
 
+#[cfg(feature = "cli")]
+#[doc(hidden)]
 pub mod cli;
+#[doc(hidden)]
 pub mod compose;
+#[doc(hidden)]
 pub mod container;
+#[doc(hidden)]
 pub mod environment;
+#[doc(hidden)]
 pub mod files;
+#[doc(hidden)]
 pub mod frame;
+#[doc(hidden)]
 pub mod ldi;
+#[doc(hidden)]
 pub mod metrics;
+#[doc(hidden)]
 pub mod packed;
+#[doc(hidden)]
 pub mod portal;
+#[doc(hidden)]
+pub mod progress;
+#[doc(hidden)]
 pub mod raster;
+#[doc(hidden)]
 pub mod render;
+#[cfg(feature = "cli")]
+#[doc(hidden)]
 pub mod report;
+#[doc(hidden)]
 pub mod scene_source;
+#[doc(hidden)]
 pub mod sprite;
+#[doc(hidden)]
 pub mod truth;
 #[cfg(feature = "viewer")]
+#[doc(hidden)]
 pub mod view;

@@ -2,7 +2,7 @@
 
 use crate::capture::Scene;
 use crate::capture::load::{LoadError, LoadOptions, load};
-use crate::capture::scene::UpAxis;
+use crate::capture::scene::FileFrame;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -11,10 +11,9 @@ use std::path::Path;
 pub struct SceneSource {
     /// A path, or `builtin:NAME`.
     pub name: String,
-    /// The axis that points up in the file, if it is not the format's default: true for Z.
-    pub z_up: Option<bool>,
-    /// Metres per unit of the file, if they are not the format's default.
-    pub unit_m: Option<f64>,
+    /// Its axes and unit, where they are not the format's default.
+    #[serde(flatten)]
+    pub options: LoadOptions,
 }
 
 /// Why a scene could not be opened.
@@ -36,7 +35,12 @@ pub enum SceneSourceError {
 impl SceneSource {
     /// A scene in its format's own frame.
     pub fn new(name: impl Into<String>) -> Self {
-        Self { name: name.into(), z_up: None, unit_m: None }
+        Self { name: name.into(), options: LoadOptions::default() }
+    }
+
+    /// A scene whose axes and unit are known.
+    pub fn in_frame(name: impl Into<String>, frame: FileFrame) -> Self {
+        Self { name: name.into(), options: frame.into() }
     }
 
     /// Loads or builds the scene.
@@ -45,8 +49,7 @@ impl SceneSource {
     /// See [`SceneSourceError`].
     pub fn open(&self) -> Result<Scene, SceneSourceError> {
         let Some(builtin) = self.name.strip_prefix("builtin:") else {
-            let up = self.z_up.map(|z| if z { UpAxis::Z } else { UpAxis::Y });
-            return Ok(load(Path::new(&self.name), &LoadOptions { up, unit_m: self.unit_m })?);
+            return Ok(load(Path::new(&self.name), &self.options)?);
         };
         crate::scenes::build(builtin, 0).ok_or_else(|| {
             let known: Vec<_> = crate::scenes::all().iter().map(|scene| scene.name).collect();

@@ -5,7 +5,7 @@ use crate::capture::light::{LightSample, Lighting, LitPoint, pixel_jitter};
 use crate::capture::sampler::random4;
 use crate::capture::srgb8_from_linear;
 use crate::capture::trace::{HitPacket, PACKET, Ray, RayPacket, Tracer};
-use crate::ldi::build::Progress;
+use crate::progress::Progress;
 use glam::Vec3;
 use image::{Rgb, RgbImage};
 use rayon::prelude::*;

@@ -38,7 +38,7 @@ impl Camera {
     pub const MAX_SIDE_PX: u32 = 16_384;
 
     /// A camera at `eye` looking at `look_at`, with `up` (any length, not parallel to the view) pointing up in the
-    /// image and `fov_y_deg` degrees between the top and the bottom edge. If `up` is parallel to the view or zero,
+    /// image and `fov_y_deg` degrees between the top and the bottom edge, `width` by `height` pixels. If `up` is parallel to the view or zero,
     /// the world axis that is least parallel to the view takes its place.
     ///
     /// # Errors
@@ -48,8 +48,7 @@ impl Camera {
         look_at: DVec3,
         up: DVec3,
         fov_y_deg: f64,
-        width: u32,
-        height: u32,
+        [width, height]: [u32; 2],
     ) -> Result<Self, CameraError> {
         for (point, name) in [(eye, "eye"), (look_at, "look-at point"), (up, "up vector")] {
             if !point.is_finite() {
@@ -145,7 +144,7 @@ impl Camera {
 
     /// The matrix that takes a world point (X, Y, Z, 1) to (x w, y w, 1, w), where (x, y) is the position in pixels
     /// and w the eye depth. Its third row keeps the homogeneous 1, so that after the division by w the third
-    /// component is the inverse depth (the choice `z2 = 1/Z2` of Shade et al., section 5.3; inventory S20).
+    /// component is the inverse depth (the choice `z2 = 1/Z2` of Shade et al., section 5.3; S20).
     pub fn image_from_world(&self) -> DMat4 {
         let [right, up, back] = self.world_from_eye.to_cols_array_2d().map(DVec3::from);
         let row_x = right * self.focal_px - back * self.principal_px[0];
@@ -180,7 +179,7 @@ mod tests {
     #[test]
     fn image_from_world_agrees_with_project_and_direction() {
         let eye = dvec3(0.3, -1.0, 2.0);
-        let camera = Camera::look_at(eye, dvec3(4.0, 0.5, -3.0), DVec3::Y, 50.0, 320, 200).expect("valid camera");
+        let camera = Camera::look_at(eye, dvec3(4.0, 0.5, -3.0), DVec3::Y, 50.0, [320, 200]).expect("valid camera");
         for (x, y, depth) in [(0.0, 0.0, 0.5), (319.5, 10.0, 3.0), (100.0, 199.0, 250.0)] {
             let point = eye + camera.direction(x, y) * depth;
             let [px, py, eye_depth] = camera.project(point).expect("in front");
@@ -194,7 +193,7 @@ mod tests {
 
     #[test]
     fn a_cropped_camera_sees_the_same_shifted() {
-        let camera = Camera::look_at(DVec3::ZERO, dvec3(1.0, 0.2, -3.0), DVec3::Y, 50.0, 320, 200).expect("valid");
+        let camera = Camera::look_at(DVec3::ZERO, dvec3(1.0, 0.2, -3.0), DVec3::Y, 50.0, [320, 200]).expect("valid");
         let part = camera.cropped(100..140, 7..200).expect("a part");
         assert_eq!((part.width(), part.height(), part.principal_px()), (40, 193, [60.0, 93.0]));
         assert!((part.direction(3.0, 4.0) - camera.direction(103.0, 11.0)).length() < 1e-12);
@@ -203,7 +202,7 @@ mod tests {
 
     #[test]
     fn bad_cameras_are_refused() {
-        let look = |eye, at, fov, w, h| Camera::look_at(eye, at, DVec3::Y, fov, w, h);
+        let look = |eye, at, fov, w, h| Camera::look_at(eye, at, DVec3::Y, fov, [w, h]);
         let (o, x) = (DVec3::ZERO, DVec3::X);
         assert_eq!(look(o, o, 60.0, 4, 4), Err(CameraError::NoDirection));
         assert_eq!(look(DVec3::NAN, x, 60.0, 4, 4), Err(CameraError::NotFinite("eye")));

@@ -21,7 +21,7 @@
 //! use glam::{DVec3, dvec3};
 //! use headbox_capture::Camera;
 //!
-//! let camera = Camera::look_at(DVec3::ZERO, dvec3(0.0, 0.0, -1.0), DVec3::Y, 90.0, 4, 2).unwrap();
+//! let camera = Camera::look_at(DVec3::ZERO, dvec3(0.0, 0.0, -1.0), DVec3::Y, 90.0, [4, 2]).unwrap();
 //! let [x, y, eye_depth] = camera.project(dvec3(1.0, 0.5, -1.0)).unwrap();
 //! assert!((x - 3.0).abs() < 1e-12 && (y - 0.5).abs() < 1e-12 && (eye_depth - 1.0).abs() < 1e-12);
 //! ```
@@ -34,9 +34,12 @@ pub mod load;
 mod material;
 pub mod path;
 pub mod portal_model;
+pub mod random;
 pub mod rig;
 pub mod sampler;
 pub mod scene;
+pub mod simd;
+pub mod statistics;
 pub mod trace;
 pub mod viewpoint;
 

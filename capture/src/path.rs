@@ -108,7 +108,7 @@ impl CameraRecord {
         let [eye, look_at] = [self.eye, self.look_at].map(|p| frame.world_from_file(DVec3::from(p)));
         let up = frame.world_direction_from_file(DVec3::from(self.up.unwrap_or(file_up)));
         let [width, height] = self.size.unwrap_or(DEFAULT_SIZE);
-        Camera::look_at(eye, look_at, up, self.fov, width, height)
+        Camera::look_at(eye, look_at, up, self.fov, [width, height])
     }
 }
 

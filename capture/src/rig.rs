@@ -67,19 +67,34 @@ impl Face {
     }
 
     /// The face that contains a point (relative to the centre; ties as in [`Self::containing`]) and the point's
-    /// coordinates in the face's eye space: right, up, and eye depth. All results are exact.
+    /// coordinates in the face's eye space, as [`Self::eye_space`].
     #[inline]
     pub fn locate(from_centre: Vec3) -> (Self, [f32; 3]) {
         let Vec3 { x, y, z } = from_centre;
         let a = from_centre.abs();
-        if a.x >= a.y && a.x >= a.z {
-            if x < 0.0 { (Self::NegX, [-z, y, -x]) } else { (Self::PosX, [z, y, x]) }
+        let face = if a.x >= a.y && a.x >= a.z {
+            if x < 0.0 { Self::NegX } else { Self::PosX }
         } else if a.z > a.y {
-            if z < 0.0 { (Self::NegZ, [x, y, -z]) } else { (Self::PosZ, [-x, y, z]) }
+            if z < 0.0 { Self::NegZ } else { Self::PosZ }
         } else if y < 0.0 {
-            (Self::NegY, [x, -z, -y])
+            Self::NegY
         } else {
-            (Self::PosY, [x, z, y])
+            Self::PosY
+        };
+        (face, face.eye_space(from_centre))
+    }
+
+    /// The coordinates of a point (relative to the centre) in the face's eye space: right, up, and eye depth. All are exact.
+    #[inline]
+    pub fn eye_space(self, from_centre: Vec3) -> [f32; 3] {
+        let Vec3 { x, y, z } = from_centre;
+        match self {
+            Self::PosX => [z, y, x],
+            Self::NegX => [-z, y, -x],
+            Self::PosY => [x, z, y],
+            Self::NegY => [x, -z, -y],
+            Self::PosZ => [-x, y, z],
+            Self::NegZ => [x, y, -z],
         }
     }
 

@@ -2,7 +2,7 @@
 //!
 //! A *ray domain* is a parallelogram window (a face of the headbox, or the opening of a portal) with positions uniform
 //! on it and directions cosine-weighted about its outward normal: the density under which every ray that crosses the
-//! window is equally likely (Shade et al. section 4.2; inventory S15). The four dimensions are cut into `N^4` strata
+//! window is equally likely (Shade et al. section 4.2; S15). The four dimensions are cut into `N^4` strata
 //! with `M` rays each.
 //!
 //! Strata are visited direction by direction, all positions of one direction cell together (a [`DirectionCell`]): those

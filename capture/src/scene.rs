@@ -6,9 +6,12 @@ pub use surface::Surface;
 
 use crate::material::{Material, Texture};
 use glam::{DVec3, Vec2, Vec3};
+use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// Which axis of the file points up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(from = "bool", into = "bool")]
 pub enum UpAxis {
     /// Y up, as in the world.
     #[default]
@@ -17,14 +20,34 @@ pub enum UpAxis {
     Z,
 }
 
+/// In files, whether Z points up.
+impl From<bool> for UpAxis {
+    fn from(z_up: bool) -> Self {
+        if z_up { Self::Z } else { Self::Y }
+    }
+}
+
+impl From<UpAxis> for bool {
+    fn from(up: UpAxis) -> Self {
+        up == UpAxis::Z
+    }
+}
+
+impl fmt::Display for UpAxis {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(if *self == Self::Z { "Z" } else { "Y" })
+    }
+}
+
 /// How positions in the scene's file map to the world (metres, Y up). Positions on the command line are in the file's
-/// own axes and unit.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// own axes and unit. Travels in our own files, flattened to `unit_m` and `z_up`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FileFrame {
-    /// The axis that points up in the file.
-    pub up: UpAxis,
     /// Metres per unit of the file.
     pub unit_m: f64,
+    /// The axis that points up in the file.
+    #[serde(rename = "z_up")]
+    pub up: UpAxis,
 }
 
 impl Default for FileFrame {
@@ -45,6 +68,11 @@ impl FileFrame {
             UpAxis::Y => p,
             UpAxis::Z => DVec3::new(p.x, p.z, -p.y),
         }
+    }
+
+    /// Whether the unit is one that positions survive: 1e-9 to 1e9 m.
+    pub fn is_sane(&self) -> bool {
+        (1e-9..=1e9).contains(&self.unit_m)
     }
 
     /// The inverse of [`Self::world_from_file`].
@@ -120,7 +148,7 @@ impl Sky {
 
 /// Where a capture looks from when the user does not say.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SuggestedHeadbox {
+pub struct Headbox {
     /// Centre, world metres.
     pub centre: DVec3,
     /// Half of the edge length, metres.
@@ -163,7 +191,7 @@ pub struct Scene {
     /// The file's frame.
     pub frame: FileFrame,
     /// Where to look from by default, if the scene's maker knows.
-    pub headbox: Option<SuggestedHeadbox>,
+    pub headbox: Option<Headbox>,
     /// What the loader met and survived.
     pub summary: LoadSummary,
 }

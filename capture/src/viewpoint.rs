@@ -1,9 +1,10 @@
 //! Where to look from when nobody says: free space with something to see around it.
 
 use crate::sampler::{random4, unit_float};
-use crate::scene::SuggestedHeadbox;
+use crate::scene::{Headbox, Scene};
 use crate::trace::{Ray, Tracer};
 use glam::{DVec3, Vec3};
+use std::sync::Arc;
 
 /// Directions in which clearance is measured.
 const DIRECTIONS: u32 = 128;
@@ -34,6 +35,45 @@ pub fn look_around(tracer: &Tracer, world: DVec3) -> Surroundings {
     Surroundings { clearance_m: f64::from(nearest), enclosed: f64::from(hits) / f64::from(DIRECTIONS) }
 }
 
+/// Why a headbox cannot be placed.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum HeadboxError {
+    /// Its centre is nowhere.
+    #[error("a headbox about {0}; its centre must be three finite numbers")]
+    Centre(DVec3),
+    /// It is too small or too large to be worked with.
+    #[error("a headbox of half-size {0} m; it must lie between 1e-9 and 1e9 m")]
+    HalfSize(f64),
+}
+
+/// The headbox of a scene, world metres: what is given of it, else what the scene suggests, else free space.
+///
+/// # Errors
+/// [`HeadboxError`] if there is no such box.
+pub fn place_headbox(
+    scene: &Arc<Scene>,
+    centre: Option<DVec3>,
+    half_size_m: Option<f64>,
+) -> Result<Headbox, HeadboxError> {
+    let [low, high] = scene.bounds();
+    let scout = || Tracer::new(Arc::clone(scene), (low + high) / 2.0);
+    let suggested = match centre {
+        Some(_) => None,
+        None => Some(scene.headbox.unwrap_or_else(|| suggest_headbox(&scout()))),
+    };
+    let centre = centre.or(suggested.map(|headbox| headbox.centre)).unwrap_or_default();
+    let half_size_m = half_size_m
+        .or(suggested.map(|headbox| headbox.half_size_m))
+        .unwrap_or_else(|| suggest_half_size(&scout(), centre));
+    if !centre.is_finite() {
+        return Err(HeadboxError::Centre(centre));
+    }
+    if !(1e-9..=1e9).contains(&half_size_m) {
+        return Err(HeadboxError::HalfSize(half_size_m));
+    }
+    Ok(Headbox { centre, half_size_m })
+}
+
 /// A half-size for a headbox about a world position: half the clearance (a cube's corner is 1.73 half-sizes away), but
 /// at most a twentieth of the scene's diagonal; if the position touches geometry, a hundredth of the diagonal.
 pub fn suggest_half_size(tracer: &Tracer, centre: DVec3) -> f64 {
@@ -45,7 +85,7 @@ pub fn suggest_half_size(tracer: &Tracer, centre: DVec3) -> f64 {
 
 /// A headbox in free space, with as much clearance and as much to see around it as seeded tries in the scene's
 /// bounding box find.
-pub fn suggest_headbox(tracer: &Tracer) -> SuggestedHeadbox {
+pub fn suggest_headbox(tracer: &Tracer) -> Headbox {
     const TRIES: u32 = 400;
     let [low, high] = tracer.scene().bounds();
     let mut best = (f64::NEG_INFINITY, (low + high) / 2.0);
@@ -59,5 +99,5 @@ pub fn suggest_headbox(tracer: &Tracer) -> SuggestedHeadbox {
             best = (score, place);
         }
     }
-    SuggestedHeadbox { centre: best.1, half_size_m: suggest_half_size(tracer, best.1) }
+    Headbox { centre: best.1, half_size_m: suggest_half_size(tracer, best.1) }
 }

@@ -1,9 +1,9 @@
 //! The materials of the room, most of them with a texture of their own.
 
 use crate::mesh::Mesh;
-use crate::rng::{hash, unit};
 use crate::texture::{fractal, mix, noise, paint, shade};
 use headbox_capture::Texture;
+use headbox_capture::random::{hash, unit};
 
 /// Indices of the room's materials.
 pub(crate) struct Finishes {

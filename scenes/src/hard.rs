@@ -2,11 +2,11 @@
 
 use crate::bump;
 use crate::mesh::Mesh;
-use crate::rng::Rng;
 use crate::texture::paint;
 use glam::DVec3;
 use headbox_capture::Texture;
-use headbox_capture::scene::{Scene, SuggestedHeadbox};
+use headbox_capture::random::Rng;
+use headbox_capture::scene::{Headbox, Scene};
 use std::f64::consts::TAU;
 
 fn checkerboard(a: [f64; 3], b: [f64; 3]) -> Texture {
@@ -121,10 +121,9 @@ fn moved(scene: Scene, name: &str, scale: f64, offset: DVec3) -> Scene {
     Scene {
         name: name.into(),
         positions: scene.positions.into_iter().map(place).collect(),
-        headbox: scene.headbox.map(|headbox| SuggestedHeadbox {
-            centre: place(headbox.centre),
-            half_size_m: headbox.half_size_m * scale,
-        }),
+        headbox: scene
+            .headbox
+            .map(|headbox| Headbox { centre: place(headbox.centre), half_size_m: headbox.half_size_m * scale }),
         ..scene
     }
 }

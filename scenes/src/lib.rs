@@ -15,7 +15,6 @@ mod hard;
 mod house;
 mod interior;
 mod mesh;
-mod rng;
 mod sprites;
 mod texture;
 mod tree;

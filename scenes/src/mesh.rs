@@ -1,7 +1,7 @@
 //! Shapes that scenes are put together from.
 
 use glam::{DMat3, DVec2, DVec3, Vec2, Vec3};
-use headbox_capture::scene::{Scene, SuggestedHeadbox, Triangle};
+use headbox_capture::scene::{Headbox, Scene, Triangle};
 use headbox_capture::{Material, Texture};
 
 /// A vertex of a shape, world metres.
@@ -284,7 +284,7 @@ impl Mesh {
             name: name.into(),
             sun: Some(headbox_capture::scene::Sun::default()),
             sky: Some(headbox_capture::scene::Sky::default()),
-            headbox: Some(SuggestedHeadbox { centre, half_size_m }),
+            headbox: Some(Headbox { centre, half_size_m }),
             ..scene
         }
     }

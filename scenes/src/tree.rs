@@ -1,10 +1,10 @@
 //! `tree`: a broad-leaved tree on a meadow, after the chestnut of the papers.
 
 use crate::mesh::{Mesh, Vertex};
-use crate::rng::Rng;
 use crate::texture::{fractal, mix, noise, paint, shade};
 use glam::{DQuat, DVec2, DVec3};
 use headbox_capture::Texture;
+use headbox_capture::random::Rng;
 use headbox_capture::scene::Scene;
 use std::f64::consts::TAU;
 
@@ -146,7 +146,7 @@ impl Tree {
             let around = DQuat::from_axis_angle(along, draw.between(0.0, TAU));
             let across = around * along.any_orthonormal_vector();
             let stalk = (across + along * 0.6 + DVec3::Y * 0.25).normalize();
-            let normal = (DVec3::Y + draw.in_cube() * 0.55 + stalk * 0.25).normalize();
+            let normal = (DVec3::Y + draw.in_cube(1.0) * 0.55 + stalk * 0.25).normalize();
             let forward = stalk.reject_from(normal).try_normalize().unwrap_or_else(|| normal.any_orthonormal_vector());
             let color = leaf_color(&mut draw);
             let hub = start + stalk * draw.between(0.06, 0.14);
@@ -169,7 +169,7 @@ fn walk(shoot: &Shoot, order: &Order, is_trunk: bool, draw: &mut Rng) -> Vec<(DV
         let t = step as f64 / order.steps as f64;
         let flare = if is_trunk { 1.0 + 0.6 * (1.0 - t * 6.0).max(0.0).powi(2) } else { 1.0 };
         path.push((at, shoot.radius * (1.0 - 0.62 * t) * flare));
-        direction = (direction + draw.in_cube() * order.wander + DVec3::Y * order.upward).normalize();
+        direction = (direction + draw.in_cube(1.0) * order.wander + DVec3::Y * order.upward).normalize();
         at += direction * (shoot.length / order.steps as f64);
     }
     path

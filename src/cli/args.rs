@@ -2,8 +2,8 @@
 
 use super::UsageError;
 use crate::capture::Camera;
+use crate::capture::load::LoadOptions;
 use crate::capture::scene::{FileFrame, UpAxis};
-use crate::ldi::CaptureInfo;
 use crate::scene_source::SceneSource;
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -36,10 +36,12 @@ pub(super) fn parse_size(text: &str) -> Result<(u32, u32), String> {
 }
 
 /// Which axis of the file points up.
-#[derive(Clone, Copy, ValueEnum)]
-pub(super) enum Up {
-    Y,
-    Z,
+pub(super) fn parse_up(text: &str) -> Result<UpAxis, String> {
+    match text {
+        "y" => Ok(UpAxis::Y),
+        "z" => Ok(UpAxis::Z),
+        _ => Err("give y or z".into()),
+    }
 }
 
 /// The unit of the file's lengths.
@@ -63,9 +65,9 @@ pub(super) struct SceneArgs {
 /// The axes and the unit of a file, where they are not its format's default.
 #[derive(Args)]
 pub(super) struct FrameArgs {
-    /// Axis that points up in the file
-    #[arg(long)]
-    up: Option<Up>,
+    /// Axis that points up in the file: y or z
+    #[arg(long, value_parser = parse_up)]
+    up: Option<UpAxis>,
     /// Unit of lengths in the file
     #[arg(long)]
     unit: Option<Unit>,
@@ -80,8 +82,7 @@ impl SceneArgs {
 impl FrameArgs {
     /// The axes and the unit; Y up and metres where nothing is said.
     pub(super) fn file_frame(&self) -> FileFrame {
-        let up = if matches!(self.up, Some(Up::Z)) { UpAxis::Z } else { UpAxis::Y };
-        FileFrame { up, unit_m: self.unit_m().unwrap_or(1.0) }
+        FileFrame { up: self.up.unwrap_or_default(), unit_m: self.unit_m().unwrap_or(1.0) }
     }
 
     /// Metres per unit, if said.
@@ -95,19 +96,14 @@ impl FrameArgs {
     }
 
     /// The same, but for what is given.
-    pub(super) fn with(&self, up: Option<Up>, unit: Option<Unit>) -> Self {
+    pub(super) fn with(&self, up: Option<UpAxis>, unit: Option<Unit>) -> Self {
         Self { up: up.or(self.up), unit: unit.or(self.unit) }
     }
 
     /// A scene in these axes and this unit.
     pub(super) fn source(&self, scene: &str) -> SceneSource {
-        SceneSource { name: scene.to_owned(), z_up: self.up.map(|up| matches!(up, Up::Z)), unit_m: self.unit_m() }
+        SceneSource { name: scene.to_owned(), options: LoadOptions { up: self.up, unit_m: self.unit_m() } }
     }
-}
-
-/// The frame of the file that a capture was made from.
-pub(super) fn frame_of(info: &CaptureInfo) -> FileFrame {
-    FileFrame { up: if info.z_up { UpAxis::Z } else { UpAxis::Y }, unit_m: info.unit_m }
 }
 
 /// A camera.
@@ -169,7 +165,7 @@ impl CameraArgs {
         let up = self.up_vector.map_or(DVec3::Y, |up| frame.world_direction_from_file(up));
         let (width, height) = self.size.unwrap_or(default.size);
         let fov_y_deg = self.fov.unwrap_or(default.fov_y_deg);
-        let camera = Camera::look_at(eye, look_at, up, fov_y_deg, width, height);
+        let camera = Camera::look_at(eye, look_at, up, fov_y_deg, [width, height]);
         Ok(camera.map_err(|error| UsageError(error.to_string()))?)
     }
 }

@@ -5,17 +5,17 @@ use super::args::{SceneArgs, parse_length, parse_vector};
 use super::output::{memory_bytes, peak_rss_mb, print_json, print_notes};
 use super::progress::Bar;
 use crate::capture::light::Lighting;
-use crate::capture::sampler::Strata;
+use crate::capture::scene::Headbox;
 use crate::capture::trace::Tracer;
 use crate::capture::{Scene, viewpoint};
-use crate::ldi::build::{self, Sampler};
-use crate::ldi::job::{CaptureJob, Resources};
-use crate::ldi::merge::MergeRule;
+use crate::ldi::build;
+use crate::ldi::job::CaptureJob;
+use crate::ldi::parameters::{CaptureParameters, Resources};
 use crate::ldi::shard::{self, ShardInfo};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
 use crate::scene_source::{SceneSource, fingerprint};
 use anyhow::Context;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use glam::DVec3;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -54,35 +54,11 @@ pub(super) struct Capture {
 #[derive(Args)]
 pub(super) struct QualityArgs {
     /// Pixels a side of each cube face
-    #[arg(long, value_name = "PX", default_value_t = 1024,
+    #[arg(long, value_name = "PX", default_value_t = CaptureJob::DEFAULT_FACE_SIZE_PX,
           value_parser = clap::value_parser!(u32).range(1..=i64::from(crate::ldi::MAX_FACE_SIZE_PX)))]
     pub(super) face_size: u32,
-    /// Strata along each of the four dimensions of rays
-    #[arg(long, value_name = "N", default_value_t = 32,
-          value_parser = clap::value_parser!(u32).range(1..=i64::from(Strata::MAX_PER_DIMENSION)))]
-    pub(super) strata: u32,
-    /// Rays in each stratum
-    #[arg(long, value_name = "M", default_value_t = 16,
-          value_parser = clap::value_parser!(u32).range(1..=i64::from(Strata::MAX_RAYS)))]
-    pub(super) rays: u32,
-    /// Diffuse bounces of light beyond direct light
-    #[arg(long, value_name = "B", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64))]
-    pub(super) bounces: u32,
-    /// Light samples per depth pixel; 0 shows albedo and emission without light
-    #[arg(long, value_name = "K", default_value_t = 4, value_parser = clap::value_parser!(u32).range(0..=65_535))]
-    pub(super) light_samples: u32,
-    /// Random seed
-    #[arg(long, value_name = "K", default_value_t = 0)]
-    pub(super) seed: u64,
-    /// Trace fewer rays where the next one is new with a probability below X; 0 traces all
-    #[arg(long, value_name = "X", default_value_t = CaptureJob::DEFAULT_NOVELTY, value_parser = parse_share, allow_hyphen_values = true)]
-    pub(super) novelty: f64,
-    /// Which rays
-    #[arg(long, default_value = "stratified")]
-    sampler: SamplerArg,
-    /// What becomes of samples at similar depth
-    #[arg(long, default_value = "average")]
-    merge: MergeArg,
+    #[command(flatten)]
+    pub(super) parameters: CaptureParameters,
 }
 
 /// How a cube LDI is packed.
@@ -90,51 +66,18 @@ pub(super) struct QualityArgs {
 pub(super) struct PackingArgs {
     /// What the splat index holds: the paper's normal and depth, or all bits for the normal
     #[arg(long, default_value = "normal")]
-    layout: LayoutArg,
+    layout: SplatIndexLayout,
     /// Near/far split of each face: auto, none, or an eye depth
     #[arg(long, default_value = "auto", value_parser = parse_split, allow_hyphen_values = true)]
-    split: SplitArg,
+    split: Split,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum SamplerArg {
-    Stratified,
-    WhiteNoise,
-    CentreRays,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum MergeArg {
-    Average,
-    SmallerArea,
-    ColorsApart,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum LayoutArg {
-    Paper,
-    Normal,
-}
-
-#[derive(Clone, Copy)]
-enum SplitArg {
-    Auto,
-    None,
-    At(f64),
-}
-
-fn parse_split(text: &str) -> Result<SplitArg, String> {
+/// The depth in the file's own unit.
+fn parse_split(text: &str) -> Result<Split, String> {
     match text {
-        "auto" => Ok(SplitArg::Auto),
-        "none" => Ok(SplitArg::None),
-        depth => parse_length(depth).map(SplitArg::At).map_err(|_| "give auto, none, or an eye depth above 0".into()),
-    }
-}
-
-fn parse_share(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(share) if (0.0..=1.0).contains(&share) => Ok(share),
-        _ => Err("give a probability from 0 to 1".into()),
+        "auto" => Ok(Split::Auto),
+        "none" => Ok(Split::None),
+        depth => parse_length(depth).map(Split::AtDepth).map_err(|_| "give auto, none, or an eye depth above 0".into()),
     }
 }
 
@@ -149,73 +92,31 @@ fn parse_shard(text: &str) -> Result<(u32, u32), String> {
 
 impl PackingArgs {
     pub(super) fn pack(&self, ldi: &crate::ldi::CubeLdi) -> anyhow::Result<PackedCube> {
-        let layout = match self.layout {
-            LayoutArg::Paper => SplatIndexLayout::Paper,
-            LayoutArg::Normal => SplatIndexLayout::Normal,
-        };
         let split = match self.split {
-            SplitArg::Auto => Split::Auto,
-            SplitArg::None => Split::None,
-            SplitArg::At(depth) => Split::AtDepth(depth * ldi.info.unit_m),
+            Split::AtDepth(depth) => Split::AtDepth(depth * ldi.info.frame.unit_m),
+            split => split,
         };
-        Ok(PackedCube::pack(ldi, layout, split)?)
+        Ok(PackedCube::pack(ldi, self.layout, split)?)
     }
 }
 
 impl QualityArgs {
     /// The capture of a headbox with this quality.
     fn job(&self, scene: SceneSource, centre: DVec3, half_size_m: f64) -> CaptureJob {
-        CaptureJob {
-            scene,
-            centre,
-            half_size_m,
-            face_size_px: self.face_size,
-            sampler: match self.sampler {
-                SamplerArg::Stratified => Sampler::Stratified,
-                SamplerArg::WhiteNoise => Sampler::WhiteNoise,
-                SamplerArg::CentreRays => Sampler::CentreRays,
-            },
-            strata: self.strata,
-            rays: self.rays,
-            seed: self.seed,
-            novelty: self.novelty,
-            merge_rule: match self.merge {
-                MergeArg::Average => MergeRule::Average,
-                MergeArg::SmallerArea => MergeRule::SmallerArea,
-                MergeArg::ColorsApart => MergeRule::ColorsApart,
-            },
-            bounces: self.bounces,
-            light_samples: self.light_samples,
-        }
+        let (face_size_px, parameters) = (self.face_size, self.parameters);
+        CaptureJob { scene, centre, half_size_m, face_size_px, parameters }
     }
 }
 
-/// Where the headbox goes: what the user said, else what the scene suggests, else free space. World metres.
+/// Where the headbox goes: what the user said, in the file's own axes and unit, else what the scene suggests, else free space.
 pub(super) fn place_headbox(
     scene: &Arc<Scene>,
     center: Option<DVec3>,
     half_size: Option<f64>,
-) -> anyhow::Result<(DVec3, f64)> {
-    let [low, high] = scene.bounds();
-    let scout = || Tracer::new(Arc::clone(scene), (low + high) / 2.0);
-    let (centre, suggested_half_size) = match (center, scene.headbox) {
-        (Some(center), _) => (scene.frame.world_from_file(center), None),
-        (None, Some(headbox)) => (headbox.centre, Some(headbox.half_size_m)),
-        (None, None) => {
-            let headbox = viewpoint::suggest_headbox(&scout());
-            (headbox.centre, Some(headbox.half_size_m))
-        }
-    };
-    let half_size_m = match (half_size, suggested_half_size) {
-        (Some(half_size), _) => half_size * scene.frame.unit_m,
-        (None, Some(half_size_m)) => half_size_m,
-        (None, None) => viewpoint::suggest_half_size(&scout(), centre),
-    };
-    if !centre.is_finite() || !(1e-9..=1e9).contains(&half_size_m) {
-        let message = format!("a headbox of half-size {half_size_m} m; it must lie between 1e-9 and 1e9 m");
-        return Err(UsageError(message).into());
-    }
-    Ok((centre, half_size_m))
+) -> Result<Headbox, UsageError> {
+    let centre = center.map(|center| scene.frame.world_from_file(center));
+    let half_size_m = half_size.map(|half_size| half_size * scene.frame.unit_m);
+    viewpoint::place_headbox(scene, centre, half_size_m).map_err(|error| UsageError(error.to_string()))
 }
 
 /// Memory for accumulators within a limit for the whole process, and the folder to spill to.
@@ -253,7 +154,7 @@ impl Capture {
         let source = self.scene.source();
         let scene = Arc::new(source.open()?);
         print_notes(&scene);
-        let (centre, half_size_m) = place_headbox(&scene, self.center, self.half_size)?;
+        let Headbox { centre, half_size_m } = place_headbox(&scene, self.center, self.half_size)?;
         let job = self.quality.job(source, centre, half_size_m);
         let tracer = Tracer::new(Arc::clone(&scene), centre);
         let resources = Resources { budget: budget(self.memory, &self.output) };
@@ -261,7 +162,7 @@ impl Capture {
         if let Some(part) = self.shard {
             return self.run_shard(job, part, &tracer, &resources, &bar, start);
         }
-        let lighting = Lighting::measure(&tracer, job.bounces);
+        let lighting = Lighting::measure(&tracer, job.parameters.bounces);
         let (ldi, trace_time) = job.run(&tracer, &lighting, &resources, &bar).context("the capture failed")?;
         drop((tracer, scene));
         let packed = self.packing.pack(&ldi)?;

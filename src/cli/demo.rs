@@ -2,17 +2,17 @@
 
 use super::capture::place_headbox;
 use super::demo_sprites::print_sprite_rows;
-use super::output::{peak_rss_mb, save_png};
+use super::output::{peak_rss_mb, save_png, write_text};
 use super::progress::Bar;
-use super::render::{rgb_image, write_text};
 use crate::capture::light::Lighting;
+use crate::capture::scene::Headbox;
 use crate::capture::trace::Tracer;
 use crate::capture::{Camera, CameraError};
-use crate::ldi::build::{Sampler, Silent};
-use crate::ldi::job::{CaptureJob, Resources};
-use crate::ldi::merge::MergeRule;
+use crate::ldi::job::CaptureJob;
+use crate::ldi::parameters::{CaptureParameters, Resources};
 use crate::metrics::{self, Comparison};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::progress::Silent;
 use crate::render::{RenderSettings, Renderer};
 use crate::report::cube_map::CubeMap;
 use crate::report::sheet::{Sheet, SheetCell, SheetRow};
@@ -84,11 +84,11 @@ impl Demo {
         std::fs::create_dir_all(&self.out).with_context(|| format!("{} could not be made", self.out.display()))?;
         let source = SceneSource::new(&self.scene);
         let scene = Arc::new(source.open()?);
-        let (centre, half_size_m) = place_headbox(&scene, None, None)?;
+        let Headbox { centre, half_size_m } = place_headbox(&scene, None, None)?;
         println!("{}: {} triangles, headbox {:.3} m a side", self.scene, scene.triangles.len(), 2.0 * half_size_m);
         let tracer = Tracer::new(scene, centre);
         let job = job(&sizes, source, centre, half_size_m);
-        let lighting = Lighting::measure(&tracer, job.bounces);
+        let lighting = Lighting::measure(&tracer, job.parameters.bounces);
         let cube = self.capture(&job, &tracer, &lighting)?;
         let rows = render_rows(&cube, &tracer, &lighting, &sizes)?;
         self.save(&rows)?;
@@ -178,18 +178,14 @@ fn sheet_row(row: &Row) -> SheetRow {
 
 fn job(sizes: &Sizes, scene: SceneSource, centre: DVec3, half_size_m: f64) -> CaptureJob {
     CaptureJob {
-        scene,
-        centre,
-        half_size_m,
         face_size_px: sizes.face_size_px,
-        sampler: Sampler::Stratified,
-        strata: sizes.strata,
-        rays: sizes.rays,
-        seed: 0,
-        novelty: CaptureJob::DEFAULT_NOVELTY,
-        merge_rule: MergeRule::Average,
-        bounces: 1,
-        light_samples: sizes.light_samples,
+        parameters: CaptureParameters {
+            strata: sizes.strata,
+            rays_per_stratum: sizes.rays,
+            light_samples: sizes.light_samples,
+            ..CaptureParameters::DEFAULT
+        },
+        ..CaptureJob::new(scene, centre, half_size_m)
     }
 }
 
@@ -206,7 +202,7 @@ fn camera(cube: &PackedCube, offset: [f64; 3], sizes: &Sizes) -> Result<Camera, 
     let [x, y, z] = offset;
     let eye = cube.info.centre + (right * x + DVec3::Y * y - ahead * z) * cube.info.half_size_m;
     let (width, height) = sizes.frame;
-    Camera::look_at(eye, eye + ahead + DVec3::Y * 0.15, DVec3::Y, 60.0, width, height)
+    Camera::look_at(eye, eye + ahead + DVec3::Y * 0.15, DVec3::Y, 60.0, [width, height])
 }
 
 fn render_rows(cube: &PackedCube, tracer: &Tracer, lighting: &Lighting, sizes: &Sizes) -> anyhow::Result<Vec<Row>> {
@@ -224,7 +220,7 @@ fn render_rows(cube: &PackedCube, tracer: &Tracer, lighting: &Lighting, sizes: &
             ms.push(start.elapsed().as_secs_f64() * 1e3);
         }
         ms.sort_by(f64::total_cmp);
-        let (frame, _) = renderer.render(cube, &camera, &settings);
+        let (frame, _) = renderer.render_with_stats(cube, &camera, &settings);
         let truth = truth::render(tracer, lighting, true, &camera, sizes.truth_samples, &bar);
         // A hole shows nothing, or shows the environment where truth shows geometry only.
         let hole = |(pixel, share): (&crate::frame::Coverage, &f32)| {
@@ -232,7 +228,7 @@ fn render_rows(cube: &PackedCube, tracer: &Tracer, lighting: &Lighting, sizes: &
         };
         let holes = frame.coverage.iter().zip(&truth.surface_share).filter(|&pair| hole(pair)).count();
         let hole_fraction = holes as f64 / frame.color.len() as f64;
-        let frame = rgb_image(frame)?;
+        let frame = frame.to_rgb()?;
         let (comparison, map) = metrics::compare_with_map(&truth.color, &frame)?;
         rows.push(Row { label, frame, truth, map: map.to_magma(), ms: ms[REPEATS / 2], hole_fraction, comparison });
     }

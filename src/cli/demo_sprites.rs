@@ -1,16 +1,16 @@
 //! Sprites with depth in `headbox demo`: a few layers taken from the centre, beside the cube LDI.
 
-use super::render::write_text;
-use super::sprite::sky;
+use super::output::write_text;
 use crate::capture::Camera;
 use crate::capture::light::Lighting;
+use crate::capture::statistics::median;
 use crate::capture::trace::Tracer;
 use crate::compose::{ComposeSettings, Composer, Composition};
-use crate::ldi::build::Silent;
+use crate::environment::Environment;
+use crate::frame::Frame;
 use crate::metrics;
-use crate::sprite::{
-    DisplacementFormat, RenderOptions, SlabCapture, SpriteFrame, SpriteSet, Variant, capture_slabs, slabs_at_gaps,
-};
+use crate::progress::Silent;
+use crate::sprite::{DisplacementFormat, RenderOptions, SlabCapture, SpriteSet, Variant, capture_slabs, slabs_at_gaps};
 use image::RgbImage;
 use std::path::Path;
 use std::time::Instant;
@@ -40,7 +40,7 @@ pub(super) fn print_sprite_rows(
     let capture = SlabCapture { tracer, lighting, lit: true, samples: SAMPLES, format: DisplacementFormat::default() };
     let slabs = slabs_at_gaps(tracer, &taken, LAYERS);
     let mut set = SpriteSet::new(capture_slabs(&capture, &taken, &slabs, &Silent)?);
-    set.environment = sky(lighting);
+    set.environment = Environment::sky(lighting);
     set.write(&folder.join("demo.sprite"))?;
     let count = set.sprites().len();
     let layers = Composition::new(set, Vec::new());
@@ -71,7 +71,7 @@ fn draw(
         sprites: RenderOptions { variant, ..RenderOptions::default() },
         ..ComposeSettings::default()
     };
-    let (mut composer, mut frame) = (Composer::default(), SpriteFrame::default());
+    let (mut composer, mut frame) = (Composer::default(), Frame::default());
     let (mut ms, mut flips) = (Vec::new(), Vec::new());
     for (camera, truth) in cameras.iter().zip(truths) {
         for _ in 0..REPEATS {
@@ -79,8 +79,7 @@ fn draw(
             layers.render(&mut composer, camera, &settings, &mut frame);
             ms.push(start.elapsed().as_secs_f64() * 1e3);
         }
-        flips.push(metrics::compare(truth, &frame.to_rgb(settings.cubes.hole_color_srgb))?.flip);
+        flips.push(metrics::compare(truth, &frame.to_rgb()?)?.flip);
     }
-    ms.sort_by(f64::total_cmp);
-    Ok((ms[ms.len() / 2], flips))
+    Ok((median(ms).unwrap_or(f64::NAN), flips))
 }

@@ -6,7 +6,7 @@ use super::output::{print_json, print_notes, save_png};
 use crate::capture::load::{LoadedModel, ModelOptions, load_model};
 use crate::capture::portal_model::{Finding, PortalModel};
 use crate::capture::trace::Tracer;
-use crate::portal::plan::{Plan, storeys};
+use crate::portal::floor_plan::{FloorPlan, storeys};
 use anyhow::Context;
 use clap::Args;
 use glam::DVec2;
@@ -101,7 +101,7 @@ impl House {
     fn draw(&self, model: &PortalModel, path: &Path) -> anyhow::Result<Vec<PathBuf>> {
         let mut written = Vec::new();
         for (storey, floor) in (1..).zip(storeys(model)) {
-            let plan = Plan::new(model, floor + self.cut);
+            let plan = FloorPlan::new(model, floor + self.cut);
             let path = of_storey(path, storey);
             match plan_kind(&path)? {
                 PlanKind::Png => save_png(&path, &plan.to_image())?,

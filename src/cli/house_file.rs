@@ -2,22 +2,22 @@
 
 use super::UsageError;
 use super::args::DefaultCamera;
-use super::output::print_json;
+use super::output::{print_json, write_text};
 use super::progress::Bar;
-use super::walk::variant_by_name;
 use crate::capture::Camera;
 use crate::capture::bake::{BakeOptions, bake_model};
 use crate::capture::path::{CameraRecord, PathRecord};
 use crate::capture::portal_model::PortalModel;
 use crate::capture::scene::FileFrame;
-use crate::ldi::build::Progress;
 use crate::portal::backdrop::{Backdrop, Kind, PortalSide, Quality};
 use crate::portal::file;
 use crate::portal::house::House;
-use crate::portal::path::{PAPER_POSES, WalkPath};
+use crate::portal::settings::{WalkSettings, WalkStats};
 use crate::portal::store::Store;
 use crate::portal::variant::Variant;
-use crate::portal::walk::{WalkSettings, WalkStats, Walker};
+use crate::portal::walk::Walker;
+use crate::portal::walk_path::{PAPER_POSES, WalkPath};
+use crate::progress::Progress;
 use anyhow::Context;
 use clap::Args;
 use image::RgbImage;
@@ -134,7 +134,7 @@ impl HouseFileArgs {
         };
         let poses = walk.cameras(house)?.iter().map(record).collect();
         let text = serde_json::to_string(&PathRecord { size: Some(walk.size), poses })?;
-        super::render::write_text(path, &text)
+        write_text(path, &text)
     }
 }
 
@@ -144,6 +144,12 @@ fn kind_by_name(name: &str) -> Result<Kind, UsageError> {
         let names: Vec<&str> = Kind::ALL.iter().map(|(name, _)| *name).collect();
         UsageError(format!("there is no backdrop \"{name}\"; there are: {}", names.join(", ")))
     })
+}
+
+/// A way to draw a walk, or a sentence with the names of all.
+pub(super) fn variant_by_name(name: &str) -> Result<Variant, UsageError> {
+    Variant::by_name(name)
+        .ok_or_else(|| UsageError(format!("there is no variant \"{name}\"; there are: {}", Variant::names())))
 }
 
 /// A `.house` file to be walked.
@@ -197,7 +203,7 @@ impl HouseContent {
                 if stats.cell.is_none() {
                     eprintln!("note: the eye is in no cell (inside a wall?); all cells are drawn as geometry");
                 }
-                return Ok(WalkedFrame { image: super::render::rgb_image(frame)?, ms, stats: stats.clone() });
+                return Ok(WalkedFrame { image: frame.to_rgb()?, ms, stats: stats.clone() });
             }
         }
     }

@@ -3,10 +3,9 @@
 use super::args::vertical_fov_deg;
 use super::house_file;
 use super::output::print_json;
-use crate::capture::scene::{FileFrame, UpAxis};
 use crate::container::Container;
-use crate::ldi::file::CUBE_LDI;
 use crate::ldi::shard::{self, SHARD};
+use crate::packed::file::CUBE_LDI;
 use crate::packed::{PackedCube, SegmentSide};
 use crate::portal::file::HOUSE_FILE;
 use crate::sprite::{SPRITE_FILE, SpriteSet, SpriteWithDepth};
@@ -61,15 +60,18 @@ impl Info {
             return Ok(());
         }
         let info = &cube.info;
-        let frame = FileFrame { up: if info.z_up { UpAxis::Z } else { UpAxis::Y }, unit_m: info.unit_m };
+        let frame = info.frame;
         println!("{}: {}, {bytes} bytes", self.file.display(), CUBE_LDI.name);
         println!("  scene       {}", info.scene);
         println!("  centre      {} (in the file's axes and unit)", frame.file_from_world(info.centre));
-        println!("  half-size   {} (file units)", info.half_size_m / info.unit_m);
-        println!("  world       1 file unit = {} m, {} up in the file", info.unit_m, if info.z_up { "Z" } else { "Y" });
+        println!("  half-size   {} (file units)", info.half_size_m / frame.unit_m);
+        println!("  world       1 file unit = {} m, {} up in the file", info.frame.unit_m, info.frame.up);
         println!("  faces       6 x {0}x{0} pixels", cube.face_size_px);
         println!("  samples     {} depth pixels from {} rays", cube.depth_pixel_count(), info.rays_traced);
-        println!("  light       {} bounces, {} samples, exposure {}", info.bounces, info.light_samples, info.exposure);
+        println!(
+            "  light       {} bounces, {} samples, exposure {}",
+            info.parameters.bounces, info.parameters.light_samples, info.exposure
+        );
         for (face, missing) in crate::capture::rig::Face::ALL.iter().zip(info.missing_estimate) {
             if let Some(missing) = missing {
                 println!("  {}          next ray new with probability {missing:.4}", face.name());
@@ -104,7 +106,7 @@ impl Info {
         let info = &set.info;
         println!("{}: {} sprites with depth, {bytes} bytes", self.file.display(), sprites.len());
         println!("  source      {}", info.source);
-        println!("  world       1 file unit = {} m, {} up in the file", info.unit_m, if info.z_up { "Z" } else { "Y" });
+        println!("  world       1 file unit = {} m, {} up in the file", info.frame.unit_m, info.frame.up);
         for (number, sprite) in sprites.iter().enumerate() {
             let camera = sprite.sprite().camera();
             let (columns, rows) = sprite.displacement().size();
@@ -150,12 +152,12 @@ impl Info {
 pub(super) fn sprite_json(sprite: &SpriteWithDepth, set: &SpriteSet) -> serde_json::Value {
     let (camera, plane) = (sprite.sprite().camera(), sprite.sprite().plane());
     let (columns, rows) = sprite.displacement().size();
-    let in_file = |point: glam::DVec3| set.info.frame().file_from_world(point);
+    let in_file = |point: glam::DVec3| set.info.frame.file_from_world(point);
     json!({
         "size": [camera.width(), camera.height()], "displacement_size": [columns, rows],
         "displacement_format": sprite.displacement().format(),
         "eye": in_file(camera.eye()), "look_at": in_file(camera.eye() + camera.forward()),
-        "up_vector": in_file(camera.world_from_eye().y_axis * set.info.unit_m),
+        "up_vector": in_file(camera.world_from_eye().y_axis * set.info.frame.unit_m),
         "fov": vertical_fov_deg(camera),
         "plane_normal": plane.normal, "plane_offset_m": plane.offset, "eye_depth_m": depth_range(sprite),
     })

@@ -5,7 +5,7 @@ use super::output::{peak_rss_mb, print_json};
 use super::progress::Bar;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
-use crate::ldi::job::Resources;
+use crate::ldi::parameters::Resources;
 use crate::ldi::shard;
 use crate::scene_source::fingerprint;
 use anyhow::{Context, ensure};
@@ -54,7 +54,7 @@ impl Merge {
             source.name
         );
         let tracer = Tracer::new(Arc::new(scene), first.job.centre);
-        let lighting = Lighting::measure(&tracer, first.job.bounces);
+        let lighting = Lighting::measure(&tracer, first.job.parameters.bounces);
         let resources = Resources { budget: budget(self.memory, &self.output) };
         let mut tracing = first.empty_tracing(resources.budget.clone())?;
         for (path, info) in &infos {

@@ -31,6 +31,7 @@ mod truth;
 mod view;
 mod walk;
 
+use crate::capture::simd;
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
@@ -94,6 +95,7 @@ pub fn main() -> ExitCode {
 
 fn run(cli: Cli) -> anyhow::Result<()> {
     crate::files::clean_up_on_interrupt()?;
+    simd::requested().map_err(|error| UsageError(error.to_string()))?;
     if let Some(threads) = cli.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()?;
     }

@@ -55,3 +55,9 @@ pub(super) fn save_png(path: &Path, image: &image::RgbImage) -> anyhow::Result<(
     });
     written.with_context(|| format!("{} could not be written", path.display()))
 }
+
+/// Writes a text file, whole or not at all.
+pub(super) fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
+    let written = crate::files::write_atomically(path, |w| w.write_all(text.as_bytes()));
+    written.with_context(|| format!("{} could not be written", path.display()))
+}

@@ -1,6 +1,6 @@
 //! Progress bars on a terminal, nothing elsewhere.
 
-use crate::ldi::build::Progress;
+use crate::progress::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
 
 /// A bar on standard error, one stage after the other.

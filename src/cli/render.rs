@@ -1,11 +1,12 @@
 //! `headbox render`.
 
 use super::UsageError;
-use super::args::{CameraArgs, DefaultCamera, frame_of};
+use super::args::{CameraArgs, DefaultCamera};
 use super::house_file::HouseContent;
-use super::output::{print_json, save_png};
-use crate::capture::Camera;
+use super::output::{print_json, save_png, write_text};
 use crate::capture::scene::FileFrame;
+use crate::capture::statistics::median;
+use crate::capture::{Camera, simd};
 use crate::compose::{ComposeSettings, Composer, Composition};
 use crate::container::Container;
 use crate::frame::Frame;
@@ -14,12 +15,12 @@ use crate::path;
 use crate::portal::file::HOUSE_FILE;
 use crate::render::splat::SplatKernel;
 use crate::render::{Parallel, RenderSettings, Renderer};
-use crate::sprite::{DepthPicture, RenderOptions, SPRITE_FILE, Sampling, SpriteFrame, SpriteSet, Variant};
+use crate::sprite::{DepthPicture, RenderOptions, SPRITE_FILE, Sampling, SpriteSet, Variant};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use image::RgbImage;
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 #[derive(Args)]
@@ -88,9 +89,7 @@ struct Rendered {
 
 impl Rendered {
     fn ms_median(&self) -> f64 {
-        let mut sorted = self.ms.clone();
-        sorted.sort_by(f64::total_cmp);
-        sorted[sorted.len() / 2]
+        median(self.ms.iter().copied()).unwrap_or(f64::NAN)
     }
 
     fn hole_fraction(&self) -> f64 {
@@ -102,7 +101,7 @@ impl Rendered {
 enum Content {
     House(Box<HouseContent>),
     Cube { cube: PackedCube, renderer: Box<Renderer>, settings: RenderSettings },
-    Layers { layers: Composition, composer: Box<Composer>, settings: ComposeSettings, frame: SpriteFrame },
+    Layers { layers: Composition, composer: Box<Composer>, settings: ComposeSettings, frame: Frame },
 }
 
 impl Render {
@@ -127,14 +126,14 @@ impl Render {
                 let set = SpriteSet::read(file)?;
                 let Some(first) = set.sprites().first() else { bail!("{}: holds no sprites", file.display()) };
                 let camera = DefaultCamera::like(first.sprite().sprite().camera());
-                world.get_or_insert((set.info.frame(), camera));
+                world.get_or_insert((set.info.frame, camera));
                 match &mut sprites {
                     None => sprites = Some(set),
                     Some(sprites) => sprites.append(set),
                 }
             } else {
                 let cube = PackedCube::read(file)?;
-                world.get_or_insert((frame_of(&cube.info), DefaultCamera::at(cube.info.centre)));
+                world.get_or_insert((cube.info.frame, DefaultCamera::at(cube.info.centre)));
                 cubes.push(cube);
             }
         }
@@ -148,7 +147,7 @@ impl Render {
                 layers: Composition::new(sprites.unwrap_or_else(|| SpriteSet::new(Vec::new())), cubes),
                 composer: Box::default(),
                 settings,
-                frame: SpriteFrame::default(),
+                frame: Frame::default(),
             },
         };
         Ok((content, frame, camera))
@@ -217,7 +216,7 @@ impl Render {
                 "ms_median": ms_median, "ms": rendered.ms, "stages": rendered.stages, "variant": content.variant(),
                 "depth_pixels_in": rendered.depth_pixels_in, "splatted": rendered.splatted,
                 "statistics": rendered.statistics, "hole_fraction": rendered.hole_fraction(),
-                "threads": rayon::current_num_threads(),
+                "threads": rayon::current_num_threads(), "simd": simd::name(simd::level()),
             }));
         } else {
             let (file, holes) = (self.output.display(), rendered.hole_fraction() * 100.0);
@@ -253,13 +252,12 @@ impl Render {
             times.push(ms);
         }
         write_text(&folder.join("times.csv"), &csv)?;
-        let mut sorted = times.clone();
-        sorted.sort_by(f64::total_cmp);
-        let (median, worst) = (sorted[sorted.len() / 2], sorted[sorted.len() - 1]);
+        let median = median(times.iter().copied()).unwrap_or(f64::NAN);
+        let worst = times.iter().copied().fold(f64::NAN, f64::max);
         if self.json {
             print_json(&json!({
                 "ms_median": median, "ms": times, "frames": times.len(), "variant": content.variant(),
-                "threads": rayon::current_num_threads(),
+                "threads": rayon::current_num_threads(), "simd": simd::name(simd::level()),
             }));
         } else {
             println!("{}: {} frames, median {median:.2} ms, worst {worst:.2} ms", folder.display(), times.len());
@@ -275,7 +273,7 @@ impl Content {
             Self::House(house) => render_house(house, camera, repeat),
             Self::Cube { cube, renderer, settings } => render_cube(renderer, cube, camera, settings, repeat),
             Self::Layers { layers, composer, settings, frame } => {
-                Ok(render_layers(composer, layers, camera, settings, frame, repeat))
+                render_layers(composer, layers, camera, settings, frame, repeat)
             }
         }
     }
@@ -330,11 +328,11 @@ fn render_cube(
     let mut ms = Vec::with_capacity(repeat as usize);
     loop {
         let start = Instant::now();
-        let (frame, stats) = renderer.render(cube, camera, settings);
+        let (frame, stats) = renderer.render_with_stats(cube, camera, settings);
         ms.push(start.elapsed().as_secs_f64() * 1e3);
         if ms.len() >= repeat as usize {
             let mut rendered = Rendered {
-                image: rgb_image(frame)?,
+                image: frame.to_rgb()?,
                 ms,
                 stages: json!({"clear_ms": stats.clear_ms, "warp_ms": stats.warp_ms, "finish_ms": stats.finish_ms}),
                 statistics: serde_json::to_value(stats)?,
@@ -353,17 +351,17 @@ fn render_layers(
     layers: &Composition,
     camera: &Camera,
     settings: &ComposeSettings,
-    frame: &mut SpriteFrame,
+    frame: &mut Frame,
     repeat: u32,
-) -> Rendered {
+) -> anyhow::Result<Rendered> {
     let mut ms = Vec::with_capacity(repeat as usize);
     loop {
         let start = Instant::now();
         let stats = layers.render(composer, camera, settings, frame);
         ms.push(start.elapsed().as_secs_f64() * 1e3);
         if ms.len() >= repeat as usize {
-            return Rendered {
-                image: frame.to_rgb(settings.cubes.hole_color_srgb),
+            return Ok(Rendered {
+                image: frame.to_rgb()?,
                 ms,
                 stages: json!({
                     "sprites_ms": stats.sprites_ms, "cubes_ms": stats.cubes_ms, "compose_ms": stats.compose_ms,
@@ -374,19 +372,7 @@ fn render_layers(
                 depth_pixels_in: stats.depth_pixels_in,
                 splatted: stats.splatted,
                 hole_pixels: stats.hole_pixels,
-            };
+            });
         }
     }
-}
-
-/// The colours of a frame.
-pub(super) fn rgb_image(frame: &Frame) -> anyhow::Result<RgbImage> {
-    let rgb = frame.color.iter().flat_map(|&[r, g, b, _]| [r, g, b]).collect();
-    RgbImage::from_raw(frame.width, frame.height, rgb).context("the frame's size does not fit its pixels")
-}
-
-/// Writes a text file, whole or not at all.
-pub(super) fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
-    let written = crate::files::write_atomically(path, |w| std::io::Write::write_all(w, text.as_bytes()));
-    written.with_context(|| format!("{} could not be written", path.display()))
 }

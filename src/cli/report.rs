@@ -1,17 +1,17 @@
 //! `headbox report`.
 
 use super::UsageError;
-use super::args::{FrameArgs, Unit, Up, parse_length, parse_vector};
+use super::args::{FrameArgs, Unit, parse_length, parse_up, parse_vector};
 use super::capture::place_headbox;
-use super::output::{print_notes, save_png};
+use super::output::{print_notes, save_png, write_text};
 use super::progress::Bar;
-use super::render::write_text;
 use crate::capture::light::Lighting;
+use crate::capture::scene::Headbox;
 use crate::capture::scene::UpAxis;
 use crate::capture::trace::Tracer;
 use crate::container::Container;
-use crate::ldi::file::CUBE_LDI;
 use crate::packed::PackedCube;
+use crate::packed::file::CUBE_LDI;
 use crate::report::figures::figures;
 use crate::report::machine::commit;
 use crate::report::plan::{Plan, Quality, most_to_see};
@@ -67,7 +67,7 @@ struct Named {
     name: String,
     center: Option<DVec3>,
     half_size: Option<f64>,
-    up: Option<Up>,
+    up: Option<UpAxis>,
     unit: Option<Unit>,
 }
 
@@ -88,7 +88,7 @@ fn parse_named(text: &str) -> Result<Named, String> {
         match key {
             "center" => named.center = Some(parse_vector(value)?),
             "half" => named.half_size = Some(parse_length(value)?),
-            "up" => named.up = Some(Up::from_str(value, true)?),
+            "up" => named.up = Some(parse_up(value)?),
             "unit" => named.unit = Some(Unit::from_str(value, true)?),
             _ => return Err(format!("{key}: give one of {}", KEYS.join("=, "))),
         }
@@ -189,18 +189,12 @@ impl ReportCommand {
         let (mut cube, mut sprites) = (None, None);
         let source = if kind == Some(CUBE_LDI.tag) {
             let read = PackedCube::read(path)?;
-            let source = SceneSource {
-                name: read.info.scene.clone(),
-                z_up: Some(read.info.z_up),
-                unit_m: Some(read.info.unit_m),
-            };
+            let source = SceneSource::in_frame(&read.info.scene, read.info.frame);
             cube = Some(read);
             source
         } else if kind == Some(SPRITE_FILE.tag) {
             let read = SpriteSet::read(path)?;
-            let frame = read.info.frame();
-            let z_up = Some(frame.up == UpAxis::Z);
-            let source = SceneSource { name: read.info.source.clone(), z_up, unit_m: Some(frame.unit_m) };
+            let source = SceneSource::in_frame(&read.info.source, read.info.frame);
             sprites = Some(read);
             source
         } else {
@@ -209,11 +203,11 @@ impl ReportCommand {
         let scene = source.open().with_context(|| format!("the scene of {name} is needed for truth"))?;
         let scene = Arc::new(scene);
         print_notes(&scene);
-        let (mut centre, mut half_size_m) = place_headbox(&scene, named.center, named.half_size)?;
+        let Headbox { mut centre, mut half_size_m } = place_headbox(&scene, named.center, named.half_size)?;
         let (mut bounces, mut lit, mut ahead) = (self.bounces, true, None);
         if let Some(cube) = &cube {
             (centre, half_size_m) = (cube.info.centre, cube.info.half_size_m);
-            (bounces, lit) = (cube.info.bounces, cube.info.light_samples > 0);
+            (bounces, lit) = (cube.info.parameters.bounces, cube.info.parameters.light_samples > 0);
         }
         if let Some(set) = &sprites {
             let Some(first) = set.sprites().first() else { bail!("{name}: holds no sprites") };
@@ -254,7 +248,7 @@ mod tests {
         let named = parse_named("a@home/house.obj@up=z@center=0,-1,1.5@half=0.4@unit=cm").unwrap();
         assert_eq!((named.name.as_str(), named.center), ("a@home/house.obj", Some(DVec3::new(0.0, -1.0, 1.5))));
         assert!(named.half_size == Some(0.4) && named.is_placed());
-        assert!(matches!((named.up, named.unit), (Some(Up::Z), Some(Unit::Cm))));
+        assert!(matches!((named.up, named.unit), (Some(UpAxis::Z), Some(Unit::Cm))));
         let plain = parse_named("a@home/house.obj").unwrap();
         assert!(plain.name == "a@home/house.obj" && !plain.is_placed());
         for wrong in ["a.obj@center=1,2", "a.obj@half=0", "a.obj@half=1@size=3", "a.obj@up=x", "a.obj@unit=m@z"] {

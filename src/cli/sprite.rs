@@ -4,13 +4,12 @@ use super::UsageError;
 use super::args::{CameraArgs, DefaultCamera, FrameArgs, parse_length};
 use super::capture::place_headbox;
 use super::info::sprite_json;
-use super::output::{peak_rss_mb, print_json, print_notes, save_png};
+use super::output::{peak_rss_mb, print_json, print_notes, save_png, write_text};
 use super::progress::Bar;
-use super::render::write_text;
 use crate::capture::DepthKind;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
-use crate::ldi::Environment;
+use crate::environment::Environment;
 use crate::report::sprite_range::SpriteRange;
 use crate::scene_source::SceneSource;
 use crate::sprite::{
@@ -167,7 +166,7 @@ impl SpriteCommand {
     fn capture(&self, source: &SceneSource) -> anyhow::Result<SpriteSet> {
         let scene = Arc::new(source.open()?);
         print_notes(&scene);
-        let (centre, _) = place_headbox(&scene, None, None)?;
+        let centre = place_headbox(&scene, None, None)?.centre;
         let camera = self.camera.camera(&scene.frame, &DefaultCamera::at(centre))?;
         let tracer = Tracer::new(Arc::clone(&scene), camera.eye());
         let lighting = Lighting::measure(&tracer, self.quality.bounces);
@@ -186,9 +185,8 @@ impl SpriteCommand {
             bail!("nothing of {} is seen from there: move --eye or --look-at", source.name);
         }
         let mut set = self.set(sprites)?;
-        let z_up = scene.frame.up == crate::capture::scene::UpAxis::Z;
-        set.info = SpriteInfo { source: source.name.clone(), z_up, unit_m: scene.frame.unit_m };
-        set.environment = sky(&lighting);
+        set.info = SpriteInfo { source: source.name.clone(), frame: scene.frame };
+        set.environment = Environment::sky(&lighting);
         if let Some(folder) = &self.range {
             let range = SpriteRange::measure(&capture, &camera, set.clone())?;
             let range = range.context("nothing lies straight ahead to measure a range by: move --look-at")?;
@@ -232,8 +230,7 @@ impl SpriteCommand {
         let sprite =
             import.build().with_context(|| format!("{} and {}", color_path.display(), depth_path.display()))?;
         let mut set = self.set(vec![sprite])?;
-        let z_up = frame.up == crate::capture::scene::UpAxis::Z;
-        set.info = SpriteInfo { source: color_path.display().to_string(), z_up, unit_m: frame.unit_m };
+        set.info = SpriteInfo { source: color_path.display().to_string(), frame };
         Ok(set)
     }
 
@@ -279,13 +276,6 @@ impl ImportArgs {
             _ => Ok((0.0, 0.0)),
         }
     }
-}
-
-/// The sky as a cube map; of size 0 where there is none.
-pub(super) fn sky(lighting: &Lighting) -> Environment {
-    /// Smooth as it is, the sky needs no more.
-    const SIZE_PX: u32 = 128;
-    if lighting.sky.is_none() { Environment::default() } else { Environment::of_sky(SIZE_PX, lighting, |_| true) }
 }
 
 /// Writes `range.csv` and `range.png`, and prints what they say.

@@ -40,7 +40,7 @@ impl Truth {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let scene = Arc::new(self.scene.source().open()?);
         print_notes(&scene);
-        let (centre, _) = place_headbox(&scene, None, None)?;
+        let centre = place_headbox(&scene, None, None)?.centre;
         let camera = self.camera.camera(&scene.frame, &DefaultCamera::at(centre))?;
         let tracer = Tracer::new(Arc::clone(&scene), camera.eye());
         let lighting = Lighting::measure(&tracer, self.bounces);

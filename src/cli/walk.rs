@@ -2,13 +2,13 @@
 
 use super::UsageError;
 use super::args::parse_size;
-use super::output::{print_json, save_png};
+use super::house_file::variant_by_name;
+use super::output::{print_json, save_png, write_text};
 use super::progress::Bar;
-use super::render::write_text;
 use crate::portal::file;
 use crate::portal::measure::{MeasureSettings, PosePictures, measure};
-use crate::portal::path::{PAPER_POSES, WalkPath};
 use crate::portal::variant::Variant;
+use crate::portal::walk_path::{PAPER_POSES, WalkPath};
 use crate::report::sheet::{Sheet, SheetCell, SheetRow};
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -100,12 +100,6 @@ impl Walk {
         }
         self.variants.iter().map(|name| variant_by_name(name)).collect()
     }
-}
-
-/// A way to draw a walk, or a sentence with the names of all.
-pub(super) fn variant_by_name(name: &str) -> Result<Variant, UsageError> {
-    Variant::by_name(name)
-        .ok_or_else(|| UsageError(format!("there is no variant \"{name}\"; there are: {}", Variant::names())))
 }
 
 /// Truth and all variants, four to a row.

@@ -6,10 +6,11 @@
 mod order;
 
 use crate::capture::Camera;
-use crate::ldi::Environment;
+use crate::environment::Environment;
+use crate::frame::Frame;
 use crate::packed::PackedCube;
 use crate::render::{RenderSettings, Renderer};
-use crate::sprite::{Outcome, RenderOptions, SpriteFrame, SpriteRenderer, SpriteSet};
+use crate::sprite::{Outcome, RenderOptions, SpriteLayer, SpriteRenderer, SpriteSet};
 use glam::DVec3;
 use order::CubePoints;
 use serde::Serialize;
@@ -67,7 +68,10 @@ pub struct ComposeStats {
 pub struct Composer {
     sprites: SpriteRenderer,
     cubes: Renderer,
-    layer: SpriteFrame,
+    /// One sprite.
+    layer: SpriteLayer,
+    /// The layers drawn so far, over each other.
+    composed: SpriteLayer,
 }
 
 impl Composition {
@@ -105,17 +109,16 @@ impl Composition {
         order::back_to_front(&self.sprites, &self.points, eye)
     }
 
-    /// Draws what `camera` sees into `frame`, which takes the camera's size. Transparent pixels are those of which
-    /// nothing is known.
+    /// Draws what `camera` sees into `frame`, which takes the camera's size.
     pub fn render(
         &self,
         composer: &mut Composer,
         camera: &Camera,
         settings: &ComposeSettings,
-        frame: &mut SpriteFrame,
+        frame: &mut Frame,
     ) -> ComposeStats {
         let started = Instant::now();
-        frame.reset(camera.width(), camera.height());
+        composer.composed.reset(camera.width(), camera.height());
         let mut stats = ComposeStats {
             outcomes: vec![Outcome::Drawn; self.sprites.sprites().len()],
             order: self.back_to_front(camera.eye()),
@@ -128,6 +131,7 @@ impl Composition {
                     let sprite = &self.sprites.sprites()[index];
                     let outcome = composer.sprites.render(sprite, camera, &settings.sprites, &mut composer.layer);
                     stats.outcomes[index] = outcome;
+                    composer.composed.draw_over(&composer.layer);
                     stats.sprites_ms += layer_started.elapsed().as_secs_f64() * 1e3;
                 }
                 Layer::Cube(index) => {
@@ -135,25 +139,19 @@ impl Composition {
                     stats.cubes_ms += layer_started.elapsed().as_secs_f64() * 1e3;
                 }
             }
-            frame.draw_over(&composer.layer);
         }
-        self.draw_environment(camera, frame);
-        stats.hole_pixels = frame.pixels().iter().filter(|pixel| pixel[3] == 0).count() as u64;
+        let environment = |x: u32, y: u32| {
+            let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
+            self.environment.sample(direction.as_vec3())
+        };
+        composer.composed.finish(environment, settings.cubes.hole_color_srgb, frame);
+        stats.hole_pixels = frame.hole_count();
         stats.compose_ms = started.elapsed().as_secs_f64() * 1e3 - stats.sprites_ms - stats.cubes_ms;
         stats
     }
-
-    fn draw_environment(&self, camera: &Camera, frame: &mut SpriteFrame) {
-        if self.environment.size_px > 0 {
-            frame.draw_under(|x, y| {
-                let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
-                self.environment.sample(direction.as_vec3())
-            });
-        }
-    }
 }
 
-/// Draws a cube LDI without an environment into the composer's layer.
+/// Draws a cube LDI without an environment over the layers before it.
 fn draw_cube(
     composer: &mut Composer,
     cube: &PackedCube,
@@ -161,9 +159,8 @@ fn draw_cube(
     settings: &RenderSettings,
     stats: &mut ComposeStats,
 ) {
-    let (drawn, cube_stats) = composer.cubes.render(cube, camera, settings);
-    let pixels = drawn.color.iter().zip(&drawn.coverage).map(|(&[r, g, b, _], c)| [r, g, b, c.splat_share()]);
-    composer.layer.set_straight(drawn.width, drawn.height, pixels);
+    let (drawn, cube_stats) = composer.cubes.render_with_stats(cube, camera, settings);
+    composer.composed.draw_frame_over(drawn);
     stats.depth_pixels_in += cube_stats.depth_pixels_in;
     stats.splatted += cube_stats.splatted;
 }

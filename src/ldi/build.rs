@@ -4,82 +4,18 @@
 //! one run; a hit goes to the face whose frustum contains it, whichever face its ray left (C13).
 
 use super::accumulate::{Accumulator, DepthBins, Sample, sixteen_bits};
-use super::merge::MergeRule;
 use super::misses::MissMap;
-use super::plan::RayPlan;
+use super::parameters::{CaptureSettings, Sampler};
+use super::ray_plan::RayPlan;
 use super::store::{InsertScratch, TileStore};
 use crate::capture::rig::Face;
-use crate::capture::sampler::{DirectionCell, RayDomain, RayKey, Strata};
+use crate::capture::sampler::{DirectionCell, RayDomain, RayKey};
 use crate::capture::trace::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
+use crate::progress::{Progress, check_cancelled};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use std::io;
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
-
-/// Which rays a capture traces.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Sampler {
-    /// Jittered in 4-D strata (S15; default).
-    #[default]
-    Stratified,
-    /// Independent over the whole domain.
-    WhiteNoise,
-    /// One ray through the centre of each pixel, from the centre of the cube, every hit kept (S13): the baseline that
-    /// undersamples surfaces seen edge-on.
-    CentreRays,
-}
-
-/// What to capture and how.
-#[derive(Clone, Debug, PartialEq)]
-pub struct CaptureSettings {
-    /// Half of the headbox's edge, metres; its centre is the tracer's origin.
-    pub half_size_m: f64,
-    /// Pixels a side of a face.
-    pub face_size_px: u32,
-    /// Which rays.
-    pub sampler: Sampler,
-    /// The strata of each face of the headbox.
-    pub strata: Strata,
-    /// Threshold of the novelty plan, see [`RayPlan::from_pilot`]; 0 traces every ray.
-    pub novelty: f64,
-    /// What becomes of samples at similar depth.
-    pub merge_rule: MergeRule,
-    /// Light samples per depth pixel.
-    pub light_samples: u32,
-    /// Bytes that accumulators may take before they are spilled, and the folder to spill to.
-    pub budget: Option<(u64, PathBuf)>,
-    /// Part `.0` (from 0) of `.1`: this run traces only its share of the rays.
-    pub shard: (u32, u32),
-}
-
-/// Where a capture reports how far it is. Called from many threads.
-pub trait Progress: Sync {
-    /// A stage of `total` steps begins; `unit` names them ("rays", "tiles").
-    fn begin(&self, stage: &str, unit: &str, total: u64);
-    /// `steps` more are done.
-    fn advance(&self, steps: u64);
-    /// Whether the work should be given up: whoever does it then returns an error of kind
-    /// [`io::ErrorKind::Interrupted`] soon, or something that nobody will look at.
-    fn is_cancelled(&self) -> bool {
-        false
-    }
-}
-
-/// The error of work that was given up.
-pub(crate) fn check_cancelled(progress: &dyn Progress) -> io::Result<()> {
-    if progress.is_cancelled() { Err(io::ErrorKind::Interrupted.into()) } else { Ok(()) }
-}
-
-/// Reports to nobody.
-pub struct Silent;
-
-impl Progress for Silent {
-    fn begin(&self, _: &str, _: &str, _: u64) {}
-    fn advance(&self, _: u64) {}
-}
 
 /// Rays traced and kept, not yet lit and merged: what a shard file holds.
 pub struct Tracing {
@@ -99,10 +35,10 @@ pub struct Tracing {
 /// If spilling to disk fails.
 pub fn trace(tracer: &Tracer, settings: &CaptureSettings, progress: &dyn Progress) -> io::Result<Tracing> {
     let new_store = || {
-        let budget = settings.budget.as_ref().map(|(bytes, dir)| (*bytes, dir.as_path()));
+        let budget = settings.resources.budget.as_ref().map(|(bytes, dir)| (*bytes, dir.as_path()));
         TileStore::new(settings.face_size_px, budget)
     };
-    let strata = settings.strata;
+    let strata = settings.parameters.strata();
     let (part, parts) = settings.shard;
     let mut run = Tracing {
         store: new_store()?,
@@ -110,7 +46,7 @@ pub fn trace(tracer: &Tracer, settings: &CaptureSettings, progress: &dyn Progres
         plan: RayPlan::full(strata, 6),
         rays: 0,
     };
-    if settings.sampler == Sampler::CentreRays {
+    if settings.parameters.sampler == Sampler::CentreRays {
         run.rays = pierce_from_centre(tracer, settings, &run, progress)?;
         return Ok(run);
     }
@@ -118,13 +54,13 @@ pub fn trace(tracer: &Tracer, settings: &CaptureSettings, progress: &dyn Progres
     let jobs: Vec<(u8, u32)> =
         (0..6).flat_map(|domain| (0..strata.direction_cells()).map(move |cell| (domain, cell))).collect();
     let mine: Vec<(u8, u32)> = jobs.iter().copied().skip(part as usize).step_by(parts as usize).collect();
-    let planned = settings.novelty > 0.0 && strata.rays > 1;
+    let planned = settings.parameters.novelty > 0.0 && strata.rays > 1;
     if planned {
         let pilot = run.plan.pilot_rays;
         let count = jobs.len() as u64 * u64::from(strata.position_cells()) * u64::from(pilot);
         progress.begin("pilot", "rays", count);
         trace_jobs(tracer, settings, &run, &jobs, |_| 0..pilot, progress)?;
-        run.plan = RayPlan::from_pilot(strata, 6, &run.store, settings.novelty)?;
+        run.plan = RayPlan::from_pilot(strata, 6, &run.store, settings.parameters.novelty)?;
     }
     let pilot_done = planned && parts == 1;
     if planned && !pilot_done {
@@ -150,16 +86,17 @@ fn trace_jobs(
     progress: &dyn Progress,
 ) -> io::Result<()> {
     let bins = DepthBins::new(settings.half_size_m, settings.face_size_px);
+    let strata = settings.parameters.strata();
     jobs.par_iter().try_for_each_init(JobBuffers::default, |buffers, &(domain, cell)| {
         check_cancelled(progress)?;
         let job = DirectionCell {
             domain: RayDomain::cube_face(Face::ALL[usize::from(domain)], settings.half_size_m),
             domain_number: domain,
-            strata: settings.strata,
+            strata,
             cell,
         };
         buffers.names.clear();
-        for position_cell in 0..settings.strata.position_cells() {
+        for position_cell in 0..strata.position_cells() {
             let rays = range(run.plan.groups.of_cell(domain, cell, position_cell));
             buffers.names.extend(rays.map(|ray| (position_cell, ray)));
         }

@@ -9,9 +9,7 @@
 //!
 //! Only where none of a surface was found in some neighbouring pixel has it a rim; everything else hides its whole pixel.
 //!
-//! Cheaper estimates lost. Counting the neighbours without the surface (a straight edge leaves three of eight without, and
-//! crosses the pixel anywhere) cannot tell a rim from a surface that few rays met. Counting the rays that met the sample
-//! needs some sixteen in every depth pixel.
+//! Cheaper estimates cannot tell a rim from a surface that few rays met (docs/decisions.md: alpha by rays from the centre).
 
 use super::accumulate::DepthBins;
 use super::{DepthPixel, LayeredDepthImage};

@@ -1,7 +1,7 @@
 //! The end of a capture: light at kept hits, pooled over surfaces, merged into depth pixels, face by face.
 
 use super::accumulate::{Accumulator, DepthBins};
-use super::build::{CaptureSettings, Progress, Sampler, Tracing, check_cancelled};
+use super::build::Tracing;
 use super::coverage::{BinSpan, Coverage};
 use super::mend::Mender;
 use super::merge::depth_pixels_of;
@@ -12,6 +12,8 @@ use super::{CaptureInfo, CubeLdi, LayeredDepthImage};
 use crate::capture::light::Lighting;
 use crate::capture::rig::Face;
 use crate::capture::trace::Tracer;
+use crate::ldi::parameters::{CaptureSettings, Sampler};
+use crate::progress::{Progress, check_cancelled};
 use rayon::prelude::*;
 use std::collections::VecDeque;
 use std::io;
@@ -28,25 +30,26 @@ pub fn finish(
     settings: &CaptureSettings,
     progress: &dyn Progress,
 ) -> io::Result<CubeLdi> {
-    if settings.sampler != Sampler::CentreRays {
+    if settings.parameters.sampler != Sampler::CentreRays {
         let missing = run.plan.missing_estimate(&run.store)?;
         info.missing_estimate.iter_mut().zip(missing).for_each(|(slot, estimate)| *slot = Some(estimate));
     }
     info.rays_traced = run.rays;
-    if settings.budget.is_some() {
+    if settings.resources.budget.is_some() {
         run.store.spill_all()?; // the LDI that now grows needs the memory
     }
-    let shader = Shader { tracer, lighting, samples: settings.light_samples, face_size_px: settings.face_size_px };
+    let shader =
+        Shader { tracer, lighting, samples: settings.parameters.light_samples, face_size_px: settings.face_size_px };
     let bins = DepthBins::new(settings.half_size_m, settings.face_size_px);
     progress.begin("light and merge", "tiles", run.store.tile_count() as u64);
     let mut faces = Vec::with_capacity(6);
     for face in Face::ALL {
         let mut parts = lit_face(run, face, &shader, progress)?;
-        if settings.sampler != Sampler::CentreRays {
+        if settings.parameters.sampler != Sampler::CentreRays {
             let half_size_m = settings.half_size_m as f32;
             Mender { face, shader: &shader, bins: &bins, half_size_m }.mend(&mut parts);
         }
-        parts.pool_soft_light(pool::radius_for(settings.light_samples));
+        parts.pool_soft_light(pool::radius_for(settings.parameters.light_samples));
         let (mut merged, spans) = merge_face(face, &parts, settings, &bins);
         drop(parts);
         let half_size_m = settings.half_size_m;
@@ -134,7 +137,7 @@ fn merge_face(
         let (mut samples, mut counts) = (Vec::new(), Vec::with_capacity(size_px as usize));
         for x in 0..size_px {
             let before = samples.len();
-            depth_pixels_of(parts.pixel(x, y), settings.merge_rule, bins, &mut samples);
+            depth_pixels_of(parts.pixel(x, y), settings.parameters.merge_rule, bins, &mut samples);
             counts.push((samples.len() - before) as u32);
         }
         (samples, counts)

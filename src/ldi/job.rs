@@ -1,18 +1,15 @@
 //! A capture from beginning to end: scene, headbox and settings in; cube LDI (or shard) out.
 
-use super::build::{self, CaptureSettings, Progress, Tracing};
+use super::build::{self, Tracing};
+use super::parameters::{CaptureParameters, CaptureSettings, Resources};
 use super::{CaptureInfo, CubeLdi, finish};
 use crate::capture::light::Lighting;
-use crate::capture::sampler::{Sampling, Strata};
-use crate::capture::scene::UpAxis;
 use crate::capture::trace::Tracer;
-use crate::ldi::build::Sampler;
-use crate::ldi::merge::MergeRule;
+use crate::progress::Progress;
 use crate::scene_source::SceneSource;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::io;
-use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 /// Everything that decides the bytes of a cube LDI (but not how fast, with how much memory or in how many parts it is
@@ -27,55 +24,25 @@ pub struct CaptureJob {
     pub half_size_m: f64,
     /// Pixels a side of a face.
     pub face_size_px: u32,
-    /// Which rays.
-    pub sampler: Sampler,
-    /// Strata per dimension (N).
-    pub strata: u32,
-    /// Rays per stratum (M).
-    pub rays: u32,
-    /// Random seed.
-    pub seed: u64,
-    /// Threshold of the novelty plan; 0 traces every ray.
-    pub novelty: f64,
-    /// What becomes of samples at similar depth.
-    pub merge_rule: MergeRule,
-    /// Diffuse bounces.
-    pub bounces: u32,
-    /// Light samples per depth pixel; 0 for albedo without light.
-    pub light_samples: u32,
-}
-
-/// How a job is run.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Resources {
-    /// Bytes for accumulators, and the folder to spill to beyond.
-    pub budget: Option<(u64, PathBuf)>,
+    /// Rays, merging, light.
+    #[serde(flatten)]
+    pub parameters: CaptureParameters,
 }
 
 impl CaptureJob {
-    /// Default of [`Self::novelty`]. PSNR lost to it, unlit, mean over four eyes, and rays saved, at 100.7 M rays:
-    ///
-    /// | novelty | `builtin:tree`  | `builtin:interior` |
-    /// |---------|-----------------|--------------------|
-    /// | 0.15    | 0.03 dB, 51.7 % | 0.07 dB, 46.8 %    |
-    /// | 0.18    | 0.07 dB, 53.0 % | 0.07 dB, 48.4 %    |
-    /// | 0.2     | 0.14 dB, 55.7 % | 0.09 dB, 52.6 %    |
-    pub const DEFAULT_NOVELTY: f64 = 0.18;
+    /// Pixels a side of a face where nothing is said.
+    pub const DEFAULT_FACE_SIZE_PX: u32 = 1024;
+
+    /// What `headbox capture` does where nothing is said, for a headbox (world metres).
+    pub fn new(scene: SceneSource, centre: DVec3, half_size_m: f64) -> Self {
+        let (face_size_px, parameters) = (Self::DEFAULT_FACE_SIZE_PX, CaptureParameters::DEFAULT);
+        Self { scene, centre, half_size_m, face_size_px, parameters }
+    }
 
     /// The settings of one part of the job.
     pub fn settings(&self, resources: &Resources, shard: (u32, u32)) -> CaptureSettings {
-        let sampling = if self.sampler == Sampler::WhiteNoise { Sampling::WhiteNoise } else { Sampling::Stratified };
-        CaptureSettings {
-            half_size_m: self.half_size_m,
-            face_size_px: self.face_size_px,
-            sampler: self.sampler,
-            strata: Strata { per_dimension: self.strata, rays: self.rays, seed: self.seed, sampling },
-            novelty: self.novelty,
-            merge_rule: self.merge_rule,
-            light_samples: self.light_samples,
-            budget: resources.budget.clone(),
-            shard,
-        }
+        let Self { half_size_m, face_size_px, parameters, .. } = *self;
+        CaptureSettings { half_size_m, face_size_px, parameters, resources: resources.clone(), shard }
     }
 
     /// Traces the whole job.
@@ -113,22 +80,13 @@ impl CaptureJob {
     }
 
     fn info(&self, tracer: &Tracer, lighting: &Lighting) -> CaptureInfo {
-        let frame = tracer.scene().frame;
         CaptureInfo {
             scene: self.scene.name.clone(),
             centre: self.centre,
             half_size_m: self.half_size_m,
-            unit_m: frame.unit_m,
-            z_up: frame.up == UpAxis::Z,
+            frame: tracer.scene().frame,
             exposure: lighting.exposure,
-            sampler: self.sampler,
-            strata: self.strata,
-            rays_per_stratum: self.rays,
-            novelty: self.novelty,
-            merge_rule: self.merge_rule,
-            seed: self.seed,
-            bounces: self.bounces,
-            light_samples: self.light_samples,
+            parameters: self.parameters,
             blocked_share: build::blocked_share(tracer, self.half_size_m),
             ..CaptureInfo::default()
         }

@@ -11,8 +11,9 @@ use crate::capture::srgb8_from_linear;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-/// What becomes of samples at similar depth in one pixel: the papers disagree (inventory D1).
+/// What becomes of samples at similar depth in one pixel: the papers disagree (D1).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum MergeRule {
     /// One depth pixel with their mean depth and colour, weighted by the rays that saw them (Shade et al.; default).
@@ -146,5 +147,79 @@ mod tests {
         assert!(cluster_sizes(&chain).iter().all(|&size| size <= 2), "a cluster spans at most two bins");
         assert_eq!(cluster_sizes(&[acc(u16::MAX, 1, 1)]), [1]);
         assert_eq!(cluster_sizes(&[]), [0; 0]);
+    }
+
+    /// A part of an sRGB grey, at a position in bins.
+    fn part(position: f32, gray: u8, count: u32, area: f32, key: u64) -> Part {
+        let sharp = Vec3::splat(crate::capture::linear_from_srgb8(gray));
+        Part { position, sharp, area, key: RayKey(key), ..acc(position as u16, 0, count) }
+    }
+
+    /// What a rule makes of one pixel: position in bins and grey, farthest first; and the bins of each cluster.
+    fn merged(pixel: &[Part], rule: MergeRule) -> (Vec<(f64, u8)>, Vec<BinSpan>) {
+        let bins = DepthBins::new(0.5, 64);
+        let mut out = Vec::new();
+        depth_pixels_of(pixel, rule, &bins, &mut out);
+        let position = |q: f32| f64::from(q) / bins.inverse_depth(1.0);
+        let pixels = out.iter().map(|(p, _)| (position(p.inverse_depth), p.color_srgb[0])).collect();
+        (pixels, out.iter().map(|(_, span)| *span).collect())
+    }
+
+    fn assert_merged(pixel: &[Part], rule: MergeRule, expected: &[(f64, u8)]) {
+        let (found, spans) = merged(pixel, rule);
+        assert_eq!(found.len(), expected.len(), "{rule:?}: {found:?}");
+        for ((position, gray), (expected_position, expected_gray)) in found.iter().zip(expected) {
+            // Half a step of the offset, and what f32 rounds.
+            assert!((position - expected_position).abs() < 3e-5, "{rule:?}: {found:?}, not {expected:?}");
+            assert_eq!(gray, expected_gray, "{rule:?}: {found:?}");
+        }
+        assert!(spans.iter().all(|span| span[1] <= span[0] + 1), "{spans:?}");
+    }
+
+    #[test]
+    fn the_papers_three_rules_differ_as_they_say() {
+        // One cluster across a border of bins: a dark part that three rays saw, and a bright one that one ray saw from nearer.
+        let pixel = [part(9.75, 50, 3, 4.0, 7), part(10.25, 200, 1, 1.0, 2)];
+        // (3 * 9.75 + 10.25) / 4; the mean of 0.0319 (3 times) and 0.5776 is 0.1683, sRGB 114.
+        assert_merged(&pixel, MergeRule::Average, &[(9.875, 114)]);
+        assert_merged(&pixel, MergeRule::SmallerArea, &[(10.25, 200)]);
+        assert_merged(&pixel, MergeRule::ColorsApart, &[(9.75, 50), (10.25, 200)]);
+        assert_eq!(merged(&pixel, MergeRule::Average).1, [[9, 10]]);
+        assert_eq!(merged(&pixel, MergeRule::ColorsApart).1, [[9, 10]; 2], "both with the bins of their cluster");
+        // What is more than a bin away is another surface under every rule.
+        let apart = [part(9.25, 50, 3, 4.0, 7), part(10.75, 50, 1, 1.0, 2)];
+        for rule in [MergeRule::Average, MergeRule::SmallerArea, MergeRule::ColorsApart] {
+            assert_merged(&apart, rule, &[(9.25, 50), (10.75, 50)]);
+        }
+    }
+
+    #[test]
+    fn of_equal_areas_and_of_equal_colours_the_first_ray_stays() {
+        let of_keys = |a: u64, b: u64, second: u8| [part(9.75, 100, 1, 2.0, a), part(10.25, second, 1, 2.0, b)];
+        assert_merged(&of_keys(1, 2, 100), MergeRule::SmallerArea, &[(9.75, 100)]);
+        assert_merged(&of_keys(2, 1, 100), MergeRule::SmallerArea, &[(10.25, 100)]);
+        let almost = 100 + SAME_COLOR_LEVELS - 1;
+        assert_merged(&of_keys(1, 2, almost), MergeRule::ColorsApart, &[(9.75, 100)]);
+        assert_merged(&of_keys(2, 1, almost), MergeRule::ColorsApart, &[(10.25, almost)]);
+        assert_merged(&of_keys(2, 1, almost + 1), MergeRule::ColorsApart, &[(9.75, 100), (10.25, almost + 1)]);
+        // Colours differ if one channel does.
+        let mut red = of_keys(1, 2, 100);
+        red[1].sharp.x = 1.0;
+        assert_eq!(merged(&red, MergeRule::ColorsApart).0.len(), 2);
+    }
+
+    #[test]
+    fn a_mean_has_the_normal_that_most_rays_saw() {
+        let normal = |axis: Vec3| EncodedNormal::new(axis);
+        let mut pixel = [part(9.75, 50, 3, 4.0, 7), part(10.25, 50, 4, 1.0, 2)];
+        (pixel[0].normal, pixel[1].normal) = (normal(Vec3::X), normal(Vec3::Y));
+        let mut out = Vec::new();
+        depth_pixels_of(&pixel, MergeRule::Average, &DepthBins::new(0.5, 64), &mut out);
+        assert_eq!(out[0].0.normal, normal(Vec3::Y));
+        pixel[0].count = 4;
+        pixel[0].key = RayKey(1);
+        out.clear();
+        depth_pixels_of(&pixel, MergeRule::Average, &DepthBins::new(0.5, 64), &mut out);
+        assert_eq!(out[0].0.normal, normal(Vec3::X), "of as many the one that was first");
     }
 }

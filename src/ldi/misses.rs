@@ -1,8 +1,8 @@
 //! Which directions rays left the scene in: the reach of the environment.
 
-use super::Environment;
 use crate::capture::light::Lighting;
 use crate::capture::rig::Face;
+use crate::environment::Environment;
 use glam::Vec3;
 use std::sync::atomic::{AtomicU64, Ordering};
 

@@ -1,6 +1,6 @@
 //! The build-time layered depth image: per pixel of a cube face, every surface that rays met there.
 //!
-//! Inventory S11, S14. Depth pixels of one layered depth pixel are kept **farthest first** (the render-time order,
+//! S11, S14. Depth pixels of one layered depth pixel are kept **farthest first** (the render-time order,
 //! C9), addressed through prefix sums:
 //!
 //! ```text
@@ -11,14 +11,14 @@
 pub mod accumulate;
 pub mod build;
 pub(crate) mod coverage;
-pub mod file;
 pub mod finish;
 pub mod job;
 pub mod mend;
 pub mod merge;
 pub mod misses;
-pub mod plan;
+pub mod parameters;
 pub mod pool;
+pub mod ray_plan;
 pub mod shade;
 pub mod shard;
 pub mod store;
@@ -28,9 +28,10 @@ mod validate;
 pub use validate::{LdiError, MAX_FACE_SIZE_PX};
 
 use crate::capture::rig::Face;
-use build::Sampler;
+use crate::capture::scene::FileFrame;
+use crate::environment::Environment;
 use glam::{DVec3, Vec3};
-use merge::MergeRule;
+use parameters::CaptureParameters;
 use serde::{Deserialize, Serialize};
 
 /// One sample of a layered depth image.
@@ -97,16 +98,6 @@ impl LayeredDepthImage {
     }
 }
 
-/// The far surroundings, which do not move with the eye: radiance by direction, a small cube map.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Environment {
-    /// Texels a side of each face; 0 if no ray ever left the scene (then `texels` is empty).
-    pub size_px: u32,
-    /// Six faces in the order of [`Face::ALL`], row-major, row 0 on top: sRGB, and alpha 255 where a real miss reached
-    /// the texel, 0 where none did.
-    pub texels: Vec<[u8; 4]>,
-}
-
 /// What a capture was and what it knows of itself; travels in the `.ldi` file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CaptureInfo {
@@ -116,30 +107,16 @@ pub struct CaptureInfo {
     pub centre: DVec3,
     /// Half of the headbox's edge, metres.
     pub half_size_m: f64,
-    /// Metres per unit of the scene's file.
-    pub unit_m: f64,
-    /// True if the scene's file has Z up.
-    pub z_up: bool,
+    /// Axes and unit of the scene's file.
+    #[serde(flatten)]
+    pub frame: FileFrame,
     /// Linear radiance times this is what is stored.
     pub exposure: f32,
-    /// Which rays were traced.
-    pub sampler: Sampler,
-    /// Strata per dimension (N).
-    pub strata: u32,
-    /// Rays per stratum (M).
-    pub rays_per_stratum: u32,
+    /// Which rays were to be traced, and what became of what they hit.
+    #[serde(flatten)]
+    pub parameters: CaptureParameters,
     /// Rays traced, all faces.
     pub rays_traced: u64,
-    /// Threshold of the novelty plan; 0 if every ray was traced.
-    pub novelty: f64,
-    /// What became of samples at similar depth.
-    pub merge_rule: MergeRule,
-    /// Random seed.
-    pub seed: u64,
-    /// Diffuse bounces.
-    pub bounces: u32,
-    /// Light samples per depth pixel.
-    pub light_samples: u32,
     /// Share of the headbox that its centre does not see because geometry is in the way.
     pub blocked_share: f64,
     /// Per face of the ray domain: the estimated probability that one more ray would find a depth pixel that is not in

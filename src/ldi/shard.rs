@@ -7,7 +7,7 @@ use super::accumulate::Accumulator;
 use super::build::Tracing;
 use super::job::CaptureJob;
 use super::misses::MissMap;
-use super::plan::RayPlan;
+use super::ray_plan::RayPlan;
 use super::store::TileStore;
 use crate::capture::rig::Face;
 use crate::container::{Container, ContainerWriter, FileError, Kind};
@@ -93,7 +93,10 @@ pub fn read_info(path: &Path) -> Result<ShardInfo, FileError> {
     let info: ShardInfo = section.json()?;
     let strata = 1..=crate::capture::sampler::Strata::MAX_PER_DIMENSION;
     let sizes = 1..=crate::ldi::MAX_FACE_SIZE_PX;
-    if !strata.contains(&info.job.strata) || !sizes.contains(&info.job.face_size_px) || info.part >= info.parts {
+    if !strata.contains(&info.job.parameters.strata)
+        || !sizes.contains(&info.job.face_size_px)
+        || info.part >= info.parts
+    {
         return Err(section.damaged("strata, face size and part in range", "others"));
     }
     Ok(info)
@@ -140,7 +143,7 @@ pub fn absorb(path: &Path, info: &ShardInfo, tracing: &mut Tracing) -> Result<()
     let mut plan = file.section("plan")?;
     let more_rays: Vec<u32> = plan.array(tracing.plan.groups.count())?;
     plan.end()?;
-    let most = info.job.rays - tracing.plan.pilot_rays;
+    let most = info.job.parameters.rays_per_stratum - tracing.plan.pilot_rays;
     if more_rays.iter().any(|&rays| rays > most) {
         return Err(plan.damaged(format!("at most {most} more rays in each stratum"), "more").into());
     }
@@ -186,12 +189,12 @@ impl ShardInfo {
     /// # Errors
     /// If the spill file cannot be made.
     pub fn empty_tracing(&self, budget: Option<(u64, PathBuf)>) -> io::Result<Tracing> {
-        let settings = self.job.settings(&super::job::Resources { budget }, (0, 1));
-        let budget = settings.budget.as_ref().map(|(bytes, dir)| (*bytes, dir.as_path()));
+        let settings = self.job.settings(&super::parameters::Resources { budget }, (0, 1));
+        let budget = settings.resources.budget.as_ref().map(|(bytes, dir)| (*bytes, dir.as_path()));
         Ok(Tracing {
             store: TileStore::new(self.job.face_size_px, budget)?,
             misses: MissMap::new(self.job.face_size_px),
-            plan: RayPlan::full(settings.strata, 6),
+            plan: RayPlan::full(settings.parameters.strata(), 6),
             rays: 0,
         })
     }

@@ -33,8 +33,8 @@ pub struct TileStore {
 /// of their pixel full.
 ///
 /// Lists alone are not enough: a plane through the centre of the headbox puts all of itself into one row of pixels,
-/// hundreds of bins in each. (A headbox centred in the floor of a house took 337 s to trace, and takes 11 s.) The table
-/// alone costs a fifth of the tracing time elsewhere, for the cache it needs.
+/// hundreds of bins in each. A table alone needs more of the cache. (docs/decisions.md: lists of accumulators, and a table
+/// beyond.)
 #[derive(Default)]
 struct Tile {
     /// First accumulator of each pixel; empty until the first sample.

@@ -1,10 +1,11 @@
-//! Every promise of the build-time layout, checked (inventory S11, S14; C9 for the order of layers).
+//! Every promise of the build-time layout, checked (S11, S14; C9 for the order of layers).
 //!
 //! `headbox info --check` and [`crate::packed::PackedCube::pack`] run it: what passes can be packed and drawn without
 //! further checks.
 
-use super::{CaptureInfo, CubeLdi, Environment, LayeredDepthImage};
+use super::{CaptureInfo, CubeLdi, LayeredDepthImage};
 use crate::capture::rig::Face;
+use crate::environment::Environment;
 
 /// The longest side of a face or of the environment, in pixels.
 pub const MAX_FACE_SIZE_PX: u32 = 8192;
@@ -213,7 +214,7 @@ impl CaptureInfo {
             check("centre", value, value.is_finite(), "three finite numbers")?;
         }
         let positive =
-            [("half_size_m", self.half_size_m), ("unit_m", self.unit_m), ("exposure", f64::from(self.exposure))];
+            [("half_size_m", self.half_size_m), ("unit_m", self.frame.unit_m), ("exposure", f64::from(self.exposure))];
         for (field, value) in positive {
             check(field, value, value > 0.0 && value.is_finite(), "a positive finite number")?;
         }

@@ -139,18 +139,7 @@ pub(super) mod tests {
 
     use super::*;
 
-    /// The SIMD levels of this machine, the lowest first.
-    pub(in crate::metrics) fn levels() -> Vec<Level> {
-        let best = Level::new();
-        let mut levels = vec![Level::baseline()];
-        #[cfg(target_arch = "x86_64")]
-        {
-            levels.extend(best.as_sse4_2().map(Level::Sse4_2));
-            levels.extend(best.as_avx2().map(Level::Avx2));
-        }
-        levels.push(best);
-        levels
-    }
+    pub(in crate::metrics) use crate::capture::simd::levels;
 
     /// Seeded noise: every pixel of its own color.
     pub(in crate::metrics) fn noise(width: u32, height: u32, seed: u32) -> RgbImage {

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use super::rows::{RowRing, across, padded_len, smooth};
 use super::{MetricError, check_sizes};
+use crate::capture::simd;
 
 /// Standard deviation of the window, pixels.
 const SIGMA: f64 = 1.5;
@@ -33,7 +34,7 @@ const MOMENTS: usize = 4;
 /// When the sizes differ or the images have no pixels.
 pub fn ssim(reference: &RgbImage, test: &RgbImage) -> Result<f64, MetricError> {
     check_sizes(reference, test)?;
-    Ok(ssim_at(Level::new(), reference, test))
+    Ok(ssim_at(simd::level(), reference, test))
 }
 
 /// [`ssim`] of checked images at a given SIMD level.

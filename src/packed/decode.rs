@@ -83,6 +83,16 @@ impl PackedSegment {
 }
 
 impl PackedCube {
+    /// The centre of the headbox, world metres: where every direction is seen best.
+    pub fn center(&self) -> DVec3 {
+        self.info.centre
+    }
+
+    /// Half of the headbox's edge, metres: how far an eye may move along each axis.
+    pub fn half_size(&self) -> f64 {
+        self.info.half_size_m
+    }
+
     /// Number of depth pixels in all segments.
     pub fn depth_pixel_count(&self) -> usize {
         self.segments.iter().map(|s| s.depth_pixels.len()).sum()

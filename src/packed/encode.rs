@@ -1,4 +1,4 @@
-//! From the build-time LDI to the 8-byte render-time one (inventory S17, S22, S23).
+//! From the build-time LDI to the 8-byte render-time one (S17, S22, S23).
 
 use super::blocks::BlockIndex;
 use super::decode::INVERSE_DEPTH_CODE_MAX;

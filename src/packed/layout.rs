@@ -1,4 +1,4 @@
-//! The bits and tables of the packed LDI (inventory S17, S22, C10).
+//! The bits and tables of the packed LDI (S17, S22, C10).
 //!
 //! One 32-bit word of geometry and one of colour:
 //!
@@ -10,7 +10,8 @@
 use super::blocks::BlockIndex;
 use super::sheets::LazySheets;
 use crate::capture::rig::Face;
-use crate::ldi::{CaptureInfo, Environment};
+use crate::environment::Environment;
+use crate::ldi::CaptureInfo;
 
 /// One depth pixel at render time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -26,6 +27,7 @@ const _: () = assert!(size_of::<PackedDepthPixel>() == 8, "four depth pixels to 
 
 /// What the 11 bits of the splat index say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum SplatIndexLayout {
     /// The paper's: 3 bits nx, 3 bits ny, 5 bits of depth, quantised exponentially (S20).
     Paper,

@@ -4,6 +4,7 @@ pub(crate) mod blocks;
 pub mod decode;
 pub mod encode;
 pub mod exact;
+pub mod file;
 pub mod layout;
 pub mod sheets;
 pub mod splat_index;

@@ -1,4 +1,4 @@
-//! Every promise of the render-time layout, checked (inventory S17, S22, S23).
+//! Every promise of the render-time layout, checked (S17, S22, S23).
 
 use super::layout::{PackedCube, PackedDepthPixel, PackedSegment, SegmentSide, SplatIndexLayout};
 use crate::capture::rig::Face;

@@ -1,4 +1,4 @@
-//! Which cells show, and through which part of the frame: portals clipped by portals (inventory R1).
+//! Which cells show, and through which part of the frame: portals clipped by portals (R1).
 //!
 //! From the eye's cell, each portal's polygon is clipped by the *window* through which its cell is seen; what is left is the
 //! window of the cell behind, and so on. All of this happens on directions from the eye: a window is a convex cone with the

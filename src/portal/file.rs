@@ -9,11 +9,11 @@ use super::house::{House, HouseError};
 use super::opening::Opening;
 use super::store::{Key, Store};
 use crate::capture::portal_model::{Cell, Portal, PortalModel, Prism};
-use crate::capture::scene::{FileFrame, Scene, Sky, SuggestedHeadbox, Sun, Triangle, UpAxis};
+use crate::capture::scene::{FileFrame, Headbox, Scene, Sky, Sun, Triangle};
 use crate::capture::{Cutout, Material, Texture};
 use crate::container::{Container, ContainerWriter, FileError, Kind as FileKind, Section};
-use crate::ldi::file::Header as CubeHeader;
 use crate::packed::PackedCube;
+use crate::packed::file::Header as CubeHeader;
 use crate::sprite::{SpriteHeader, SpriteWithDepth};
 use glam::{DVec2, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
@@ -43,8 +43,8 @@ pub enum HouseFileError {
 #[derive(Serialize, Deserialize)]
 struct Header {
     name: String,
-    unit_m: f64,
-    z_up: bool,
+    #[serde(flatten)]
+    frame: FileFrame,
     sun: Option<(Vec3, [f32; 3], f32)>,
     sky: Option<[[f32; 3]; 3]>,
     headbox: Option<(DVec3, f64)>,
@@ -189,8 +189,7 @@ fn header(house: &House, quality: &Quality, captures: &[(Key, Arc<Backdrop>)]) -
     };
     Header {
         name: scene.name.clone(),
-        unit_m: scene.frame.unit_m,
-        z_up: scene.frame.up == UpAxis::Z,
+        frame: scene.frame,
         sun: scene.sun.map(|sun| (sun.direction, sun.irradiance, sun.angular_radius_rad)),
         sky: scene.sky.map(|sky| [sky.zenith, sky.horizon, sky.ground]),
         headbox: scene.headbox.map(|headbox| (headbox.centre, headbox.half_size_m)),
@@ -219,8 +218,8 @@ fn array<T: bytemuck::Pod>(file: &Container, name: &str, count: usize) -> Result
 }
 
 fn model(file: &Container, info: &Section, header: Header) -> Result<PortalModel, FileError> {
-    if !(1e-9..=1e9).contains(&header.unit_m) {
-        return Err(info.damaged("a unit between 1e-9 and 1e9 m", header.unit_m.to_string()));
+    if !header.frame.is_sane() {
+        return Err(info.damaged("a unit between 1e-9 and 1e9 m", header.frame.unit_m.to_string()));
     }
     let count = header.triangles;
     let cell_ends = header.cells.iter().map(|cell| cell.triangles);
@@ -262,8 +261,8 @@ fn model(file: &Container, info: &Section, header: Header) -> Result<PortalModel
             angular_radius_rad,
         }),
         sky: header.sky.map(|[zenith, horizon, ground]| Sky { zenith, horizon, ground }),
-        frame: FileFrame { up: if header.z_up { UpAxis::Z } else { UpAxis::Y }, unit_m: header.unit_m },
-        headbox: header.headbox.map(|(centre, half_size_m)| SuggestedHeadbox { centre, half_size_m }),
+        frame: header.frame,
+        headbox: header.headbox.map(|(centre, half_size_m)| Headbox { centre, half_size_m }),
         ..Scene::default()
     };
     let prism = |(outline, floor_y, ceiling_y)| Prism { outline, floor_y, ceiling_y };

@@ -2,16 +2,15 @@
 
 use super::opening::Opening;
 use crate::capture::light::Lighting;
+use crate::capture::load::{LoadError, ModelOptions, load_model};
 use crate::capture::portal_model::PortalModel;
 use crate::capture::scene::{Scene, SceneError};
 use crate::capture::trace::{Hit, Ray, Tracer};
-use crate::ldi::Environment;
+use crate::environment::Environment;
 use crate::raster::RasterMesh;
 use glam::{DVec3, Vec3};
+use std::path::Path;
 use std::sync::Arc;
-
-/// Texels a side of the sky's cube map.
-const SKY_PX: u32 = 128;
 
 /// A portal model, its geometry as groups of triangles (group = cell), and the tree over it.
 ///
@@ -29,6 +28,9 @@ pub struct House {
 /// Why a model cannot be walked.
 #[derive(Debug, thiserror::Error)]
 pub enum HouseError {
+    /// The model cannot be loaded.
+    #[error(transparent)]
+    Load(#[from] LoadError),
     /// The scene breaks one of its promises.
     #[error("the model's scene is invalid: {0}")]
     Scene(#[from] SceneError),
@@ -50,7 +52,26 @@ pub enum HouseError {
     PortalShape(usize),
 }
 
+/// Triangles of `builtin:house`.
+const BUILTIN_TRIANGLES: usize = 60_000;
+
 impl House {
+    /// Opens a portal model, a `.toml` file or a Sweet Home 3D home (`.sh3d`, `Home.xml`), or `builtin:house`, with its colours as
+    /// they are (`crate::capture::bake` puts light into them).
+    ///
+    /// # Errors
+    /// [`HouseError`].
+    pub fn open(name: &str) -> Result<Self, HouseError> {
+        let model = if name == "builtin:house" {
+            let mut model = crate::scenes::house(0, BUILTIN_TRIANGLES);
+            model.mend();
+            model
+        } else {
+            load_model(Path::new(name), &ModelOptions::default())?.model
+        };
+        Self::new(model)
+    }
+
     /// Prepares a model.
     ///
     /// # Errors
@@ -76,10 +97,7 @@ impl House {
         let mesh = RasterMesh::new(Arc::clone(&scene), &groups, origin);
         let tracer = Tracer::new(Arc::clone(&scene), origin);
         let lighting = Lighting::of_scene(&tracer, 0);
-        let sky = match scene.sky {
-            Some(_) => Environment::of_sky(SKY_PX, &lighting, |_| true),
-            None => Environment::default(),
-        };
+        let sky = Environment::sky(&lighting);
         Ok(Self { plan: model, tracer, mesh, lighting, sky })
     }
 

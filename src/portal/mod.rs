@@ -1,5 +1,5 @@
 //! Walking portal models: geometry for the cell that the eye is in and for near cells, images behind the other portals
-//! (inventory R1 to R16, P1 to P9).
+//! (R1 to R3, R5 to R9, R11, R12, R14 to R16, P1, P2).
 //!
 //! * [`cull`]: which cells show, and through which part of the frame (R1).
 //! * [`house`]: a portal model made ready for the rasteriser and the tracer.
@@ -10,19 +10,22 @@
 //! * [`visit`]: which cells a frame draws as geometry, and where backdrops begin.
 //! * [`walk`]: a frame of all of this; [`variant`]: the ways to draw it; [`tour`]: with backdrops built ahead of need.
 //! * [`measure`]: time and error of every way along a walk.
-//! * [`path`]: a walk through every room.
-//! * [`plan`]: the model drawn from above.
+//! * [`walk_path`]: a walk through every room.
+//! * [`floor_plan`]: the model drawn from above.
 
 pub mod backdrop;
 pub mod cull;
 pub mod file;
+#[cfg(feature = "cli")]
+pub mod floor_plan;
 pub mod house;
+#[cfg(feature = "cli")]
 pub mod measure;
 pub mod opening;
-pub mod path;
-pub mod plan;
+pub mod settings;
 pub mod store;
 pub mod tour;
 pub mod variant;
 pub mod visit;
 pub mod walk;
+pub mod walk_path;

@@ -73,7 +73,7 @@ impl Opening {
 
     /// Places to look from: `2 * n + 1` points on a semicircle of a radius about the portal's middle, in front of it, at the
     /// height of an eye `eye_height_m` above its lower edge (at most its upper edge); the central one first, then
-    /// alternately to the right and to the left, near ones first (the order of inventory P2).
+    /// alternately to the right and to the left, near ones first (the order of P2).
     ///
     /// The papers do not say how far the semicircle goes. At 90 degrees an image shows nothing, so that the outermost stand
     /// at 90 n / (n + 0.5) degrees.

@@ -1,5 +1,5 @@
 //! Backdrops in memory: built ahead of need by a thread in the background, the least recently used thrown away first
-//! (inventory R16).
+//! (R16).
 
 use super::backdrop::{Backdrop, Kind, PortalSide, Quality};
 use super::house::House;
@@ -244,7 +244,7 @@ mod tests {
         let store = Store::new(0);
         assert!(store.insert(key(0), Arc::new(Backdrop::Cubes(Vec::new()))), "nothing fits into nothing");
         let cube = || {
-            let environment = crate::ldi::Environment { size_px: 1, texels: vec![[0; 4]; 6] };
+            let environment = crate::environment::Environment { size_px: 1, texels: vec![[0; 4]; 6] };
             let info = crate::ldi::CaptureInfo::default();
             let layout = crate::packed::SplatIndexLayout::Normal;
             let segments = Vec::new();

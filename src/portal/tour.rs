@@ -1,13 +1,14 @@
-//! A walk whose backdrops are built ahead of need (inventory R3, R16, S24).
+//! A walk whose backdrops are built ahead of need (R3, R16).
 
 use super::backdrop::Quality;
 use super::house::House;
+use super::settings::{WalkSettings, WalkStats};
 use super::store::{Builder, Store};
 use super::visit::likely;
-use super::walk::{WalkSettings, WalkStats, Walker};
+use super::walk::Walker;
 use crate::capture::Camera;
 use crate::frame::Frame;
-use crate::raster::RasterFrame;
+use crate::raster::RasterOutput;
 use std::sync::Arc;
 
 /// A house, a walker, a store of backdrops, and a thread that fills it: first with what the last frame lacked, then with what
@@ -39,7 +40,7 @@ impl Tour {
     }
 
     /// The last frame with what each of its pixels shows.
-    pub fn last(&self) -> &RasterFrame {
+    pub fn last(&self) -> &RasterOutput {
         self.walker.last()
     }
 

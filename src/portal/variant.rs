@@ -1,8 +1,8 @@
 //! Ways to draw a walk, by the names under which the command line and the reports know them.
 
 use super::backdrop::Kind;
+use super::settings::WalkSettings;
 use super::store::Store;
-use super::walk::WalkSettings;
 use crate::render::RenderSettings;
 use crate::render::splat::SplatKernel;
 

@@ -3,8 +3,8 @@
 use super::backdrop::{Backdrop, Kind, PortalSide};
 use super::cull::{self, CellView};
 use super::house::House;
+use super::settings::{WalkSettings, WalkStats};
 use super::store::{Key, Store};
-use super::walk::{WalkSettings, WalkStats};
 use crate::capture::Camera;
 use crate::raster::GroupWindow;
 use std::ops::Range;

@@ -1,4 +1,4 @@
-//! A frame of a walk: geometry for the eye's cell and for near ones, backdrops behind all other portals (inventory R3, R15,
+//! A frame of a walk: geometry for the eye's cell and for near ones, backdrops behind all other portals (R3, R15,
 //! P1).
 //!
 //! 1. From the eye's cell on, cells are visited through portals ([`visit`](super::visit)). A portal near the eye is passed: the next cell
@@ -8,135 +8,21 @@
 //!    buffer says which pixels look through which portal, whatever overlaps (the order that R15 leaves open).
 //! 3. Each backdrop is drawn for the smallest rectangle that holds its portal's pixels, and copied into these alone.
 
-use super::backdrop::{Backdrop, BackdropError, BackdropStats, Drawer, Kind, PortalSide, Quality};
-use super::cull::Limits;
+use super::backdrop::{Backdrop, BackdropError, BackdropStats, Drawer, PortalSide, Quality};
 use super::house::House;
+use super::settings::{WalkSettings, WalkStats};
 use super::store::Store;
 use super::visit::{Boundary, union, visit};
 use crate::capture::Camera;
 use crate::frame::{Coverage, Frame};
-use crate::raster::{Marker, RasterFrame, RasterStats, RasterView, Rasterizer, Seen};
-use crate::render::{Parallel, RenderSettings};
+use crate::raster::{Marker, RasterOutput, RasterView, Rasterizer, Seen};
 use rayon::prelude::*;
-use serde::Serialize;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// When a cell behind a portal is drawn as geometry (R3 gives no rule).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Near {
-    /// The eye is nearer to the portal's rectangle than this, metres.
-    Distance(f64),
-    /// The samples of a cube about the portal's middle, with faces of `face_px`, on a surface [`REFERENCE_DEPTH_M`] behind the
-    /// portal would be farther apart than `spacing_px` in the frame; or the eye is nearer than [`LEAST_DISTANCE_M`].
-    ProjectedError {
-        /// Pixels between neighbouring samples that are allowed.
-        spacing_px: f64,
-        /// Pixels a side of the cube's faces.
-        face_px: u32,
-    },
-}
-
-impl Default for Near {
-    fn default() -> Self {
-        Self::ProjectedError { spacing_px: 1.25, face_px: 512 }
-    }
-}
-
-/// Where samples of a backdrop are judged: about the middle of a room.
-pub const REFERENCE_DEPTH_M: f64 = 3.0;
-
-/// Nearer than this a portal is always passed: half a wall and a step.
-pub const LEAST_DISTANCE_M: f64 = 0.3;
-
-impl Near {
-    /// The distance from a portal within which the next cell is drawn as geometry, metres.
-    pub fn distance_m(self, camera: &Camera) -> f64 {
-        match self {
-            Self::Distance(distance) => distance,
-            Self::ProjectedError { spacing_px, face_px } => {
-                // At depth z behind the portal samples are z / f1 apart, which is f2 / (z + d) as large in the frame.
-                let ratio = camera.focal_px() / (f64::from(face_px) / 2.0 * spacing_px);
-                (REFERENCE_DEPTH_M * (ratio - 1.0)).max(LEAST_DISTANCE_M)
-            }
-        }
-    }
-}
-
-/// How threads share the work behind portals, whose backdrops are drawn side by side; all ways give the same frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Division {
-    /// Each backdrop in a band of rows for each thread: a depth pixel near the border of two is warped for both.
-    #[default]
-    Bands,
-    /// Each portal's backdrop, a sheet of R6, by one thread.
-    Portals,
-    /// Each backdrop in the fragments of P5 and P6 for each thread.
-    Fragments,
-}
-
-impl Division {
-    /// Of the settings for one backdrop of so many rows.
-    fn settings(self, warp: &RenderSettings, rows: u32) -> RenderSettings {
-        let threads = rayon::current_num_threads() as u32;
-        match self {
-            Self::Bands if warp.band_rows > 0 => *warp,
-            Self::Bands => RenderSettings { band_rows: rows / threads + 1, ..*warp },
-            Self::Portals => RenderSettings { band_rows: rows, ..*warp },
-            Self::Fragments => RenderSettings { parallel: Parallel::Fragments(threads), ..*warp },
-        }
-    }
-}
-
-/// How a walk is drawn.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct WalkSettings {
-    /// The backdrops behind portals; `None` for geometry alone.
-    pub backdrops: Option<Kind>,
-    /// When a cell behind a portal is drawn as geometry.
-    pub near: Near,
-    /// How layered depth images are drawn.
-    pub warp: RenderSettings,
-    /// How threads share that.
-    pub division: Division,
-    /// Holes show what the last frame had there (R8).
-    pub persistence: bool,
-    /// Bounds of the visit.
-    pub limits: Limits,
-}
-
-/// What a frame took.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct WalkStats {
-    /// The cell in which the eye stands; `None` inside a wall: then all cells are drawn as geometry.
-    pub cell: Option<u32>,
-    /// Cells drawn as geometry.
-    pub geometry_cells: u32,
-    /// Portals that show a backdrop.
-    pub portals: u32,
-    /// Portals passed for want of a backdrop.
-    pub missing: Vec<PortalSide>,
-    /// Pixels of the frame.
-    pub pixels: u64,
-    /// Pixels that show a backdrop.
-    pub backdrop_pixels: u64,
-    /// Of these, pixels of which the backdrop knows nothing.
-    pub hole_pixels: u64,
-    /// Of the rasteriser.
-    pub raster: RasterStats,
-    /// Sums over all backdrops.
-    pub backdrop: BackdropStats,
-    /// Whole frame, by the clock, ms.
-    pub frame_ms: f64,
-    /// Culling and geometry, ms.
-    pub geometry_ms: f64,
-    /// Backdrops, ms.
-    pub backdrop_ms: f64,
-}
-
 /// The part of a frame that a backdrop fills.
-struct Part<'a> {
+struct BackdropArea<'a> {
     /// Of the portal's marker.
     number: u32,
     backdrop: &'a Backdrop,
@@ -195,6 +81,7 @@ impl Walker {
     }
 
     /// The backdrops that a frame uses.
+    #[cfg(feature = "cli")]
     pub(super) fn shown(house: &House, store: &Store, camera: &Camera, settings: &WalkSettings) -> Vec<Arc<Backdrop>> {
         let mut stats = WalkStats { cell: house.cell_of_eye(camera.eye()), ..WalkStats::default() };
         let (_, boundaries) = visit(house, store, camera, settings, &mut stats);
@@ -243,7 +130,7 @@ impl Walker {
     }
 
     /// The last frame with what each of its pixels shows.
-    pub fn last(&self) -> &RasterFrame {
+    pub fn last(&self) -> &RasterOutput {
         self.rasterizer.output()
     }
 
@@ -251,8 +138,8 @@ impl Walker {
     fn fill(&mut self, boundaries: &[Boundary], camera: &Camera, settings: &WalkSettings, stats: &mut WalkStats) {
         let output = self.rasterizer.output_mut();
         let numbered = (0..).zip(boundaries);
-        let parts: Vec<Part> =
-            numbered.filter_map(|(number, boundary)| Part::of(output, number, boundary, camera)).collect();
+        let parts: Vec<BackdropArea> =
+            numbered.filter_map(|(number, boundary)| BackdropArea::of(output, number, boundary, camera)).collect();
         self.drawers.resize_with(self.drawers.len().max(parts.len()), Drawer::default);
         let side_by_side = self.drawers.par_iter_mut().zip(&parts).with_max_len(1);
         let drawn: Vec<_> = side_by_side.map(|(drawer, part)| part.draw(drawer, settings)).collect();
@@ -262,8 +149,8 @@ impl Walker {
     }
 }
 
-impl<'a> Part<'a> {
-    fn of(output: &RasterFrame, number: u32, boundary: &'a Boundary, camera: &Camera) -> Option<Self> {
+impl<'a> BackdropArea<'a> {
+    fn of(output: &RasterOutput, number: u32, boundary: &'a Boundary, camera: &Camera) -> Option<Self> {
         let [columns, rows] = touched(output, number, &boundary.window)?;
         let part = camera.cropped(columns.clone(), rows.clone()).ok()?;
         Some(Self { number, backdrop: &boundary.backdrop, columns, rows, camera: part })
@@ -275,7 +162,7 @@ impl<'a> Part<'a> {
     }
 
     /// Copies what was drawn of it into the marker's pixels.
-    fn copy(&self, drawn: &Frame, took: BackdropStats, output: &mut RasterFrame, stats: &mut WalkStats) {
+    fn copy(&self, drawn: &Frame, took: BackdropStats, output: &mut RasterOutput, stats: &mut WalkStats) {
         stats.portals += 1;
         stats.backdrop.samples += took.samples;
         stats.backdrop.depth_pixels_in += took.depth_pixels_in;
@@ -298,7 +185,7 @@ fn marker(house: &House, number: u32, boundary: &Boundary) -> Option<Marker> {
 }
 
 /// The smallest rectangle, inside a window, that holds the pixels of a marker.
-fn touched(output: &RasterFrame, number: u32, [columns, rows]: &[Range<u32>; 2]) -> Option<[Range<u32>; 2]> {
+fn touched(output: &RasterOutput, number: u32, [columns, rows]: &[Range<u32>; 2]) -> Option<[Range<u32>; 2]> {
     let mut found: Option<[Range<u32>; 2]> = None;
     for y in rows.clone() {
         let start = y as usize * output.frame.width as usize;
@@ -313,7 +200,7 @@ fn touched(output: &RasterFrame, number: u32, [columns, rows]: &[Range<u32>; 2])
 }
 
 /// Holes keep the colour that they had in the last frame of the same size.
-fn persist(output: &mut RasterFrame, previous: &Frame, camera: &Camera) {
+fn persist(output: &mut RasterOutput, previous: &Frame, camera: &Camera) {
     if (previous.width, previous.height) != (camera.width(), camera.height()) {
         return;
     }

@@ -4,8 +4,7 @@
 //! get the same new corners on it, to the bit, so that no crack opens between them.
 
 use super::Marker;
-use super::scan::Snapped;
-use super::view::{GUARD_PX, NEAR_M, snap_f64};
+use super::view::{GUARD_PX, NEAR_M, Snapped, snap_f64};
 use crate::capture::Camera;
 use glam::DVec3;
 

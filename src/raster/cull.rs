@@ -1,4 +1,4 @@
-//! Which clusters can show (the homogeneous box test of inventory C17).
+//! Which clusters can show (the homogeneous box test of C17).
 
 use super::GroupWindow;
 use super::mesh::{Cluster, RasterMesh};

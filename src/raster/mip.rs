@@ -47,8 +47,21 @@ impl MipTexture {
     /// Red, green and blue at (u, v) of the first `count` lanes: bilinear, wrapping around, as [`Texture::sample`] is, linear
     /// light; from the copy whose texels are nearest in size to a footprint, given as the fourth power of its side in texels
     /// of the texture itself (1 and less is that).
-    #[inline(always)]
     pub(super) fn sample<S: Simd>(
+        &self,
+        simd: S,
+        texcoords: [f32x16<S>; 2],
+        footprint: f32x16<S>,
+        count: usize,
+    ) -> [f32x16<S>; 3] {
+        simd.vectorize(
+            #[inline(always)]
+            || self.sample_at(simd, texcoords, footprint, count),
+        )
+    }
+
+    #[inline(always)]
+    fn sample_at<S: Simd>(
         &self,
         simd: S,
         [u, v]: [f32x16<S>; 2],

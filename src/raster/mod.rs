@@ -1,10 +1,9 @@
-//! A z-buffer rasteriser on the CPU: the geometry of the view cell and of cells too near for an image (inventory R3, R15).
+//! A z-buffer rasteriser on the CPU: the geometry of the view cell and of cells too near for an image (R3, R15).
 //!
 //! A frame is drawn in bands of rows, each by one thread from its first triangle to its last pixel:
 //!
-//! 1. `mesh`: triangles in clusters of at most 128, each with a box; clusters outside the window are dropped (`cull`; leaving
-//!    out those that nearer ones hide took longer than it saved, 31.2 for 28.5 ms over a house of 1.7 M triangles, when
-//!    colours took twice the time);
+//! 1. `mesh`: triangles in clusters of at most 128, each with a box; clusters outside the window are dropped (`cull`; not
+//!    those that nearer ones hide, see docs/decisions.md: no occlusion culling of clusters);
 //! 2. `view`: the vertices of a cluster to the frame, 16 at a time, snapped to 1/256 px; triangles that reach behind the eye
 //!    or far outside the frame are clipped in `clip`;
 //! 3. `scan`: exact integer edge functions, a hair wider than the triangles, so that no crack is left between neighbours;
@@ -16,6 +15,7 @@
 //! of threads, bands and SIMD levels.
 
 mod clip;
+mod cluster;
 mod cull;
 mod encode;
 mod mesh;
@@ -25,12 +25,13 @@ mod shade;
 mod view;
 mod weights;
 
+#[cfg(feature = "cli")]
 pub(crate) use encode::encode_srgb;
 pub use mesh::RasterMesh;
 
-use crate::capture::Camera;
+use crate::capture::{Camera, simd};
+use crate::environment::Environment;
 use crate::frame::{Coverage, Frame};
-use crate::ldi::Environment;
 use cull::VisibleCluster;
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, u32x16};
@@ -44,7 +45,7 @@ use view::View;
 /// Pixels that are tested, or coloured, at once.
 const LANES: usize = 16;
 
-/// What a pixel of a [`RasterFrame`] shows.
+/// What a pixel of a [`RasterOutput`] shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seen {
     /// Nothing but the surroundings.
@@ -134,7 +135,7 @@ pub struct RasterView<'a> {
 
 /// A drawn frame.
 #[derive(Clone, Debug, Default)]
-pub struct RasterFrame {
+pub struct RasterOutput {
     /// Colours and coverage; pixels that show a marker are holes.
     pub frame: Frame,
     /// 1 / eye depth of each pixel, 1/m; 0 where there is no surface.
@@ -142,7 +143,7 @@ pub struct RasterFrame {
     surface: Vec<SurfaceId>,
 }
 
-impl RasterFrame {
+impl RasterOutput {
     /// What the pixel of this index (row-major) shows.
     #[inline]
     pub fn seen(&self, pixel: usize) -> Seen {
@@ -172,7 +173,7 @@ pub struct Rasterizer {
     level: Level,
     /// Rows of a band, or 0 for [`BANDS_A_THREAD`]; any number gives the same frame.
     band_rows: u32,
-    output: RasterFrame,
+    output: RasterOutput,
     stats: RasterStats,
     visible: Vec<VisibleCluster>,
     /// For each band, the triangles that it may show.
@@ -191,7 +192,7 @@ const BANDS_A_THREAD: u32 = 3;
 impl Rasterizer {
     /// A rasteriser that has drawn nothing yet.
     pub fn new() -> Self {
-        Self::with(Level::new(), 0)
+        Self::with(simd::level(), 0)
     }
 
     /// A rasteriser that uses one SIMD level and bands of a number of rows (0: the default). All give the same frame.
@@ -199,7 +200,7 @@ impl Rasterizer {
         Self {
             level,
             band_rows,
-            output: RasterFrame::default(),
+            output: RasterOutput::default(),
             stats: RasterStats::default(),
             visible: Vec::new(),
             drawn: Vec::new(),
@@ -207,12 +208,12 @@ impl Rasterizer {
     }
 
     /// The last frame.
-    pub fn output(&self) -> &RasterFrame {
+    pub fn output(&self) -> &RasterOutput {
         &self.output
     }
 
     /// The last frame, to be completed where markers show.
-    pub(crate) fn output_mut(&mut self) -> &mut RasterFrame {
+    pub(crate) fn output_mut(&mut self) -> &mut RasterOutput {
         &mut self.output
     }
 
@@ -224,7 +225,7 @@ impl Rasterizer {
         camera: &Camera,
         what: &RasterView,
         environment: &Environment,
-    ) -> (&RasterFrame, &RasterStats) {
+    ) -> (&RasterOutput, &RasterStats) {
         let started = Instant::now();
         let (width, height) = (camera.width(), camera.height());
         let count = width as usize * height as usize;

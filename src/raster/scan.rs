@@ -6,28 +6,18 @@
 //!
 //! A centre belongs to a large triangle if it lies at most a hair, 1/256 px, beyond its edges. Where the corner of one triangle lies on
 //! the edge of another (a T-junction, of which scenes are full), rounding opens cracks of up to 1.4/256 px, and without the hair
-//! the sky twinkled through them, a pixel in every third frame of a house. Of two triangles that claim a centre the nearer one
+//! the sky twinkles through them (docs/decisions.md: large triangles are a hair wider). Of two triangles that claim a centre the nearer one
 //! shows; depths are moved back by what the hair can add, so that a surface seen edge-on never comes out in front of what hides
-//! it. A frame of the house takes 1 % longer for it, and 0.04 % of its pixels change.
+//! it.
 
 use super::SurfaceId;
 use super::mesh::RasterMesh;
-use super::view::View;
+use super::view::{Snapped, View};
 use super::weights::Weights;
 use super::{LANES, RasterStats};
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, i32x16, mask32x16, u32x16};
 use std::ops::Range;
-
-/// A corner in the frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Snapped {
-    /// Position in 1/256 px.
-    pub(super) x: i32,
-    pub(super) y: i32,
-    /// 1 / eye depth, 1/m.
-    pub(super) inverse_depth: f32,
-}
 
 /// Rows of a frame that are being drawn.
 pub(super) struct Target<'a> {
@@ -70,7 +60,7 @@ impl CutoutTest<'_> {
 const HAIR: i32 = 1;
 
 /// Triangles that reach over fewer pixels have no hair: the edge on which a corner lies is the longer one, and leaves of a far
-/// tree would cover 2 % more pixels.
+/// tree would grow.
 const LARGE_PX: i32 = 4;
 
 /// E / 256 of an edge, rounded down, as a linear function of the pixel; a centre is inside where that is not negative.
@@ -163,10 +153,26 @@ fn is_nearer([value, depth]: [f32; 2], [id, shown]: [SurfaceId; 2]) -> bool {
 /// 2^23 units at most, and E no more than 2^38.3 within 80 columns of the box's start.
 const NARROW_PX: u32 = 64;
 
+/// Numbers of the pixels that are tested at once.
+const LANE_NUMBERS: [i32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+
 impl Target<'_> {
     /// Draws a triangle, of either orientation: surfaces have two sides.
-    #[inline(always)]
     pub(super) fn triangle<S: Simd>(
+        &mut self,
+        simd: S,
+        corners: [Snapped; 3],
+        id: SurfaceId,
+        cutout: Option<CutoutTest>,
+    ) {
+        simd.vectorize(
+            #[inline(always)]
+            || self.triangle_at(simd, corners, id, cutout),
+        );
+    }
+
+    #[inline(always)]
+    fn triangle_at<S: Simd>(
         &mut self,
         simd: S,
         [a, mut b, mut c]: [Snapped; 3],
@@ -235,7 +241,7 @@ impl Target<'_> {
         id: SurfaceId,
     ) {
         let count = (columns.end - columns.start) as i32;
-        let lane = i32x16::load_array(simd, std::array::from_fn(|i| i as i32));
+        let lane = i32x16::load_array_ref(simd, &LANE_NUMBERS);
         let mut written = 0;
         for (below, y) in (0..).zip(rows.clone()) {
             let first = plane.at(columns.start, y);
@@ -318,7 +324,7 @@ impl Target<'_> {
     /// Depth test and number of the surface for a run of covered pixels.
     #[inline(always)]
     fn span<S: Simd>(&mut self, simd: S, columns: Range<u32>, y: u32, plane: &DepthPlane, id: SurfaceId) {
-        let lane = i32x16::load_array(simd, std::array::from_fn(|i| i as i32));
+        let lane = i32x16::load_array_ref(simd, &LANE_NUMBERS);
         let first = plane.at(columns.start, y);
         let (row, count) = ((y - self.rows.start) as usize * self.width as usize, columns.len() as i32);
         let mut written = 0;

@@ -4,9 +4,8 @@
 //! that still show it are collected, and coloured [`LANES`] at a time; only texels and sRGB levels are looked up one by one.
 //! A colour depends on nothing but triangle and pixel, so that neither bands nor lanes can be told from it.
 //!
-//! Tried and lost: each run of a row's pixels by itself. In rooms most of the lanes are idle then, and most of the time goes into
-//! what holds for the triangle: with this, and with depth tests, texels and sRGB in explicit SIMD, whole frames of a house take
-//! 0.475 of the time (640x512, two threads).
+//! Each run of a row's pixels by itself would leave most lanes idle in rooms (docs/decisions.md: pixels are coloured triangle
+//! after triangle).
 
 use super::encode::SrgbTable;
 use super::mesh::{RasterMesh, Surface, Vertex};
@@ -16,8 +15,8 @@ use super::view::View;
 use super::weights::{Slopes, Weights, mixed};
 use super::{LANES, Seen, SurfaceId};
 use crate::capture::Camera;
+use crate::environment::Environment;
 use crate::frame::Coverage;
-use crate::ldi::Environment;
 use fearless_simd::dispatch;
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, u32x16};
@@ -138,8 +137,22 @@ impl Shader<'_> {
     }
 
     /// Colours pixels of a triangle, and empties the batch.
-    #[inline(always)]
     fn shade<S: Simd>(&self, simd: S, shading: &Shading, batch: &mut Batch, target: &Target, colors: &mut [[u8; 4]]) {
+        simd.vectorize(
+            #[inline(always)]
+            || self.shade_at(simd, shading, batch, target, colors),
+        );
+    }
+
+    #[inline(always)]
+    fn shade_at<S: Simd>(
+        &self,
+        simd: S,
+        shading: &Shading,
+        batch: &mut Batch,
+        target: &Target,
+        colors: &mut [[u8; 4]],
+    ) {
         let table = SrgbTable::get();
         let [a, b, c] = shading.corners;
         let pixels = u32x16::load_array_ref(simd, &batch.pixels);

@@ -1,4 +1,4 @@
-//! From the canvases of fragments to one frame: who painted which pixels (inventory P6).
+//! From the canvases of fragments to one frame: who painted which pixels (P6).
 
 use super::epipolar::{Boundary, Rays, spans};
 use super::finish::{Background, Pixels, depth_pieces};

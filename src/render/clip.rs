@@ -1,4 +1,4 @@
-//! Which part of a segment a band of the frame can show (inventory S23, C15, C17).
+//! Which part of a segment a band of the frame can show (S23, C15, C17).
 //!
 //! In the LDI's projective coordinates (x, y on the face, inverse depth q) a segment is a box, and every plane of the view is
 //! linear: the transfer's homogeneous position h(x, y, q) is, and a point shows only if `|X| <= W/2 * w`, and so on.

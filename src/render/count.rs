@@ -1,4 +1,4 @@
-//! What clipping leaves of an LDI, counted (inventory S19, C15, C17).
+//! What clipping leaves of an LDI, counted (S19, C15, C17).
 
 use super::band::{Clipped, ForSegment, Scope};
 use super::clip::{Band, BlockClip};

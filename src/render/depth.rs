@@ -63,11 +63,12 @@ impl DepthCanvas {
         }
     }
 
-    /// Writes 1 / eye depth of the pixels of a row, counted from its first row on, from a column on; nothing if `to` is empty.
-    pub(crate) fn resolve(&self, row: usize, column: usize, to: &mut [f32]) {
+    /// Writes the eye depths of the pixels of a row, counted from its first row on, from a column on: metres, infinite where
+    /// there is nothing. Nothing if `depths_m` is empty.
+    pub(crate) fn resolve(&self, row: usize, column: usize, depths_m: &mut [f32]) {
         let start = row * self.width as usize + column;
-        if let Some(from) = self.inverse_depth.get(start..start + to.len()) {
-            to.copy_from_slice(from);
+        if let Some(from) = self.inverse_depth.get(start..start + depths_m.len()) {
+            depths_m.iter_mut().zip(from).for_each(|(depth_m, inverse_depth)| *depth_m = 1.0 / inverse_depth);
         }
     }
 }

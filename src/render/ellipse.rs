@@ -7,7 +7,7 @@ use super::size::EllipseSize;
 use super::splat::{self, Canvas, Splats, covered};
 use crate::capture::{linear_from_srgb8, srgb8_from_linear};
 use crate::render::Spans;
-use fearless_simd::{Level, dispatch};
+use fearless_simd::{Level, Simd, dispatch};
 use std::ops::Range;
 use std::sync::LazyLock;
 
@@ -85,6 +85,13 @@ pub(crate) struct EllipseCanvas {
 
 impl EllipseCanvas {
     #[inline(always)]
+    fn draw_all<S: Simd>(&mut self, _: S, splats: &Splats) {
+        for i in 0..splats.count() {
+            self.draw_splat(splats, i);
+        }
+    }
+
+    #[inline(always)]
     fn draw_splat(&mut self, splats: &Splats, i: usize) {
         let bounds = [self.rows.start as f32, self.rows.end as f32];
         let [left, right] = covered(splats.x[i], splats.radius_x[i], [0.0, self.width as f32]);
@@ -130,10 +137,7 @@ impl Canvas for EllipseCanvas {
     }
 
     fn draw(&mut self, splats: &Splats, level: Level) {
-        dispatch!(level, simd => {
-            let _ = simd; // the code is plain; the level decides what it is compiled to
-            (0..splats.count()).for_each(|i| self.draw_splat(splats, i));
-        });
+        dispatch!(level, simd => self.draw_all(simd, splats));
     }
 
     fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], _: Level) {

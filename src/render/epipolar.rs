@@ -1,4 +1,4 @@
-//! The half planes through the baseline, from an LDI's centre to the eye: what epipolar lines are cut from (inventory P4,
+//! The half planes through the baseline, from an LDI's centre to the eye: what epipolar lines are cut from (P4,
 //! P5, C16).
 //!
 //! A depth pixel moves in the half plane in which its ray lies, whatever its depth, and so does what the frame shows of

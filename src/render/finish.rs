@@ -2,12 +2,12 @@
 
 use super::FramePlan;
 use crate::capture::Camera;
+use crate::environment::Environment;
 use crate::frame::Coverage;
-use crate::ldi::Environment;
 use crate::packed::PackedCube;
 use crate::render::linear::LinearLight;
-use fearless_simd::{Level, Simd, dispatch};
-use glam::DVec3;
+use fearless_simd::{Level, Simd, dispatch, prelude::*, u32x16};
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 /// Pixels of the frame, row by row. What they hold before does not matter.
@@ -15,8 +15,7 @@ pub(super) struct Pixels<'a> {
     /// From a canvas: straight colour, and the share of 255 that splats cover. In the frame: colour and alpha, 255.
     pub(super) colors: &'a mut [[u8; 4]],
     pub(super) coverages: &'a mut [Coverage],
-    /// From a canvas: 1 / eye depth, 1/m, 0 for nothing. In the frame: eye depth, m, infinite where no splat is. Empty if nobody
-    /// wants it.
+    /// Eye depth, m, infinite where no splat is. Empty if nobody wants it.
     pub(super) depths_m: &'a mut [f32],
 }
 
@@ -61,55 +60,82 @@ impl<'a> Background<'a> {
     pub(super) fn put_under(&self, y: u32, pixels: Pixels) -> u64 {
         let start = self.camera.direction(0.5, f64::from(y) + 0.5);
         let step = self.camera.direction(1.5, f64::from(y) + 0.5) - start;
-        let holes =
-            dispatch!(self.level, simd => self.put_under_row(simd, [start, step], pixels.colors, pixels.coverages));
-        for (depth_m, coverage) in pixels.depths_m.iter_mut().zip(pixels.coverages) {
-            let covered = coverage.splat_share() > 0 && *depth_m > 0.0;
-            *depth_m = if covered { 1.0 / *depth_m } else { f32::INFINITY };
-        }
-        holes
+        dispatch!(self.level, simd => self.put_under_row(simd, [start, step], pixels))
     }
 
+    /// The same for a row that looks along `start + column * step`: [`CHUNK`] pixels at a time, from those of column 0 on, so that
+    /// no pixel depends on where others are open.
     #[inline(always)]
-    fn put_under_row<S: Simd>(
-        &self,
-        simd: S,
-        [start, step]: [DVec3; 2],
-        colors: &mut [[u8; 4]],
-        coverages: &mut [Coverage],
-    ) -> u64 {
+    fn put_under_row<S: Simd>(&self, simd: S, [start, step]: [DVec3; 2], pixels: Pixels) -> u64 {
         let mut holes = 0;
-        let chunks = colors.chunks_mut(CHUNK).zip(coverages.chunks_mut(CHUNK)).zip((0..).step_by(CHUNK));
-        for ((colors, coverages), first) in chunks {
-            let open = colors.iter().rev().fold(0, |open, color| open << 1 | u64::from(color[3] < 255));
-            if open == 0 {
-                coverages.fill(Coverage::FULL);
+        let Pixels { colors, coverages, depths_m } = pixels;
+        let chunks = colors.chunks_mut(CHUNK).zip(coverages.chunks_mut(CHUNK));
+        for (i, (colors, coverages)) in chunks.enumerate() {
+            let from = (start + step * (i * CHUNK) as f64).as_vec3();
+            if let (Some(colors), Some(coverages)) = (colors.first_chunk_mut(), coverages.first_chunk_mut()) {
+                holes += self.put_under_chunk(simd, [from, step.as_vec3()], colors, coverages);
                 continue;
             }
-            let directions = [start + step * f64::from(first), step].map(|v| v.as_vec3());
-            let seen = self.environment.sample_sixteen(simd, open, directions[0], directions[1]);
-            for ((color, coverage), seen) in colors.iter_mut().zip(coverages).zip(seen) {
-                *coverage = self.finish_pixel(color, seen);
-                holes += u64::from(coverage.is_hole());
+            // The end of the row: beyond it, as if there were splats.
+            let (mut all, mut all_coverages) = ([[255; 4]; CHUNK], [Coverage::FULL; CHUNK]);
+            all[..colors.len()].copy_from_slice(colors);
+            holes += self.put_under_chunk(simd, [from, step.as_vec3()], &mut all, &mut all_coverages);
+            colors.copy_from_slice(&all[..colors.len()]);
+            coverages.copy_from_slice(&all_coverages[..coverages.len()]);
+        }
+        for (depth_m, coverage) in depths_m.iter_mut().zip(coverages) {
+            if coverage.splat_share() == 0 {
+                *depth_m = f32::INFINITY;
             }
         }
         holes
     }
 
-    /// Puts what is seen behind a pixel under it, if anything is known of it; alone, its colour stands for all of the pixel.
+    /// The same for the colours and coverages of pixels that look along `start + i * step`.
     #[inline(always)]
-    fn finish_pixel(&self, color: &mut [u8; 4], [sr, sg, sb, known]: [u8; 4]) -> Coverage {
-        let [r, g, b, share] = *color;
-        let ([r, g, b], coverage) = match (share, known) {
-            (0, 0) => (self.hole_color_srgb, Coverage::HOLE),
-            (0, _) => ([sr, sg, sb], Coverage::ENVIRONMENT),
-            (255, _) | (_, 0) => ([r, g, b], Coverage::of_splats(share)),
-            _ => {
-                let shares = [u32::from(share), u32::from(255 - share)];
-                (LinearLight::tables().mix([[r, g, b], [sr, sg, sb]], shares), Coverage::of_splats(share))
-            }
-        };
-        *color = [r, g, b, 255];
-        coverage
+    fn put_under_chunk<S: Simd>(
+        &self,
+        simd: S,
+        [start, step]: [Vec3; 2],
+        colors: &mut [[u8; 4]; CHUNK],
+        coverages: &mut [Coverage; CHUNK],
+    ) -> u64 {
+        let color = u32x16::load_array(simd, bytemuck::cast(*colors));
+        let share = (color >> ALPHA_SHIFT) & 255;
+        let open = share.simd_lt(255);
+        if !open.any_true() {
+            *coverages = [Coverage::FULL; CHUNK];
+            return 0;
+        }
+        let seen = self.environment.sample_sixteen(simd, open.to_bitmask(), start, step);
+        let seen = u32x16::load_array(simd, bytemuck::cast(seen));
+        let (empty, known) = (share.simd_eq(0), (seen >> ALPHA_SHIFT).simd_ne(0));
+        let [r, g, b] = self.hole_color_srgb;
+        let hole = u32x16::splat(simd, u32::from_ne_bytes([r, g, b, 255]));
+        let color = empty.select(known.select(seen, hole), color | u32::from_ne_bytes([0, 0, 0, 255]));
+        let alone = known.select(u32x16::splat(simd, ENVIRONMENT), u32x16::splat(simd, HOLE));
+        let of_splats = share.max(u32::from(Coverage::of_splats(0).splat_share()));
+        let shares = share.to_array();
+        let mut mixed = (open & !empty & known).to_bitmask();
+        let seen = seen.to_array();
+        *colors = bytemuck::cast(color.to_array());
+        for (coverage, byte) in coverages.iter_mut().zip(empty.select(alone, of_splats).to_array()) {
+            *coverage = Coverage::of_byte(byte as u8);
+        }
+        while mixed != 0 {
+            let i = mixed.trailing_zeros() as usize;
+            mixed &= mixed - 1;
+            let ([r, g, b, _], [sr, sg, sb, _]) = (colors[i], seen[i].to_ne_bytes());
+            let [r, g, b] = LinearLight::tables().mix([[r, g, b], [sr, sg, sb]], [shares[i], 255 - shares[i]]);
+            colors[i] = [r, g, b, 255];
+        }
+        u64::from((empty & !known).to_bitmask().count_ones())
     }
 }
+
+/// Where alpha lies in four bytes as they lie in memory.
+const ALPHA_SHIFT: u32 = u32::from_ne_bytes([0, 0, 0, 1]).trailing_zeros();
+
+/// The bytes of two coverages.
+const ENVIRONMENT: u32 = Coverage::ENVIRONMENT.byte() as u32;
+const HOLE: u32 = Coverage::HOLE.byte() as u32;

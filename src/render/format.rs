@@ -1,4 +1,4 @@
-//! The forms in which depth pixels can be kept: packed into 8 bytes, or as they were before that (inventory S17, C10).
+//! The forms in which depth pixels can be kept: packed into 8 bytes, or as they were before that (S17, C10).
 
 use super::traverse::Batch;
 use crate::packed::{ExactDepthPixel, INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, PackedSegment};
@@ -66,21 +66,21 @@ impl Format for ExactDepthPixel {
     #[inline(always)]
     fn load<S: Simd>(simd: S, batch: &Batch<Self>, start: usize) -> Unpacked<S> {
         let pixels = &batch.depth_pixels[start..start + LANES];
-        let gather = |of: &dyn Fn(&Self) -> f32| {
-            let values: [f32; LANES] = std::array::from_fn(|i| of(&pixels[i]));
-            f32x16::load_array(simd, values)
-        };
-        let words = |of: &dyn Fn(&Self) -> u32| {
-            let values: [u32; LANES] = std::array::from_fn(|i| of(&pixels[i]));
-            u32x16::load_array(simd, values)
-        };
+        let (mut code, mut normal) = ([0.0; LANES], [[0.0; LANES]; 3]);
+        let (mut index, mut color) = ([0; LANES], [0; LANES]);
+        for (i, pixel) in pixels.iter().enumerate() {
+            code[i] = pixel.inverse_depth;
+            for (lanes, component) in normal.iter_mut().zip(pixel.normal) {
+                lanes[i] = component;
+            }
+            (index[i], color[i]) = (pixel.splat_index, u32::from_ne_bytes(pixel.color_srgb));
+        }
+        let [x, y, z] = normal;
+        let normal = [f32x16::load_array(simd, x), f32x16::load_array(simd, y), f32x16::load_array(simd, z)];
         Unpacked {
-            code: gather(&|p| p.inverse_depth),
-            normals: Normals::Exact {
-                normal: [gather(&|p| p.normal[0]), gather(&|p| p.normal[1]), gather(&|p| p.normal[2])],
-                index: words(&|p| p.splat_index),
-            },
-            color: words(&|p| u32::from_ne_bytes(p.color_srgb)),
+            code: f32x16::load_array(simd, code),
+            normals: Normals::Exact { normal, index: u32x16::load_array(simd, index) },
+            color: u32x16::load_array(simd, color),
         }
     }
 }

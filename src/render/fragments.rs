@@ -1,4 +1,4 @@
-//! The papers' parallel warp: fragments of the LDI between epipolar lines, and a second pass where they meet (inventory P5,
+//! The papers' parallel warp: fragments of the LDI between epipolar lines, and a second pass where they meet (P5,
 //! P6, C16).
 //!
 //! The traversal already goes through each face sheet by sheet (the runs of [`super::order`] are those between the
@@ -19,17 +19,8 @@
 //! Every pixel thus sees the same splats in the same order as on one thread: of the frame no bit differs, whatever the
 //! kernel and the number of fragments. What it costs: a whole frame's canvas for each fragment and each boundary (twice
 //! the number of fragments times 4 or 16 bytes a pixel), which no cache holds and another thread than the painter's may
-//! read, clipping on one thread, and the depth pixels that are drawn twice. Against bands, by `benches/warp_frame.rs`
-//! on two cores that had other work too (1024x768, 1.1 M depth pixels on one face, two fragments):
-//!
-//! | kernel   | time, of bands' | gain of 2 threads | bands' gain | pixels in masks | depth pixels in the second pass |
-//! |----------|-----------------|-------------------|-------------|-----------------|---------------------------------|
-//! | `Paper`  | 1.33            | 1.45              | 1.90        | 1.5 %           | 2.8 %                           |
-//! | `Opaque` | 1.14            | 1.70              | 1.89        | 0.5 %           | 0.9 %                           |
-//! | `Tent`   | 1.10            | 1.75              | 1.93        | 0.8 %           | 1.5 %                           |
-//!
-//! On one thread it takes as long as bands there, and up to 1.22 times as long on a cube of which a fifth is in view. Bands
-//! are the default therefore.
+//! read, clipping on one thread, and the depth pixels that are drawn twice. So
+//! bands are the default (docs/decisions.md: bands, and not fragments, by default).
 
 use super::assemble::Owner;
 use super::band::{Clipped, ForSegment, Scope, Worker};

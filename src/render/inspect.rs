@@ -32,9 +32,9 @@ pub(crate) struct Kept {
 pub(crate) enum Fate {
     /// Its samples are drawn.
     Drawn,
-    /// It lies outside of the rectangle that the planes of the view cut out of its segment (inventory C15).
+    /// It lies outside of the rectangle that the planes of the view cut out of its segment (C15).
     OutsideRectangle,
-    /// It lies in a block that is wholly outside of the view (inventory C17).
+    /// It lies in a block that is wholly outside of the view (C17).
     HiddenBlock,
 }
 

@@ -1,4 +1,4 @@
-//! The warp of a batch, sixteen depth pixels at a time: unpack, transfer, cull, size (inventory S18, S20, C8).
+//! The warp of a batch, sixteen depth pixels at a time: unpack, transfer, cull, size (S18, S20, C8).
 //!
 //! One code for every SIMD level, down to plain scalars: IEEE operations in a fixed order, without fused multiply-adds and
 //! approximate reciprocals, so that all levels give the same bits.
@@ -9,7 +9,7 @@ use super::transfer::{RowTransfer, Transfer};
 use super::traverse::{BATCH_CAPACITY, Batch};
 use crate::render::size::{LANES, Lanes, Size};
 use crate::render::splat::Splats;
-use fearless_simd::{Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
+use fearless_simd::{ExtractToken, Level, Simd, dispatch, f32x16, mask32x16, prelude::*};
 
 /// What the warp of one segment needs.
 pub(crate) struct SegmentWarp<'a> {
@@ -63,8 +63,10 @@ impl<'a> SegmentWarp<'a> {
         size: &Z,
         splats: &mut Splats,
     ) {
-        let splat = |v: f32| f32x16::splat(simd, v);
-        let columns: [f32; LANES] = std::array::from_fn(|i| f32::from(batch.columns[start + i]));
+        let mut columns = [0.0; LANES];
+        for (column, byte) in columns.iter_mut().zip(&batch.columns[start..start + LANES]) {
+            *column = f32::from(*byte);
+        }
         let Unpacked { code, normals, color } = P::load(simd, batch, start);
         let k = f32x16::load_array(simd, columns);
 
@@ -73,8 +75,8 @@ impl<'a> SegmentWarp<'a> {
         let hy = (k * row.step.y + row.anchor.y) + code * row.per_code.y;
         let hz = (k * row.step.z + row.anchor.z) + code * row.per_code.z;
         // All comparisons are false for NaN, which is outside.
-        let in_front = hz.simd_ge(splat(W_NEAR));
-        let reciprocal_w = splat(1.0) / hz;
+        let in_front = hz.simd_ge(W_NEAR);
+        let reciprocal_w = f32x16::splat(simd, 1.0) / hz;
         let inverse_depth = code * self.scale[1] as f32 + self.scale[0] as f32;
         let lanes = Lanes {
             homogeneous: [hx, hy, hz],
@@ -88,34 +90,45 @@ impl<'a> SegmentWarp<'a> {
         let py = hy * reciprocal_w + self.principal_px[1];
         let footprints = size.footprints(simd, &lanes);
         let (rx, ry) = (footprints.radius_x, footprints.radius_y);
-        let touches = (px + rx).simd_gt(splat(0.0))
-            & (px - rx).simd_lt(splat(self.width))
-            & (py + ry).simd_gt(splat(self.rows[0]))
-            & (py - ry).simd_lt(splat(self.rows[1]));
+        let touches = (px + rx).simd_gt(0.0)
+            & (px - rx).simd_lt(self.width)
+            & (py + ry).simd_gt(self.rows[0])
+            & (py - ry).simd_lt(self.rows[1]);
         let there = mask32x16::from_bitmask(simd, (1u64 << (batch.len - start).min(LANES)) - 1);
         let shown = in_front & touches & there;
         let n = splats.len;
-        let keep = |values: f32x16<S>, to: &mut [f32; Splats::ROOM]| {
-            simd.compress_f32x16(values, shown).store_slice(&mut to[n..n + LANES]);
-        };
-        keep(px, &mut splats.x);
-        keep(py, &mut splats.y);
-        keep(inverse_depth * reciprocal_w, &mut splats.inverse_depth);
-        keep(rx, &mut splats.radius_x);
-        keep(ry, &mut splats.radius_y);
-        keep(footprints.weight, &mut splats.weight);
+        keep(px, shown, &mut splats.x, n);
+        keep(py, shown, &mut splats.y, n);
+        keep(inverse_depth * reciprocal_w, shown, &mut splats.inverse_depth, n);
+        keep(rx, shown, &mut splats.radius_x, n);
+        keep(ry, shown, &mut splats.radius_y, n);
+        keep(footprints.weight, shown, &mut splats.weight, n);
         if Z::IS_ELLIPTICAL {
-            keep(footprints.correlation, &mut splats.correlation);
+            keep(footprints.correlation, shown, &mut splats.correlation, n);
         }
         simd.compress_u32x16(color, shown).store_slice(&mut splats.color[n..n + LANES]);
-        let count = |mask: mask32x16<S>| u64::from(mask.to_bitmask().count_ones());
         let larger = rx.max_precise(ry);
-        let at_least = |radius: f32| count(shown & larger.simd_ge(splat(radius)));
-        let (all, three, five, seven) = (count(shown), at_least(1.0), at_least(2.0), at_least(3.0));
-        let counts = [all - three, three - five, five - seven, seven];
-        for (sum, count) in splats.by_footprint.iter_mut().zip(counts) {
-            *sum += count;
-        }
+        let all = count(shown);
+        let three = count(shown & larger.simd_ge(1.0));
+        let five = count(shown & larger.simd_ge(2.0));
+        let seven = count(shown & larger.simd_ge(3.0));
+        splats.by_footprint[0] += all - three;
+        splats.by_footprint[1] += three - five;
+        splats.by_footprint[2] += five - seven;
+        splats.by_footprint[3] += seven;
         splats.len += all as usize;
     }
+}
+
+/// Appends the lanes that are `shown` to the first `n` values of an array.
+#[inline(always)]
+fn keep<S: Simd>(values: f32x16<S>, shown: mask32x16<S>, to: &mut [f32; Splats::ROOM], n: usize) {
+    let simd = values.token();
+    simd.compress_f32x16(values, shown).store_slice(&mut to[n..n + LANES]);
+}
+
+/// How many lanes are set.
+#[inline(always)]
+fn count<S: Simd>(mask: mask32x16<S>) -> u64 {
+    u64::from(mask.to_bitmask().count_ones())
 }

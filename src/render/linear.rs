@@ -1,8 +1,7 @@
 //! Blending by share in linear light, on 8-bit sRGB colours.
 //!
 //! What a pixel holds of a leaf and of the sky behind it adds up as light does. Blended as sRGB values, dark rims over a bright
-//! background come out too dark by up to 20 levels: on `builtin:tree` that costs 0.02 in FLIP, and in the furnished room
-//! of `builtin:interior` 0.7 dB.
+//! background come out too dark (docs/decisions.md: blending in linear light).
 
 use super::splat;
 use crate::capture::{linear_from_srgb8, srgb8_from_linear};

@@ -1,5 +1,5 @@
 //! From a packed cube LDI to a frame: six faces and two segments in occlusion-compatible order, the incremental warp,
-//! splats, and the environment under what they leave open (inventory S17 to S23, C3, C3b, C8 to C10, C12, C15, C17).
+//! splats, and the environment under what they leave open (S17 to S23, C3, C3b, C8 to C10, C12, C15, C17).
 //!
 //! A frame is drawn in bands of rows ([`band`]), each by one thread, from first to last: clipped segments and blocks
 //! (`clip`), one traversal that yields depth pixels in drawing order, in batches of one row (`traverse`), a warp kernel that makes
@@ -57,7 +57,7 @@ pub(crate) use epipolar::Spans;
 pub use fragments::MAX_FRAGMENTS;
 pub(crate) use traverse::BATCH_CAPACITY;
 
-use crate::capture::Camera;
+use crate::capture::{Camera, simd};
 use crate::frame::Frame;
 use crate::ldi::MAX_FACE_SIZE_PX;
 use crate::ldi::accumulate::DepthBins;
@@ -102,7 +102,7 @@ pub enum Parallel {
     /// Bands of rows of the frame.
     #[default]
     Bands,
-    /// As many fragments of the LDI between epipolar lines, at most [`MAX_FRAGMENTS`], or 0 for one a thread (inventory P5,
+    /// As many fragments of the LDI between epipolar lines, at most [`MAX_FRAGMENTS`], or 0 for one a thread (P5,
     /// P6, C16); see there for what it costs.
     Fragments(u32),
 }
@@ -185,7 +185,7 @@ pub struct Renderer {
 
 impl Default for Renderer {
     fn default() -> Self {
-        Self::with_level(Level::new())
+        Self::with_level(simd::level())
     }
 }
 
@@ -249,7 +249,17 @@ impl Renderer {
 
     /// Draws what `camera` sees, on the current rayon thread pool. The cube should be valid ([`PackedCube::validate`]); of
     /// one that is not, rows whose tables point nowhere are left out.
-    pub fn render(&mut self, cube: &PackedCube, camera: &Camera, settings: &RenderSettings) -> (&Frame, &FrameStats) {
+    pub fn render(&mut self, cube: &PackedCube, camera: &Camera, settings: &RenderSettings) -> &Frame {
+        self.render_with_stats(cube, camera, settings).0
+    }
+
+    /// The same, with what the frame took.
+    pub fn render_with_stats(
+        &mut self,
+        cube: &PackedCube,
+        camera: &Camera,
+        settings: &RenderSettings,
+    ) -> (&Frame, &FrameStats) {
         self.render_source(Source { cube, exact: None }, camera, settings)
     }
 

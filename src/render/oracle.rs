@@ -7,15 +7,6 @@ use crate::frame::{Coverage, Frame};
 use crate::ldi::{CubeLdi, DepthPixel, LayeredDepthImage};
 use glam::{DMat3, DVec3, dvec3};
 
-/// A frame and how far its pixels are.
-#[derive(Clone, Debug, PartialEq)]
-pub struct OracleFrame {
-    /// The frame; splats cover a pixel wholly or not at all.
-    pub frame: Frame,
-    /// 1 / eye depth of what each pixel shows, 1/m; 0 for environment and holes.
-    pub inverse_depth: Vec<f64>,
-}
-
 /// The largest tangent of the angle to its normal under which a sample's plane is seen, as in the fast renderer: a
 /// surface that the LDI sees edge-on does not reach across the whole scene.
 const MAX_SLOPE: f64 = 4.0;
@@ -70,8 +61,9 @@ impl Patch {
     }
 }
 
-/// Draws what `camera` sees of an LDI that [`CubeLdi::validate`] accepts. Time is no object.
-pub fn render_oracle(ldi: &CubeLdi, camera: &Camera) -> OracleFrame {
+/// Draws what `camera` sees of an LDI that [`CubeLdi::validate`] accepts, with depths; splats cover a pixel wholly or not at all.
+/// Time is no object.
+pub fn render_oracle(ldi: &CubeLdi, camera: &Camera) -> Frame {
     let mut frame = Frame::default();
     frame.reset(camera.width(), camera.height(), [0; 3]);
     let mut inverse_depth = vec![0.0; frame.color.len()];
@@ -110,5 +102,6 @@ pub fn render_oracle(ldi: &CubeLdi, camera: &Camera) -> OracleFrame {
             (*color, *coverage) = ([r, g, b, 255], Coverage::ENVIRONMENT);
         }
     }
-    OracleFrame { frame, inverse_depth }
+    frame.depth_m = inverse_depth.iter().map(|q| (1.0 / q) as f32).collect();
+    frame
 }

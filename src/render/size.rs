@@ -4,7 +4,7 @@ use crate::capture::Camera;
 use crate::packed::splat_index::{DEPTH_CODE_COUNT, SPLAT_INDEX_COUNT};
 use crate::packed::{PackedSegment, SplatIndexLayout};
 use crate::render::transfer::Transfer;
-use fearless_simd::{Simd, f32x16, prelude::*, u32x16};
+use fearless_simd::{ExtractToken, Simd, f32x16, prelude::*, u32x16};
 use glam::{DVec3, Vec3};
 
 /// Samples that are warped at a time.
@@ -51,7 +51,17 @@ pub(crate) struct FootprintLanes<S: Simd> {
     pub(crate) correlation: f32x16<S>,
 }
 
-/// A way to know sizes.
+impl<S: Simd> FootprintLanes<S> {
+    /// Squares of weight 1.
+    #[inline(always)]
+    fn of_squares(radius: f32x16<S>) -> Self {
+        let simd = radius.token();
+        let (weight, correlation) = (f32x16::splat(simd, 1.0), f32x16::splat(simd, 0.0));
+        Self { radius_x: radius, radius_y: radius, weight, correlation }
+    }
+}
+
+/// A way to know sizes. What works on lanes is inlined into the kernel of the warp, for every SIMD level.
 pub(crate) trait Size {
     /// Footprints are ellipses, whose correlations are to be kept.
     const IS_ELLIPTICAL: bool = false;
@@ -120,19 +130,21 @@ impl Size for PaperSize {
         f64::from(Self::MAX_RADIUS_PX)
     }
 
-    /// Squares of 1, 3, 5 or 7 pixels: the smallest that is at least as wide as the sample. (With the thresholds 2, 4, 6
-    /// of C10, rounding to the nearest, 20 % of the pixels of the test bed's room stay empty.)
+    /// Squares of 1, 3, 5 or 7 pixels: the smallest that is at least as wide as the sample. Rounded to the nearest, as C10 has
+    /// it, they leave cracks.
     #[inline(always)]
     fn footprints<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> FootprintLanes<S> {
         let index = lanes.normals.index();
-        let width: [f32; LANES] = std::array::from_fn(|i| self.widths[index[i] as usize % SPLAT_INDEX_COUNT]);
+        let mut width = [0.0; LANES];
+        for (width, index) in width.iter_mut().zip(index) {
+            *width = self.widths[index as usize % SPLAT_INDEX_COUNT];
+        }
         let mut width = f32x16::load_array(simd, width) * lanes.reciprocal_w;
         if self.layout == SplatIndexLayout::Paper {
             width *= lanes.inverse_depth;
         }
-        let splat = |v: f32| f32x16::splat(simd, v);
-        let radius = ((width - 1.0) * 0.5).ceil().max_precise(splat(0.0)).min_precise(splat(3.0)) + 0.5;
-        FootprintLanes { radius_x: radius, radius_y: radius, weight: splat(1.0), correlation: splat(0.0) }
+        let radius = ((width - 1.0) * 0.5).ceil().max_precise(0.0).min_precise(3.0) + 0.5;
+        FootprintLanes::of_squares(radius)
     }
 }
 
@@ -150,9 +162,7 @@ impl Size for FixedSize {
 
     #[inline(always)]
     fn footprints<S: Simd>(&self, simd: S, _: &Lanes<S>) -> FootprintLanes<S> {
-        let radius = f32x16::splat(simd, self.radius_px);
-        let (weight, correlation) = (f32x16::splat(simd, 1.0), f32x16::splat(simd, 0.0));
-        FootprintLanes { radius_x: radius, radius_y: radius, weight, correlation }
+        FootprintLanes::of_squares(f32x16::splat(simd, self.radius_px))
     }
 }
 
@@ -163,8 +173,8 @@ impl Size for FixedSize {
 /// where the neighbouring samples of the same surface land, in x and y, to first order. The radii are the lengths of the
 /// rows of this 2x2 Jacobian, which do not change when the face's grid is rotated in the frame.
 ///
-/// On the test bed this gained up to 1.5 dB over `w^-3/2 f2/f1` (no normals), and 8 dB over the angles of
-/// [`PaperSize`], which say nothing of a floor seen through a side face (both cosines are 0).
+/// The angles of [`PaperSize`] say nothing of a floor seen through a side face (both cosines are 0). What that brings:
+/// docs/decisions.md: sizes from the tangent plane.
 pub(crate) struct TangentSize<'a> {
     table: &'a TangentTable,
     x_step: Vec3,
@@ -198,8 +208,7 @@ impl Default for TangentTable {
 impl TangentTable {
     /// Relative change of inverse depth over one face pixel, times half of the face's size, at most. It is the tangent
     /// of the angle to the surface's normal; beyond it (76 degrees) the quantised normal says little, and a capture
-    /// resolves the slope into several samples a pixel. 1 to 16 were tried: 4 is best in the room, 1 to 2 by 0.2 dB
-    /// among leaves.
+    /// resolves the slope into several samples a pixel.
     const MAX_SLOPE: f32 = 4.0;
 
     /// Fills the table of planes. Radii are the spacing of the samples times `scale`, at least `min_radius_px`.
@@ -249,28 +258,31 @@ impl Size for TangentSize<'_> {
 
     #[inline(always)]
     fn footprints<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> FootprintLanes<S> {
-        let splat = |v: f32| f32x16::splat(simd, v);
         let [[xx, xy], [yx, yy]] = self.jacobian(simd, lanes);
-        let (scale, least, most) = (self.table.scale, splat(self.table.min_radius_px), splat(Self::MAX_RADIUS_PX));
-        let radius = |a: f32x16<S>, b: f32x16<S>| ((a * a + b * b).sqrt() * scale).max_precise(least).min_precise(most);
-        let (radius_x, radius_y) = (radius(xx, xy), radius(yx, yy));
+        let (radius_x, radius_y) = (self.radius(xx, xy), self.radius(yx, yy));
         let area = (xx * yy - xy * yx).abs();
-        let weight = (area / (radius_x * radius_y)).min_precise(splat(1.0));
-        FootprintLanes { radius_x, radius_y, weight, correlation: splat(0.0) }
+        let weight = (area / (radius_x * radius_y)).min_precise(1.0);
+        FootprintLanes { radius_x, radius_y, weight, correlation: f32x16::splat(simd, 0.0) }
     }
 }
 
 impl TangentSize<'_> {
+    /// The length of a row of the Jacobian, times the scale of radii, within their bounds.
+    #[inline(always)]
+    fn radius<S: Simd>(&self, of_x: f32x16<S>, of_y: f32x16<S>) -> f32x16<S> {
+        let length = (of_x * of_x + of_y * of_y).sqrt();
+        (length * self.table.scale).max_precise(self.table.min_radius_px).min_precise(Self::MAX_RADIUS_PX)
+    }
+
     /// Where in the frame, px, the next samples of the same surface land to the right and below: of x to both, and of y.
     #[inline(always)]
     fn jacobian<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> [[f32x16<S>; 2]; 2] {
-        let splat = |v: f32| f32x16::splat(simd, v);
         let [plane_x, plane_y, plane_z] = self.planes(simd, &lanes.normals);
-        let reciprocal = splat(1.0) / (plane_x * lanes.x + plane_y * lanes.y + plane_z);
-        let (least, most) = (splat(-self.table.max_slope), splat(self.table.max_slope));
+        let reciprocal = f32x16::splat(simd, 1.0) / (plane_x * lanes.x + plane_y * lanes.y + plane_z);
+        let most = self.table.max_slope;
         // The precise forms also turn the NaN of 0 / 0 into a number.
-        let slope = |s: f32x16<S>| (s * reciprocal).min_precise(most).max_precise(least) * lanes.inverse_depth;
-        let (slope_x, slope_y) = (slope(plane_x), slope(plane_y));
+        let slope_x = (plane_x * reciprocal).min_precise(most).max_precise(-most) * lanes.inverse_depth;
+        let slope_y = (plane_y * reciprocal).min_precise(most).max_precise(-most) * lanes.inverse_depth;
         let p = self.per_inverse_depth;
         let (dx, dy) = (self.x_step, self.y_step);
         let along_x = [slope_x * p.x + dx.x, slope_x * p.y + dx.y, slope_x * p.z + dx.z];
@@ -293,8 +305,7 @@ impl TangentSize<'_> {
                     let plane = self.table.planes[index[i] as usize % SPLAT_INDEX_COUNT];
                     (xs[i], ys[i], zs[i]) = (plane.x, plane.y, plane.z);
                 }
-                let load = |values: [f32; LANES]| f32x16::load_array(simd, values);
-                [load(xs), load(ys), load(zs)]
+                [f32x16::load_array(simd, xs), f32x16::load_array(simd, ys), f32x16::load_array(simd, zs)]
             }
             Normals::Exact { normal: [x, y, z], .. } => {
                 let step = self.table.step;
@@ -317,6 +328,13 @@ impl EllipseSize<'_> {
     pub(crate) const SCALE: f32 = Self::DEVIATIONS * Self::SPACINGS;
     /// Standard deviation of the blur, px.
     const BLUR_PX: f32 = 0.3;
+
+    /// The radius along one axis of the frame: of a row of the Jacobian, blurred.
+    #[inline(always)]
+    fn radius<S: Simd>(of_x: f32x16<S>, of_y: f32x16<S>) -> f32x16<S> {
+        let (along, blur) = (Self::SCALE * Self::SCALE, (Self::BLUR_PX * Self::DEVIATIONS).powi(2));
+        ((of_x * of_x + of_y * of_y) * along + blur).sqrt().min_precise(Self::MAX_RADIUS_PX)
+    }
 }
 
 impl Size for EllipseSize<'_> {
@@ -331,14 +349,132 @@ impl Size for EllipseSize<'_> {
     #[inline(always)]
     fn footprints<S: Simd>(&self, simd: S, lanes: &Lanes<S>) -> FootprintLanes<S> {
         let [[xx, xy], [yx, yy]] = self.0.jacobian(simd, lanes);
-        let (along, blur) = (Self::SCALE * Self::SCALE, (Self::BLUR_PX * Self::DEVIATIONS).powi(2));
-        let radius = |a: f32x16<S>, b: f32x16<S>| {
-            ((a * a + b * b) * along + blur).sqrt().min_precise(f32x16::splat(simd, Self::MAX_RADIUS_PX))
-        };
-        let (radius_x, radius_y) = (radius(xx, xy), radius(yx, yy));
+        let along = Self::SCALE * Self::SCALE;
+        let (radius_x, radius_y) = (Self::radius(xx, xy), Self::radius(yx, yy));
         let area = (xx * yy - xy * yx).abs();
         let reciprocal = f32x16::splat(simd, 1.0) / (radius_x * radius_y);
         let correlation = (xx * yx + xy * yy) * along * reciprocal;
         FootprintLanes { radius_x, radius_y, weight: area * reciprocal, correlation }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capture::rig::Face;
+    use crate::packed::SegmentSide;
+    use crate::packed::blocks::BlockIndex;
+    use fearless_simd::{Level, dispatch};
+    use glam::dvec3;
+
+    /// Face sizes and the cameras of the cases below.
+    const FACE_PX: u32 = 100;
+
+    /// The square root of the area, px^2, that the LDI pixel in the middle of a face covers in a frame, where the surface with
+    /// a normal (in the face's frame) stands `depth` metres from the centre: the ratio of two areas, C10. The pixel's corners
+    /// are taken to a thousandth of it, where perspective bends nothing.
+    fn width_px(camera: &Camera, face: Face, normal: DVec3, depth: f64) -> f64 {
+        let world = face.world_from_eye();
+        let (normal, middle) = (world * normal, world * dvec3(0.0, 0.0, -depth));
+        let corner = |x: f64, y: f64| {
+            let half_pixel = 1e-3 / f64::from(FACE_PX);
+            let toward = world * dvec3(x * half_pixel, y * half_pixel, -1.0);
+            camera.project(toward * (middle.dot(normal) / toward.dot(normal))).expect("in front")
+        };
+        let [a, b, c, d] = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| corner(x, y));
+        let twice_the_area = (c[0] - a[0]) * (d[1] - b[1]) - (d[0] - b[0]) * (c[1] - a[1]);
+        (twice_the_area.abs() / 2.0).sqrt() * 1e3
+    }
+
+    fn segment(face: Face) -> PackedSegment {
+        PackedSegment {
+            face,
+            side: SegmentSide::Near,
+            x0: 0,
+            y0: 0,
+            width: 0,
+            height: 0,
+            inverse_depth_min: 0.1,
+            inverse_depth_max: 2.0,
+            row_offsets: vec![0],
+            row_counts: vec![],
+            depth_pixels: vec![],
+            blocks: BlockIndex::default(),
+        }
+    }
+
+    /// What a thousandth of a pixel still bends, and f32.
+    const TOLERANCE: f64 = 2e-3;
+
+    #[test]
+    fn the_papers_table_says_the_area_of_a_pixel_on_its_surface() {
+        let mut table = PaperSize::new();
+        let mut checked = 0;
+        for (face, layout) in
+            Face::ALL.into_iter().flat_map(|f| [(f, SplatIndexLayout::Normal), (f, SplatIndexLayout::Paper)])
+        {
+            let segment = segment(face);
+            let (range, world) = (segment.depth_code_range(), face.world_from_eye());
+            // Eyes off the face's axis, nearer and farther than the centre, with a shorter and a longer focal length.
+            for (eye, fov) in
+                [(dvec3(0.4, 0.3, -0.5), 70.0), (dvec3(-1.2, 0.5, 0.4), 20.0), (dvec3(0.0, 1.0, -1.0), 5.0)]
+            {
+                for index in (0..layout.index_count() as u32).step_by(13) {
+                    // The paper's codes hold a depth; the table is right at the depth in a code's middle.
+                    let depth = if layout == SplatIndexLayout::Paper { range.decode(index as usize % 32) } else { 2.5 };
+                    let (eye, point) = (world * eye, world * dvec3(0.0, 0.0, -depth));
+                    // The sight line is the camera's axis, where the angles to both are one.
+                    let camera = Camera::look_at(eye, point, dvec3(0.3, 0.9, 0.2), fov, [300, 200]).expect("valid");
+                    let normal = layout.normal(index).as_dvec3();
+                    let (cos1, cos2) = (normal.z, (world * normal).dot((eye - point).normalize()));
+                    let flattest = f64::from(PaperSize::MIN_COSINE);
+                    if cos1 < flattest || cos2 < flattest {
+                        continue;
+                    }
+                    table.refill(&camera, &segment, layout, FACE_PX);
+                    let q = if layout == SplatIndexLayout::Paper { 1.0 / depth } else { 1.0 };
+                    let w = (eye - point).length() / depth;
+                    let found = f64::from(table.widths[index as usize]) * q / w;
+                    let expected = width_px(&camera, face, normal, depth);
+                    assert!(
+                        (found / expected - 1.0).abs() < TOLERANCE,
+                        "{face:?} {layout:?} {index}: {found}, not {expected}"
+                    );
+                    checked += 1;
+                }
+            }
+        }
+        assert!(checked > 1000, "{checked}");
+    }
+
+    /// Radii of samples of which the table says the widths, at w = 1 and inverse depth `q`.
+    fn radii(layout: SplatIndexLayout, widths: [f32; LANES], w: f32, q: f32) -> [f32; LANES] {
+        let mut table = PaperSize { layout, ..PaperSize::new() };
+        table.widths[..LANES].copy_from_slice(&widths);
+        dispatch!(Level::new(), simd => {
+            let zero = f32x16::splat(simd, 0.0);
+            let lanes = Lanes {
+                homogeneous: [zero; 3],
+                reciprocal_w: f32x16::splat(simd, 1.0 / w),
+                inverse_depth: f32x16::splat(simd, q),
+                x: zero,
+                y: 0.0,
+                normals: Normals::Index(u32x16::load_array(simd, std::array::from_fn(|i| i as u32))),
+            };
+            let found = table.footprints(simd, &lanes);
+            assert_eq!(found.radius_x.to_array(), found.radius_y.to_array());
+            assert_eq!(found.weight.to_array(), [1.0; LANES]);
+            found.radius_x.to_array()
+        })
+    }
+
+    #[test]
+    fn squares_are_the_smallest_that_are_as_wide_as_the_sample() {
+        let widths = [0.0, 0.5, 1.0, 1.01, 2.0, 2.99, 3.0, 3.01, 4.5, 5.0, 5.01, 6.0, 7.0, 7.5, 60.0, f32::NAN];
+        let expected = [0.5, 0.5, 0.5, 1.5, 1.5, 1.5, 1.5, 2.5, 2.5, 2.5, 3.5, 3.5, 3.5, 3.5, 3.5, 0.5];
+        assert_eq!(radii(SplatIndexLayout::Normal, widths, 1.0, 9.0), expected);
+        // Twice as far from the eye as from the centre: half the width. The paper's entries are metres, times inverse depth.
+        assert_eq!(radii(SplatIndexLayout::Normal, widths.map(|w| w * 2.0), 2.0, 9.0), expected);
+        assert_eq!(radii(SplatIndexLayout::Paper, widths.map(|w| w * 2.0), 1.0, 0.5), expected);
     }
 }

@@ -1,4 +1,4 @@
-//! Footprints: which there are ([`SplatKernel`]), splats ready to be drawn, and what they are drawn on (inventory S20, S21,
+//! Footprints: which there are ([`SplatKernel`]), splats ready to be drawn, and what they are drawn on (S20, S21,
 //! C10, C12).
 
 use super::Spans;
@@ -9,35 +9,8 @@ use std::ops::Range;
 
 /// Which footprints are drawn.
 ///
-/// PSNR in dB against truth on the test bed, by `tests/splat_quality.rs`: faces of 160 px, all eleven bits for the normal,
-/// f2/f1 = frame pixels for one face pixel on the axis. `cube map` is a ray-traced cube map of equal face size, resampled
-/// bilinearly: the best that is possible from the centre without silhouettes of one's own.
-///
-/// | kernel     | room, centre: 0.5 | 1.3  | 2    | 3    | off it: 0.5 | 1.3  | 2    | 3    | holes   |
-/// |------------|-------------------|------|------|------|-------------|------|------|------|---------|
-/// | (cube map) | 42.3              | 42.9 | 37.9 | 37.4 | 19.6        | 19.7 | 21.6 | 21.1 |         |
-/// | `Paper`    | 19.0              | 23.8 | 32.2 | 29.1 | 19.8        | 19.4 | 36.3 | 36.6 | 1.7 %   |
-/// | `Opaque`   | 31.3              | 36.3 | 34.9 | 35.6 | 31.6        | 33.5 | 37.6 | 37.7 | 0.02 %  |
-/// | `Tent`     | 41.5              | 42.0 | 37.2 | 37.2 | 41.6        | 39.5 | 41.4 | 39.9 | 0       |
-/// | `Ellipse`  | 40.6              | 40.3 | 36.3 | 36.3 | 40.8        | 38.2 | 40.1 | 39.1 | 0       |
-///
-/// | kernel     | leaves, centre: 0.5 | 1.3  | 2    | 3    | off it: 0.5 | 1.3  | 2    | 3    | holes   |
-/// |------------|---------------------|------|------|------|-------------|------|------|------|---------|
-/// | (cube map) | 38.1                | 35.0 | 35.6 | 31.2 | 17.8        | 19.2 | 22.1 | 21.9 |         |
-/// | `Paper`    | 22.2                | 27.0 | 30.3 | 30.0 | 22.9        | 26.8 | 27.4 | 30.5 | 0.2 %   |
-/// | `Opaque`   | 29.1                | 31.9 | 33.2 | 30.5 | 28.3        | 30.4 | 29.3 | 30.9 | 0.01 %  |
-/// | `Tent`     | 35.2                | 33.9 | 34.3 | 30.7 | 34.4        | 33.3 | 30.3 | 31.1 | 0       |
-/// | `Ellipse`  | 34.5                | 33.2 | 33.9 | 30.6 | 33.9        | 32.8 | 30.2 | 30.9 | 0       |
-///
-/// Depth pixels that are not packed ([`crate::packed::ExactCube`]) change none of these by more than 0.06 dB. Integers cost
-/// nothing either: what `Ellipse` gains by not rounding it loses to Gaussians being wider than tents.
-///
-/// Most of what `Paper` loses is its table of sizes, which takes angles to the cameras' axes for angles to the lines of
-/// sight: a floor seen through a side face, at 90 degrees to that axis, gets any size. Tried and dropped, at f2/f1 = 1.3
-/// in the room: the paper's squares with the thresholds 2, 4, 6 (12 dB, 20 % holes); their rims only where nothing or a
-/// farther surface is (0.1 dB better); tents sharpened (w^1.5: 0.9 to 3.3 dB worse) or widened (1.1 times: 0.5 to 0.7
-/// dB worse); tents of one radius from w^-3/2 without normals (0 to 0.5 dB worse off the centre, up to 1.5 dB at
-/// f2/f1 = 0.5), and from the paper's table (8 dB worse).
+/// How near to truth each comes, what its table of sizes costs `Paper`, and what else was tried: docs/decisions.md: tents, averaged
+/// per surface. `tests/library/splat_quality.rs` measures it anew.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SplatKernel {
@@ -226,12 +199,16 @@ pub(super) fn covered_lanes<S: Simd>(
     start: usize,
     [first, end]: [f32; 2],
 ) -> [i32x16<S>; 2] {
-    let load = |values: &[f32; Splats::ROOM]| f32x16::from_slice(simd, &values[start..start + LANES]);
-    let (position, radius) = (load(position), load(radius));
-    let (first, end) = (f32x16::splat(simd, first), f32x16::splat(simd, end));
-    // Not by `map`: within a function of the standard library, which is compiled for no level, each operation is a call.
-    let beyond = |border: f32x16<S>| i32x16::truncate_from((border - 0.5).max(first).min(end).ceil());
-    [beyond(position - radius), beyond(position + radius)]
+    let (position, radius) = (load(simd, position, start), load(simd, radius, start));
+    let (left, right) = (position - radius - 0.5, position + radius - 0.5);
+    let (left, right) = (left.max(first).min(end).ceil(), right.max(first).min(end).ceil());
+    [i32x16::truncate_from(left), i32x16::truncate_from(right)]
+}
+
+/// The values of the splats from `start` on, as many as there are lanes.
+#[inline(always)]
+pub(super) fn load<S: Simd>(simd: S, values: &[f32; Splats::ROOM], start: usize) -> f32x16<S> {
+    f32x16::from_slice(simd, &values[start..start + LANES])
 }
 
 /// `v.ceil() as i32` for |v| < 2^24, without the call into libm that `ceil` is on processors before SSE4.1.

@@ -12,7 +12,7 @@
 
 use super::linear::LinearLight;
 use super::size::LANES;
-use super::splat::{self, Canvas, Splats};
+use super::splat::{self, Canvas, Splats, load};
 use super::tent::{ONE, SIDE, SmallWeights, Tents};
 use crate::render::Spans;
 use fearless_simd::{Level, Simd, SimdCvtFloat, SimdCvtTruncate, dispatch, f32x16, prelude::*, u32x16};
@@ -222,8 +222,8 @@ impl SurfaceCanvas {
     /// Of sixteen splats, the inverse depths below and above which another surface lies behind and in front of the splat's.
     #[inline(always)]
     fn one_surface<S: Simd>(&self, simd: S, splats: &Splats, start: usize) -> [[f32; LANES]; 2] {
-        let inverse_depth = f32x16::from_slice(simd, &splats.inverse_depth[start..start + LANES]);
-        let apart = (inverse_depth * self.tolerance).max(f32x16::splat(simd, self.bin));
+        let inverse_depth = load(simd, &splats.inverse_depth, start);
+        let apart = (inverse_depth * self.tolerance).max(self.bin);
         [(inverse_depth - apart).to_array(), (inverse_depth + apart).to_array()]
     }
 }
@@ -292,24 +292,36 @@ fn resolve_all<S: Simd>(simd: S, from: &[Cell], to: &mut [[u8; 4]]) {
             to[i] = from[i].flattened(light);
         }
     }
-    to_rest.iter_mut().zip(from_rest).for_each(|(to, cell)| *to = cell.flattened(light));
+    for (to, cell) in to_rest.iter_mut().zip(from_rest) {
+        *to = cell.flattened(light);
+    }
 }
 
 /// [`Cell::mean`] and 255 for cells whose front surface fills the pixel; of the others, the bits.
 #[inline(always)]
 fn fronts<S: Simd>(simd: S, cells: &[Cell; LANES]) -> ([[u8; 4]; LANES], u64) {
-    let sum = |half: u32| {
-        let words: [u32; LANES] = std::array::from_fn(|i| (cells[i].sum >> (32 * half)) as u32);
-        u32x16::load_array(simd, words)
-    };
-    let (low, high) = (sum(0), sum(1));
+    let (mut low, mut high) = ([0; LANES], [0; LANES]);
+    for i in 0..LANES {
+        (low[i], high[i]) = (cells[i].sum as u32, (cells[i].sum >> 32) as u32);
+    }
+    let (low, high) = (u32x16::load_array(simd, low), u32x16::load_array(simd, high));
     let weight = high >> 16;
-    let divisor = f32x16::float_from(weight.max(u32x16::splat(simd, 1)));
+    let fills = weight.simd_ge(OPAQUE as u32);
+    let (red, green, blue) = (mean(low & 0xffff, weight), mean(low >> 16, weight), mean(high & 0xffff, weight));
+    let colors = (red | (green << 8) | (blue << 16) | 0xff00_0000).to_array();
+    let mut bytes = [[0; 4]; LANES];
+    for (bytes, color) in bytes.iter_mut().zip(colors) {
+        *bytes = color.to_le_bytes();
+    }
+    (bytes, !fills.to_bitmask() & 0xffff)
+}
+
+/// Sums over weights, rounded to the nearest; 0 for weight 0, whose sums are 0.
+#[inline(always)]
+fn mean<S: Simd>(sum: u32x16<S>, weight: u32x16<S>) -> u32x16<S> {
+    let divisor = f32x16::float_from(weight.max(1));
     // Rounded down like the integers: a quotient of them that is not whole is at least 1 / 257 away from the next.
-    let mean = |lane: u32x16<S>| u32x16::truncate_from(f32x16::float_from(lane + (weight >> 1)) / divisor).to_array();
-    let [red, green, blue] = [mean(low & 0xffff), mean(low >> 16), mean(high & 0xffff)];
-    let fills = weight.simd_ge(u32x16::splat(simd, OPAQUE as u32));
-    (std::array::from_fn(|i| [red[i] as u8, green[i] as u8, blue[i] as u8, 255]), !fills.to_bitmask() & 0xffff)
+    u32x16::truncate_from(f32x16::float_from(sum + (weight >> 1)) / divisor)
 }
 
 #[cfg(test)]

@@ -1,11 +1,11 @@
 //! Tents: what splats weigh in the pixels that they touch, in integers.
 //!
 //! A tent is the product of two lines of heights, one along x and one along y, so that all weights of a splat that touches at
-//! most [`SIDE`] pixels a side, as most do, come from eight heights, sixteen splats at a time. With this, and with rows of known
-//! length, drawing takes 0.80 to 0.89 of the time of finding each weight in the loop over pixels.
+//! most [`SIDE`] pixels a side, as most do, come from eight heights, sixteen splats at a time
+//! (docs/decisions.md: weights of tents sixteen splats at a time).
 
 use super::size::LANES;
-use super::splat::{Splats, covered_lanes};
+use super::splat::{Splats, covered_lanes, load};
 use fearless_simd::{Simd, SimdCvtFloat, SimdCvtTruncate, f32x16, i32x16, prelude::*, u32x16};
 use std::ops::Range;
 
@@ -47,10 +47,10 @@ impl Tents {
         for i in (0..splats.count()).step_by(LANES) {
             self.columns.fill(simd, [&splats.x, &splats.radius_x], i, columns);
             self.rows.fill(simd, [&splats.y, &splats.radius_y], i, rows);
-            let weight = f32x16::from_slice(simd, &splats.weight[i..i + LANES]);
+            let weight = load(simd, &splats.weight, i);
             let alpha = (u32x16::from_slice(simd, &splats.color[i..i + LANES]) >> ALPHA_SHIFT) & 255;
             let alpha = f32x16::float_from(alpha);
-            let peak = weight.max(f32x16::splat(simd, MIN_PEAK)) * alpha * (ONE as f32 * 512.0 / 255.0);
+            let peak = weight.max(MIN_PEAK) * alpha * (ONE as f32 * 512.0 / 255.0);
             u32x16::truncate_from(peak).store_slice(&mut self.peak[i..i + LANES]);
         }
     }
@@ -110,8 +110,7 @@ impl Lines {
     #[inline(always)]
     fn fill<S: Simd>(&mut self, simd: S, [position, radius]: [&[f32; Splats::ROOM]; 2], i: usize, bounds: [f32; 2]) {
         let [first, end] = covered_lanes(simd, [position, radius], i, bounds);
-        let load = |values: &[f32; Splats::ROOM]| f32x16::from_slice(simd, &values[i..i + LANES]);
-        let (position, scale) = (load(position), f32x16::splat(simd, 32_768.0) / load(radius));
+        let (position, scale) = (load(simd, position, i), f32x16::splat(simd, 32_768.0) / load(simd, radius, i));
         // Rounded at the middle, not at `first`, which depends on the band.
         let middle = i32x16::truncate_from(position);
         let at = i32x16::truncate_from((f32x16::float_from(middle) + 0.5 - position) * scale);
@@ -135,7 +134,7 @@ impl Lines {
         let step = i32x16::from_slice(simd, &self.step[start..start + LANES]);
         let mut heights = [u32x16::splat(simd, 0); SIDE];
         for height in &mut heights {
-            *height = (i32x16::splat(simd, 32_768) - at.abs()).max(i32x16::splat(simd, 0)).bitcast();
+            *height = (i32x16::splat(simd, 32_768) - at.abs()).max(0).bitcast();
             at += step;
         }
         heights

@@ -1,4 +1,4 @@
-//! The matrix that takes an LDI's pixels to a frame's (inventory S18, C2, C8).
+//! The matrix that takes an LDI's pixels to a frame's (S18, C2, C8).
 
 use crate::capture::Camera;
 use crate::capture::rig::Face;
@@ -94,7 +94,7 @@ mod tests {
     fn f32_positions_along_a_wide_row_agree_with_f64() {
         let size = 4096;
         let eye = DVec3::new(0.21, -0.13, 0.34);
-        let camera = Camera::look_at(eye, DVec3::new(0.3, 0.2, -5.0), DVec3::Y, 90.0, 4096, 4096).expect("valid");
+        let camera = Camera::look_at(eye, DVec3::new(0.3, 0.2, -5.0), DVec3::Y, 90.0, [4096, 4096]).expect("valid");
         let transfer = Transfer::new(&camera, eye, Face::NegZ, size);
         let (min, step) = (0.01, 1.2 / f64::from(INVERSE_DEPTH_CODE_MAX));
         let (mut worst, mut drift) = (0.0f64, 0.0f64);
@@ -128,7 +128,7 @@ mod tests {
         let centre = DVec3::new(10.0, 20.0, -5.0);
         let eye = centre + DVec3::new(0.3, -0.2, 0.1);
         let camera =
-            Camera::look_at(eye, centre + DVec3::new(2.0, 1.0, -0.5), DVec3::Y, 70.0, 640, 480).expect("valid");
+            Camera::look_at(eye, centre + DVec3::new(2.0, 1.0, -0.5), DVec3::Y, 70.0, [640, 480]).expect("valid");
         for face in Face::ALL {
             let transfer = Transfer::new(&camera, eye - centre, face, 100);
             for (x, y, depth) in [(3.0, 4.0, 2.0), (50.0, 50.0, 100.0), (99.0, 20.0, 0.9)] {

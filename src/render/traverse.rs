@@ -1,4 +1,4 @@
-//! The one traversal: every depth pixel of a segment, in drawing order, in batches (inventory S17, S19).
+//! The one traversal: every depth pixel of a segment, in drawing order, in batches (S17, S19).
 //!
 //! Kernels (scalar, SIMD, any splat) take the batches; none of them needs to know of order, offsets or layers.
 

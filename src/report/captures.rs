@@ -5,11 +5,12 @@ use super::plan::Plan;
 use super::scene::{ReportError, Subject};
 use crate::capture::rig::Face;
 use crate::ldi::accumulate::DepthBins;
-use crate::ldi::build::{Progress, Sampler};
-use crate::ldi::job::{CaptureJob, Resources};
+use crate::ldi::job::CaptureJob;
 use crate::ldi::merge::MergeRule;
+use crate::ldi::parameters::{CaptureParameters, Resources, Sampler};
 use crate::ldi::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::progress::Progress;
 use crate::scene_source::SceneSource;
 use std::time::Instant;
 
@@ -50,18 +51,16 @@ impl Captures<'_> {
     fn job(&self) -> CaptureJob {
         let quality = self.plan.quality;
         CaptureJob {
-            scene: SceneSource::new(&self.subject.name),
-            centre: self.plan.centre,
-            half_size_m: self.plan.half_size_m,
             face_size_px: quality.face_size_px,
-            sampler: Sampler::Stratified,
-            strata: quality.strata,
-            rays: quality.rays,
-            seed: self.plan.seed,
-            novelty: CaptureJob::DEFAULT_NOVELTY,
-            merge_rule: MergeRule::Average,
-            bounces: self.subject.lighting.bounces,
-            light_samples: if self.subject.lit { quality.light_samples } else { 0 },
+            parameters: CaptureParameters {
+                strata: quality.strata,
+                rays_per_stratum: quality.rays,
+                seed: self.plan.seed,
+                bounces: self.subject.lighting.bounces,
+                light_samples: if self.subject.lit { quality.light_samples } else { 0 },
+                ..CaptureParameters::DEFAULT
+            },
+            ..CaptureJob::new(SceneSource::new(&self.subject.name), self.plan.centre, self.plan.half_size_m)
         }
     }
 
@@ -104,7 +103,7 @@ impl Captures<'_> {
             made.push((roles, self.make(change, progress)?));
             Ok(())
         };
-        let all_rays = |job: &mut CaptureJob| job.novelty = 0.0;
+        let all_rays = |job: &mut CaptureJob| job.parameters.novelty = 0.0;
         add(
             vec![
                 Role::other("novelty stopping", "off"),
@@ -116,25 +115,25 @@ impl Captures<'_> {
         for (name, sampler) in [("white noise", Sampler::WhiteNoise), ("centre rays", Sampler::CentreRays)] {
             add(vec![Role::other("sampler", name)], &|job| {
                 all_rays(job);
-                job.sampler = sampler;
+                job.parameters.sampler = sampler;
             })?;
         }
         for (n, m) in [(strata / 2, rays / 4), (strata / 2, rays), (strata, rays / 4), (strata, rays * 4)] {
             let m = m.max(1);
             add(vec![Role::other("rays", format!("{n}^4 x {m}"))], &|job| {
                 all_rays(job);
-                (job.strata, job.rays) = (n, m);
+                (job.parameters.strata, job.parameters.rays_per_stratum) = (n, m);
             })?;
         }
         for (name, rule) in
             [("keep the smaller area", MergeRule::SmallerArea), ("keep both if colours differ", MergeRule::ColorsApart)]
         {
-            add(vec![Role::other("merging (D1)", name)], &|job| job.merge_rule = rule)?;
+            add(vec![Role::other("merging (D1)", name)], &|job| job.parameters.merge_rule = rule)?;
         }
         if self.subject.lit {
             for samples in [1, 16] {
                 let name = format!("{samples} per depth pixel");
-                add(vec![Role::other("light samples", name)], &|job| job.light_samples = samples)?;
+                add(vec![Role::other("light samples", name)], &|job| job.parameters.light_samples = samples)?;
             }
         }
         let mut edit = |role, change: &dyn Fn(&mut CubeLdi)| {

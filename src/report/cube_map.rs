@@ -4,7 +4,7 @@ use crate::capture::light::Lighting;
 use crate::capture::rig::Face;
 use crate::capture::trace::Tracer;
 use crate::capture::{Camera, linear_from_srgb8, srgb8_from_linear};
-use crate::ldi::build::Progress;
+use crate::progress::Progress;
 use crate::truth;
 use glam::DVec3;
 use image::RgbImage;

@@ -11,8 +11,8 @@ use super::row::EyeSet;
 use super::scene::{DefaultCapture, ReportError, Subject, scene_bytes};
 use crate::capture::Camera;
 use crate::compose::Composition;
-use crate::ldi::build::{Progress, Silent};
 use crate::packed::{ExactCube, PackedCube, SplatIndexLayout, Split};
+use crate::progress::{Progress, Silent};
 use crate::render::splat::SplatKernel;
 use crate::render::{Parallel, RenderSettings};
 use crate::sprite::{
@@ -331,7 +331,7 @@ impl<'a> Field<'a> {
         let slabs = slabs_at_gaps(tracer, &taken, LAYERS);
         let mut set = SpriteSet::new(capture_slabs(&capture, &taken, &slabs, &Silent)?);
         if lighting.sky.is_some() {
-            set.environment = crate::ldi::Environment::of_sky(128, lighting, |_| true);
+            set.environment = crate::environment::Environment::of_sky(128, lighting, |_| true);
         }
         Ok(Some(set))
     }

@@ -7,8 +7,8 @@ use super::row::EyeSet;
 use super::scene::ReportError;
 use super::stats::{mean, mse_of_psnr, psnr_of_mse};
 use super::truths::{Truths, samples_for};
-use crate::ldi::build::Progress;
 use crate::metrics;
+use crate::progress::Progress;
 use crate::truth::TruthFrame;
 
 /// Truth should lie so far below the error that is measured with it, dB.

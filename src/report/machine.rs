@@ -1,7 +1,7 @@
 //! Where a report was made.
 
 use super::row::Machine;
-use fearless_simd::Level;
+use crate::capture::simd;
 use std::path::Path;
 use std::process::Command;
 use std::time::UNIX_EPOCH;
@@ -15,17 +15,11 @@ impl Machine {
         Self {
             processor: if processor.is_empty() { "unknown".into() } else { processor },
             threads: rayon::current_num_threads(),
-            simd: simd_name(Level::new()),
+            simd: simd::name(simd::level()).to_owned(),
             system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
             load_hundredths: load.map(|load| (load * 100.0).round() as u32),
         }
     }
-}
-
-/// The name of a level, without what its debug form says beyond.
-fn simd_name(level: Level) -> String {
-    let name = format!("{level:?}");
-    name.split(['(', ' ', '{']).next().unwrap_or_default().to_owned()
 }
 
 fn first_line_after(path: &str, key: &str) -> Option<String> {

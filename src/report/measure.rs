@@ -4,8 +4,8 @@ use super::contender::{Contender, Picture};
 use super::plan::{Eye, Place};
 use super::row::{Displaced, EyeSet, Row, WorstFrame};
 use super::stats::{Spread, mean, pooled_psnr_db};
-use crate::ldi::build::Progress;
 use crate::metrics::{self, Comparison, MetricError};
+use crate::progress::Progress;
 use crate::truth::TruthFrame;
 use rayon::prelude::*;
 use std::time::Instant;
@@ -257,7 +257,7 @@ mod tests {
             grey(102, EyeSet::All, vec![Role::other("a", "two off")]),
             grey(100, EyeSet::Ahead, vec![Role::other("b", "right")]),
         ];
-        let measured = draw_in_turns(&mut contenders, &plan.eyes, 3, &crate::ldi::build::Silent);
+        let measured = draw_in_turns(&mut contenders, &plan.eyes, 3, &crate::progress::Silent);
         assert!(measured[2].pictures[0].is_none() && measured[2].ms[0].is_empty(), "not judged by uniform eyes");
         let rows = rows("s", &contenders, &measured, &plan.eyes, &truths).expect("sizes fit");
         let names: Vec<_> = rows.iter().map(|r| (r.group.as_str(), r.variant.as_str(), r.eyes)).collect();

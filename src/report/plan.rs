@@ -151,7 +151,7 @@ impl Plan {
         let eye = |place, offset: DVec3, forward: DVec3| {
             let at = centre + offset * half_size_m;
             // The look-at point lies as far as the headbox is large: far coordinates keep their digits.
-            let camera = Camera::look_at(at, at + forward * half_size_m, DVec3::Y, FOV_Y_DEG, width, height)?;
+            let camera = Camera::look_at(at, at + forward * half_size_m, DVec3::Y, FOV_Y_DEG, [width, height])?;
             Ok(Eye { place, offset, camera })
         };
         let key = [seed as u32, (seed >> 32) as u32];

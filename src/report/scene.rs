@@ -9,8 +9,8 @@ use super::stats::{mean, mse_of_psnr, pooled_psnr_db};
 use super::truths::Truths;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
-use crate::ldi::build::Progress;
 use crate::packed::{PackedCube, SegmentSide};
+use crate::progress::Progress;
 use crate::sprite::SpriteSet;
 use crate::truth::TruthFrame;
 use std::path::PathBuf;
@@ -34,6 +34,9 @@ pub enum ReportError {
     /// Sprites could not be made.
     #[error(transparent)]
     Sprite(#[from] crate::sprite::SpriteError),
+    /// A frame is no picture.
+    #[error(transparent)]
+    Frame(#[from] crate::frame::FrameError),
     /// Pictures could not be compared.
     #[error(transparent)]
     Metric(#[from] crate::metrics::MetricError),

@@ -4,9 +4,10 @@ use super::chart::{Axis, Chart, ChartPoint, Series, Spacing};
 use super::scene::ReportError;
 use crate::capture::Camera;
 use crate::compose::{ComposeSettings, Composer, Composition};
-use crate::ldi::build::Silent;
+use crate::frame::Frame;
 use crate::metrics;
-use crate::sprite::{PreparedSprite, RenderOptions, SlabCapture, SpriteFrame, SpriteSet, Transfer, Variant};
+use crate::progress::Silent;
+use crate::sprite::{PreparedSprite, RenderOptions, SlabCapture, SpriteSet, Transfer, Variant};
 use crate::truth;
 use std::fmt::Write;
 
@@ -48,12 +49,12 @@ impl SpriteRange {
         let (width, height) = (reference.width(), reference.height());
         let fov_deg = 2.0 * (f64::from(height) / 2.0 / reference.focal_px()).atan().to_degrees();
         let layers = Composition::new(set, Vec::new());
-        let (mut composer, mut frame) = (Composer::default(), SpriteFrame::default());
+        let (mut composer, mut frame) = (Composer::default(), Frame::default());
         let mut places = Vec::new();
         for share in SHARES {
             let displacement_m = share * distance;
             let eye = reference.eye() + (right + up * 0.3) * displacement_m;
-            let target = Camera::look_at(eye, look_at, up, fov_deg, width, height)?;
+            let target = Camera::look_at(eye, look_at, up, fov_deg, [width, height])?;
             let SlabCapture { tracer, lighting, lit, samples, .. } = *capture;
             let truth = truth::render(tracer, lighting, lit, &target, samples, &Silent).color;
             let mut flips = [0.0; Variant::ALL.len()];
@@ -61,7 +62,7 @@ impl SpriteRange {
                 let sprites = RenderOptions { variant, ..RenderOptions::default() };
                 let settings = ComposeSettings { sprites, ..ComposeSettings::default() };
                 layers.render(&mut composer, &target, &settings, &mut frame);
-                *flip = metrics::compare(&truth, &frame.to_rgb([0; 3]))?.flip;
+                *flip = metrics::compare(&truth, &frame.to_rgb()?)?.flip;
             }
             places.push(RangePlace {
                 displacement_m,

@@ -1,5 +1,6 @@
 //! Medians, quartiles and means of decibels.
 
+use crate::capture::statistics::quantile;
 use serde::{Deserialize, Serialize};
 
 /// The middle of some values and how far they spread.
@@ -19,15 +20,6 @@ impl Spread {
         let at = |share| quantile(&sorted, share);
         Some(Self { median: at(0.5)?, quartiles: [at(0.25)?, at(0.75)?] })
     }
-}
-
-/// The value below which `share` (0..=1) of ascending values lie, interpolated linearly between neighbours.
-fn quantile(ascending: &[f64], share: f64) -> Option<f64> {
-    let last = ascending.len().checked_sub(1)?;
-    let place = share * last as f64;
-    let below = (place as usize).min(last);
-    let above = (below + 1).min(last);
-    Some(ascending[below] + (ascending[above] - ascending[below]) * (place - below as f64))
 }
 
 /// Mean squared error of values in 0..=1 that a PSNR stands for; 0 for an infinite one.

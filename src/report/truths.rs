@@ -5,7 +5,7 @@ use crate::capture::scene::UpAxis;
 use crate::capture::trace::Tracer;
 use crate::capture::{Camera, Scene};
 use crate::container::{Container, ContainerWriter, FileError, Kind};
-use crate::ldi::build::Progress;
+use crate::progress::Progress;
 use crate::truth::{self, TruthFrame};
 use glam::Vec3;
 use image::RgbImage;
@@ -62,7 +62,7 @@ impl<'a> Truths<'a> {
     fn name(&self, camera: &Camera, samples: u32) -> String {
         let small = Camera::from_parts(camera.eye(), camera.world_from_eye(), camera.focal_px() / 8.0, 16, 12);
         let witness = small.map(|small| {
-            truth::render(self.tracer, self.lighting, self.lit, &small, 2, &crate::ldi::build::Silent).color
+            truth::render(self.tracer, self.lighting, self.lit, &small, 2, &crate::progress::Silent).color
         });
         let parts = digest(|hash| {
             self.scene.iter().for_each(|part| hash.write_u64(*part));
@@ -152,7 +152,7 @@ pub fn samples_for(wanted_db: f64, reached_db: f64, samples: u32, most: u32) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ldi::build::Silent;
+    use crate::progress::Silent;
     use glam::DVec3;
     use std::sync::Arc;
 
@@ -166,7 +166,7 @@ mod tests {
         let files = || std::fs::read_dir(folder.path()).expect("there").count();
         let camera = |x: f64| {
             let eye = headbox.centre + DVec3::X * x;
-            Camera::look_at(eye, eye - DVec3::Z, DVec3::Y, 60.0, 20, 10).expect("valid")
+            Camera::look_at(eye, eye - DVec3::Z, DVec3::Y, 60.0, [20, 10]).expect("valid")
         };
         let truths = Truths::new(&tracer, &lighting, true, Some(folder.path().into()));
         let first = truths.frame(&camera(0.0), 4, &Silent);

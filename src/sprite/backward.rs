@@ -1,6 +1,7 @@
 //! Second pass: one walk over the output (Eq. 7, 8; corrected by C5), for every variant that samples backwards.
 
-use super::field::{Coding, Field};
+use super::cell::Coding;
+use super::field::Field;
 use super::sampling::{BLOCK, Footprints, LANE_NUMBERS, LANES, TexelMap, address, sample};
 use super::shift::ShiftField;
 use super::texture::Texture;

@@ -9,7 +9,7 @@ use super::displacement::Values;
 use super::{Displacement, DisplacementFormat, Plane, Sprite, SpriteError, SpriteInfo, SpriteSet, SpriteWithDepth};
 use crate::capture::{Camera, CameraError};
 use crate::container::{Container, ContainerWriter, FileError, Kind, Section};
-use crate::ldi::Environment;
+use crate::environment::Environment;
 use glam::{DMat3, DVec3};
 use image::RgbaImage;
 use serde::{Deserialize, Serialize};
@@ -73,8 +73,8 @@ impl SpriteSet {
         let file = Container::open(path, SPRITE_FILE)?;
         let info_section = file.section("info")?;
         let FileHeader { info, environment_size_px, sprites: headers } = info_section.json()?;
-        if !(1e-9..=1e9).contains(&info.unit_m) {
-            return Err(info_section.damaged("a unit between 1e-9 and 1e9 m", info.unit_m.to_string()));
+        if !info.frame.is_sane() {
+            return Err(info_section.damaged("a unit between 1e-9 and 1e9 m", info.frame.unit_m.to_string()));
         }
         let environment = read_environment(file.section("environment")?, environment_size_px)?;
         let [mut geometry, mut color, mut depth] =

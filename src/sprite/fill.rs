@@ -1,6 +1,6 @@
 //! Filling the gaps that the first pass leaves (S9, C7).
 
-use super::field::{Coding, VISIBLE};
+use super::cell::{Coding, VISIBLE};
 use fearless_simd::{Simd, f32x16, i32x16, prelude::*, u32x16};
 
 /// Cells that are looked at together: this many of one row.
@@ -88,18 +88,17 @@ fn grow<S: Simd>(simd: S, cells: &[u32], width: usize, coding: &Coding, gaps: &m
     gaps.open.clear();
     for &block in &gaps.blocks {
         let start = block.start as isize;
-        let load = |start: isize| lanes(simd, cells, start);
         // Cells of other rows are not neighbours.
         let first = if block.ends & FIRST != 0 { 0 } else { u32::MAX };
         let last = if block.ends & LAST != 0 { count as u32 - 1 } else { u32::MAX };
-        let (left, right) = (load(start - 1), load(start + 1));
+        let (left, right) = (lanes(simd, cells, start - 1), lanes(simd, cells, start + 1));
         let neighbors = [
             (lane.simd_eq(first).select(zero, left), ratio, 8),
             (lane.simd_eq(last).select(zero, right), -ratio, 8),
-            (load(start - width as isize), ratio, 0),
-            (load(start + width as isize), -ratio, 0),
+            (lanes(simd, cells, start - width as isize), ratio, 0),
+            (lanes(simd, cells, start + width as isize), -ratio, 0),
         ];
-        let here = load(start);
+        let here = lanes(simd, cells, start);
         // Flipping the visible bit makes "visible first, then farthest" the least.
         let none = u32x16::splat(simd, u32::MAX);
         let mut best = none;

@@ -1,12 +1,11 @@
 //! First pass: moving displacements by pure parallax (Eq. 6), d1(x1, y1) to d3(x3, y3) with d3 = d1 / w3 (C5).
 //!
 //! Tiles that lie on planes ([`super::patches`]) are drawn whole, as the parallelograms that they become
-//! ([`super::planes`]); the cells of all others go one by one. On the benchmark's hemisphere of 256 x 256 cells, nine tenths
-//! of which are tiles, that takes half the time of cells alone. Tried and lost: drawing every cell that is magnified by
-//! more than 1.05 as a patch (half as much again, where a step of filling closes the same gaps); more bands of rows
-//! than threads (four of 65 rows take 1.5 times the time of one: neighbours draw the same tiles).
+//! ([`super::planes`]); the cells of all others go one by one. There are no more bands of rows than threads: neighbours
+//! draw the same tiles (docs/decisions.md: tiles on planes are drawn whole).
 
-use super::field::{Coding, Field, VISIBLE, slopes};
+use super::cell::{Coding, VISIBLE, slopes};
+use super::field::Field;
 use super::fill::{Gaps, fill};
 use super::patches::{BLOCK_SIDE, GROUP, PatchGroup, TILE};
 use super::planes::{Setups, draw_patch, set_up, slope_units};
@@ -236,8 +235,23 @@ pub(super) struct Band<'a> {
 
 /// Moves a square of cells one by one, in blocks of [`BLOCK_SIDE`]. A cell that is magnified moves as a patch too, so that
 /// nothing farther shows through a surface between its cells.
-#[inline(always)]
 fn move_square<S: Simd>(
+    simd: S,
+    source: &Field,
+    parallax: &Parallax,
+    corner: [u32; 2],
+    side: u32,
+    setups: &mut Setups,
+    band: &mut Band,
+) {
+    simd.vectorize(
+        #[inline(always)]
+        || move_square_at(simd, source, parallax, corner, side, setups, band),
+    );
+}
+
+#[inline(always)]
+fn move_square_at<S: Simd>(
     simd: S,
     source: &Field,
     parallax: &Parallax,
@@ -270,8 +284,10 @@ fn block_of<S: Simd>(simd: S, source: &Field, [x, y]: [u32; 2]) -> u32x16<S> {
     if x + BLOCK_SIDE <= source.width
         && let Some(cells) = source.cells.get(start..start + 3 * width + 4)
     {
-        let row = |i: usize| u32x4::from_slice(simd, &cells[i * width..i * width + 4]);
-        return row(0).combine(row(1)).combine(row(2).combine(row(3)));
+        let (upper, lower) = cells.split_at(2 * width);
+        let first = u32x4::from_slice(simd, &upper[..4]).combine(u32x4::from_slice(simd, &upper[width..width + 4]));
+        let second = u32x4::from_slice(simd, &lower[..4]).combine(u32x4::from_slice(simd, &lower[width..width + 4]));
+        return first.combine(second);
     }
     let mut block = [0; 16];
     for (i, cell) in block.iter_mut().enumerate() {
@@ -416,7 +432,7 @@ mod tests {
     #[test]
     fn bands_agree_with_the_whole() {
         const SIDE: u32 = 144;
-        let camera = Camera::look_at(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 50.0, SIDE, SIDE).expect("valid");
+        let camera = Camera::look_at(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 50.0, [SIDE, SIDE]).expect("valid");
         let color = RgbaImage::from_pixel(SIDE, SIDE, Rgba([255; 4]));
         let sprite = Sprite::new(color, camera, Plane::through(DVec3::ZERO, DVec3::Z)).expect("valid");
         // Squares at heights of their own: gaps of more rows than filling takes steps lie everywhere.

@@ -139,7 +139,7 @@ mod tests {
     use image::Rgba;
 
     fn import(depth: &[f32], depth_kind: DepthKind, alpha: u8) -> Result<SpriteWithDepth, SpriteError> {
-        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, 4, 3).expect("valid");
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [4, 3]).expect("valid");
         let color = RgbaImage::from_pixel(4, 3, Rgba([10, 20, 30, alpha]));
         let window_range_m = (0.5, 10.0);
         let format = DisplacementFormat::F32;
@@ -148,7 +148,7 @@ mod tests {
 
     #[test]
     fn every_depth_kind_gives_the_same_sprite() {
-        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, 4, 3).expect("valid");
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [4, 3]).expect("valid");
         let eye_depth: Vec<f32> = (0..12).map(|i| 2.0 + 0.1 * (i % 5) as f32).collect();
         let ray: Vec<f32> = pixel_centers(4, 3)
             .zip(&eye_depth)

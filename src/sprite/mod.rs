@@ -1,4 +1,4 @@
-//! Sprites with depth (Shade et al. 1998, section 3; inventory S2 to S10, corrected by C4 to C7 and C30).
+//! Sprites with depth (Shade et al. 1998, section 3; S2 to S9, corrected by C4 to C7 and C30).
 //!
 //! A [`Sprite`] is an alpha-matted picture taken by a camera, and a plane through what it shows. A [`SpriteWithDepth`]
 //! adds a *displacement* per pixel: how far the surface lies off the plane, towards the camera positive, divided by
@@ -17,15 +17,16 @@
 
 mod backward;
 mod capture;
+mod cell;
 mod displacement;
 mod error;
 mod field;
 mod file;
 mod fill;
 mod forward;
-mod frame;
 mod images;
 mod import;
+mod layer;
 mod patches;
 mod plane;
 mod planes;
@@ -42,9 +43,9 @@ pub use displacement::{Displacement, DisplacementFormat};
 pub use error::SpriteError;
 pub use file::SPRITE_FILE;
 pub(crate) use file::SpriteHeader;
-pub use frame::SpriteFrame;
 pub use images::{DepthPicture, ImageFileError};
 pub use import::DepthImport;
+pub use layer::SpriteLayer;
 pub use plane::Plane;
 pub use render::{PreparedSprite, RenderOptions, SpriteRenderer, Variant};
 pub use sampling::Sampling;

@@ -2,7 +2,7 @@
 //! on a plane, the plane moves instead of its cells. Pure parallax takes a plane to a plane exactly, so nothing is lost but
 //! what the fit leaves, and a plane that is magnified has no gaps.
 
-use super::field::VISIBLE;
+use super::cell::VISIBLE;
 
 /// Patches that are set up together.
 pub(super) const GROUP: usize = 16;
@@ -63,7 +63,7 @@ pub(super) struct Patches {
 }
 
 /// A field before it is packed.
-pub(super) struct Surface<'a> {
+pub(super) struct UnpackedField<'a> {
     pub width: u32,
     pub height: u32,
     pub values: &'a [f32],
@@ -74,7 +74,7 @@ pub(super) struct Surface<'a> {
 impl Patches {
     /// Cuts a field into patches. Stored displacements have steps of `step` (0 if they are fine): an eighth of one is
     /// less than rounding left open.
-    pub(super) fn new(surface: &Surface, step: f32) -> Self {
+    pub(super) fn new(surface: &UnpackedField, step: f32) -> Self {
         let largest = surface.values.iter().fold(0.0f32, |max, d| max.max(d.abs()));
         let tolerance = (largest * FLATNESS).max(step / 8.0);
         let strip = |y: u32| {
@@ -105,7 +105,7 @@ fn grouped(patches: &[Patch]) -> PatchGroup {
 
 /// The patches of a square of `side` cells.
 fn split(
-    surface: &Surface,
+    surface: &UnpackedField,
     tolerance: f32,
     [x, y]: [u32; 2],
     side: u32,
@@ -128,7 +128,7 @@ fn split(
 }
 
 /// The least-squares plane of a square, if it is whole, of one visibility, and nothing is farther off than `tolerance`.
-fn fit(surface: &Surface, tolerance: f32, [x0, y0]: [u32; 2], side: u32) -> Option<Patch> {
+fn fit(surface: &UnpackedField, tolerance: f32, [x0, y0]: [u32; 2], side: u32) -> Option<Patch> {
     if x0 + side > surface.width || y0 + side > surface.height {
         return None;
     }
@@ -174,7 +174,7 @@ mod tests {
         };
         let values: Vec<f32> = (0..24 * 18).map(|i| value(i % 24, i / 24)).collect();
         let cells = vec![VISIBLE; values.len()];
-        let patches = Patches::new(&Surface { width: 24, height: 18, values: &values, cells: &cells }, 0.0);
+        let patches = Patches::new(&UnpackedField { width: 24, height: 18, values: &values, cells: &cells }, 0.0);
         let count: Vec<_> = patches
             .strips
             .iter()

@@ -2,6 +2,7 @@
 
 use super::SpriteError;
 use crate::capture::Camera;
+use crate::capture::statistics::median;
 use glam::{DMat3, DVec3};
 
 /// The plane `normal . X + offset = 0`, world metres.
@@ -57,7 +58,7 @@ impl Plane {
     /// # Errors
     /// [`SpriteError::NoValidDepth`] without samples.
     pub fn fit(camera: &Camera, samples: &[[f64; 3]]) -> Result<Self, SpriteError> {
-        let median_inverse_depth = median(samples.iter().map(|s| s[2]).collect()).ok_or(SpriteError::NoValidDepth)?;
+        let median_inverse_depth = median(samples.iter().map(|s| s[2])).ok_or(SpriteError::NoValidDepth)?;
         let flat = Self::parallel_to_image(camera, 1.0 / median_inverse_depth);
         let center = [f64::from(camera.width()) / 2.0, f64::from(camera.height()) / 2.0];
         let Some([a, b, c]) = robust_affine(camera.focal_px(), center, samples) else { return Ok(flat) };
@@ -95,7 +96,7 @@ fn robust_affine(focal_px: f64, center: [f64; 2], samples: &[[f64; 3]]) -> Optio
         fit = weighted_affine(&rows, &weights)?;
         let residuals: Vec<f64> = rows.iter().map(|[x, y, q]| q - (fit[0] * x + fit[1] * y + fit[2])).collect();
         // 1.4826 times the median absolute deviation estimates the standard deviation of normal noise.
-        let spread = 1.4826 * median(residuals.iter().map(|r| r.abs()).collect())?;
+        let spread = 1.4826 * median(residuals.iter().map(|r| r.abs()))?;
         let spread = spread.max(1e-12 * fit[2].abs()).max(f64::MIN_POSITIVE);
         for (weight, residual) in weights.iter_mut().zip(&residuals) {
             *weight = if round < ABSOLUTE_ROUNDS {
@@ -129,20 +130,15 @@ fn weighted_affine(rows: &[[f64; 3]], weights: &[f64]) -> Option<[f64; 3]> {
     Some([a, b, mean[2] - a * mean[0] - b * mean[1]])
 }
 
-/// The middle value, `None` of none.
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    let middle = values.len() / 2;
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn a_slanted_plane_is_found_among_outliers() {
-        let camera = Camera::look_at(DVec3::new(100.0, 2.0, 5.0), DVec3::new(100.3, 1.0, 0.0), DVec3::Y, 50.0, 64, 48)
-            .expect("valid");
+        let camera =
+            Camera::look_at(DVec3::new(100.0, 2.0, 5.0), DVec3::new(100.3, 1.0, 0.0), DVec3::Y, 50.0, [64, 48])
+                .expect("valid");
         let truth = Plane::through(DVec3::new(100.0, 1.0, 0.0), DVec3::new(0.3, 0.2, 1.0)).facing(camera.eye());
         let samples: Vec<[f64; 3]> = (0..64 * 48)
             .map(|i| {
@@ -157,7 +153,7 @@ mod tests {
 
     #[test]
     fn too_few_samples_give_the_parallel_plane() {
-        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 50.0, 8, 8).expect("valid");
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 50.0, [8, 8]).expect("valid");
         assert_eq!(Plane::fit(&camera, &[]), Err(SpriteError::NoValidDepth));
         let single = Plane::fit(&camera, &[[1.5, 2.5, 0.25]]).expect("one sample");
         assert!((single.signed_distance(DVec3::ZERO) - 4.0).abs() < 1e-12 && single.normal.z.abs() > 0.999_999);

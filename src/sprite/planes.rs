@@ -37,11 +37,18 @@ impl Setups {
 /// `d3 = (a + b U + c V) / (1 + a e_z + b e_x + c e_y)`, e relative to the centre, and (U, V) comes from
 /// `(u, v) = ((U, V) - d3 (e_x, e_y)) / (1 - d3 e_z)`: all linear in (U, V) but for the last division, which a
 /// comparison does not need.
-#[inline(always)]
 pub(super) fn set_up<S: Simd>(simd: S, parallax: &Parallax, group: &PatchGroup, out: &mut Setups) -> u64 {
-    let load = |values: &[f32; GROUP]| f32x16::load_array_ref(simd, values);
-    let (x, y, half) = (load(&group.x), load(&group.y), load(&group.half));
-    let (a, b, c) = (load(&group.d), load(&group.slope_x), load(&group.slope_y));
+    simd.vectorize(
+        #[inline(always)]
+        || set_up_at(simd, parallax, group, out),
+    )
+}
+
+#[inline(always)]
+fn set_up_at<S: Simd>(simd: S, parallax: &Parallax, group: &PatchGroup, out: &mut Setups) -> u64 {
+    let (x, y) = (f32x16::load_array_ref(simd, &group.x), f32x16::load_array_ref(simd, &group.y));
+    let (half, a) = (f32x16::load_array_ref(simd, &group.half), f32x16::load_array_ref(simd, &group.d));
+    let (b, c) = (f32x16::load_array_ref(simd, &group.slope_x), f32x16::load_array_ref(simd, &group.slope_y));
     let [ex, ey, ez] = parallax.epipole;
     let one = f32x16::splat(simd, 1.0);
     let (ex, ey) = (f32x16::splat(simd, ex) - x * ez, f32x16::splat(simd, ey) - y * ez);
@@ -71,7 +78,8 @@ pub(super) fn set_up<S: Simd>(simd: S, parallax: &Parallax, group: &PatchGroup, 
     let (last_column, last_row) = ((boxed[0][1] + cx + margin).floor(), (boxed[1][1] + cy + margin).floor());
     let Encoding { steps_per_unit, rounded_zero, slopes_per_unit } = parallax.encoding;
     let slack = (q.max(-q) + r.max(-r)) * margin;
-    let ends = [boxed[2][0] - slack, boxed[2][1] + slack].map(|d| d * steps_per_unit + rounded_zero);
+    let least = (boxed[2][0] - slack) * steps_per_unit + rounded_zero;
+    let most = (boxed[2][1] + slack) * steps_per_unit + rounded_zero;
     let whole = stretch.simd_ge(w3 * LEAST_STRETCH)
         & shallowest.simd_ge(NEAREST_DEPTH_SHARE)
         & half.simd_gt(0.0)
@@ -79,35 +87,38 @@ pub(super) fn set_up<S: Simd>(simd: S, parallax: &Parallax, group: &PatchGroup, 
         & row.simd_ge(0.0)
         & last_column.simd_lt(parallax.width)
         & last_row.simd_lt(parallax.height)
-        & ends[0].min(ends[1]).simd_ge(1.0)
-        & ends[0].max(ends[1]).simd_lt(32768.0);
+        & least.min(most).simd_ge(1.0)
+        & least.max(most).simd_lt(32768.0);
     if parallax.stored == Stored::AsPrinted {
         return 0;
     }
 
     let (from_x, from_y) = (column - cx, row - cy);
     let d3 = p + q * from_x + r * from_y;
-    let store = |values: [f32x16<S>; 3], out: &mut [[f32; GROUP]; 3]| {
-        for (values, out) in values.into_iter().zip(out) {
-            values.store_slice(out);
-        }
-    };
     store([from_x - d3 * ex, one - q * ex, -(r * ex)], &mut out.across);
     store([from_y - d3 * ey, -(q * ey), one - r * ey], &mut out.down);
     let depth = half * ez;
     store([half + margin - d3 * depth, -(q * depth), -(r * depth)], &mut out.reach);
     let boxes = [column, row, last_column - column + 1.0, last_row - row + 1.0];
-    for (value, out) in boxes.into_iter().zip(&mut out.boxes) {
-        value.to_int::<i32x16<S>>().store_slice(out);
+    for i in 0..4 {
+        boxes[i].to_int::<i32x16<S>>().store_slice(&mut out.boxes[i]);
     }
     let fixed = steps_per_unit * 65536.0;
     let values = [d3 * fixed + rounded_zero * 65536.0, q * fixed, r * fixed];
-    for (value, out) in values.into_iter().zip(&mut out.value) {
-        value.to_int::<i32x16<S>>().store_slice(out);
+    for i in 0..3 {
+        values[i].to_int::<i32x16<S>>().store_slice(&mut out.value[i]);
     }
     let slopes = (slope_units(q * slopes_per_unit) << 8) | slope_units(r * slopes_per_unit);
     (slopes | u32x16::load_array_ref(simd, &group.visible)).store_slice(&mut out.rest);
     whole.to_bitmask()
+}
+
+/// Linear quantities for [`Setups`].
+#[inline(always)]
+fn store<S: Simd>(values: [f32x16<S>; 3], out: &mut [[f32; GROUP]; 3]) {
+    for i in 0..3 {
+        values[i].store_slice(&mut out[i]);
+    }
 }
 
 /// Least cells by which a patch reaches beyond its square, for the rounding of its edges.
@@ -117,25 +128,27 @@ const MARGIN: f32 = 1e-3;
 const LEAST_STRETCH: f32 = 0.25;
 
 /// Puts a patch where it is nearer than what is there.
-#[inline(always)]
 pub(super) fn draw_patch<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &mut Band) {
+    simd.vectorize(
+        #[inline(always)]
+        || draw_patch_at(simd, setups, lane, band),
+    );
+}
+
+#[inline(always)]
+fn draw_patch_at<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &mut Band) {
     // One by one: `map` over arrays of arrays would copy all lanes of each.
-    let boxed = |i: usize| setups.boxes[i][lane];
-    let [column, row, columns, rows] = [boxed(0), boxed(1), boxed(2), boxed(3)];
+    let boxes = &setups.boxes;
+    let [column, row, columns, rows] = [boxes[0][lane], boxes[1][lane], boxes[2][lane], boxes[3][lane]];
     if row >= band.first + band.rows || row + rows <= band.first {
         return;
     }
-    let lanes = f32x16::load_array_ref(simd, &LANE_NUMBERS);
     let whole_lanes = i32x16::load_array_ref(simd, &WHOLE_LANE_NUMBERS);
     let rest = u32x16::splat(simd, setups.rest[lane]);
-    let linear = |values: &[[f32; GROUP]; 3], skipped: f32| {
-        let [start, step, down] = [values[0][lane], values[1][lane], values[2][lane]];
-        (lanes * step + (start + step * skipped), f32x16::splat(simd, down))
-    };
     for skipped in (0..columns).step_by(16) {
-        let (mut across, across_down) = linear(&setups.across, skipped as f32);
-        let (mut down, down_down) = linear(&setups.down, skipped as f32);
-        let (mut reach, reach_down) = linear(&setups.reach, skipped as f32);
+        let (mut across, across_down) = linear(simd, &setups.across, lane, skipped as f32);
+        let (mut down, down_down) = linear(simd, &setups.down, lane, skipped as f32);
+        let (mut reach, reach_down) = linear(simd, &setups.reach, lane, skipped as f32);
         let [start, step, value_down] = [setups.value[0][lane], setups.value[1][lane], setups.value[2][lane]];
         let start = start.wrapping_add(step.wrapping_mul(skipped));
         let mut value = whole_lanes * step + start;
@@ -150,6 +163,14 @@ pub(super) fn draw_patch<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &
             value += value_down;
         }
     }
+}
+
+/// A linear quantity of a patch in sixteen columns of its first row, so many columns from the first, and its change per row.
+#[inline(always)]
+fn linear<S: Simd>(simd: S, values: &[[f32; GROUP]; 3], lane: usize, skipped: f32) -> (f32x16<S>, f32x16<S>) {
+    let [start, step, down] = [values[0][lane], values[1][lane], values[2][lane]];
+    let lanes = f32x16::load_array_ref(simd, &LANE_NUMBERS);
+    (lanes * step + (start + step * skipped), f32x16::splat(simd, down))
 }
 
 /// The larger of what is there and what comes.

@@ -8,8 +8,8 @@ use super::shift::ShiftField;
 use super::splat::splat;
 use super::texture::Texture;
 use super::transfer::{Outcome, Transfer};
-use super::{SpriteFrame, SpriteWithDepth};
-use crate::capture::Camera;
+use super::{SpriteLayer, SpriteWithDepth};
+use crate::capture::{Camera, simd};
 use fearless_simd::Level;
 
 /// How parallax inside a sprite is drawn.
@@ -139,7 +139,7 @@ impl Default for SpriteRenderer {
 impl SpriteRenderer {
     /// For the best SIMD level of the CPU.
     pub fn new() -> Self {
-        Self::with_level(Level::new())
+        Self::with_level(simd::level())
     }
 
     /// For a given SIMD level: every level gives the same bytes, as does every number of threads.
@@ -158,7 +158,7 @@ impl SpriteRenderer {
         sprite: &PreparedSprite,
         target: &Camera,
         options: &RenderOptions,
-        frame: &mut SpriteFrame,
+        frame: &mut SpriteLayer,
     ) -> Outcome {
         frame.resize(target.width(), target.height());
         match Transfer::new(sprite.sprite.sprite(), target) {
@@ -178,7 +178,7 @@ impl SpriteRenderer {
         sprite: &PreparedSprite,
         transfer: &Transfer,
         options: &RenderOptions,
-        frame: &mut SpriteFrame,
+        frame: &mut SpriteLayer,
     ) {
         let affine;
         let mut transfer = transfer;

@@ -1,34 +1,20 @@
 //! Several sprites of one scene, and the order in which an eye sees them.
 
-use super::{Outcome, PreparedSprite, RenderOptions, SpriteFrame, SpriteRenderer, SpriteWithDepth};
+use super::{Outcome, PreparedSprite, RenderOptions, SpriteLayer, SpriteRenderer, SpriteWithDepth};
 use crate::capture::Camera;
-use crate::capture::scene::{FileFrame, UpAxis};
-use crate::ldi::Environment;
+use crate::capture::scene::FileFrame;
+use crate::environment::Environment;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 /// Where sprites come from; travels in the `.sprite` file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SpriteInfo {
     /// The scene or the pictures, as given on the command line; empty if there is no telling.
     pub source: String,
-    /// Whether Z points up in the source's own axes.
-    pub z_up: bool,
-    /// Metres per unit of the source.
-    pub unit_m: f64,
-}
-
-impl Default for SpriteInfo {
-    fn default() -> Self {
-        Self { source: String::new(), z_up: false, unit_m: 1.0 }
-    }
-}
-
-impl SpriteInfo {
-    /// The axes and the unit of the source.
-    pub fn frame(&self) -> FileFrame {
-        FileFrame { up: if self.z_up { UpAxis::Z } else { UpAxis::Y }, unit_m: self.unit_m }
-    }
+    /// Axes and unit of the source.
+    #[serde(flatten)]
+    pub frame: FileFrame,
 }
 
 /// Sprites that are drawn together.
@@ -85,10 +71,10 @@ impl SpriteSet {
         renderer: &mut SpriteRenderer,
         target: &Camera,
         options: &RenderOptions,
-        frame: &mut SpriteFrame,
+        frame: &mut SpriteLayer,
     ) -> Vec<Outcome> {
         let mut outcomes = vec![Outcome::Drawn; self.sprites.len()];
-        let mut single = SpriteFrame::default();
+        let mut single = SpriteLayer::default();
         frame.reset(target.width(), target.height());
         for index in self.back_to_front(target.eye()) {
             outcomes[index] = renderer.render(&self.sprites[index], target, options, &mut single);

@@ -2,7 +2,8 @@
 //! the frame and drawn there as one pixel (or 2 x 2 around its position), the nearest winning; where pixels move apart
 //! gaps stay.
 
-use super::field::{Field, VISIBLE};
+use super::cell::VISIBLE;
+use super::field::Field;
 use super::sampling::Sampling;
 use super::texture::Texture;
 use super::transfer::Transfer;

@@ -126,7 +126,7 @@ mod tests {
     use image::RgbaImage;
 
     fn setup() -> (Sprite, Camera) {
-        let look = |eye, at| Camera::look_at(eye, at, DVec3::Y, 50.0, 64, 48).expect("valid");
+        let look = |eye, at| Camera::look_at(eye, at, DVec3::Y, 50.0, [64, 48]).expect("valid");
         let camera = look(dvec3(10.0, 1.0, 4.0), dvec3(10.2, 1.1, 0.0));
         let plane = Plane::through(dvec3(10.0, 1.0, 0.0), dvec3(0.2, 0.1, 1.0));
         let sprite = Sprite::new(RgbaImage::new(64, 48), camera, plane).expect("valid");
@@ -175,7 +175,7 @@ mod tests {
     #[test]
     fn degenerate_views_are_named() {
         let (sprite, _) = setup();
-        let look = |eye, at| Camera::look_at(eye, at, DVec3::Y, 50.0, 64, 48).expect("valid");
+        let look = |eye, at| Camera::look_at(eye, at, DVec3::Y, 50.0, [64, 48]).expect("valid");
         let in_plane = look(dvec3(10.0, 1.0, 0.0), dvec3(11.0, 1.0, 0.0));
         assert_eq!(Transfer::new(&sprite, &in_plane), Err(Outcome::EdgeOn));
         let along_plane = look(dvec3(9.0, 1.0, 0.2), dvec3(10.0, 1.0, 0.0));

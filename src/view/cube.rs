@@ -2,14 +2,14 @@
 
 use super::background::FewerThreads;
 use super::effort;
+use super::file_name::file_name;
 use super::growth::{Growth, LitScene, Stand};
-use super::library::file_name;
 use super::overlay::{Judge, Overlay, paint_coverage, paint_epipole, paint_holes};
 use super::variation::{FACE_NAMES, Variation, Variations};
 use crate::capture::Camera;
 use crate::capture::light::Lighting;
 use crate::capture::rig::Face;
-use crate::capture::scene::{FileFrame, UpAxis};
+use crate::capture::scene::FileFrame;
 use crate::capture::trace::Tracer;
 use crate::frame::Frame;
 use crate::ldi::CaptureInfo;
@@ -144,12 +144,12 @@ fn paint_effort(
 
 /// Opens the scene that an LDI names, with the light it was captured in.
 fn reopen(info: &CaptureInfo) -> Result<LitScene, String> {
-    let source = SceneSource { name: info.scene.clone(), z_up: Some(info.z_up), unit_m: Some(info.unit_m) };
+    let source = SceneSource::in_frame(&info.scene, info.frame);
     let scene = source.open().map_err(|error| format!("Truth needs the scene that was captured: {error}."))?;
     let tracer = Arc::new(Tracer::new(Arc::new(scene), info.centre));
-    let mut lighting = Lighting::measure(&tracer, info.bounces);
+    let mut lighting = Lighting::measure(&tracer, info.parameters.bounces);
     lighting.exposure = info.exposure;
-    Ok(LitScene { tracer, lighting: Arc::new(lighting), lit: info.light_samples > 0 })
+    Ok(LitScene { tracer, lighting: Arc::new(lighting), lit: info.parameters.light_samples > 0 })
 }
 
 fn render_settings(values: &SettingValues) -> Result<RenderSettings, String> {
@@ -190,8 +190,7 @@ impl FrameSource for CubeSource {
     }
 
     fn file_frame(&self) -> FileFrame {
-        let info = &self.cube.info;
-        FileFrame { up: if info.z_up { UpAxis::Z } else { UpAxis::Y }, unit_m: info.unit_m }
+        self.cube.info.frame
     }
 
     fn settings(&self) -> Vec<Setting> {
@@ -244,8 +243,9 @@ impl FrameSource for CubeSource {
         let scene = self.scene();
         let cube = self.variations.of(&self.cube, &variation(&request.settings, overlay)?);
         let renderer = &mut self.renderer;
-        let (frame, stats) =
-            self.threads.install(&request.settings, || renderer.render(&cube, &request.camera, &settings))?;
+        let (frame, stats) = self
+            .threads
+            .install(&request.settings, || renderer.render_with_stats(&cube, &request.camera, &settings))?;
         let (stages, mut figures) = (stages(stats), figures(stats, &cube));
         let (judged, mut refinement) = paint(&mut self.judge, frame, request, overlay, scene, pixels)?;
         let inspected = self.threads.install(&request.settings, || {
@@ -265,7 +265,7 @@ impl FrameSource for CubeSource {
                 refinement = Refinement::Later(LOOK_AGAIN);
             }
         }
-        Ok(FrameReport { stages, figures, refinement, legend: overlay.legend(), ..FrameReport::default() })
+        Ok(FrameReport { stages, figures, facts: vec![super::simd_fact()], refinement, legend: overlay.legend() })
     }
 
     fn act(&mut self, action: &str) -> Result<String, String> {

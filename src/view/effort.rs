@@ -193,7 +193,7 @@ mod tests {
     fn views(cube: &PackedCube) -> Vec<Camera> {
         let eye = cube.info.centre + dvec3(0.3, -0.2, 0.25) * cube.info.half_size_m;
         let ahead = [DVec3::NEG_Z, DVec3::X, dvec3(0.4, -0.7, 0.6)];
-        ahead.map(|ahead| Camera::look_at(eye, eye + ahead, DVec3::Y, 55.0, 90, 70).unwrap()).to_vec()
+        ahead.map(|ahead| Camera::look_at(eye, eye + ahead, DVec3::Y, 55.0, [90, 70]).unwrap()).to_vec()
     }
 
     #[test]
@@ -221,8 +221,8 @@ mod tests {
             let counted: f64 = clipping_figures(&cube, &kept)[1..].iter().map(|figure| figure.value).sum();
             assert!(left_out > all / 4 && left_out < all, "{left_out} of {all}");
             assert_eq!(counted, left_out as f64);
-            let expected = renderer.render(&cube, &camera, &settings).0.color.clone();
-            assert!(renderer.render(&marked, &camera, &settings).0.color == expected);
+            let expected = renderer.render(&cube, &camera, &settings).color.clone();
+            assert!(renderer.render(&marked, &camera, &settings).color == expected);
         }
         let unclipped = RenderSettings { unclipped: true, ..settings };
         let kept = renderer.kept(&cube, &views(&cube)[0], &unclipped);
@@ -238,7 +238,7 @@ mod tests {
             let touched = renderer.touched(&cube, &camera, &settings);
             let unclipped = RenderSettings { unclipped: true, ..settings };
             assert!(touched == renderer.touched(&cube, &camera, &unclipped), "{name}: clipping changes nothing");
-            let frame = renderer.render(&cube, &camera, &settings).0;
+            let frame = renderer.render(&cube, &camera, &settings);
             for (i, (touched, coverage)) in touched.iter().zip(&frame.coverage).enumerate() {
                 assert_eq!(touched.footprints > 0, touched.width_px > 0.0);
                 // The paper's squares lie about the pixel of a sample rather than about the sample.
@@ -254,9 +254,9 @@ mod tests {
         let (mut renderer, settings) = (Renderer::new(), RenderSettings::default());
         for size in [(320, 240), (7, 5), (1, 1)] {
             let eye = cube.info.centre;
-            let camera = Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 55.0, size.0, size.1).unwrap();
+            let camera = Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 55.0, [size.0, size.1]).unwrap();
             let kept = renderer.kept(&cube, &camera, &settings);
-            let frame = renderer.render(&cube, &camera, &settings).0.clone();
+            let frame = renderer.render(&cube, &camera, &settings).clone();
             let mut pixels = vec![[0; 4]; frame.color.len()];
             paint_clipping(&cube, &kept, &frame, &mut pixels);
             assert!(pixels.iter().all(|p| p[3] == 255), "{size:?}");

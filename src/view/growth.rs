@@ -7,13 +7,13 @@
 
 use super::background;
 use crate::capture::light::Lighting;
-use crate::capture::scene::SuggestedHeadbox;
+use crate::capture::scene::Headbox;
 use crate::capture::trace::Tracer;
-use crate::capture::{Scene, viewpoint};
-use crate::ldi::build::{Progress, Sampler};
-use crate::ldi::job::{CaptureJob, Resources};
-use crate::ldi::merge::MergeRule;
+use crate::capture::viewpoint;
+use crate::ldi::job::CaptureJob;
+use crate::ldi::parameters::{CaptureParameters, Resources};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::progress::Progress;
 use crate::scene_source::SceneSource;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -28,15 +28,6 @@ pub(super) struct LitScene {
     pub(super) lit: bool,
 }
 
-/// The headbox that a scene suggests, or that free space does.
-pub(super) fn headbox_of(scene: &Arc<Scene>) -> SuggestedHeadbox {
-    let [low, high] = scene.bounds();
-    scene.headbox.unwrap_or_else(|| {
-        let scout = Tracer::new(Arc::clone(scene), (low + high) / 2.0);
-        viewpoint::suggest_headbox(&scout)
-    })
-}
-
 /// One round of a progressive capture.
 #[derive(Clone, Copy)]
 struct Round {
@@ -45,9 +36,6 @@ struct Round {
     rays: u32,
     light_samples: u32,
 }
-
-/// Diffuse bounces, as `headbox capture` has by default.
-const BOUNCES: u32 = 1;
 
 /// The rounds. The last is what `headbox capture` makes when nothing is said.
 const ROUNDS: [Round; 4] = [
@@ -58,20 +46,16 @@ const ROUNDS: [Round; 4] = [
 ];
 
 impl Round {
-    fn job(&self, scene: &SceneSource, headbox: &SuggestedHeadbox) -> CaptureJob {
+    fn job(&self, scene: &SceneSource, headbox: &Headbox) -> CaptureJob {
         CaptureJob {
-            scene: scene.clone(),
-            centre: headbox.centre,
-            half_size_m: headbox.half_size_m,
             face_size_px: self.face_size_px,
-            sampler: Sampler::Stratified,
-            strata: self.strata,
-            rays: self.rays,
-            seed: 0,
-            novelty: CaptureJob::DEFAULT_NOVELTY,
-            merge_rule: MergeRule::Average,
-            bounces: BOUNCES,
-            light_samples: self.light_samples,
+            parameters: CaptureParameters {
+                strata: self.strata,
+                rays_per_stratum: self.rays,
+                light_samples: self.light_samples,
+                ..CaptureParameters::DEFAULT
+            },
+            ..CaptureJob::new(scene.clone(), headbox.centre, headbox.half_size_m)
         }
     }
 }
@@ -116,9 +100,9 @@ impl Growth {
     /// One sentence: the scene cannot be opened, or its first capture failed.
     pub(super) fn start(source: SceneSource) -> Result<(Self, LitScene, Arc<PackedCube>), String> {
         let scene = Arc::new(source.open().map_err(|error| error.to_string())?);
-        let headbox = headbox_of(&scene);
+        let headbox = viewpoint::place_headbox(&scene, None, None).map_err(|error| error.to_string())?;
         let tracer = Arc::new(Tracer::new(scene, headbox.centre));
-        let lighting = Arc::new(Lighting::measure(&tracer, BOUNCES));
+        let lighting = Arc::new(Lighting::measure(&tracer, CaptureParameters::DEFAULT.bounces));
         let lit = LitScene { tracer, lighting, lit: true };
         let pool = background::pool("capture")?;
         let shared = Arc::new(Shared::default());
@@ -235,9 +219,9 @@ mod tests {
     fn the_first_round_is_what_a_capture_of_its_settings_makes_and_dropping_gives_the_rest_up() {
         let source = SceneSource::new("builtin:miniature");
         let (growth, scene, first) = Growth::start(source.clone()).unwrap();
-        let headbox = headbox_of(scene.tracer.scene());
+        let headbox = viewpoint::place_headbox(scene.tracer.scene(), None, None).unwrap();
         let job = ROUNDS[0].job(&source, &headbox);
-        let silent = crate::ldi::build::Silent;
+        let silent = crate::progress::Silent;
         let (ldi, _) = job.run(&scene.tracer, &scene.lighting, &Resources::default(), &silent).unwrap();
         assert!(*first == PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).unwrap());
         let shared = Arc::clone(&growth.shared);

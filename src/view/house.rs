@@ -2,7 +2,7 @@
 
 use super::background::{self, FewerThreads};
 use super::effort::swatch;
-use super::library::file_name;
+use super::file_name::file_name;
 use super::overlay::{Overlay, paint_backdrops, paint_holes};
 use crate::capture::bake::{BakeOptions, bake_model};
 use crate::capture::portal_model::PortalModel;
@@ -11,16 +11,16 @@ use crate::portal::backdrop::Quality;
 use crate::portal::file::{self, HouseFileError};
 use crate::portal::house::House;
 use crate::portal::opening::Opening;
-use crate::portal::path::WalkPath;
+use crate::portal::settings::WalkStats;
 use crate::portal::store::Store;
 use crate::portal::tour::Tour;
 use crate::portal::variant::Variant;
-use crate::portal::walk::WalkStats;
+use crate::portal::walk_path::WalkPath;
 use crate::scenes;
 use glam::{DVec2, DVec3};
 use headbox_viewer::{
-    Control, Fact, Figure, FrameReport, FrameRequest, FrameSource, Navigation, Plan, Pose, Refinement, Room, Setting,
-    Stage,
+    Control, Fact, Figure, FrameReport, FrameRequest, FrameSource, Navigation, Pose, Refinement, Room, RoomMap,
+    Setting, Stage,
 };
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -161,7 +161,7 @@ impl FrameSource for HouseSource {
         Navigation::Walk
     }
 
-    fn plan(&self) -> Option<Plan> {
+    fn plan(&self) -> Option<RoomMap> {
         let model = self.tour.house().plan();
         let spaces = model.cells.iter().flat_map(|cell| cell.space.iter().map(move |prism| (&cell.name, prism)));
         let rooms: Vec<_> = spaces
@@ -178,7 +178,7 @@ impl FrameSource for HouseSource {
             }))
         });
         let openings = openings.collect();
-        (!rooms.is_empty()).then_some(Plan { rooms, openings })
+        (!rooms.is_empty()).then_some(RoomMap { rooms, openings })
     }
 
     fn file_frame(&self) -> FileFrame {
@@ -218,6 +218,7 @@ impl FrameSource for HouseSource {
         if awaits_light {
             facts.push(Fact { name: "light", text: "is being baked".into() });
         }
+        facts.push(super::simd_fact());
         figures.push(figure("memory of backdrops", tour.store().bytes() as f64 / f64::from(1 << 20), "MiB"));
         let legend = match OVERLAYS.get(request.settings.choice("overlay")?) {
             Some(&"holes") => {

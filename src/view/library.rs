@@ -1,16 +1,16 @@
 //! Which source opens what; the start page.
 
 use super::cube::CubeSource;
-use super::growth::headbox_of;
 use super::house::HouseSource;
 use super::sprite::SpriteSource;
 use crate::capture::Camera;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
+use crate::capture::viewpoint::place_headbox;
 use crate::container::FileError;
-use crate::ldi::build::Silent;
 use crate::packed::PackedCube;
 use crate::portal::file::HouseFileError;
+use crate::progress::Silent;
 use crate::scene_source::SceneSource;
 use crate::sprite::SpriteSet;
 use crate::{scenes, truth};
@@ -81,11 +81,6 @@ fn capture(name: &str, output_dir: &Path) -> Result<CubeSource, OpenError> {
     CubeSource::capture(SceneSource::new(name), output_dir).map_err(OpenError::Scene)
 }
 
-/// The name of a file without its folder.
-pub(super) fn file_name(file: &Path) -> String {
-    file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned()
-}
-
 /// The built-in scenes, and every kind of file.
 pub struct SceneLibrary {
     /// Where captures are saved on request.
@@ -119,11 +114,11 @@ impl Library for SceneLibrary {
             id => SceneSource::new(id).open().ok()?,
         };
         let scene = Arc::new(scene);
-        let eye = headbox_of(&scene).centre;
+        let eye = place_headbox(&scene, None, None).ok()?.centre;
         let tracer = Tracer::new(scene, eye);
         let lighting = Lighting::measure(&tracer, 1);
         let (width, height) = Self::THUMBNAIL_PX;
-        let camera = Camera::look_at(eye, eye + fullest_direction(&tracer), DVec3::Y, 60.0, width, height).ok()?;
+        let camera = Camera::look_at(eye, eye + fullest_direction(&tracer), DVec3::Y, 60.0, [width, height]).ok()?;
         let frame = truth::render(&tracer, &lighting, true, &camera, Self::THUMBNAIL_SAMPLES, &Silent);
         let pixels = frame.color.pixels().map(|&image::Rgb([r, g, b])| [r, g, b, 255]).collect();
         Some(Thumbnail { width, height, pixels })
@@ -148,7 +143,7 @@ fn fullest_direction(tracer: &Tracer) -> DVec3 {
     const SIDE: u32 = 16;
     let surface = |ahead: DVec3| -> u32 {
         let eye = tracer.origin();
-        let Ok(camera) = Camera::look_at(eye, eye + ahead, DVec3::Y, 60.0, SIDE, SIDE) else { return 0 };
+        let Ok(camera) = Camera::look_at(eye, eye + ahead, DVec3::Y, 60.0, [SIDE, SIDE]) else { return 0 };
         let hits = |i: u32| {
             let direction = camera.direction(f64::from(i % SIDE) + 0.5, f64::from(i / SIDE) + 0.5).as_vec3();
             let origin = glam::Vec3::ZERO;

@@ -17,6 +17,7 @@
 mod background;
 mod cube;
 mod effort;
+mod file_name;
 mod growth;
 mod house;
 mod library;
@@ -28,3 +29,11 @@ mod tests;
 mod variation;
 
 pub use library::{OpenError, SceneLibrary, open};
+
+use crate::capture::simd;
+use headbox_viewer::Fact;
+
+/// What frames are drawn with.
+fn simd_fact() -> Fact {
+    Fact { name: "SIMD level", text: simd::name(simd::level()).into() }
+}

@@ -7,10 +7,9 @@ use super::variation::Meaning;
 use crate::capture::Camera;
 use crate::frame::{Coverage, Frame};
 use crate::metrics;
-use crate::raster::{RasterFrame, Seen};
+use crate::raster::{RasterOutput, Seen};
 use glam::DVec3;
 use headbox_viewer::{Figure, Refinement, Swatch};
-use image::RgbImage;
 use std::time::Duration;
 
 /// What the pixels show.
@@ -102,7 +101,7 @@ pub(super) fn paint_holes(frame: &Frame, pixels: &mut [[u8; 4]]) {
 }
 
 /// Paints a frame of a walk with its geometry in grey, so that what comes from backdrops stands out.
-pub(super) fn paint_backdrops(walk: &RasterFrame, pixels: &mut [[u8; 4]]) {
+pub(super) fn paint_backdrops(walk: &RasterOutput, pixels: &mut [[u8; 4]]) {
     for (i, (pixel, &[r, g, b, a])) in pixels.iter_mut().zip(&walk.frame.color).enumerate() {
         let grey = ((u16::from(r) + u16::from(g) + u16::from(b)) / 3) as u8;
         *pixel = if matches!(walk.seen(i), Seen::Marker(_)) { [r, g, b, a] } else { [grey, grey, grey, a] };
@@ -182,9 +181,7 @@ impl Judge {
 }
 
 fn judge(overlay: Overlay, frame: &Frame, traced: &Traced, pixels: &mut [[u8; 4]]) -> Result<Vec<Figure>, String> {
-    let rgb = frame.color.iter().flat_map(|&[r, g, b, _]| [r, g, b]).collect();
-    let image =
-        RgbImage::from_raw(frame.width, frame.height, rgb).ok_or("The frame's size does not fit its pixels.")?;
+    let image = frame.to_rgb().map_err(|error| error.to_string())?;
     let truth = &traced.frame.color;
     let words = |error: metrics::MetricError| error.to_string();
     let map = metrics::flip_map(truth, &image, metrics::DEFAULT_PIXELS_PER_DEGREE).map_err(words)?;

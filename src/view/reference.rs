@@ -3,7 +3,7 @@
 use super::background;
 use super::growth::LitScene;
 use crate::capture::Camera;
-use crate::ldi::build::Progress;
+use crate::progress::Progress;
 use crate::truth::{self, TruthFrame};
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -2,7 +2,8 @@
 
 use crate::capture::scene::FileFrame;
 use crate::compose::{ComposeSettings, Composer, Composition};
-use crate::sprite::{RenderOptions, Sampling, SpriteFrame, SpriteSet, Variant};
+use crate::frame::Frame;
+use crate::sprite::{RenderOptions, Sampling, SpriteSet, Variant};
 use glam::DVec3;
 use headbox_viewer::{Figure, FrameReport, FrameRequest, FrameSource, Navigation, Pose, Setting, SettingValues, Stage};
 use std::path::Path;
@@ -20,7 +21,7 @@ pub(super) struct SpriteSource {
     start: Pose,
     pivot: DVec3,
     composer: Composer,
-    frame: SpriteFrame,
+    frame: Frame,
 }
 
 impl SpriteSource {
@@ -38,9 +39,9 @@ impl SpriteSource {
         let distance = depths.get(depths.len() / 2).copied().unwrap_or(1.0);
         let pivot = camera.eye() + camera.forward() * distance;
         let start = Pose::looking_at(camera.eye(), pivot, fov_y_deg);
-        let title = format!("{} (sprites)", super::library::file_name(file));
+        let title = format!("{} (sprites)", super::file_name::file_name(file));
         let layers = Composition::new(set, Vec::new());
-        Some(Self { title, start, pivot, layers, composer: Composer::default(), frame: SpriteFrame::default() })
+        Some(Self { title, start, pivot, layers, composer: Composer::default(), frame: Frame::default() })
     }
 }
 
@@ -68,7 +69,7 @@ impl FrameSource for SpriteSource {
     }
 
     fn file_frame(&self) -> FileFrame {
-        self.layers.sprites().info.frame()
+        self.layers.sprites().info.frame
     }
 
     fn settings(&self) -> Vec<Setting> {
@@ -95,9 +96,8 @@ impl FrameSource for SpriteSource {
     fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
         let settings = ComposeSettings { sprites: options(&request.settings)?, ..ComposeSettings::default() };
         let stats = self.layers.render(&mut self.composer, &request.camera, &settings, &mut self.frame);
-        pixels.copy_from_slice(self.frame.pixels());
-        let covered = pixels.iter().filter(|p| p[3] > 0).count();
-        let share = covered as f64 / pixels.len().max(1) as f64;
+        pixels.copy_from_slice(&self.frame.color);
+        let share = 1.0 - stats.hole_pixels as f64 / pixels.len().max(1) as f64;
         Ok(FrameReport {
             stages: vec![
                 Stage { name: "sprites", ms: stats.sprites_ms },
@@ -107,6 +107,7 @@ impl FrameSource for SpriteSource {
                 Figure { name: "number of sprites", value: self.layers.sprites().sprites().len() as f64, unit: "" },
                 Figure { name: "pixels covered", value: share * 100.0, unit: "%" },
             ],
+            facts: vec![super::simd_fact()],
             ..FrameReport::default()
         })
     }

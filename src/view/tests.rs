@@ -6,9 +6,9 @@ use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
 use crate::portal::backdrop::Quality;
 use crate::portal::house::House;
-use crate::portal::path::WalkPath;
 use crate::portal::store::Store;
 use crate::portal::variant::Variant;
+use crate::portal::walk_path::WalkPath;
 use crate::scene_source::SceneSource;
 use crate::sprite::{DisplacementFormat, SlabCapture, SpriteSet, capture_slabs, slabs_at_gaps};
 use glam::DVec3;
@@ -106,11 +106,11 @@ fn write_sprites(file: &Path) {
     let eye = scene.headbox.unwrap().centre;
     let tracer = Tracer::new(scene, eye);
     let lighting = Lighting::of_scene(&tracer, 0);
-    let camera = Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 60.0, 128, 96).unwrap();
+    let camera = Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 60.0, [128, 96]).unwrap();
     let slabs = slabs_at_gaps(&tracer, &camera, 4);
     let format = DisplacementFormat::I16;
     let capture = SlabCapture { tracer: &tracer, lighting: &lighting, lit: false, samples: 4, format };
-    let sprites = capture_slabs(&capture, &camera, &slabs, &crate::ldi::build::Silent).unwrap();
+    let sprites = capture_slabs(&capture, &camera, &slabs, &crate::progress::Silent).unwrap();
     SpriteSet::new(sprites).write(file).unwrap();
 }
 
@@ -195,7 +195,7 @@ fn a_path_gives_the_same_frames_in_the_window_and_on_the_command_line() {
     let cameras = crate::path::read(&path, &frame).unwrap();
     let (mut renderer, settings) = (crate::render::Renderer::new(), crate::render::RenderSettings::default());
     for (i, pose) in poses.into_iter().enumerate() {
-        let written = &renderer.render(&cube, &cameras[i], &settings).0.color;
+        let written = &renderer.render(&cube, &cameras[i], &settings).color;
         let shown: Vec<u8> = render(&mut *source, pose, &[]).0.into_iter().flatten().collect();
         let differing = shown.iter().zip(written.iter().flatten()).filter(|(a, b)| a != b).count();
         // A pose goes through degrees and a look-at point: the last bit of a direction may move a sample's rounding.

@@ -180,9 +180,10 @@ const _: () = assert!(FACE_NAMES.len() == Face::ALL.len(), "a name each");
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::ldi::build::Silent;
-    use crate::ldi::job::{CaptureJob, Resources};
+    use crate::ldi::job::CaptureJob;
+    use crate::ldi::parameters::{CaptureParameters, Resources};
     use crate::packed::{SplatIndexLayout, Split};
+    use crate::progress::Silent;
 
     /// A small capture with several layers in its only segment of each face.
     pub(in crate::view) fn cube() -> Arc<PackedCube> {
@@ -191,18 +192,9 @@ pub(super) mod tests {
         let headbox = scene.headbox.unwrap();
         let tracer = crate::capture::trace::Tracer::new(scene, headbox.centre);
         let job = CaptureJob {
-            scene: source,
-            centre: headbox.centre,
-            half_size_m: headbox.half_size_m,
             face_size_px: 24,
-            sampler: crate::ldi::build::Sampler::Stratified,
-            strata: 6,
-            rays: 4,
-            seed: 0,
-            novelty: 0.0,
-            merge_rule: crate::ldi::merge::MergeRule::Average,
-            bounces: 0,
-            light_samples: 0,
+            parameters: CaptureParameters::unlit(6, 4),
+            ..CaptureJob::new(source, headbox.centre, headbox.half_size_m)
         };
         let lighting = crate::capture::light::Lighting::of_scene(&tracer, 0);
         let (ldi, _) = job.run(&tracer, &lighting, &Resources::default(), &Silent).unwrap();

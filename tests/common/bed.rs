@@ -1,28 +1,8 @@
 //! Analytic scenes: boxes, spheres and disks with procedural textures, and a gradient for a sky.
 
 use glam::{DVec2, DVec3, dvec3};
+use headbox::capture::random::Rng;
 use headbox::capture::srgb8_from_linear;
-
-/// A small deterministic generator (SplitMix64).
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ z >> 31) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
-
-    pub fn in_cube(&mut self, half: f64) -> DVec3 {
-        dvec3(self.between(-half, half), self.between(-half, half), self.between(-half, half))
-    }
-}
 
 /// What a ray meets: `origin + t * direction`.
 pub struct Hit {
@@ -129,7 +109,7 @@ pub fn srgb(linear: [f64; 3]) -> [u8; 4] {
 
 fn hash(x: i64, y: i64, seed: i64) -> f64 {
     let mix = x.wrapping_mul(73_856_093) ^ y.wrapping_mul(19_349_663) ^ seed.wrapping_mul(83_492_791);
-    Random(mix as u64).unit()
+    Rng::keyed(mix as u64).unit()
 }
 
 fn value_noise(p: DVec2, seed: i64) -> f64 {
@@ -179,7 +159,7 @@ pub fn room(detail: f64) -> Scene {
 
 /// Foliage: many disks at random over ground, under a sky; none nearer than 1 m to the origin.
 pub fn leaves(detail: f64) -> Scene {
-    let mut r = Random(7);
+    let mut r = Rng::keyed(7);
     let mut shapes = vec![Shape::Disk { centre: dvec3(0.0, -1.5, 0.0), normal: DVec3::Y, radius: 30.0 }];
     while shapes.len() < 120 {
         let centre = r.in_cube(3.0);

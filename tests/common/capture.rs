@@ -1,10 +1,12 @@
 //! A small capture of an analytic scene, independent of the product's: rays from the headbox's faces, cosine-weighted
-//! (inventory S15), merged by depth in their order of arrival.
+//! (S15), merged by depth in their order of arrival.
 
-use super::bed::{Random, Scene, sky, srgb};
+use super::bed::{Scene, sky, srgb};
 use glam::{DVec3, dvec3};
+use headbox::capture::random::Rng;
 use headbox::capture::rig::Face;
-use headbox::ldi::{CaptureInfo, CubeLdi, DepthPixel, EncodedNormal, Environment, LayeredDepthImage};
+use headbox::environment::Environment;
+use headbox::ldi::{CaptureInfo, CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
 
 /// What a capture is made with.
 pub struct CaptureSettings {
@@ -150,7 +152,7 @@ pub fn capture(scene: &Scene, settings: &CaptureSettings) -> CubeLdi {
         pixels: (0..6 * size * size).map(|_| Vec::new()).collect(),
         environment: vec![([0.0; 3], 0.0); 6 * ENVIRONMENT_PX * ENVIRONMENT_PX],
     };
-    let mut random = Random(1);
+    let mut random = Rng::keyed(1);
     for face in Face::ALL {
         for _ in 0..settings.rays_per_pixel as usize * size * size {
             let in_face = |v: DVec3| face.right() * v.x + face.up() * v.y + face.normal() * v.z;
@@ -169,7 +171,7 @@ pub fn capture(scene: &Scene, settings: &CaptureSettings) -> CubeLdi {
 
 /// Capture information of no capture.
 pub fn info(centre: DVec3, half_size_m: f64) -> CaptureInfo {
-    CaptureInfo { scene: "test".into(), centre, half_size_m, unit_m: 1.0, exposure: 1.0, ..CaptureInfo::default() }
+    CaptureInfo { scene: "test".into(), centre, half_size_m, exposure: 1.0, ..CaptureInfo::default() }
 }
 
 /// A cube LDI of one sample at the centre of each pixel of some faces, as `sample` gives it for a position on the face

@@ -4,8 +4,8 @@ use super::bed::{Scene, srgb};
 use glam::DVec3;
 use headbox::capture::Camera;
 use headbox::capture::rig::Face;
+use headbox::environment::Environment;
 use headbox::frame::Frame;
-use headbox::ldi::Environment;
 
 /// Mean radiance of `n * n` rays over the pixel (x, y).
 fn mean_radiance(scene: &Scene, o: DVec3, n: u32, x: u32, y: u32, direction: impl Fn(f64, f64) -> DVec3) -> [u8; 4] {

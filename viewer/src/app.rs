@@ -18,6 +18,7 @@ use crate::{
     views::Stereo,
 };
 use egui::{CentralPanel, Context, Frame, Panel, TextureHandle, Ui, ViewportCommand};
+use headbox_capture::statistics::median;
 use std::{
     sync::{Arc, Mutex, PoisonError},
     time::{Duration, Instant},
@@ -351,7 +352,7 @@ impl Viewer {
         }
         summary.render_ms_median = self.history.median(|f| f.render_ms).unwrap_or(0.0);
         summary.latency_ms_median = self.history.median(|f| f.latency_ms).unwrap_or(0.0);
-        summary.pass_ms_median = crate::history::median(self.clock.pass_ms.clone()).unwrap_or(0.0);
+        summary.pass_ms_median = median(self.clock.pass_ms.iter().copied()).unwrap_or(0.0);
         summary.scale_mean = self.clock.scales / self.clock.frames_shown.max(1) as f64;
         summary.frame_size_px = self.wish.as_ref().map_or([0; 2], |wish| wish.size_px);
     }

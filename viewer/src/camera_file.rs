@@ -1,7 +1,7 @@
 //! Poses to and from the camera and path files of [`headbox_capture::path`].
 
 use crate::{
-    path::{CameraPath, PathError, TimedPose},
+    eye_path::{CameraPath, PathError, TimedPose},
     pose::Pose,
 };
 use glam::DVec3;

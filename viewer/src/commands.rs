@@ -3,9 +3,9 @@
 use crate::{
     app::Viewer,
     camera_file, export,
+    eye_path::CameraPath,
     keymap::Command,
     messages::Kind,
-    path::CameraPath,
     session::{ExportOrder, Location, Order},
 };
 use egui::{Context, ViewportCommand};

@@ -1,6 +1,7 @@
 //! The times of the last frames, for the rolling chart and the frame rate.
 
 use crate::source::Stage;
+use headbox_capture::statistics::median;
 use std::collections::VecDeque;
 
 /// Times of one shown frame.
@@ -67,18 +68,7 @@ impl History {
 
     /// Median over the frames kept of `value`, or `None` if there is no frame.
     pub(crate) fn median(&self, value: impl Fn(&FrameTimes) -> f64) -> Option<f64> {
-        median(self.frames.iter().map(value).collect())
-    }
-}
-
-/// The middle value (the mean of the two middle ones for an even count), or `None` if there is none.
-pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_unstable_by(f64::total_cmp);
-    let middle = values.len() / 2;
-    match values.len() {
-        0 => None,
-        n if n % 2 == 1 => Some(values[middle]),
-        _ => Some(f64::midpoint(values[middle - 1], values[middle])),
+        median(self.frames.iter().map(value))
     }
 }
 

@@ -62,6 +62,7 @@ mod bounds;
 mod camera_file;
 mod commands;
 mod export;
+mod eye_path;
 mod history;
 mod keymap;
 mod looking;
@@ -69,7 +70,6 @@ mod messages;
 mod motion;
 mod options;
 mod panels;
-mod path;
 mod pose;
 mod resolution;
 mod session;
@@ -85,12 +85,12 @@ mod worker;
 mod tests;
 
 pub use bounds::EyeBounds;
+pub use eye_path::{CameraPath, PathError, TimedPose};
 pub use options::{Exit, Summary, ViewerError, ViewerOptions};
-pub use path::{CameraPath, PathError, TimedPose};
 pub use pose::Pose;
 pub use setting::{Control, Setting, SettingError, SettingValue, SettingValues};
 pub use source::{
-    Entry, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Plan, Refinement, Room, Stage,
+    Entry, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Refinement, Room, RoomMap, Stage,
     Swatch, Thumbnail,
 };
 pub use tape::ReplayMode;

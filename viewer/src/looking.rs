@@ -214,7 +214,7 @@ impl Viewer {
         }
         if let Some(plan) = &info.plan {
             let area = panels::inset::frame(painter, &mut corner, "Plan");
-            panels::plan::paint(painter, area, plan, &self.eye.pose);
+            panels::room_map::paint(painter, area, plan, &self.eye.pose);
         }
     }
 }

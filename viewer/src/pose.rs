@@ -105,7 +105,7 @@ mod tests {
     fn the_camera_equals_the_one_made_from_eye_and_look_at() {
         let (eye, target) = (dvec3(0.2, 1.5, -0.4), dvec3(3.0, 0.5, -2.0));
         let ours = Pose::looking_at(eye, target, 47.0).camera(320, 200).unwrap();
-        let theirs = Camera::look_at(eye, target, DVec3::Y, 47.0, 320, 200).unwrap();
+        let theirs = Camera::look_at(eye, target, DVec3::Y, 47.0, [320, 200]).unwrap();
         let difference = ours.world_from_eye() - theirs.world_from_eye();
         assert!(difference.to_cols_array().iter().all(|d| d.abs() < ROTATION_TOLERANCE));
         assert!((ours.focal_px() - theirs.focal_px()).abs() < 1e-9);

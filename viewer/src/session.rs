@@ -5,11 +5,11 @@
 
 use crate::{
     bounds::EyeBounds,
-    path::CameraPath,
+    eye_path::CameraPath,
     pose::Pose,
     setting::{Setting, SettingValues},
     slot::{Inbox, Slot},
-    source::{Entry, FrameReport, FrameSource, Library, Navigation, Plan, Thumbnail},
+    source::{Entry, FrameReport, FrameSource, Library, Navigation, RoomMap, Thumbnail},
     worker::Worker,
 };
 use egui::{Color32, ColorImage};
@@ -95,7 +95,7 @@ pub(crate) struct SourceInfo {
     pub bounds: Option<EyeBounds>,
     pub navigation: Navigation,
     pub speed_m_per_s: f64,
-    pub plan: Option<Plan>,
+    pub plan: Option<RoomMap>,
     pub file_frame: FileFrame,
     pub settings: Vec<Setting>,
 }

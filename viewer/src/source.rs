@@ -35,7 +35,7 @@ pub trait FrameSource: Send {
     }
 
     /// A plan to show the eye on, for sources with rooms.
-    fn plan(&self) -> Option<Plan> {
+    fn plan(&self) -> Option<RoomMap> {
         None
     }
 
@@ -212,14 +212,14 @@ pub struct Swatch {
 
 /// A plan of rooms seen from above, in world metres: (x, z) pairs, as x grows to the right and z downward on the page.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Plan {
+pub struct RoomMap {
     /// The rooms.
     pub rooms: Vec<Room>,
     /// Doors and other openings, as line segments.
     pub openings: Vec<[[f64; 2]; 2]>,
 }
 
-/// One room of a [`Plan`].
+/// One room of a [`RoomMap`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Room {
     /// Name.
@@ -228,7 +228,7 @@ pub struct Room {
     pub outline: Vec<[f64; 2]>,
 }
 
-impl Plan {
+impl RoomMap {
     /// The first room whose outline holds the eye, by the even-odd rule.
     pub fn room_at(&self, eye: DVec3) -> Option<usize> {
         self.rooms.iter().position(|room| room.holds([eye.x, eye.z]))
@@ -256,7 +256,7 @@ mod tests {
         let room = |name: &str, outline: &[[f64; 2]]| Room { name: name.into(), outline: outline.to_vec() };
         let ell = [[0.0, 0.0], [4.0, 0.0], [4.0, 1.0], [1.0, 1.0], [1.0, 3.0], [0.0, 3.0]];
         let square = [[1.0, 1.0], [4.0, 1.0], [4.0, 3.0], [1.0, 3.0]];
-        let plan = Plan { rooms: vec![room("ell", &ell), room("square", &square)], openings: vec![] };
+        let plan = RoomMap { rooms: vec![room("ell", &ell), room("square", &square)], openings: vec![] };
         assert_eq!(plan.room_at(dvec3(0.5, 1.6, 2.0)), Some(0));
         assert_eq!(plan.room_at(dvec3(3.0, -9.0, 0.5)), Some(0));
         assert_eq!(plan.room_at(dvec3(2.0, 0.0, 2.0)), Some(1));

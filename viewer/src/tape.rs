@@ -1,7 +1,7 @@
 //! Recording and replaying a path, as a state machine without clock or window.
 
 use crate::{
-    path::{CameraPath, Recorder},
+    eye_path::{CameraPath, Recorder},
     pose::Pose,
 };
 
@@ -151,7 +151,7 @@ impl Tape {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::path::TimedPose;
+    use crate::eye_path::TimedPose;
     use glam::DVec3;
 
     fn tape(mode: ReplayMode) -> Tape {

@@ -1,6 +1,7 @@
 //! Rays from the faces of a cube in the order of a capture's strata.
 
 use glam::{DVec3, Vec3};
+use headbox_capture::random::Rng;
 use headbox_capture::trace::{PACKET, Ray, RayPacket};
 
 /// Rays, `[component][ray]`: origin x, y, z, direction x, y, z.
@@ -17,18 +18,14 @@ fn disk(u: f64, v: f64) -> (f64, f64) {
 /// `m` cosine-weighted rays in each of the `n`^4 strata of each face.
 pub(crate) fn cube_rays(centre: DVec3, half: f64, n: u32, m: u32, faces: &str) -> Rays {
     let mut rays: Rays = Default::default();
-    let mut state = 1_u64;
-    let mut unit = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 40) as f64 / f64::from(1 << 24)
-    };
+    let mut random = Rng::keyed(1);
     for face in faces.bytes().map(|b| usize::from(b.wrapping_sub(b'0')) % 6) {
         let (axis, sign) = (face / 2, if face % 2 == 0 { 1.0 } else { -1.0 });
         let (right, up) = ((axis + 1) % 3, (axis + 2) % 3);
         for stratum in 0..n.pow(4) {
             let cell = [stratum / n.pow(3), stratum / n.pow(2) % n, stratum / n % n, stratum % n];
             for _ in 0..m {
-                let q = cell.map(|c| (f64::from(c) + unit()) / f64::from(n));
+                let q = cell.map(|c| (f64::from(c) + random.unit()) / f64::from(n));
                 let (x, y) = disk(q[2], q[3]);
                 let (mut origin, mut direction) = (centre, DVec3::ZERO);
                 origin[axis] += sign * half;

@@ -22,12 +22,19 @@ use crate::scene::{FileFrame, Scene, SceneError, UpAxis};
 use std::path::{Path, PathBuf};
 
 /// What the user says about a file, where the file does not say it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct LoadOptions {
     /// The axis that points up; `None` is the format's own (glTF) or usual (OBJ) one: Y.
+    #[serde(rename = "z_up")]
     pub up: Option<UpAxis>,
     /// Metres per unit of the file; `None` is 1.
     pub unit_m: Option<f64>,
+}
+
+impl From<FileFrame> for LoadOptions {
+    fn from(frame: FileFrame) -> Self {
+        Self { up: Some(frame.up), unit_m: Some(frame.unit_m) }
+    }
 }
 
 /// Why a scene file could not be loaded.

@@ -56,7 +56,7 @@ fn build(
     let undefined = survey.used_materials.iter().filter(|&name| mtl_materials.iter().all(|m| m.name != *name));
     undefined.for_each(|name| notes.add_named(Note::MaterialUndefined, name));
 
-    let surfaces = Surfaces::new(&mtl_materials, &models, folder_of(path), &mut notes);
+    let surfaces = ObjMaterials::new(&mtl_materials, &models, folder_of(path), &mut notes);
     let mut builder = Builder::new(frame, notes);
     for model in &models {
         if groups {
@@ -125,16 +125,16 @@ fn read_libraries(survey: &Survey, folder: &Path, notes: &mut Notes) -> Vec<MtlM
 struct TooManyVertices;
 
 /// The materials in use, as the scene will have them.
-struct Surfaces {
+struct ObjMaterials {
     materials: Vec<Material>,
     textures: DecodedTextures,
     /// For each material of the MTL files, and at the end for faces without one.
-    by_mtl: Vec<Option<Surface>>,
+    by_mtl: Vec<Option<ObjMaterial>>,
 }
 
 /// How the triangles of a material enter the scene.
 #[derive(Clone, Copy)]
-struct Surface {
+struct ObjMaterial {
     /// Index into the scene's materials, or `None` for see-through glass.
     material: Option<u32>,
     image_from_vertex: Affine2,
@@ -148,7 +148,7 @@ struct Maps {
     dissolve: Option<Handle>,
 }
 
-impl Surfaces {
+impl ObjMaterials {
     /// Converts the materials that the models use, and decodes their textures.
     fn new(mtl: &[MtlMaterial], models: &[tobj::Model], folder: &Path, notes: &mut Notes) -> Self {
         let mut used = vec![false; mtl.len() + 1];
@@ -172,7 +172,7 @@ impl Surfaces {
                     materials.push(material);
                     materials.len() as u32 - 1
                 });
-                Surface { material, image_from_vertex: placement(m, notes) }
+                ObjMaterial { material, image_from_vertex: placement(m, notes) }
             }));
         }
         if materials.is_empty() {

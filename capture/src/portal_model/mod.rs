@@ -1,4 +1,4 @@
-//! Models of *cells* and *portals*: rooms, and the openings through which one room is seen from another (inventory R1,
+//! Models of *cells* and *portals*: rooms, and the openings through which one room is seen from another (R1,
 //! P1). Geometry and topology only; what is captured of them belongs to the walkthrough.
 //!
 //! * A **cell** is a region of space: a set of vertical prisms, with the triangles that stand in it. At most one cell is

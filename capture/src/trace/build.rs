@@ -12,14 +12,8 @@ use obvhs::{BvhBuildParams, triangle::Triangle};
 use rayon::prelude::*;
 use std::time::Duration;
 
-/// How the binary tree is built, chosen on 500,000 triangles of terrain with boxes (`examples/rays.rs`; rates relative
-/// to the builder's `fast_build` with leaves of 4):
-///
-/// * reinserting 10 % of the nodes rather than 2 % gains 8 % (packets) and 5 % (single rays) and costs 0.2 s;
-///   20 % and `PlocSearchDistance::High` gain a further 2 % at most and triple the time;
-/// * leaves of 8 in blocks of 8 gain 3 % over leaves of 4 in blocks of 4, and halve the nodes;
-/// * `pre_split` would put a triangle into several leaves; a hit would then depend on which of them is visited first
-///   (rule 3 of [`super`]).
+/// How the binary tree is built (docs/decisions.md: the tree of the tracer). `pre_split` would put a triangle into several
+/// leaves; a hit would then depend on which of them is visited first (rule 3 of [`super`]).
 const PARAMS: BvhBuildParams = BvhBuildParams {
     pre_split: false,
     ploc_search_distance: PlocSearchDistance::Medium,

@@ -94,7 +94,7 @@ impl Tracer {
     /// Builds the tree over `scene`, whose positions are taken relative to `origin` (world metres) in `f64` before they
     /// become `f32`. Rays and hits are in that local frame. Uses the best SIMD level of the CPU.
     pub fn new(scene: Arc<Scene>, origin: DVec3) -> Self {
-        Self::with_level(scene, origin, Level::new())
+        Self::with_level(scene, origin, crate::simd::level())
     }
 
     /// As [`Self::new`], at a given SIMD level: every level gives the same bits.

@@ -3,8 +3,8 @@
 use super::Piece;
 use crate::finishes::Finishes;
 use crate::mesh::Mesh;
-use crate::rng::Rng;
 use glam::{DVec3, dvec3};
+use headbox_capture::random::Rng;
 
 /// A double bed, its head against the wall, between two night tables: 2.7 m by 2.1 m.
 pub(crate) fn bed(mesh: &mut Mesh, place: DVec3, turn: f64, linen: u32, finishes: &Finishes) {

@@ -1,12 +1,12 @@
 //! Which pieces stand in which room, and where: against walls, clear of doors and windows, or in the middle.
 
+use super::floor::{Fill, Floor, Purpose};
 use super::palette::Palette;
-use super::plan::{Fill, Plan, Purpose};
 use super::shell::Wall;
 use crate::furniture;
 use crate::mesh::Mesh;
-use crate::rng::Rng;
 use glam::{DVec2, DVec3, dvec3};
+use headbox_capture::random::Rng;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// A piece of furniture, with a width where it has a choice of them.
@@ -184,7 +184,7 @@ pub(super) struct Furnishing<'a> {
 }
 
 impl<'a> Furnishing<'a> {
-    pub(super) fn new(plan: &Plan, cell: usize, walls: &'a [Wall<'a>]) -> Self {
+    pub(super) fn new(plan: &Floor, cell: usize, walls: &'a [Wall<'a>]) -> Self {
         let room = &plan.rooms[cell];
         let half = |plane: DVec2| DVec2::new(plan.half_wall(0, plane.x), plan.half_wall(1, plane.y));
         let (low, high) = (room.low + half(room.low), room.high - half(room.high));
@@ -346,7 +346,7 @@ fn footprint(wall: &Wall, [from, to]: [f64; 2], depth: f64) -> [DVec2; 2] {
 }
 
 /// Lamps under the ceiling of rooms that get little daylight, a lamp to every five metres.
-pub(super) fn hang_lamps(mesh: &mut Mesh, plan: &Plan, cell: usize, palette: &Palette) {
+pub(super) fn hang_lamps(mesh: &mut Mesh, plan: &Floor, cell: usize, palette: &Palette) {
     let room = &plan.rooms[cell];
     let lit = [Purpose::Corridor, Purpose::Hall, Purpose::Dressing, Purpose::Pantry, Purpose::Foyer];
     if !lit.contains(&room.purpose) {

@@ -1,20 +1,20 @@
 //! `house`: a furnished one-storey house of 18 rooms in a garden, as cells and portals; after the Brooks House of
-//! Rafferty et al. 1998 (19 cells, 52 portals and 1,744,000 polygons; inventory R-N3).
+//! Rafferty et al. 1998 (19 cells, 52 portals and 1,744,000 polygons; R-N3).
 
+mod floor;
 mod furnish;
 mod outside;
 mod palette;
-mod plan;
 mod shell;
 
 use crate::mesh::{Fineness, Mesh};
-use crate::rng::Rng;
+use floor::{Floor, Purpose};
 use furnish::{Furnishing, hang_lamps};
 use glam::{DVec2, DVec3};
 use headbox_capture::portal_model::{Cell, Portal, PortalModel, Prism};
+use headbox_capture::random::Rng;
 use headbox_capture::scene::Scene;
 use palette::{Palette, TILE_M};
-use plan::{Plan, Purpose};
 use shell::{add_slab, walls};
 
 /// Triangles of the paper's house, near enough: what [`house`] makes by default.
@@ -37,7 +37,7 @@ const EYE: f64 = 1.5;
 /// less; a fifth less where there are few), by dividing walls and furniture more finely. A small budget leaves out
 /// furniture, and the bare walls (some 4,600 triangles) stand whatever the budget.
 pub fn house(seed: u64, triangle_budget: usize) -> PortalModel {
-    let plan = Plan::new(&Rng::new(seed));
+    let plan = Floor::new(&Rng::new(seed));
     let mut mesh = Mesh::default();
     let palette = Palette::new(&mut mesh, seed);
     // The finest step within the budget, by bisection over their numbers: finer steps have no fewer triangles.
@@ -88,7 +88,7 @@ impl Detail {
 }
 
 /// Builds all cells one after another; the number of triangles after each.
-fn build(mesh: &mut Mesh, plan: &Plan, detail: &Detail, palette: &Palette, seed: u64) -> Vec<u32> {
+fn build(mesh: &mut Mesh, plan: &Floor, detail: &Detail, palette: &Palette, seed: u64) -> Vec<u32> {
     let rng = Rng::new(seed);
     let mut ends = Vec::new();
     for cell in 0..plan.rooms.len() {
@@ -100,7 +100,7 @@ fn build(mesh: &mut Mesh, plan: &Plan, detail: &Detail, palette: &Palette, seed:
     ends
 }
 
-fn add_room(mesh: &mut Mesh, plan: &Plan, cell: usize, detail: &Detail, palette: &Palette, rng: &Rng) {
+fn add_room(mesh: &mut Mesh, plan: &Floor, cell: usize, detail: &Detail, palette: &Palette, rng: &Rng) {
     let room = &plan.rooms[cell];
     let finishes = &palette.finishes;
     let mut draw = rng.fork(0);
@@ -136,15 +136,15 @@ fn add_room(mesh: &mut Mesh, plan: &Plan, cell: usize, detail: &Detail, palette:
     furnishing.furnish(mesh, room.purpose, detail.furniture, palette, rng);
 }
 
-fn headbox_centre(plan: &Plan, cell: usize) -> DVec2 {
+fn headbox_centre(plan: &Floor, cell: usize) -> DVec2 {
     (plan.rooms[cell].low + plan.rooms[cell].high) / 2.0
 }
 
-fn assemble(mesh: Mesh, plan: &Plan, ends: &[u32]) -> PortalModel {
+fn assemble(mesh: Mesh, plan: &Floor, ends: &[u32]) -> PortalModel {
     let living = plan.rooms.iter().position(|room| room.purpose == Purpose::Living).unwrap_or(0);
     let centre = headbox_centre(plan, living);
     let scene = mesh.finish("house", DVec3::new(centre.x, EYE, centre.y), 0.4);
-    let space = |room: &plan::Room| {
+    let space = |room: &floor::Room| {
         let ([x0, z0], [x1, z1]) = (room.low.to_array(), room.high.to_array());
         let outline = vec![DVec2::new(x0, z0), DVec2::new(x1, z0), DVec2::new(x1, z1), DVec2::new(x0, z1)];
         Prism { outline, floor_y: -SLAB_DEPTH, ceiling_y: room.ceiling + SLAB_DEPTH }
@@ -154,7 +154,7 @@ fn assemble(mesh: Mesh, plan: &Plan, ends: &[u32]) -> PortalModel {
     let cells = names.zip(begins.zip(ends));
     let cells =
         cells.map(|((name, space), (from, &to))| Cell { name: name.into(), space, triangles: from..to }).collect();
-    let portal = |opening: &plan::Opening| Portal {
+    let portal = |opening: &floor::Opening| Portal {
         name: opening.name.clone(),
         cells: opening.cells.map(|cell| cell as u32),
         polygon: opening.polygon(plan),

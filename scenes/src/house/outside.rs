@@ -1,12 +1,12 @@
 //! What the house looks like from outside, and the garden around it.
 
+use super::floor::{Fill, Floor};
 use super::palette::Palette;
-use super::plan::{Fill, Plan};
 use super::shell::walls;
 use crate::mesh::{Mesh, Vertex};
-use crate::rng::Rng;
 use crate::texture::fractal;
 use glam::{DVec2, DVec3, dvec3};
+use headbox_capture::random::Rng;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Height of the ground, metres; the floors lie at 0.
@@ -20,7 +20,7 @@ const COARSER: f64 = 8.0;
 /// And so do trees, which are looked at from afar.
 const PLANTS: f64 = 0.5;
 
-pub(super) fn add(mesh: &mut Mesh, plan: &Plan, palette: &Palette, rng: &Rng, furnished: bool) {
+pub(super) fn add(mesh: &mut Mesh, plan: &Floor, palette: &Palette, rng: &Rng, furnished: bool) {
     let heights = [GROUND - 0.15, SLAB[0] + 0.05];
     let rows: Vec<f64> =
         plan.openings.iter().filter(|o| o.cells[1] == plan.outside()).flat_map(|o| o.heights).collect();
@@ -58,7 +58,7 @@ pub(super) fn add(mesh: &mut Mesh, plan: &Plan, palette: &Palette, rng: &Rng, fu
 }
 
 /// A slab with a hipped roof on it, and a chimney.
-fn add_roof(mesh: &mut Mesh, plan: &Plan, palette: &Palette) {
+fn add_roof(mesh: &mut Mesh, plan: &Floor, palette: &Palette) {
     let [low, high] = [plan.low - EAVES, plan.high + EAVES];
     mesh.add_block(dvec3(low.x, SLAB[0], low.y), dvec3(high.x, SLAB[1], high.y), 1.0, palette.finishes.lacquer);
     let eaves = |x: f64, z: f64| dvec3(x, SLAB[1] + 0.001, z);
@@ -85,7 +85,7 @@ fn add_roof(mesh: &mut Mesh, plan: &Plan, palette: &Palette) {
 }
 
 /// Hedges around the lawn, trees and bushes on it.
-fn add_garden(mesh: &mut Mesh, plan: &Plan, palette: &Palette, rng: &Rng) {
+fn add_garden(mesh: &mut Mesh, plan: &Floor, palette: &Palette, rng: &Rng) {
     let mut draw = rng.fork(900);
     for (x, z, along_x, length) in
         [(0.0, -25.0, true, 60.0), (0.0, 25.0, true, 60.0), (-31.0, 0.0, false, 48.0), (31.0, 0.0, false, 48.0)]
@@ -109,7 +109,7 @@ fn add_garden(mesh: &mut Mesh, plan: &Plan, palette: &Palette, rng: &Rng) {
     for opening in plan.openings.iter().filter(|o| o.fill == Fill::Window && draw_bush(o.span)) {
         let out = if opening.plane > 0.0 { 1.1 } else { -1.1 };
         for &along in &opening.span {
-            let mut centre = super::plan::point(opening.axis, opening.plane + out, along, GROUND + 0.3);
+            let mut centre = super::floor::point(opening.axis, opening.plane + out, along, GROUND + 0.3);
             centre += dvec3(draw.between(-0.2, 0.2), 0.0, draw.between(-0.2, 0.2));
             let material = palette.leaves[(draw.unit() * 3.0) as usize % 3];
             add_clump(mesh, centre, draw.between(0.35, 0.55), material, (along * 1000.0) as i64 as u64);

@@ -1,11 +1,11 @@
 //! The materials of the house beyond those of its furniture.
 
-use super::plan::Purpose;
+use super::floor::Purpose;
 use crate::finishes::Finishes;
 use crate::mesh::Mesh;
-use crate::rng::{Rng, hash, unit};
 use crate::texture::{fractal, mix, noise, paint, shade};
 use headbox_capture::Texture;
+use headbox_capture::random::{Rng, hash, unit};
 
 /// Indices of materials.
 pub(super) struct Palette {

@@ -4,7 +4,7 @@
 //! portal lies, and the reveals of both halves meet on its edges. Floors and ceilings reach to the middle of the walls,
 //! and walls run on a little past each other in the corners, so that no ray slips between them.
 
-use super::plan::{Fill, Opening, Plan, point};
+use super::floor::{Fill, Floor, Opening, point};
 use crate::finishes::Finishes;
 use crate::furniture;
 use crate::mesh::{Mesh, Vertex};
@@ -31,7 +31,7 @@ pub(super) struct Wall<'a> {
 }
 
 /// The four walls around a rectangle of visible faces, seen from inside it (a room) or from outside (the house).
-pub(super) fn walls<'a>(plan: &'a Plan, cell: usize, heights: [f64; 2]) -> Vec<Wall<'a>> {
+pub(super) fn walls<'a>(plan: &'a Floor, cell: usize, heights: [f64; 2]) -> Vec<Wall<'a>> {
     let room = plan.rooms.get(cell);
     let inward = if room.is_some() { 1.0 } else { -1.0 };
     let (low, high) = room.map_or((plan.low, plan.high), |room| (room.low, room.high));
@@ -221,7 +221,7 @@ impl Wall<'_> {
 /// A floor (its front up) or a ceiling (its front down) of a room at height `y`, out to the middle of its walls. What
 /// lies under the walls has vertices of its own, and so has what lies in each opening: light baked into vertices must
 /// not be shared between what is seen and what is buried.
-pub(super) fn add_slab(mesh: &mut Mesh, plan: &Plan, cell: usize, y: f64, up: bool, tile: f64, material: u32) {
+pub(super) fn add_slab(mesh: &mut Mesh, plan: &Floor, cell: usize, y: f64, up: bool, tile: f64, material: u32) {
     let room = &plan.rooms[cell];
     let normal = if up { DVec3::Y } else { DVec3::NEG_Y };
     // On each axis: under the first wall, the open floor, under the second wall.

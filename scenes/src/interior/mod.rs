@@ -3,8 +3,8 @@
 use crate::finishes::Finishes;
 use crate::furniture;
 use crate::mesh::Mesh;
-use crate::rng::Rng;
 use glam::{DVec2, DVec3, dvec3};
+use headbox_capture::random::Rng;
 use headbox_capture::scene::Scene;
 use std::f64::consts::{FRAC_PI_2, PI};
 

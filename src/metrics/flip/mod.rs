@@ -2,7 +2,7 @@
 //!
 //! P. Andersson, J. Nilsson, T. Akenine-Moller, M. Oskarsson, K. Astrom, M. Fairchild, "FLIP: A Difference Evaluator
 //! for Alternating Images", HPG 2020. Written from the paper's definition, with the separation of its filters into rows
-//! and columns of the authors' note on separated convolutions; checked against their evaluator in `tests/metrics.rs`.
+//! and columns of the authors' note on separated convolutions; checked against their evaluator in `tests/library/metrics_flip.rs`.
 //!
 //! The pipeline of a pixel: sRGB -> linear opponent color -> [`weights`] blur as the eye does at this distance ->
 //! [`color`] difference; beside it, luminance -> edges and points -> feature difference; error = color difference ^
@@ -21,6 +21,7 @@ use self::color::{ColorSpace, row_errors};
 use self::weights::Weights;
 use super::rows::{RowRing, across, derive, padded_len, smooth};
 use super::{MetricError, check_sizes, magma};
+use crate::capture::simd;
 
 /// The usual viewing condition: a display 3840 pixels and 0.7 m wide, seen from 0.7 m: `3840 pi / 180` pixels a degree.
 pub const DEFAULT_PIXELS_PER_DEGREE: f32 = 67.020_64;
@@ -61,7 +62,7 @@ pub fn flip_map(reference: &RgbImage, test: &RgbImage, pixels_per_degree: f32) -
     if !(MIN_PIXELS_PER_DEGREE..=MAX_PIXELS_PER_DEGREE).contains(&pixels_per_degree) {
         return Err(MetricError::PixelsPerDegree(pixels_per_degree));
     }
-    Ok(flip_map_at(Level::new(), reference, test, pixels_per_degree))
+    Ok(flip_map_at(simd::level(), reference, test, pixels_per_degree))
 }
 
 /// [`flip_map`] of checked arguments at a given SIMD level.

@@ -52,14 +52,14 @@ impl Drawer {
                     return (&self.frame, stats);
                 };
                 let Some(second) = second else {
-                    let (frame, warped) = self.renderer.render(nearest, camera, settings);
+                    let (frame, warped) = self.renderer.render_with_stats(nearest, camera, settings);
                     stats.add(nearest, warped);
                     return (frame, stats);
                 };
-                let (frame, warped) = self.renderer.render(second, camera, settings);
+                let (frame, warped) = self.renderer.render_with_stats(second, camera, settings);
                 stats.add(second, warped);
                 self.frame.clone_from(frame);
-                let (frame, warped) = self.renderer.render(nearest, camera, settings);
+                let (frame, warped) = self.renderer.render_with_stats(nearest, camera, settings);
                 stats.add(nearest, warped);
                 for (i, coverage) in frame.coverage.iter().enumerate() {
                     // The nearer image goes over the farther one wherever it has something (R9).

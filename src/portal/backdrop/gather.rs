@@ -1,4 +1,4 @@
-//! From rays behind a portal to a cube LDI: hits, their pixels, and what becomes of those at similar depth (inventory R11,
+//! From rays behind a portal to a cube LDI: hits, their pixels, and what becomes of those at similar depth (R11,
 //! P2, D1, D2, C11).
 //!
 //! *Similar depth* is measured in inverse depth, by parallax: two samples of a pixel that part by at most a pixel when the
@@ -6,18 +6,19 @@
 //!
 //! A depth pixel is drawn from the middle of its pixel, but random rays hit anywhere in it. So a hit counts with the depth that
 //! its surface has in the middle: hits of a slanted surface agree, and lie on it. At most half of what is similar is changed, so
-//! that a surface that the centre sees nearly edge-on keeps several samples a pixel; footprints alone do not close it. (House of
-//! 1.9 M triangles: 8 % fewer samples with the same PSNR. Changed as far as footprints reach, 13 % fewer, but 0.8 dB worse.)
+//! that a surface that the centre sees nearly edge-on keeps several samples a pixel; footprints alone do not close it
+//! (docs/decisions.md: a hit counts with its surface's depth in the middle of its pixel).
 //! Images are taken as they are: the papers' rules compare what their pixels hold.
 
 use super::mend::Mender;
 use crate::capture::rig::Face;
 use crate::capture::srgb8_from_linear;
 use crate::capture::trace::{HitPacket, PACKET, Ray, RayPacket};
+use crate::environment::Environment;
 use crate::ldi::accumulate::DepthBins;
-use crate::ldi::build::Sampler;
 use crate::ldi::merge::MergeRule;
-use crate::ldi::{CaptureInfo, CubeLdi, DepthPixel, EncodedNormal, Environment, LayeredDepthImage};
+use crate::ldi::parameters::CaptureParameters;
+use crate::ldi::{CaptureInfo, CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
 use crate::packed::{PackError, PackedCube, SplatIndexLayout, Split};
 use crate::portal::house::House;
 use glam::{DVec3, Vec3};
@@ -153,7 +154,7 @@ impl CubeJob<'_> {
     /// The cube of samples in the order of their rays.
     fn merge(&self, samples: &[Sample], environment: Environment) -> CubeLdi {
         let tolerance = self.tolerance();
-        // Pixel by pixel, those of a pixel in the order of their rays. (To sort the samples themselves, a capture takes 2 % longer.)
+        // Pixel by pixel, those of a pixel in the order of their rays: their numbers are sorted, which are smaller than they.
         let mut order: Vec<(u32, u32)> =
             samples.par_iter().enumerate().map(|(i, sample)| (sample.pixel, i as u32)).collect();
         order.par_sort_unstable_by_key(|&(pixel, i)| u64::from(pixel) << 32 | u64::from(i));
@@ -187,17 +188,16 @@ impl CubeJob<'_> {
                 *offset = total;
             }
         }
-        let frame = self.house.scene().frame;
+        // No strata: what was gathered says where its rays came from.
+        let parameters = CaptureParameters { merge_rule: self.rule, ..CaptureParameters::unlit(0, 0) };
         let info = CaptureInfo {
             scene: self.house.scene().name.clone(),
             centre: self.centre,
             half_size_m: HALF_SIZE_M,
-            unit_m: frame.unit_m,
-            z_up: frame.up == crate::capture::scene::UpAxis::Z,
+            frame: self.house.scene().frame,
             exposure: self.house.lighting().exposure,
-            sampler: Sampler::Stratified,
+            parameters,
             rays_traced: samples.len() as u64,
-            merge_rule: self.rule,
             ..CaptureInfo::default()
         };
         CubeLdi { info, faces: faces.into(), environment }

@@ -1,4 +1,4 @@
-//! Depth images of what is behind a portal, from places in front of it (inventory R9, R11, P2).
+//! Depth images of what is behind a portal, from places in front of it (R9, R11, P2).
 //!
 //! An image is what the six faces of a cube about its place see through the opening: a ray through the centre of each such
 //! pixel. One image is an LDI of one layer; more are merged into the cube about the first, whose rays are that cube's own.

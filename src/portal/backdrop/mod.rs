@@ -1,4 +1,4 @@
-//! What stands in for everything behind a portal (inventory R2, R9, R11, P2; D1).
+//! What stands in for everything behind a portal (R2, R9, R11, P2; D1).
 //!
 //! Every backdrop belongs to one side of one portal. Its samples come from rays that start on the portal's plane, so that
 //! nothing in front of it is ever taken for what lies behind, and it is drawn into the portal's pixels alone.

@@ -1,4 +1,4 @@
-//! A sprite with depth behind a portal, where what lies behind is smooth enough for one (inventory S1, S5; R2).
+//! A sprite with depth behind a portal, where what lies behind is smooth enough for one (S1, S5; R2).
 
 use super::Quality;
 use crate::capture::trace::Ray;
@@ -7,7 +7,7 @@ use crate::frame::{Coverage, Frame};
 use crate::portal::house::House;
 use crate::portal::opening::Opening;
 use crate::sprite::{
-    DepthImport, DisplacementFormat, PreparedSprite, RenderOptions, SpriteError, SpriteFrame, SpriteRenderer,
+    DepthImport, DisplacementFormat, PreparedSprite, RenderOptions, SpriteError, SpriteLayer, SpriteRenderer,
     SpriteWithDepth,
 };
 use glam::{DVec3, Vec3};
@@ -114,7 +114,7 @@ impl PortalSprite {
 #[derive(Default)]
 pub(super) struct SpriteDrawer {
     renderer: SpriteRenderer,
-    drawn: SpriteFrame,
+    drawn: SpriteLayer,
 }
 
 impl SpriteDrawer {
@@ -136,7 +136,7 @@ impl SpriteDrawer {
 /// A camera at a place that sees the whole opening, which is `texture_px` pixels wide or high or fewer in it.
 fn camera(opening: &Opening, place: DVec3, texture_px: u32) -> Option<Camera> {
     let up = opening.up;
-    let probe = Camera::look_at(place, opening.centre, up, 90.0, 2, 2).ok()?;
+    let probe = Camera::look_at(place, opening.centre, up, 90.0, [2, 2]).ok()?;
     // With this focal length of 1 px, positions are tangents.
     let tangent = opening.corners.iter().try_fold([0.0f64; 2], |[x, y], corner| {
         let [px, py, _] = probe.project(*corner)?;
@@ -145,7 +145,7 @@ fn camera(opening: &Opening, place: DVec3, texture_px: u32) -> Option<Camera> {
     let largest = tangent[0].max(tangent[1]);
     let [width, height] = tangent.map(|t| ((t / largest * f64::from(texture_px)).ceil() as u32).max(2));
     let fov_y_deg = 2.0 * (largest * f64::from(height) / f64::from(texture_px)).atan().to_degrees();
-    Camera::look_at(place, opening.centre, up, fov_y_deg, width, height).ok()
+    Camera::look_at(place, opening.centre, up, fov_y_deg, [width, height]).ok()
 }
 
 /// The mean of a pixel's rays that pass the opening, and the depth along its middle.
@@ -232,7 +232,7 @@ mod tests {
 
     #[test]
     fn planes_are_smooth_and_steps_are_not() {
-        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, 64, 48).expect("valid");
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [64, 48]).expect("valid");
         let depth = |of: &dyn Fn(f32, f32) -> f32| -> Vec<f32> {
             (0..64 * 48).map(|i| of((i % 64) as f32, (i / 64) as f32)).collect()
         };

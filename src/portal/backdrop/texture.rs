@@ -1,4 +1,4 @@
-//! Portal textures: what the portal's plane shows from a place in front of it (inventory R2).
+//! Portal textures: what the portal's plane shows from a place in front of it (R2).
 
 use super::Quality;
 use crate::capture::trace::Ray;

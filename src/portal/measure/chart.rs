@@ -1,6 +1,7 @@
 //! Frame time along the path: figure 6 of R (R-N4), with primary rays beside it.
 
 use super::WalkReport;
+use crate::capture::statistics::median;
 use crate::report::chart::{Axis, Chart, ChartPoint, Series, Spacing};
 
 /// Lines of the chart, where the ways are among those measured: geometry, then the figure's others, then the default.
@@ -39,7 +40,7 @@ impl WalkReport {
 
 /// The median about a pose.
 fn point(ms: &[f64], pose: usize) -> ChartPoint {
-    let mut around = ms[pose.saturating_sub(SMOOTHED / 2)..ms.len().min(pose + SMOOTHED / 2 + 1)].to_vec();
-    around.sort_by(f64::total_cmp);
-    ChartPoint { at: [pose as f64, around[around.len() / 2]], name: String::new(), spread: None }
+    let around = &ms[pose.saturating_sub(SMOOTHED / 2)..ms.len().min(pose + SMOOTHED / 2 + 1)];
+    let median = median(around.iter().copied()).unwrap_or(f64::NAN);
+    ChartPoint { at: [pose as f64, median], name: String::new(), spread: None }
 }

@@ -1,5 +1,5 @@
 //! The papers' measurements of a walk: time and error of every way to draw it along one path, exposure errors, clipping,
-//! layers and threads (inventory R-N2 to R-N7, P-N1 to P-N10).
+//! layers and threads (R-N2 to R-N7, P-N1 to P-N10).
 //!
 //! All times of a pose are taken one after the other, every variant once, then all again (A B C A B C): the best of these is
 //! the pose's. Errors are against ray-traced frames of the same geometry with the same baked light.
@@ -24,13 +24,14 @@ pub use threads::ThreadRow;
 
 use super::backdrop::{Backdrop, BackdropError, Kind, Quality};
 use super::house::{House, HouseError};
-use super::path::WalkPath;
+use super::settings::{WalkSettings, WalkStats};
 use super::store::Store;
 use super::variant::Variant;
-use super::walk::{WalkSettings, WalkStats, Walker};
+use super::walk::Walker;
+use super::walk_path::WalkPath;
 use crate::capture::{Camera, CameraError};
 use crate::frame::Frame;
-use crate::ldi::build::{Progress, Silent};
+use crate::progress::{Progress, Silent};
 use crate::raster::Seen;
 use crate::render::RenderSettings;
 use crate::truth;

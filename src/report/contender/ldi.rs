@@ -24,11 +24,11 @@ impl LdiDraw {
 
 impl Draw for LdiDraw {
     fn draw(&mut self, camera: &Camera) -> u64 {
-        self.renderer.render(&self.cube, camera, &self.settings).1.depth_pixels_in
+        self.renderer.render_with_stats(&self.cube, camera, &self.settings).1.depth_pixels_in
     }
 
     fn picture(&mut self, camera: &Camera) -> Picture {
-        Picture::of_frame(self.renderer.render(&self.cube, camera, &self.settings).0)
+        Picture::of_frame(self.renderer.render(&self.cube, camera, &self.settings))
     }
 }
 
@@ -71,7 +71,7 @@ impl OracleDraw {
 
 impl Draw for OracleDraw {
     fn draw(&mut self, camera: &Camera) -> u64 {
-        let frame = render_oracle(&self.ldi, camera).frame;
+        let frame = render_oracle(&self.ldi, camera);
         self.last = Some((*camera, Picture::of_frame(&frame)));
         self.ldi.faces.iter().map(|face| face.samples.len() as u64).sum()
     }
@@ -79,7 +79,7 @@ impl Draw for OracleDraw {
     fn picture(&mut self, camera: &Camera) -> Picture {
         match self.last.take() {
             Some((drawn, picture)) if drawn == *camera => picture,
-            _ => Picture::of_frame(&render_oracle(&self.ldi, camera).frame),
+            _ => Picture::of_frame(&render_oracle(&self.ldi, camera)),
         }
     }
 }

@@ -3,7 +3,7 @@
 
 use super::{Draw, Picture, Shown};
 use crate::capture::Camera;
-use crate::ldi::Environment;
+use crate::environment::Environment;
 use crate::packed::PackedCube;
 use glam::{Mat4, Vec3};
 use image::RgbImage;

@@ -5,7 +5,7 @@ use super::baked::BakedLight;
 use super::{Draw, Picture, Shown};
 use crate::capture::Camera;
 use crate::capture::trace::{Hit, Ray, Tracer};
-use crate::ldi::Environment;
+use crate::environment::Environment;
 use crate::raster::{GroupWindow, RasterMesh, RasterView, Rasterizer, Seen};
 use glam::DVec3;
 use image::RgbImage;
@@ -115,7 +115,7 @@ mod tests {
             let centre = scene.headbox.expect("it has one").centre;
             let tracer = Tracer::new(scene, centre);
             // 100 degrees: triangles of the room reach behind the eye.
-            let camera = Camera::look_at(centre, centre + forward, DVec3::Y, 100.0, 64, 48).expect("valid");
+            let camera = Camera::look_at(centre, centre + forward, DVec3::Y, 100.0, [64, 48]).expect("valid");
             let mut differing = 0;
             for (i, cell) in Visibility::new(&tracer).cells(&tracer, &camera).into_iter().enumerate() {
                 let (x, y) = (i as f64 % 64.0, (i / 64) as f64);

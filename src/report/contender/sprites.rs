@@ -1,9 +1,10 @@
 //! Sprites with depth, over the environment.
 
-use super::{Draw, Picture, Shown};
+use super::{Draw, Picture};
 use crate::capture::Camera;
 use crate::compose::{ComposeSettings, Composer, Composition};
-use crate::sprite::{RenderOptions, SpriteFrame, SpriteRenderer, SpriteSet};
+use crate::frame::Frame;
+use crate::sprite::{RenderOptions, SpriteSet};
 use std::sync::Arc;
 
 /// A set of sprites under one setting.
@@ -11,16 +12,15 @@ pub struct SpriteDraw {
     layers: Arc<Composition>,
     settings: ComposeSettings,
     composer: Composer,
-    frame: SpriteFrame,
-    without_environment: SpriteRenderer,
+    frame: Frame,
 }
 
 impl SpriteDraw {
     /// Draws `layers`, which hold sprites only.
     pub fn new(layers: Arc<Composition>, options: RenderOptions) -> Self {
         let settings = ComposeSettings { sprites: options, ..ComposeSettings::default() };
-        let (composer, frame, without_environment) = Default::default();
-        Self { layers, settings, composer, frame, without_environment }
+        let (composer, frame) = Default::default();
+        Self { layers, settings, composer, frame }
     }
 }
 
@@ -47,15 +47,6 @@ impl Draw for SpriteDraw {
 
     fn picture(&mut self, camera: &Camera) -> Picture {
         self.draw(camera);
-        let mut sprites_alone = SpriteFrame::default();
-        let options = &self.settings.sprites;
-        self.layers.sprites().render(&mut self.without_environment, camera, options, &mut sprites_alone);
-        let all = self.frame.pixels().iter().zip(sprites_alone.pixels());
-        let shown = all.map(|(whole, sprites)| match (whole[3], sprites[3]) {
-            (0, _) => Shown::Nothing,
-            (_, 0) => Shown::Environment,
-            _ => Shown::Surface,
-        });
-        Picture { shown: shown.collect(), color: self.frame.to_rgb(self.settings.cubes.hole_color_srgb) }
+        Picture::of_frame(&self.frame)
     }
 }

@@ -4,7 +4,7 @@ use super::{Draw, Picture, Shown};
 use crate::capture::Camera;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
-use crate::ldi::build::Silent;
+use crate::progress::Silent;
 use crate::report::cube_map::CubeMap;
 use crate::truth::{self, TruthFrame};
 use image::RgbImage;

@@ -1,4 +1,4 @@
-//! The warp alone, by three arithmetics (inventory S18, C8): what it gains to add where one could multiply.
+//! The warp alone, by three arithmetics (S18, C8): what it gains to add where one could multiply.
 //!
 //! Every depth pixel becomes one frame pixel in a depth buffer: no footprints, no order, no clipping, no SIMD, one thread.
 //! What differs is how its position is found.
@@ -217,7 +217,7 @@ mod tests {
     fn three_arithmetics_draw_the_points_of_the_cloud() {
         let cube = Arc::new(room().expect("captured").clone());
         let eye = cube.info.centre + DVec3::new(0.1, -0.05, 0.08);
-        let camera = Camera::look_at(eye, eye + DVec3::new(0.3, 0.1, -1.0), DVec3::Y, 75.0, 80, 60).expect("valid");
+        let camera = Camera::look_at(eye, eye + DVec3::new(0.3, 0.1, -1.0), DVec3::Y, 75.0, [80, 60]).expect("valid");
         let cloud = PointCloud::new(&cube, 1).picture(&camera);
         for arithmetic in [WarpArithmetic::Direct, WarpArithmetic::RunningSum, WarpArithmetic::Anchored] {
             let found = WarpOnly::new(Arc::clone(&cube), arithmetic).picture(&camera);

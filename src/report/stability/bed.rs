@@ -1,48 +1,46 @@
 //! What the cases share: chance, small captures, small LDIs, comparisons.
 
 use crate::capture::light::Lighting;
+use crate::capture::random::Rng;
 use crate::capture::rig::Face;
 use crate::capture::scene::Scene;
 use crate::capture::trace::Tracer;
 use crate::capture::{Camera, CameraError};
+use crate::environment::Environment;
 use crate::frame::Frame;
-use crate::ldi::build::{Sampler, Silent};
-use crate::ldi::job::{CaptureJob, Resources};
-use crate::ldi::merge::MergeRule;
-use crate::ldi::{CaptureInfo, CubeLdi, DepthPixel, EncodedNormal, Environment, LayeredDepthImage};
+use crate::ldi::job::CaptureJob;
+use crate::ldi::parameters::{CaptureParameters, Resources};
+use crate::ldi::{CaptureInfo, CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::progress::Silent;
 use crate::render::splat::SplatKernel;
 use crate::render::{RenderSettings, Renderer};
 use crate::scene_source::SceneSource;
-use glam::{DVec3, Vec3, dvec3};
+use glam::{DVec3, Vec3};
 use std::sync::{Arc, LazyLock};
 
-/// SplitMix64.
-pub(super) struct Dice(u64);
+/// Chance: a stream of numbers for each case of a seed.
+pub(super) struct Dice(Rng);
 
 impl Dice {
     pub(super) fn new(seed: u64, stream: u64) -> Self {
-        Self(seed.wrapping_mul(0x2545_f491_4f6c_dd1d) ^ stream.wrapping_mul(0x9e37_79b9_7f4a_7c15))
+        Self(Rng::keyed(seed.wrapping_mul(0x2545_f491_4f6c_dd1d) ^ stream.wrapping_mul(0x9e37_79b9_7f4a_7c15)))
     }
 
     pub(super) fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ z >> 31
+        self.0.bits()
     }
 
     pub(super) fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * ((self.bits() >> 11) as f64 / (1u64 << 53) as f64)
+        self.0.between(low, high)
     }
 
     pub(super) fn below(&mut self, count: u32) -> u32 {
-        (self.bits() % u64::from(count.max(1))) as u32
+        self.0.below(count.into()) as u32
     }
 
     pub(super) fn in_cube(&mut self, half: f64) -> DVec3 {
-        dvec3(self.between(-half, half), self.between(-half, half), self.between(-half, half))
+        self.0.in_cube(half)
     }
 
     pub(super) fn direction(&mut self) -> DVec3 {
@@ -68,18 +66,9 @@ fn capture_with(
     (strata, rays): (u32, u32),
 ) -> Option<CubeLdi> {
     let job = CaptureJob {
-        scene: SceneSource::new("stability"),
-        centre,
-        half_size_m,
         face_size_px,
-        sampler: Sampler::Stratified,
-        strata,
-        rays,
-        seed: 1,
-        novelty: 0.0,
-        merge_rule: MergeRule::Average,
-        bounces: 0,
-        light_samples: 0,
+        parameters: CaptureParameters { seed: 1, ..CaptureParameters::unlit(strata, rays) },
+        ..CaptureJob::new(SceneSource::new("stability"), centre, half_size_m)
     };
     let tracer = Tracer::new(scene, centre);
     let lighting = Lighting::of_scene(&tracer, 0);
@@ -117,7 +106,7 @@ impl Room {
 
 /// A camera that looks along a direction.
 pub(super) fn look(eye: DVec3, forward: DVec3, fov_deg: f64, [width, height]: [u32; 2]) -> Result<Camera, CameraError> {
-    Camera::look_at(eye, eye + forward, DVec3::Y, fov_deg, width, height)
+    Camera::look_at(eye, eye + forward, DVec3::Y, fov_deg, [width, height])
 }
 
 /// A cube LDI about the origin with a headbox of half-size 0.5: of each pixel of the given faces, the samples (farthest
@@ -139,13 +128,7 @@ pub(super) fn ldi_of(
         }
         all.push(ldi);
     }
-    let info = CaptureInfo {
-        scene: "stability".into(),
-        half_size_m: 0.5,
-        unit_m: 1.0,
-        exposure: 1.0,
-        ..CaptureInfo::default()
-    };
+    let info = CaptureInfo { scene: "stability".into(), half_size_m: 0.5, exposure: 1.0, ..CaptureInfo::default() };
     CubeLdi { info, faces: all, environment: Environment::default() }
 }
 
@@ -161,7 +144,7 @@ pub(super) fn sample_with_normal(normal: Vec3, inverse_depth: f64, [r, g, b]: [u
 
 /// Draws a frame.
 pub(super) fn draw(cube: &PackedCube, camera: &Camera, settings: &RenderSettings) -> Frame {
-    Renderer::new().render(cube, camera, settings).0.clone()
+    Renderer::new().render(cube, camera, settings).clone()
 }
 
 /// The settings of a kernel.

@@ -101,7 +101,7 @@ pub(super) fn cases() -> Vec<Case> {
                 largest((0..20).map(|_| {
                     let (eye, forward) = (dice.direction() * 1e7, dice.direction());
                     let up = forward + dice.direction() * 10f64.powf(dice.between(-9.0, 0.0));
-                    let camera = Camera::look_at(eye, eye + forward * 1e-3, up, 60.0, 64, 48).ok()?;
+                    let camera = Camera::look_at(eye, eye + forward * 1e-3, up, 60.0, [64, 48]).ok()?;
                     let axes = camera.world_from_eye();
                     let off = axes.transpose() * axes - DMat3::IDENTITY;
                     Some(off.to_cols_array().into_iter().fold(0.0, |m: f64, v| m.max(v.abs())))

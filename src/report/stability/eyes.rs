@@ -1,4 +1,4 @@
-//! Where the eye is (inventory part 8, items 1, 3, 7, 8; C3, C3b, C15).
+//! Where the eye is (hard cases 1, 3, 7, 8; C3, C3b, C15).
 
 use super::Case;
 use super::bed::{Dice, ROOM, differing, draw, kernel, largest, ldi_of, pack, rms_levels, sample};

@@ -1,4 +1,4 @@
-//! Surfaces and layers (inventory part 8, items 2, 4, 5; C9, D1).
+//! Surfaces and layers (hard cases 2, 4, 5; C9, D1).
 
 use super::Case;
 use super::bed::{Dice, draw, kernel, largest, ldi_of, look, pack, sample, sample_with_normal};
@@ -7,11 +7,12 @@ use crate::capture::rig::Face;
 use crate::capture::scene::{Scene, Triangle};
 use crate::capture::trace::Tracer;
 use crate::capture::{Camera, Material};
-use crate::ldi::build::{Sampler, Silent};
-use crate::ldi::job::{CaptureJob, Resources};
+use crate::ldi::job::CaptureJob;
 use crate::ldi::merge::MergeRule;
+use crate::ldi::parameters::{CaptureParameters, Resources};
 use crate::ldi::{CubeLdi, DepthPixel};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::progress::Silent;
 use crate::render::RenderSettings;
 use crate::render::splat::SplatKernel;
 use crate::scene_source::SceneSource;
@@ -226,18 +227,9 @@ fn planes(seed: u64, planes: &[(f64, [f32; 3])], merge_rule: MergeRule) -> Optio
         }
     }
     let job = CaptureJob {
-        scene: SceneSource::new("stability"),
-        centre: DVec3::ZERO,
-        half_size_m: 0.5,
         face_size_px: FACE_PX,
-        sampler: Sampler::Stratified,
-        strata: 6,
-        rays: 8,
-        seed,
-        novelty: 0.0,
-        merge_rule,
-        bounces: 0,
-        light_samples: 0,
+        parameters: CaptureParameters { seed, merge_rule, ..CaptureParameters::unlit(6, 8) },
+        ..CaptureJob::new(SceneSource::new("stability"), DVec3::ZERO, 0.5)
     };
     let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
     let lighting = Lighting::of_scene(&tracer, 0);

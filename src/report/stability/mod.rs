@@ -1,7 +1,7 @@
 //! Hard numerical cases: each a measurement with a bound and the bound's reason.
 //!
-//! `tests/stability.rs` holds each case to its bound on a few seeds; `headbox report --stability` measures more of them and
-//! writes `STABILITY.md`. A case is a function of a seed, so that whatever it finds can be found again.
+//! `tests/library/stability.rs` holds each case to its bound on a few seeds; `headbox report --stability` measures more of
+//! them and writes `STABILITY.md`. A case is a function of a seed, so that whatever it finds can be found again.
 
 mod arithmetic;
 mod bed;
@@ -81,7 +81,7 @@ const ABSENT: &str = "\n## Hard cases of the papers that have none here\n\nMergi
 /// `STABILITY.md`: every case with its bound, and the worst of some seeds. `progress` is told each case's name.
 pub fn page(seeds: Range<u64>, mut progress: impl FnMut(&str)) -> (String, bool) {
     let mut text = format!(
-        "# Numerical stability\n\nMade by `headbox report --stability`; `cargo test --test stability` holds every case to its \
+        "# Numerical stability\n\nMade by `headbox report --stability`; `cargo test --test library stability` holds every case to its \
          bound on fewer seeds. Measured: the largest value over seeds {} to {}, and the seed that gave it. Levels are those \
          of 8-bit channels.\n",
         seeds.start,

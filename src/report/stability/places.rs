@@ -266,7 +266,7 @@ fn changed_by(seed: u64, scale: f64, offset: DVec3) -> Option<f64> {
         let cube = pack(&capture(Arc::new(scene), centre, half, 40)?)?;
         // The look-at point is as far as the scene is large.
         let at = centre + eye * half;
-        let camera = crate::capture::Camera::look_at(at, at + forward * half * 8.0, DVec3::Y, 60.0, 64, 48).ok()?;
+        let camera = crate::capture::Camera::look_at(at, at + forward * half * 8.0, DVec3::Y, 60.0, [64, 48]).ok()?;
         let frame = draw(&cube, &camera, &RenderSettings::default());
         // A frame that shows nothing would agree with any other that does not.
         let shown = frame.coverage.iter().filter(|c| c.splat_share() > 0).count();

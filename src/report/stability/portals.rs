@@ -1,11 +1,12 @@
-//! Portals (inventory part 8, item 7; C17).
+//! Portals (hard case 7; C17).
 
 use super::Case;
 use super::bed::{Dice, differing, largest, look};
 use crate::capture::Camera;
 use crate::portal::house::House;
+use crate::portal::settings::WalkSettings;
 use crate::portal::store::Store;
-use crate::portal::walk::{WalkSettings, Walker};
+use crate::portal::walk::Walker;
 use crate::raster::{GroupWindow, RasterView, Rasterizer};
 use glam::{DQuat, DVec3};
 use std::sync::LazyLock;

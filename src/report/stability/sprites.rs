@@ -1,10 +1,10 @@
-//! Sprites with depth (inventory part 8, item 6; C4 to C7).
+//! Sprites with depth (hard case 6; C4 to C7).
 
 use super::Case;
 use super::bed::{Dice, largest, look};
 use crate::capture::Camera;
 use crate::sprite::{
-    Displacement, DisplacementFormat, Outcome, Plane, PreparedSprite, RenderOptions, Sampling, Sprite, SpriteFrame,
+    Displacement, DisplacementFormat, Outcome, Plane, PreparedSprite, RenderOptions, Sampling, Sprite, SpriteLayer,
     SpriteRenderer, SpriteWithDepth, Transfer, Variant,
 };
 use glam::{DVec3, dvec3};
@@ -138,8 +138,8 @@ fn prepared(dice: &mut Dice, steepness: f64) -> Option<PreparedSprite> {
     Some(PreparedSprite::new(sprite(dice, steepness)?))
 }
 
-fn rendered(sprite: &PreparedSprite, target: &Camera, variant: Variant) -> (Outcome, SpriteFrame) {
-    let mut frame = SpriteFrame::default();
+fn rendered(sprite: &PreparedSprite, target: &Camera, variant: Variant) -> (Outcome, SpriteLayer) {
+    let mut frame = SpriteLayer::default();
     let options = RenderOptions { variant, sampling: Sampling::Nearest, ..RenderOptions::default() };
     let outcome = SpriteRenderer::new().render(sprite, target, &options, &mut frame);
     (outcome, frame)

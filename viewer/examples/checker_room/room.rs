@@ -2,8 +2,8 @@
 
 use glam::{DVec3, Vec3, dvec3, vec3};
 use headbox_viewer::{
-    Entry, EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Plan, Pose,
-    Refinement, Room, Setting, Stage, Swatch, Thumbnail,
+    Entry, EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Pose, Refinement,
+    Room, RoomMap, Setting, Stage, Swatch, Thumbnail,
 };
 use std::{path::Path, sync::Arc, time::Instant};
 
@@ -81,13 +81,13 @@ impl FrameSource for CheckerRoom {
         }
     }
 
-    fn plan(&self) -> Option<Plan> {
+    fn plan(&self) -> Option<RoomMap> {
         let room = |name: &str, z0: f64, z1: f64| Room {
             name: name.into(),
             outline: vec![[-3.0, z0], [3.0, z0], [3.0, z1], [-3.0, z1]],
         };
         let rooms = vec![room("front", -4.0, 0.5), room("back", 0.5, 4.0)];
-        (self.kind == Kind::Walk).then(|| Plan { rooms, openings: vec![[[-0.6, 0.5], [0.6, 0.5]]] })
+        (self.kind == Kind::Walk).then(|| RoomMap { rooms, openings: vec![[[-0.6, 0.5], [0.6, 0.5]]] })
     }
 
     fn settings(&self) -> Vec<Setting> {

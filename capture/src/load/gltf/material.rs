@@ -17,7 +17,7 @@ const BLEND_THRESHOLD: f32 = 0.5;
 
 /// How the triangles of a material enter the scene.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Surface {
+pub(super) struct GltfMaterial {
     /// Index into the scene's materials, or `None` for what is seen through.
     pub(super) material: Option<u32>,
     /// Which of the vertices' sets of texture coordinates is used.
@@ -27,13 +27,13 @@ pub(super) struct Surface {
 }
 
 /// All materials of a file, ready for use.
-pub(super) struct Surfaces {
+pub(super) struct GltfMaterials {
     pub(super) materials: Vec<Material>,
     pub(super) textures: DecodedTextures,
-    surfaces: Vec<Surface>,
+    surfaces: Vec<GltfMaterial>,
 }
 
-impl Surfaces {
+impl GltfMaterials {
     /// Converts all materials that are in use and decodes their textures.
     pub(super) fn read(root: &Root, buffers: &Buffers, path: &Path, notes: &mut Notes) -> Self {
         let mut used = vec![false; root.materials.len() + 1];
@@ -71,7 +71,7 @@ impl Surfaces {
     }
 
     /// The surface for the material index of a primitive; one that is absent or out of range gets the neutral one.
-    pub(super) fn of(&self, material: Option<usize>) -> Option<Surface> {
+    pub(super) fn of(&self, material: Option<usize>) -> Option<GltfMaterial> {
         material.and_then(|index| self.surfaces.get(index)).or(self.surfaces.last()).copied()
     }
 }
@@ -146,13 +146,13 @@ fn convert(
 
 /// A vertex has one texture coordinate in the scene: that of the base colour, or of the emission where there is no
 /// base colour.
-fn surface(m: &gltf::json::Material, material: Option<u32>, notes: &mut Notes) -> Surface {
+fn surface(m: &gltf::json::Material, material: Option<u32>, notes: &mut Notes) -> GltfMaterial {
     let mut infos = [&m.pbr_metallic_roughness.base_color_texture, &m.emissive_texture].into_iter().flatten();
     let (texcoord_set, image_from_vertex) = infos.next().map_or((0, Affine2::IDENTITY), placement);
     for other in infos.filter(|other| placement(other) != (texcoord_set, image_from_vertex)) {
         notes.add_named(Note::TextureTransformIgnored, format!("texture {}", other.index.value()));
     }
-    Surface { material, texcoord_set, image_from_vertex }
+    GltfMaterial { material, texcoord_set, image_from_vertex }
 }
 
 /// Set of texture coordinates and `KHR_texture_transform`: scale, then a turn that looks counter-clockwise with v

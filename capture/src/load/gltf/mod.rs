@@ -18,7 +18,7 @@ use ::gltf::json::validation::Checked;
 use ::gltf::json::{Node, Root};
 use accessor::Buffers;
 use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3};
-use material::{Surface, Surfaces};
+use material::{GltfMaterial, GltfMaterials};
 use std::path::Path;
 use transform::NodeTransforms;
 
@@ -41,7 +41,7 @@ pub(super) fn load(path: &Path, bytes: &[u8], frame: FileFrame, groups: bool) ->
         }
     }
     let buffers = Buffers::read(&root, blob, folder_of(path), &mut notes);
-    let surfaces = Surfaces::read(&root, &buffers, path, &mut notes);
+    let surfaces = GltfMaterials::read(&root, &buffers, path, &mut notes);
     let mut builder = Builder::new(frame, notes);
     push_nodes(&root, &transforms, &buffers, &surfaces, &mut builder, groups).map_err(|TooManyVertices| {
         LoadError::Malformed { path: path.to_path_buf(), cause: "it has more than 2^32 vertices".into() }
@@ -81,7 +81,7 @@ fn push_nodes(
     root: &Root,
     transforms: &NodeTransforms,
     buffers: &Buffers,
-    surfaces: &Surfaces,
+    surfaces: &GltfMaterials,
     builder: &mut Builder,
     groups: bool,
 ) -> Result<(), TooManyVertices> {
@@ -165,7 +165,7 @@ fn optional<T>(read: Option<Option<Vec<T>>>, count: usize, notes: &mut Notes) ->
 fn push_primitive(
     primitive: &Primitive,
     world_from_node: DAffine3,
-    surface: Option<Surface>,
+    surface: Option<GltfMaterial>,
     buffers: &Buffers,
     builder: &mut Builder,
 ) -> Result<(), TooManyVertices> {
@@ -210,7 +210,7 @@ fn push_primitive(
 fn push_vertices(
     attributes: &Attributes,
     world_from_node: DAffine3,
-    surface: Surface,
+    surface: GltfMaterial,
     builder: &mut Builder,
 ) -> Option<u32> {
     let first = builder.next_vertex(attributes.positions.len())?;

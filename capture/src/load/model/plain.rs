@@ -256,7 +256,7 @@ fn solid_parts(whole: [f64; 2], gaps: impl Iterator<Item = [f64; 2]>) -> Vec<[f6
 }
 
 /// The faces of one group and material.
-struct Part {
+struct FaceGroup {
     group: String,
     material: String,
     /// Corners by number, from 0.
@@ -266,7 +266,7 @@ struct Part {
 /// A model from an archive.
 struct Model {
     positions: Vec<DVec3>,
-    parts: Vec<Part>,
+    parts: Vec<FaceGroup>,
 }
 
 /// The models of an archive, each read once.
@@ -318,7 +318,7 @@ impl Model {
                     }
                     match model.parts.iter_mut().find(|part| part.group == group && part.material == material) {
                         Some(part) => part.polygons.push(polygon),
-                        None => model.parts.push(Part {
+                        None => model.parts.push(FaceGroup {
                             group: group.clone(),
                             material: material.clone(),
                             polygons: vec![polygon],

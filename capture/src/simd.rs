@@ -1,0 +1,99 @@
+//! Which SIMD instructions everything uses: decided here, once, from the processor and `HEADBOX_SIMD`.
+//!
+//! Every level gives the same bits (`docs/simd.md` says how kernels are written), so that a level decides time alone.
+
+use fearless_simd::Level;
+use std::sync::LazyLock;
+
+/// The environment variable that chooses a level.
+pub const VARIABLE: &str = "HEADBOX_SIMD";
+
+/// A level that was asked for and that there is not.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{VARIABLE}={wanted} is none of this machine's SIMD levels: {available}")]
+pub struct LevelError {
+    wanted: String,
+    available: String,
+}
+
+/// The level that everything uses: the processor's best, or that of `HEADBOX_SIMD` if there is such a one.
+pub fn level() -> Level {
+    static LEVEL: LazyLock<Level> = LazyLock::new(|| requested().unwrap_or_else(|_| Level::new()));
+    *LEVEL
+}
+
+/// The level that the environment asks for, or the processor's best.
+///
+/// # Errors
+///
+/// `HEADBOX_SIMD` is not the name of a level that this processor has.
+pub fn requested() -> Result<Level, LevelError> {
+    match std::env::var_os(VARIABLE) {
+        Some(wanted) if !wanted.is_empty() => named(&wanted.to_string_lossy()),
+        _ => Ok(Level::new()),
+    }
+}
+
+/// The level of a name among [`levels`].
+fn named(wanted: &str) -> Result<Level, LevelError> {
+    let levels = levels();
+    let found = levels.iter().find(|level| name(**level) == wanted);
+    found.copied().ok_or_else(|| LevelError {
+        wanted: wanted.to_owned(),
+        available: levels.iter().map(|level| name(*level)).collect::<Vec<_>>().join(", "),
+    })
+}
+
+/// The levels of this processor, the lowest first. All give the same bits.
+pub fn levels() -> Vec<Level> {
+    let best = Level::new();
+    let mut levels = vec![Level::baseline()];
+    #[cfg(target_arch = "x86_64")]
+    {
+        levels.extend(best.as_sse4_2().map(Level::Sse4_2));
+        levels.extend(best.as_avx2().map(Level::Avx2));
+    }
+    levels.push(best);
+    levels.dedup_by_key(|level| name(*level));
+    levels
+}
+
+/// `fallback` (what every processor of the architecture has: SSE2 on x86-64, scalars elsewhere), `sse4.2`, `avx2`, `avx512`,
+/// or `neon`.
+pub fn name(level: Level) -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    {
+        let names = [
+            (level.as_avx512().is_some(), "avx512"),
+            (level.as_avx2().is_some(), "avx2"),
+            (level.as_sse4_2().is_some(), "sse4.2"),
+        ];
+        if let Some((_, name)) = names.iter().find(|(has, _)| *has) {
+            return name;
+        }
+    }
+    #[cfg(target_arch = "aarch64")]
+    if level.as_neon().is_some() {
+        return "neon";
+    }
+    let _ = level;
+    "fallback"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_level_is_found_by_its_name_and_others_are_refused() {
+        let levels = levels();
+        assert_eq!(name(levels[levels.len() - 1]), name(Level::new()), "the best comes last");
+        for level in &levels {
+            assert_eq!(named(name(*level)).map(name), Ok(name(*level)));
+        }
+        for wanted in ["AVX2", "sse9", "fast"] {
+            let error = named(wanted).expect_err("is no level").to_string();
+            assert!(error.contains(wanted) && error.contains(name(levels[0])), "{error}");
+        }
+    }
+}

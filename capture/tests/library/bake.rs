@@ -1,0 +1,206 @@
+//! Light in vertices: triangles are cut without cracks, and colours are what the light estimator says.
+
+use glam::{DVec3, Vec2, Vec3, dvec3};
+use headbox_capture::Material;
+use headbox_capture::bake::{BakeOptions, Baked, bake, bake_model};
+use headbox_capture::light::{LightSample, Lighting, LitPoint};
+use headbox_capture::portal_model::{Cell, PortalModel};
+use headbox_capture::scene::{Headbox, Scene, Sky, Sun, Triangle};
+use headbox_capture::trace::Tracer;
+use std::collections::HashSet;
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// A grid of vertices shared by triangles of very different sizes, so that long and short edges meet.
+fn uneven_grid() -> Scene {
+    let lines = [0.0, 0.03, 0.1, 0.5, 2.0];
+    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    for (z, x) in lines.iter().flat_map(|z| lines.iter().map(move |x| (*z, *x))) {
+        scene.positions.push(dvec3(x, 0.2 * (x * 3.0_f64).sin() * z, z));
+        scene.texcoords.push(Vec2::new(x as f32, z as f32));
+    }
+    for (row, column) in (0..4_u32).flat_map(|row| (0..4_u32).map(move |column| (row, column))) {
+        let a = row * 5 + column;
+        scene
+            .triangles
+            .extend([[a, a + 5, a + 6], [a, a + 6, a + 1]].map(|vertices| Triangle { vertices, material: 0 }));
+    }
+    scene
+}
+
+fn options(edge_m: f64) -> BakeOptions {
+    BakeOptions { edge_m, samples: 1, smoothing: 0, bounces: 0, ..BakeOptions::default() }
+}
+
+fn baked(scene: &Scene, options: &BakeOptions) -> Baked {
+    bake(&Arc::new(scene.clone()), options, &|_, _| ControlFlow::Continue(()))
+}
+
+fn area(scene: &Scene, triangles: std::ops::Range<u32>) -> f64 {
+    triangles.map(|t| scene.corners(t)).map(|[a, b, c]| (b - a).cross(c - a).length() / 2.0).sum()
+}
+
+#[test]
+fn no_edge_stays_long_and_no_crack_opens() {
+    let source = uneven_grid();
+    let scene = baked(&source, &options(0.15)).scene;
+    assert_eq!(scene.validate(), Ok(()));
+    let bits = |v: u32| scene.positions[v as usize].to_array().map(f64::to_bits);
+    let edges = |t: &Triangle| [0, 1, 2].map(|i| [t.vertices[i], t.vertices[(i + 1) % 3]]);
+    // By position, as a crease gives a vertex to each of its sides.
+    let all: HashSet<[[u64; 3]; 2]> = scene.triangles.iter().flat_map(edges).map(|e| e.map(bits)).collect();
+    let mut border = 0;
+    for edge in scene.triangles.iter().flat_map(edges) {
+        let [a, b] = edge.map(|v| scene.positions[v as usize]);
+        assert!(a.distance(b) <= 0.15, "{a} {b}");
+        let [p, q] = edge.map(bits);
+        if !all.contains(&[q, p]) {
+            border += 1;
+            let at_rim = |f: fn(DVec3) -> f64| [0.0, 2.0].iter().any(|rim| f(a) == *rim && f(b) == *rim);
+            assert!(at_rim(|p| p.x) || at_rim(|p| p.z), "a crack between {a} and {b}");
+        }
+    }
+    assert!(border > 4 * 13, "{border} edges around a square of 2 m");
+}
+
+#[test]
+fn pieces_cover_their_triangles() {
+    let source = uneven_grid();
+    let Baked { scene, pieces, edge_m, .. } = baked(&source, &options(0.3));
+    assert_eq!(edge_m, 0.3);
+    assert_eq!(pieces.len(), source.triangles.len() + 1);
+    assert_eq!(*pieces.last().expect("not empty") as usize, scene.triangles.len());
+    for (triangle, run) in (0_u32..).zip(pieces.windows(2)) {
+        let (whole, parts) = (area(&source, triangle..triangle + 1), area(&scene, run[0]..run[1]));
+        assert!((whole - parts).abs() <= 1e-12 * whole.max(1.0), "{whole} {parts}");
+    }
+}
+
+#[test]
+fn a_limit_on_triangles_makes_edges_longer() {
+    let source = uneven_grid();
+    let limit = BakeOptions { max_triangles: 200, ..options(0.05) };
+    let Baked { scene, edge_m, .. } = baked(&source, &limit);
+    assert!(
+        scene.triangles.len() <= 200 && scene.triangles.len() > 32 && edge_m > 0.05,
+        "{} {edge_m}",
+        scene.triangles.len()
+    );
+    for nonsense in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        assert_eq!(baked(&source, &options(nonsense)).scene.triangles.len(), source.triangles.len(), "{nonsense}");
+    }
+}
+
+/// A floor under a sky of one colour: every sample sees the same, so the light is exact.
+#[test]
+fn under_an_even_sky_light_is_the_skys() {
+    let grey = [0.5, 0.25, 0.125];
+    let mut source = uneven_grid();
+    source.positions.iter_mut().for_each(|p| p.y = 0.0);
+    source.sky = Some(Sky { zenith: grey, horizon: grey, ground: grey });
+    source.colors = vec![Vec3::new(0.5, 1.0, 1.0); source.positions.len()];
+    source.materials[0].emission = [0.1, 0.0, 0.0];
+    let Baked { scene, exposure, .. } = baked(&source, &BakeOptions { samples: 5, smoothing: 1, ..options(0.5) });
+    let expected = Vec3::from(grey) * Vec3::new(0.5, 1.0, 1.0) * exposure;
+    /// Sums of five equal numbers over five, twice: a few units in the last place.
+    const ROUNDING: f32 = 1e-6;
+    assert!(
+        scene.colors.iter().all(|c| (*c - expected).abs().max_element() <= ROUNDING * exposure),
+        "{:?}",
+        scene.colors[0]
+    );
+    assert_eq!(scene.materials[0].emission, [0.1 * exposure, 0.0, 0.0]);
+    assert_eq!(scene.sky.map(|sky| sky.zenith), Some(grey.map(|c| c * exposure)));
+    assert!(scene.sun.is_none());
+}
+
+/// A floor and a post that shades it.
+fn floor_and_post(flipped: bool) -> Scene {
+    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    let mut quad = |corners: [DVec3; 4]| {
+        let first = scene.positions.len() as u32;
+        scene.positions.extend(corners);
+        for corners in [[0, 1, 2], [0, 2, 3]] {
+            let [a, b, c] = corners.map(|c: u32| first + c);
+            scene.triangles.push(Triangle { vertices: if flipped { [a, c, b] } else { [a, b, c] }, material: 0 });
+        }
+    };
+    quad([dvec3(-2.0, 0.0, 2.0), dvec3(2.0, 0.0, 2.0), dvec3(2.0, 0.0, -2.0), dvec3(-2.0, 0.0, -2.0)]);
+    quad([dvec3(-0.5, 0.0, 0.0), dvec3(0.5, 0.0, 0.0), dvec3(0.5, 1.5, 0.0), dvec3(-0.5, 1.5, 0.0)]);
+    let sun = Sun { direction: Vec3::new(0.3, 0.8, 0.5).normalize(), ..Sun::default() };
+    let headbox = Headbox { centre: dvec3(0.0, 1.0, 1.5), half_size_m: 0.2 };
+    Scene { sun: Some(sun), sky: Some(Sky::default()), headbox: Some(headbox), ..scene }
+}
+
+/// Baked colours against the estimator at the same points with many more samples: the mean over the floor.
+#[test]
+fn colours_are_what_the_estimator_says() {
+    for flipped in [false, true] {
+        let source = Arc::new(floor_and_post(flipped));
+        let options = BakeOptions { edge_m: 0.3, samples: 32, smoothing: 1, bounces: 1, ..BakeOptions::default() };
+        let Baked { scene, pieces, exposure, .. } = bake(&source, &options, &|_, _| ControlFlow::Continue(()));
+        let tracer = Tracer::new(Arc::clone(&source), DVec3::ZERO);
+        let lighting = Lighting::measure(&tracer, 1);
+        let floor: Vec<u32> = scene.triangles[..pieces[2] as usize].iter().flat_map(|t| t.vertices).collect();
+        let (mut got, mut expected) = (Vec3::ZERO, Vec3::ZERO);
+        for &vertex in &floor {
+            let position = scene.positions[vertex as usize].as_vec3();
+            let point = LitPoint { position, normal: Vec3::Y, shading_normal: Vec3::Y, extent: 2.0 };
+            for index in 0..256 {
+                let sample = LightSample { stream: vertex, index, count: 256 };
+                let light = lighting.radiosity_per_albedo(&tracer, &point, &sample);
+                expected += Vec3::from(light) * lighting.exposure / 256.0;
+            }
+            got += scene.colors[vertex as usize];
+        }
+        // Light is spread half way to the neighbours and the post's foot moves it a little: 3 %; the exposures differ
+        // by the origin of their pilots' rounding only.
+        let error = ((got - expected) / expected).abs().max_element();
+        assert!(error < 0.03, "flipped {flipped}: {got} {expected}");
+        assert!((exposure / lighting.exposure - 1.0).abs() < 0.01);
+        let level = |v: &u32| scene.colors[*v as usize].y;
+        let [dark, bright] = [f32::min, f32::max].map(|pick| floor.iter().map(level).reduce(pick).expect("vertices"));
+        assert!(dark < 0.4 * bright, "the post casts a shadow: {dark} {bright}");
+    }
+}
+
+#[test]
+fn threads_do_not_change_a_bit() {
+    let source = floor_and_post(false);
+    let options = BakeOptions { edge_m: 0.4, samples: 4, ..BakeOptions::default() };
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        pool.install(|| baked(&source, &options).scene)
+    };
+    let (one, three) = (on(1), on(3));
+    assert!(one.colors == three.colors && one.positions == three.positions && one.triangles == three.triangles);
+}
+
+#[test]
+fn cells_keep_their_surfaces() {
+    let scene = floor_and_post(false);
+    let cell = |triangles| Cell { name: String::new(), space: Vec::new(), triangles };
+    let areas = [area(&scene, 0..2), area(&scene, 2..4)];
+    let model = PortalModel { scene, cells: vec![cell(0..2), cell(2..4)], portals: Vec::new(), outside: None };
+    let model = bake_model(model, &options(0.5), &|_, _| ControlFlow::Continue(()));
+    assert_eq!(model.cells[0].triangles.end, model.cells[1].triangles.start);
+    assert_eq!(model.cells[1].triangles.end as usize, model.scene.triangles.len());
+    for (cell, expected) in model.cells.iter().zip(areas) {
+        assert!((area(&model.scene, cell.triangles.clone()) - expected).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn a_bake_that_is_given_up_does_not_reach_its_end() {
+    let source = Arc::new(uneven_grid());
+    for (answer, expected) in [(ControlFlow::Continue(()), true), (ControlFlow::Break(()), false)] {
+        let ended = AtomicBool::new(false);
+        let baked = bake(&source, &options(0.02), &|of_all, all| {
+            ended.fetch_or(of_all == all, Ordering::Relaxed);
+            answer
+        });
+        assert!(baked.scene.positions.len() > 20_000, "enough for reports on the way");
+        assert_eq!(ended.into_inner(), expected);
+    }
+}

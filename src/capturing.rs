@@ -1,0 +1,202 @@
+//! Captures in one call: of a cube LDI, and of sprites.
+
+use crate::capture::light::Lighting;
+use crate::capture::sampler::Strata;
+use crate::capture::trace::Tracer;
+use crate::capture::viewpoint::place_headbox;
+use crate::capture::{Camera, scene::Headbox};
+use crate::environment::Environment;
+use crate::ldi::MAX_FACE_SIZE_PX;
+use crate::ldi::job::CaptureJob;
+use crate::ldi::parameters::{CaptureParameters, Resources};
+use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::progress::{Progress, Silent};
+use crate::sprite::{DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, capture_slabs, slabs_at_gaps};
+use crate::{Error, Scene};
+use glam::DVec3;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// A capture to be made: rays from a headbox into a scene, lit, merged and packed into a [`CubeLdi`](crate::CubeLdi).
+///
+/// Where nothing is said, the headbox lies in free space, faces have 1024 pixels a side, and 32^4 strata of 16 rays are
+/// traced from each face, as in the papers (inventory S15): minutes of work. `face_size(256).strata(12)` takes seconds.
+///
+/// ```
+/// # fn main() -> Result<(), headbox::Error> {
+/// let scene = headbox::Scene::open("builtin:miniature")?;
+/// let ldi = headbox::Capture::new(&scene).face_size(32).strata(4).rays(4).light_samples(1).run()?;
+/// assert!(ldi.depth_pixel_count() > 1000);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone)]
+#[must_use = "nothing is captured before `run`"]
+pub struct Capture<'a> {
+    scene: &'a Scene,
+    centre: Option<DVec3>,
+    half_size_m: Option<f64>,
+    face_size_px: u32,
+    parameters: CaptureParameters,
+    resources: Resources,
+    progress: &'a dyn Progress,
+}
+
+impl<'a> Capture<'a> {
+    /// What `headbox capture` does where nothing is said.
+    pub fn new(scene: &'a Scene) -> Self {
+        Self {
+            scene,
+            centre: None,
+            half_size_m: None,
+            face_size_px: CaptureJob::DEFAULT_FACE_SIZE_PX,
+            parameters: CaptureParameters::DEFAULT,
+            resources: Resources::default(),
+            progress: &Silent,
+        }
+    }
+
+    /// The headbox's centre, world metres; free space if nothing is said.
+    pub fn center(mut self, centre: DVec3) -> Self {
+        self.centre = Some(centre);
+        self
+    }
+
+    /// Half of the headbox's edge, metres; what fits into free space if nothing is said.
+    pub fn half_size(mut self, half_size_m: f64) -> Self {
+        self.half_size_m = Some(half_size_m);
+        self
+    }
+
+    /// Pixels a side of each cube face.
+    pub fn face_size(mut self, face_size_px: u32) -> Self {
+        self.face_size_px = face_size_px;
+        self
+    }
+
+    /// Strata along each of the four dimensions of rays (N).
+    pub fn strata(mut self, strata: u32) -> Self {
+        self.parameters.strata = strata;
+        self
+    }
+
+    /// Rays in each stratum (M).
+    pub fn rays(mut self, rays_per_stratum: u32) -> Self {
+        self.parameters.rays_per_stratum = rays_per_stratum;
+        self
+    }
+
+    /// Light samples per depth pixel; 0 shows albedo and emission without light.
+    pub fn light_samples(mut self, light_samples: u32) -> Self {
+        self.parameters.light_samples = light_samples;
+        self
+    }
+
+    /// Random seed: the same seed gives the same bytes, on any number of threads.
+    pub fn seed(mut self, seed: u64) -> Self {
+        self.parameters.seed = seed;
+        self
+    }
+
+    /// All parameters at once.
+    pub fn parameters(mut self, parameters: CaptureParameters) -> Self {
+        self.parameters = parameters;
+        self
+    }
+
+    /// Bytes that samples may take in memory; what does not fit goes to a temporary file in `folder`.
+    pub fn memory(mut self, bytes: u64, folder: impl Into<PathBuf>) -> Self {
+        self.resources.budget = Some((bytes, folder.into()));
+        self
+    }
+
+    /// Who is told how far the capture is, and may give it up.
+    pub fn progress(mut self, progress: &'a dyn Progress) -> Self {
+        self.progress = progress;
+        self
+    }
+
+    /// Traces, lights, merges and packs.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`], [`Error::Headbox`]; [`Error::Capture`] if it was given up or memory could not be spilled.
+    pub fn run(self) -> Result<PackedCube, Error> {
+        self.check()?;
+        let Headbox { centre, half_size_m } = place_headbox(self.scene.loaded(), self.centre, self.half_size_m)?;
+        let job = CaptureJob {
+            scene: self.scene.source().clone(),
+            centre,
+            half_size_m,
+            face_size_px: self.face_size_px,
+            parameters: self.parameters,
+        };
+        let tracer = Tracer::new(Arc::clone(self.scene.loaded()), centre);
+        let lighting = Lighting::measure(&tracer, job.parameters.bounces);
+        let (ldi, _) = job.run(&tracer, &lighting, &self.resources, self.progress)?;
+        Ok(PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto)?)
+    }
+
+    fn check(&self) -> Result<(), Error> {
+        let CaptureParameters { strata, rays_per_stratum, novelty, .. } = self.parameters;
+        let within = |name, value: f64, allowed: [f64; 2]| match (allowed[0]..=allowed[1]).contains(&value) {
+            true => Ok(()),
+            false => Err(Error::Parameter { name, value, allowed }),
+        };
+        within("the face size", self.face_size_px.into(), [1.0, MAX_FACE_SIZE_PX.into()])?;
+        within("the number of strata", strata.into(), [1.0, Strata::MAX_PER_DIMENSION.into()])?;
+        within("the number of rays in a stratum", rays_per_stratum.into(), [1.0, Strata::MAX_RAYS.into()])?;
+        within("novelty", novelty, [0.0, 1.0])
+    }
+}
+
+/// Sprites with depth to be captured of what a camera sees: slabs of eye depth, cut where there are gaps (inventory S4).
+#[derive(Clone)]
+#[must_use = "nothing is captured before `run`"]
+pub struct SpriteCapture<'a> {
+    scene: &'a Scene,
+    camera: Camera,
+    slabs: usize,
+    samples: u32,
+    progress: &'a dyn Progress,
+}
+
+impl<'a> SpriteCapture<'a> {
+    /// Three slabs at most, 16 rays a pixel.
+    pub fn new(scene: &'a Scene, camera: &Camera) -> Self {
+        Self { scene, camera: *camera, slabs: 3, samples: 16, progress: &Silent }
+    }
+
+    /// At most so many sprites.
+    pub fn slabs(mut self, slabs: usize) -> Self {
+        self.slabs = slabs;
+        self
+    }
+
+    /// Rays per pixel.
+    pub fn samples(mut self, samples: u32) -> Self {
+        self.samples = samples;
+        self
+    }
+
+    /// Who is told how far the capture is.
+    pub fn progress(mut self, progress: &'a dyn Progress) -> Self {
+        self.progress = progress;
+        self
+    }
+
+    /// Traces and lights; a set without sprites where the camera sees nothing.
+    ///
+    /// # Errors
+    /// [`Error::Sprite`].
+    pub fn run(self) -> Result<SpriteSet, Error> {
+        let tracer = Tracer::new(Arc::clone(self.scene.loaded()), self.camera.eye());
+        let lighting = Lighting::measure(&tracer, CaptureParameters::DEFAULT.bounces);
+        let (lit, samples, format) = (true, self.samples, DisplacementFormat::default());
+        let capture = SlabCapture { tracer: &tracer, lighting: &lighting, lit, samples, format };
+        let slabs = slabs_at_gaps(&tracer, &self.camera, self.slabs);
+        let mut set = SpriteSet::new(capture_slabs(&capture, &self.camera, &slabs, self.progress)?);
+        set.info = SpriteInfo { source: self.scene.name().to_owned(), frame: self.scene.frame() };
+        set.environment = Environment::sky(&lighting);
+        Ok(set)
+    }
+}

@@ -1,0 +1,147 @@
+//! A seeded walk through every room, as the papers' path of 520 poses (R-N4).
+
+use super::house::House;
+use super::opening::Opening;
+use crate::capture::portal_model::PortalModel;
+use crate::capture::sampler::random4;
+use crate::capture::{Camera, CameraError};
+use glam::{DVec2, DVec3};
+
+/// Poses of the papers' path.
+pub const PAPER_POSES: usize = 520;
+
+/// How a walk is seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WalkPath {
+    /// Number of poses.
+    pub poses: usize,
+    /// Frame size, px.
+    pub size: [u32; 2],
+    /// Vertical field of view, degrees.
+    pub fov_y_deg: f64,
+    /// Height of the eye above the floor, metres.
+    pub eye_height_m: f64,
+    /// Where the walk begins, in which order it goes, and how the head turns.
+    pub seed: u32,
+}
+
+impl Default for WalkPath {
+    fn default() -> Self {
+        Self { poses: PAPER_POSES, size: [640, 512], fov_y_deg: 60.0, eye_height_m: 1.6, seed: 0 }
+    }
+}
+
+/// How far from a portal a walker is before and after it, metres: it is passed at a right angle.
+const APPROACH_M: f64 = 0.45;
+/// How far ahead on the path the eye looks, metres.
+const AHEAD_M: f64 = 1.2;
+/// A portal whose lower edge is at most this high above the floor, and that is at least as high as a child, is a door.
+const SILL_M: f64 = 0.3;
+const DOOR_HEIGHT_M: f64 = 1.5;
+
+impl WalkPath {
+    /// The cameras, equally spaced along a walk that enters every cell which doors join to the first (the outside only if it
+    /// has no other way). No cameras if the model has no cell but an outside.
+    ///
+    /// # Errors
+    /// If size or field of view are no camera's.
+    pub fn cameras(&self, house: &House) -> Result<Vec<Camera>, CameraError> {
+        let line = self.line(house.plan());
+        let Some(first) = line.first() else { return Ok(Vec::new()) };
+        let mut lengths = vec![0.0];
+        for pair in line.windows(2) {
+            lengths.push(lengths[lengths.len() - 1] + (pair[1] - pair[0]).length());
+        }
+        let total = lengths[lengths.len() - 1];
+        let at = |s: f64| {
+            let s = s.clamp(0.0, total);
+            let i = lengths.partition_point(|&l| l <= s).clamp(1, line.len().max(2) - 1);
+            match (line.get(i - 1), line.get(i)) {
+                (Some(a), Some(b)) => {
+                    let span = (lengths[i] - lengths[i - 1]).max(1e-9);
+                    *a + (*b - *a) * ((s - lengths[i - 1]) / span).clamp(0.0, 1.0)
+                }
+                _ => *first,
+            }
+        };
+        let pose = |k: usize| {
+            let s = total * k as f64 / self.poses.max(2).saturating_sub(1) as f64;
+            let eye = at(s);
+            // Where the path doubles back, the mean of several points ahead turns the head smoothly.
+            let ahead = (1..=6).map(|j| at(s + AHEAD_M * f64::from(j) / 3.0)).sum::<DVec3>() / 6.0 - eye;
+            let ahead = if ahead.length() > 0.05 { ahead } else { at(s + 0.01) - at(s - AHEAD_M) };
+            let phase = s * 0.35 + f64::from(self.seed);
+            let turn = DVec2::from_angle(0.5 * phase.sin());
+            let flat = turn.rotate(DVec2::new(ahead.x, ahead.z));
+            let flat = if flat.length() > 1e-6 { flat.normalize() } else { DVec2::X };
+            let look = eye + DVec3::new(flat.x, 0.12 * (phase * 1.7).sin() - 0.05, flat.y);
+            Camera::look_at(eye, look, DVec3::Y, self.fov_y_deg, [self.size[0], self.size[1]])
+        };
+        (0..self.poses).map(pose).collect()
+    }
+
+    /// Corners of the walk, world metres: a depth-first tour of the rooms and back.
+    fn line(&self, plan: &PortalModel) -> Vec<DVec3> {
+        let count = plan.cells.len() as u32;
+        let rooms: Vec<u32> = (0..count).filter(|&cell| self.standing_point(plan, cell).is_some()).collect();
+        let Some(&start) = rooms.get(self.random(0) as usize % rooms.len().max(1)) else { return Vec::new() };
+        let mut line = Vec::new();
+        let mut visited = vec![false; count as usize];
+        self.tour(plan, start, &mut visited, &mut line);
+        line
+    }
+
+    fn random(&self, stream: u32) -> u32 {
+        random4([self.seed, stream, 0x7a1c, 0])[0]
+    }
+
+    fn tour(&self, plan: &PortalModel, start: u32, visited: &mut [bool], line: &mut Vec<DVec3>) {
+        visited[start as usize] = true;
+        line.extend(self.standing_point(plan, start));
+        let mut doors: Vec<(usize, u32)> =
+            plan.portals_of(start).filter(|&(_, next)| plan.outside != Some(next)).collect();
+        doors.sort_by_key(|&(portal, _)| self.random(portal as u32 + 1));
+        for (portal, next) in doors {
+            if visited[next as usize] || self.standing_point(plan, next).is_none() {
+                continue;
+            }
+            let Some([here, middle, there]) = self.passage(plan, portal, start) else { continue };
+            line.extend([here, middle, there]);
+            self.tour(plan, next, visited, line);
+            line.extend([there, middle, here]);
+            line.extend(self.standing_point(plan, start));
+        }
+    }
+
+    /// A point of a cell at the height of an eye: the middle of its largest prism's corners, or the cell's point nearest to
+    /// that among the corners' midpoints. `None` for the outside.
+    fn standing_point(&self, plan: &PortalModel, cell: u32) -> Option<DVec3> {
+        let cell = plan.cells.get(cell as usize)?;
+        let area = |outline: &[DVec2]| {
+            let next = outline.iter().cycle().skip(1);
+            outline.iter().zip(next).map(|(a, b)| a.perp_dot(*b)).sum::<f64>().abs()
+        };
+        let prism = cell.space.iter().max_by(|a, b| area(&a.outline).total_cmp(&area(&b.outline)))?;
+        let y = prism.floor_y + self.eye_height_m;
+        let lift = |p: DVec2| DVec3::new(p.x, y.min(prism.ceiling_y - 0.1), p.y);
+        let corners = &prism.outline;
+        let middle = corners.iter().sum::<DVec2>() / corners.len().max(1) as f64;
+        let between = corners.iter().flat_map(|a| corners.iter().map(move |b| (*a + *b) / 2.0));
+        std::iter::once(middle).chain(between).map(lift).find(|p| prism.contains(*p))
+    }
+
+    /// Points before, in and after a door, from a cell; `None` for a window.
+    fn passage(&self, plan: &PortalModel, portal: usize, from: u32) -> Option<[DVec3; 3]> {
+        let portal = plan.portals.get(portal)?;
+        let side = usize::from(portal.cells[0] != from);
+        let opening = Opening::new(portal, side)?;
+        let floor = plan.cells.get(from as usize)?.space.iter().map(|p| p.floor_y).fold(f64::INFINITY, f64::min);
+        let sill = opening.centre.y - opening.half.y;
+        if sill > floor + SILL_M || 2.0 * opening.half.y < DOOR_HEIGHT_M {
+            return None;
+        }
+        let top = opening.centre.y + opening.half.y - 0.1;
+        let middle = DVec3::new(opening.centre.x, (floor + self.eye_height_m).min(top), opening.centre.z);
+        Some([middle + opening.normal * APPROACH_M, middle, middle - opening.normal * APPROACH_M])
+    }
+}

@@ -1,0 +1,103 @@
+//! From local positions to the frame: the transfer of a cluster's vertices, and what becomes of its triangles.
+
+use super::cull::VisibleCluster;
+use super::mesh::{CLUSTER_VERTICES, RasterMesh};
+use super::scan::{CutoutTest, Target};
+use super::view::{GUARD_PX, NEAR_M, Snapped, View, snap};
+use super::{SurfaceId, clip};
+use fearless_simd::{Simd, dispatch};
+
+/// Bit of a vertex that lies where it cannot be drawn: its triangles are clipped.
+const CLIPPED: u8 = 1;
+
+/// The vertices of a cluster in the frame.
+struct Transferred {
+    /// Position in 1/[`SUBPIXELS`] px.
+    x: [i32; CLUSTER_VERTICES],
+    y: [i32; CLUSTER_VERTICES],
+    /// 1 / eye depth, 1/m.
+    inverse_depth: [f32; CLUSTER_VERTICES],
+    /// Whether the position is out of bounds ([`CLIPPED`]), and on which sides of the frame it lies.
+    outside: [u8; CLUSTER_VERTICES],
+}
+
+impl View {
+    /// Draws a triangle of a marker.
+    pub(super) fn draw_marker(&self, corners: [Snapped; 3], number: u32, target: &mut Target) {
+        dispatch!(self.level, simd => target.triangle(simd, corners, SurfaceId::marker(number), None));
+    }
+
+    /// Draws the triangles of a cluster.
+    pub(super) fn draw_cluster(&self, mesh: &RasterMesh, cluster: &VisibleCluster, target: &mut Target) {
+        dispatch!(self.level, simd => self.draw_cluster_at(simd, mesh, cluster, target));
+    }
+
+    #[inline(always)]
+    fn draw_cluster_at<S: Simd>(&self, simd: S, mesh: &RasterMesh, visible: &VisibleCluster, target: &mut Target) {
+        let cluster = &mesh.clusters[visible.cluster as usize];
+        let mut vertices = Transferred {
+            x: [0; CLUSTER_VERTICES],
+            y: [0; CLUSTER_VERTICES],
+            inverse_depth: [0.0; CLUSTER_VERTICES],
+            outside: [0; CLUSTER_VERTICES],
+        };
+        let run = cluster.vertices.start as usize..cluster.vertices.end as usize;
+        self.transfer(simd, mesh.positions.each_ref().map(|axis| &axis[run.clone()]), &mut vertices);
+        for primitive in cluster.triangles.clone() {
+            let face = &mesh.faces[primitive as usize];
+            let corners = face.corners;
+            let local = |corner: u32| corner.wrapping_sub(cluster.vertices.start) as usize % CLUSTER_VERTICES;
+            let (i, j, k) = (local(corners[0]), local(corners[1]), local(corners[2]));
+            if vertices.outside[i] & vertices.outside[j] & vertices.outside[k] & !CLIPPED != 0 {
+                continue;
+            }
+            let has_cutout = cluster.has_cutouts && mesh.surfaces[face.material as usize].has_cutout;
+            let cutout = has_cutout.then_some(CutoutTest { mesh, view: self, primitive });
+            if (vertices.outside[i] | vertices.outside[j] | vertices.outside[k]) & CLIPPED != 0 {
+                let homogeneous = mesh.corners(face).map(|corner| self.homogeneous_f64(corner.position));
+                let snapped = [i, j, k].map(|i| (vertices.outside[i] & CLIPPED == 0).then(|| vertices.snapped(i)));
+                clip::clipped(homogeneous, snapped, |corners| {
+                    target.triangle(simd, corners, SurfaceId(primitive), cutout);
+                });
+            } else {
+                let corners = [vertices.snapped(i), vertices.snapped(j), vertices.snapped(k)];
+                target.triangle(simd, corners, SurfaceId(primitive), cutout);
+            }
+        }
+    }
+
+    /// Plain loops over arrays, which the compiler turns into the instructions of the SIMD level.
+    #[inline(always)]
+    fn transfer<S: Simd>(&self, _: S, [x, y, z]: [&[f32]; 3], out: &mut Transferred) {
+        let count = x.len().min(y.len()).min(z.len()).min(CLUSTER_VERTICES);
+        let [rx, ry, rw] = self.rows;
+        for i in 0..count {
+            let (dx, dy, dz) = (x[i] - self.eye.x, y[i] - self.eye.y, z[i] - self.eye.z);
+            let hx = (rx.x * dx + rx.y * dy) + rx.z * dz;
+            let hy = (ry.x * dx + ry.y * dy) + ry.z * dz;
+            let hw = (rw.x * dx + rw.y * dy) + rw.z * dz;
+            let inverse = 1.0 / hw;
+            let (px, py) = (hx * inverse, hy * inverse);
+            // False for NaN.
+            let inside = (hw >= NEAR_M) & (px.abs() < GUARD_PX) & (py.abs() < GUARD_PX);
+            // On the frame's sides by a pixel more than rounding needs. All false for NaN.
+            let (right, bottom) = ((self.width + 1) as f32 * hw, (self.height + 1) as f32 * hw);
+            out.outside[i] = (u8::from(!inside) * CLIPPED)
+                | (u8::from(hw < NEAR_M * 0.5) << 1)
+                | (u8::from(hx < -hw) << 2)
+                | (u8::from(hx > right) << 3)
+                | (u8::from(hy < -hw) << 4)
+                | (u8::from(hy > bottom) << 5);
+            out.inverse_depth[i] = inverse;
+            out.x[i] = snap(px);
+            out.y[i] = snap(py);
+        }
+    }
+}
+
+impl Transferred {
+    #[inline(always)]
+    fn snapped(&self, i: usize) -> Snapped {
+        Snapped { x: self.x[i], y: self.y[i], inverse_depth: self.inverse_depth[i] }
+    }
+}

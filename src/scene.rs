@@ -1,0 +1,86 @@
+//! A scene, opened.
+
+use crate::Error;
+use crate::capture;
+use crate::capture::load::LoadOptions;
+use crate::capture::scene::{FileFrame, Headbox};
+use crate::capture::viewpoint::place_headbox;
+use crate::scene_source::SceneSource;
+use glam::DVec3;
+use std::sync::Arc;
+
+/// Triangles, materials and lights in memory, and the name they came from. Cheap to clone.
+///
+/// ```
+/// # fn main() -> Result<(), headbox::Error> {
+/// let scene = headbox::Scene::open("builtin:miniature")?;
+/// let [low, high] = scene.bounds();
+/// assert!(low.y < high.y);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone, Debug)]
+pub struct Scene {
+    source: SceneSource,
+    loaded: Arc<capture::Scene>,
+}
+
+impl Scene {
+    /// Opens an `.obj`, `.gltf` or `.glb` file, or `builtin:NAME`.
+    ///
+    /// # Errors
+    /// [`Error::Scene`].
+    pub fn open(name: impl Into<String>) -> Result<Self, Error> {
+        Self::open_with(name, LoadOptions::default())
+    }
+
+    /// The same, for a file whose axes or unit are not its format's default.
+    ///
+    /// # Errors
+    /// [`Error::Scene`].
+    pub fn open_with(name: impl Into<String>, options: LoadOptions) -> Result<Self, Error> {
+        let source = SceneSource { name: name.into(), options };
+        let loaded = Arc::new(source.open()?);
+        Ok(Self { source, loaded })
+    }
+
+    /// The name under which it was opened.
+    pub fn name(&self) -> &str {
+        &self.source.name
+    }
+
+    /// What the loader met and survived, a sentence each.
+    pub fn notes(&self) -> &[String] {
+        &self.loaded.summary.notes
+    }
+
+    /// The corners of its bounding box, world metres.
+    pub fn bounds(&self) -> [DVec3; 2] {
+        self.loaded.bounds()
+    }
+
+    /// How the file's axes and unit map to the world.
+    pub fn frame(&self) -> FileFrame {
+        self.loaded.frame
+    }
+
+    /// Where one can look around in it: the box that the scene suggests, else free space with much to see around it.
+    ///
+    /// # Errors
+    /// [`Error::Headbox`] if the scene is so small or so large that there is none.
+    pub fn headbox(&self) -> Result<Headbox, Error> {
+        Ok(place_headbox(&self.loaded, None, None)?)
+    }
+
+    /// The source, to open it again.
+    #[doc(hidden)]
+    pub fn source(&self) -> &SceneSource {
+        &self.source
+    }
+
+    /// The triangles.
+    #[doc(hidden)]
+    pub fn loaded(&self) -> &Arc<capture::Scene> {
+        &self.loaded
+    }
+}

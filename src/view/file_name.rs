@@ -1,0 +1,8 @@
+//! What a file is called in titles.
+
+use std::path::Path;
+
+/// The name of a file without its folder.
+pub(super) fn file_name(file: &Path) -> String {
+    file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned()
+}

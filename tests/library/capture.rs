@@ -1,0 +1,334 @@
+//! Promises of a capture: the same bytes however it is run, bounded memory, light that obeys known answers, and an
+//! honest estimate of what is still missing.
+
+#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+
+use glam::{DVec3, Vec3, dvec3};
+use headbox::capture::light::{LightSample, Lighting, LitPoint};
+use headbox::capture::rig::Face;
+use headbox::capture::scene::{Scene, Sky, Sun, Triangle};
+use headbox::capture::trace::Tracer;
+use headbox::capture::{Material, srgb8_from_linear};
+use headbox::ldi::build::{self, Tracing};
+use headbox::ldi::job::CaptureJob;
+use headbox::ldi::merge::MergeRule;
+use headbox::ldi::parameters::{CaptureParameters, Resources, Sampler};
+use headbox::ldi::shard::{self, ShardInfo};
+use headbox::ldi::{CubeLdi, store::TileStore};
+use headbox::packed::{PackedCube, SplatIndexLayout, Split};
+use headbox::progress::Silent;
+use headbox::scene_source::{SceneSource, fingerprint};
+use std::sync::Arc;
+
+/// A scene put together from boxes.
+#[derive(Default)]
+struct Boxes(Scene);
+
+impl Boxes {
+    fn material(&mut self, albedo: [f32; 3], emission: [f32; 3]) -> u32 {
+        self.0.materials.push(Material { albedo, emission, ..Material::default() });
+        self.0.materials.len() as u32 - 1
+    }
+
+    fn add(mut self, centre: DVec3, half: DVec3, material: u32) -> Self {
+        let scene = &mut self.0;
+        for face in Face::ALL {
+            let first = scene.positions.len() as u32;
+            for (s, t) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+                let corner = face.normal() + face.right() * s + face.up() * t;
+                scene.positions.push(centre + corner * half);
+            }
+            for [a, b] in [[1, 2], [2, 3]] {
+                scene.triangles.push(Triangle { vertices: [first, first + a, first + b], material });
+            }
+        }
+        self
+    }
+}
+
+/// A room of 4 x 3 x 4 m with two boxes in it, lit by a bright box.
+fn room() -> Arc<Scene> {
+    let mut boxes = Boxes::default();
+    let wall = boxes.material([0.7, 0.6, 0.5], [0.0; 3]);
+    let red = boxes.material([0.8, 0.2, 0.2], [0.0; 3]);
+    let lamp = boxes.material([0.5; 3], [6.0; 3]);
+    let boxes = boxes.add(DVec3::ZERO, dvec3(2.0, 1.5, 2.0), wall);
+    let boxes = boxes.add(dvec3(0.9, -1.0, -1.2), dvec3(0.3, 0.5, 0.3), red);
+    let boxes = boxes.add(dvec3(-1.0, -1.1, 0.9), dvec3(0.4, 0.4, 0.2), red);
+    Arc::new(boxes.add(dvec3(0.0, 1.45, 0.0), dvec3(0.3, 0.04, 0.3), lamp).0)
+}
+
+fn job() -> CaptureJob {
+    CaptureJob {
+        face_size_px: 48,
+        parameters: CaptureParameters {
+            seed: 7,
+            novelty: 0.3,
+            bounces: 1,
+            light_samples: 2,
+            ..CaptureParameters::unlit(8, 8)
+        },
+        ..CaptureJob::new(SceneSource::new("test"), DVec3::ZERO, 0.3)
+    }
+}
+
+/// The job with a change.
+fn asked(change: impl FnOnce(&mut CaptureParameters)) -> CaptureJob {
+    let mut job = job();
+    change(&mut job.parameters);
+    job
+}
+
+fn capture(job: &CaptureJob, scene: &Arc<Scene>, resources: &Resources) -> CubeLdi {
+    let tracer = Tracer::new(Arc::clone(scene), job.centre);
+    let lighting = Lighting::measure(&tracer, job.parameters.bounces);
+    job.run(&tracer, &lighting, resources, &Silent).unwrap().0
+}
+
+fn file_bytes(ldi: &CubeLdi) -> Vec<u8> {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.ldi");
+    PackedCube::pack(ldi, SplatIndexLayout::Normal, Split::Auto).unwrap().write(&path).unwrap();
+    std::fs::read(path).unwrap()
+}
+
+#[test]
+fn one_thread_two_threads_a_small_budget_and_four_shards_give_the_same_bytes() {
+    let (scene, job) = (room(), job());
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| file_bytes(&capture(&job, &scene, &Resources::default())))
+    };
+    let expected = on(1);
+    assert!(expected == on(2), "two threads");
+    assert!(expected == on(5), "five threads");
+    let dir = tempfile::tempdir().unwrap();
+    let budget = Some((1 << 20, dir.path().to_path_buf()));
+    assert!(expected == file_bytes(&capture(&job, &scene, &Resources { budget: budget.clone() })), "spilled to disk");
+    assert!(expected == file_bytes(&merged_from_shards(&job, &scene, budget)), "four shards");
+}
+
+fn merged_from_shards(job: &CaptureJob, scene: &Arc<Scene>, budget: Option<(u64, std::path::PathBuf)>) -> CubeLdi {
+    let dir = tempfile::tempdir().unwrap();
+    let tracer = Tracer::new(Arc::clone(scene), job.centre);
+    let mut infos = Vec::new();
+    for part in [2, 0, 3, 1] {
+        let tracing = build::trace(&tracer, &job.settings(&Resources::default(), (part, 4)), &Silent).unwrap();
+        let info = ShardInfo {
+            job: job.clone(),
+            scene_fingerprint: fingerprint(scene),
+            triangles: scene.triangles.len() as u32,
+            part,
+            parts: 4,
+            rays: tracing.rays,
+        };
+        let path = dir.path().join(format!("{part}.shard"));
+        shard::write(&path, &info, &tracing).unwrap();
+        infos.push((path, info));
+    }
+    shard::check_complete(&infos).unwrap();
+    let missing = shard::check_complete(&infos[1..]).unwrap_err().to_string();
+    assert!(missing.contains("missing: 2/4"), "{missing}");
+    let twice = shard::check_complete(&[infos.as_slice(), &infos[..1]].concat()).unwrap_err().to_string();
+    assert!(twice.contains("given twice: 2/4"), "{twice}");
+    let mut merged: Tracing = infos[0].1.empty_tracing(budget).unwrap();
+    for (path, info) in &infos {
+        assert_eq!(shard::read_info(path).unwrap(), *info);
+        shard::absorb(path, info, &mut merged).unwrap();
+    }
+    let lighting = Lighting::measure(&tracer, job.parameters.bounces);
+    job.finish(&merged, &tracer, &lighting, &Resources::default(), &Silent).unwrap()
+}
+
+#[test]
+fn every_sampler_and_merge_rule_gives_a_valid_ldi() {
+    let scene = room();
+    for sampler in [Sampler::Stratified, Sampler::WhiteNoise, Sampler::CentreRays] {
+        for merge_rule in [MergeRule::Average, MergeRule::SmallerArea, MergeRule::ColorsApart] {
+            let ldi =
+                capture(&asked(|p| (p.sampler, p.merge_rule) = (sampler, merge_rule)), &scene, &Resources::default());
+            assert_eq!(ldi.validate(), Ok(()), "{sampler:?} {merge_rule:?}");
+            let samples: usize = ldi.faces.iter().map(|face| face.samples.len()).sum();
+            assert!(samples > 6 * 48 * 48 / 2, "{sampler:?} {merge_rule:?}: {samples}");
+            assert_eq!(ldi.environment.size_px, 0, "no ray leaves a closed room");
+        }
+    }
+}
+
+#[test]
+fn rays_from_the_centre_keep_every_hit_beyond_the_headbox() {
+    let mut boxes = Boxes::default();
+    let wall = boxes.material([0.7, 0.6, 0.5], [0.0; 3]);
+    let shells = [0.2, 1.0, 2.0, 4.0];
+    let boxes = shells.into_iter().fold(boxes, |boxes, half| boxes.add(DVec3::ZERO, DVec3::splat(half), wall));
+    let ldi = capture(&asked(|p| p.sampler = Sampler::CentreRays), &Arc::new(boxes.0), &Resources::default());
+    // Half a bin of parallax 1 px over sqrt(3) * 24 px and half-size 0.3 m.
+    let tolerance = 1.0 / (3f32.sqrt() * 24.0 * 0.3);
+    for (face, x, y) in (0..6 * 48 * 48).map(|i| (&ldi.faces[i / 48 / 48], i as u32 % 48, i as u32 / 48 % 48)) {
+        let found: Vec<f32> = face.pixel(x, y).iter().map(|sample| sample.inverse_depth).collect();
+        let off = |(q, depth): (&f32, f32)| (q - 1.0 / depth).abs();
+        let right = found.len() == 3 && found.iter().zip([4.0, 2.0, 1.0]).all(|pair| off(pair) < tolerance);
+        assert!(right, "S13: {:?} ({x}, {y}): {found:?}; the box inside the headbox is not seen", face.face);
+    }
+}
+
+#[test]
+fn a_pixel_of_a_closed_room_without_samples_is_one_that_no_ray_met() {
+    let ldi = capture(&asked(|p| (p.rays_per_stratum, p.novelty) = (32, 0.0)), &room(), &Resources::default());
+    let empty: usize = ldi.faces.iter().map(|f| f.offsets.windows(2).filter(|w| w[0] == w[1]).count()).sum();
+    // 786,432 rays over 13,824 pixels: a mean of 57 a pixel, and Poisson's chance of none is 2e-25.
+    assert_eq!(empty, 0);
+}
+
+#[test]
+fn depths_are_those_of_the_walls() {
+    let ldi = capture(&job(), &room(), &Resources::default());
+    // The ceiling, 1.5 m above, away from the lamp: every depth pixel of the +Y face's rim rows.
+    let face = &ldi.faces[Face::PosY.index()];
+    // Half a merged cluster: two bins of parallax 1 px over sqrt(3) * 24 px and half-size 0.3 m.
+    let tolerance = 2.0 / (3f32.sqrt() * 24.0 * 0.3);
+    let row: Vec<_> = (0..48).filter_map(|x| face.pixel(x, 2).last()).collect();
+    assert!(row.len() > 40);
+    for nearest in row {
+        let wall_or_ceiling = [1.0 / 1.5, 1.0 / 2.0];
+        let error = wall_or_ceiling.iter().map(|q| (nearest.inverse_depth - q).abs()).fold(f32::INFINITY, f32::min);
+        assert!(error < tolerance, "{}", nearest.inverse_depth);
+    }
+}
+
+#[test]
+fn the_missing_estimate_is_within_a_factor_of_two_of_what_fresh_rays_find() {
+    let scene = room();
+    for novelty in [0.0, 0.3] {
+        let job = asked(|p| p.novelty = novelty);
+        let tracer = Tracer::new(Arc::clone(&scene), job.centre);
+        let known = build::trace(&tracer, &job.settings(&Resources::default(), (0, 1)), &Silent).unwrap();
+        let estimates = known.plan.missing_estimate(&known.store).unwrap();
+        let estimate = estimates.iter().sum::<f64>() / 6.0;
+        let fresh_job = asked(|p| (p.seed, p.rays_per_stratum, p.novelty) = (99, 4, 0.0));
+        let fresh = build::trace(&tracer, &fresh_job.settings(&Resources::default(), (0, 1)), &Silent).unwrap();
+        let new = unknown_rays(&fresh.store, &known.store) as f64 / fresh.rays as f64;
+        assert!(estimate < 2.0 * new && new < 2.0 * estimate, "estimated {estimate}, found {new} (novelty {novelty})");
+    }
+}
+
+/// How many rays in `fresh` fell into depth bins that `known` does not have.
+fn unknown_rays(fresh: &TileStore, known: &TileStore) -> u64 {
+    let mut count = 0;
+    for tile in 0..fresh.tile_count() {
+        let have: std::collections::HashSet<_> =
+            known.tile_run(tile).unwrap().iter().map(|a| (a.link, a.bin)).collect();
+        let run = fresh.tile_run(tile).unwrap();
+        count += run.iter().filter(|a| !have.contains(&(a.link, a.bin))).map(|a| u64::from(a.count)).sum::<u64>();
+    }
+    count
+}
+
+/// Mean of many light samples at a point.
+fn light_at(lighting: &Lighting, tracer: &Tracer, position: Vec3, normal: Vec3) -> [f32; 3] {
+    const SAMPLES: u32 = 65_536;
+    let point = LitPoint { position, normal, shading_normal: normal, extent: 100.0 };
+    let mut sum = Vec3::ZERO;
+    for index in 0..SAMPLES {
+        let sample = LightSample { stream: 5, index, count: SAMPLES };
+        sum += Vec3::from_array(lighting.radiosity_per_albedo(tracer, &point, &sample));
+    }
+    (sum / SAMPLES as f32).to_array()
+}
+
+#[test]
+fn light_agrees_with_closed_forms() {
+    // A floor of 200 x 200 m under a uniform sky of radiance 0.5 and a sun at 60 degrees from the zenith.
+    let mut boxes = Boxes::default();
+    let grey = boxes.material([0.5; 3], [0.0; 3]);
+    let mut scene = boxes.add(dvec3(0.0, -1.0, 0.0), dvec3(100.0, 1.0, 100.0), grey).0;
+    scene.sky = Some(Sky { zenith: [0.5; 3], horizon: [0.5; 3], ground: [0.5; 3] });
+    let direction = Vec3::new(3f32.sqrt() / 2.0, 0.5, 0.0);
+    scene.sun = Some(Sun { direction, irradiance: [2.0; 3], angular_radius_rad: 0.005 });
+    let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
+    let lighting = Lighting::of_scene(&tracer, 3);
+    let [up, ..] = light_at(&lighting, &tracer, Vec3::ZERO, Vec3::Y);
+    // Sky: irradiance pi * 0.5, over pi. Sun: 2 cos 60 / pi. An open, flat floor sends no light back to itself.
+    let expected = 0.5 + 2.0 * 0.5 / std::f32::consts::PI;
+    assert!((up - expected).abs() < 2e-3, "{up} for {expected}");
+    let [down, ..] = light_at(&lighting, &tracer, Vec3::new(0.0, -2.0, 0.0), Vec3::NEG_Y);
+    assert!((down - 0.5).abs() < 1e-6, "below the floor there is no sun: {down}");
+}
+
+#[test]
+fn a_closed_furnace_is_everywhere_equally_bright() {
+    // Walls of albedo 0.5 that emit 1: radiance is 1 / (1 - 0.5) = 2 in the limit of many bounces, 2 - 0.5^n after n
+    // terms. Emission reaches a point by next-event estimation only, so radiosity per albedo must be 2 - 0.5^bounces.
+    let mut boxes = Boxes::default();
+    let glowing = boxes.material([0.5; 3], [1.0; 3]);
+    let scene = Arc::new(boxes.add(DVec3::ZERO, DVec3::splat(2.0), glowing).0);
+    let tracer = Tracer::new(scene, DVec3::ZERO);
+    for (bounces, expected) in [(0, 1.0), (1, 1.5), (2, 1.75), (12, 2.0)] {
+        let mut lighting = Lighting::of_scene(&tracer, bounces);
+        lighting.exposure = 1e-6; // so dark that no bounce is cut as too bright
+        let [light, ..] = light_at(&lighting, &tracer, Vec3::new(0.3, -2.0, 0.1), Vec3::Y);
+        // 65,536 samples; paths that end near a corner are rare and bright, with a standard deviation of about 3.
+        assert!((light - expected).abs() < 4.0 * 3.0 / 256.0, "{bounces} bounces: {light} for {expected}");
+    }
+}
+
+#[test]
+fn a_dark_room_gets_fill_light_and_an_open_scene_does_not() {
+    let mut boxes = Boxes::default();
+    let grey = boxes.material([0.5; 3], [0.0; 3]);
+    let closed = Arc::new(boxes.add(DVec3::ZERO, DVec3::splat(2.0), grey).0);
+    let lighting = Lighting::measure(&Tracer::new(Arc::clone(&closed), DVec3::ZERO), 1);
+    assert!(lighting.fill.radiance > 0.0 && lighting.exposure.is_finite());
+    let ldi = capture(&asked(|p| p.light_samples = 16), &closed, &Resources::default());
+    let bright = ldi.faces.iter().flat_map(|f| &f.samples).filter(|s| s.color_srgb[0] > 60).count();
+    let all: usize = ldi.faces.iter().map(|f| f.samples.len()).sum();
+    assert!(bright * 10 > all * 9, "{bright} of {all} can be seen");
+    let lighting = Lighting::measure(&Tracer::new(room(), DVec3::ZERO), 1);
+    assert_eq!(lighting.fill.radiance, 0.0, "a room with a lamp needs none");
+}
+
+#[test]
+fn geometry_inside_the_headbox_is_noticed() {
+    let tracer = Tracer::new(room(), DVec3::ZERO);
+    assert_eq!(build::blocked_share(&tracer, 0.3), 0.0);
+    let inside = build::blocked_share(&tracer, 1.9);
+    assert!(inside > 0.02 && inside < 0.6, "{inside}");
+    let ldi = capture(&CaptureJob { half_size_m: 1.9, ..job() }, &room(), &Resources::default());
+    assert_eq!(ldi.validate(), Ok(()));
+    assert!(ldi.info.blocked_share > 0.02);
+}
+
+#[test]
+fn an_unlit_capture_shows_albedo() {
+    let ldi = capture(&asked(|p| p.light_samples = 0), &room(), &Resources::default());
+    let exposure = ldi.info.exposure;
+    let wall = [0.7, 0.6, 0.5].map(|c| srgb8_from_linear(c * exposure));
+    let corner = ldi.faces[Face::NegX.index()].pixel(24, 24).last().unwrap().color_srgb;
+    for c in 0..3 {
+        assert!(corner[c].abs_diff(wall[c]) <= 1, "{corner:?} for {wall:?}");
+    }
+}
+
+#[test]
+fn no_wall_has_a_gap_of_one_pixel() {
+    let mut boxes = Boxes::default();
+    let wall = boxes.material([0.7, 0.6, 0.5], [0.0; 3]);
+    let scene = Arc::new(boxes.add(DVec3::ZERO, dvec3(2.0, 1.5, 2.0), wall).0);
+    // So few rays that one pixel in two hundred stays empty.
+    let parameters = CaptureParameters { bounces: 1, light_samples: 1, seed: 7, ..CaptureParameters::unlit(4, 192) };
+    let job = CaptureJob { face_size_px: 96, parameters, ..job() };
+    let ldi = capture(&job, &scene, &Resources::default());
+    let (mut gaps, mut covered) = (0, 0);
+    for face in &ldi.faces {
+        let normal = |x: u32, y: u32| face.pixel(x, y).first().map(|sample| sample.normal);
+        for (x, y) in (1..95).flat_map(|y| (1..95).map(move |x| (x, y))) {
+            let between_same = |[a, b]: [Option<_>; 2]| a.is_some() && a == b;
+            let pairs = [[normal(x - 1, y), normal(x + 1, y)], [normal(x, y - 1), normal(x, y + 1)]];
+            gaps += u32::from(normal(x, y).is_none() && pairs.into_iter().all(between_same));
+            covered += u32::from(normal(x, y).is_some());
+        }
+    }
+    let share = f64::from(covered) / (6.0 * 94.0 * 94.0);
+    // A neighbour that was mended itself is no reason to mend the next, so that a few stay. Without mending: 566.
+    assert!(share > 0.999 && gaps < 20, "{gaps} gaps; {share} of all pixels covered");
+}

@@ -1,0 +1,181 @@
+//! A report of a small scene, end to end: rows, and that all that people read agrees with them.
+
+use headbox::capture::light::Lighting;
+use headbox::capture::trace::Tracer;
+use headbox::progress::Silent;
+use headbox::report::figures::figures;
+use headbox::report::plan::{Plan, Quality, most_to_see};
+use headbox::report::row::{Machine, Report, Row, SceneFacts};
+use headbox::report::scene::{self, Subject};
+use headbox::report::stats::pareto_front;
+use headbox::report::{results, summary};
+use std::sync::{Arc, LazyLock};
+
+/// As small as it can be with every row in it.
+const TINY: Quality = Quality {
+    face_size_px: 16,
+    strata: 4,
+    rays: 4,
+    light_samples: 1,
+    baked_samples: 1,
+    frame_px: [24, 18],
+    uniform_eyes: 1,
+    line_eyes: 2,
+    path_eyes: 2,
+    first_samples: 4,
+    most_samples: 64,
+    rounds: 1,
+};
+
+fn measured(seed: u64) -> (SceneFacts, Vec<Row>) {
+    let scene = Arc::new(headbox::scenes::build("bump", 0).expect("built in"));
+    let headbox = scene.headbox.expect("it has one");
+    let tracer = Arc::new(Tracer::new(scene, headbox.centre));
+    let lighting = Lighting::measure(&tracer, 0);
+    let ahead = most_to_see(&tracer, headbox.centre);
+    let plan = Plan::new(TINY, headbox.centre, headbox.half_size_m, ahead, seed).expect("valid");
+    let subject = Subject { name: "builtin:bump".into(), tracer, lighting, lit: true, cube: None, sprites: None };
+    scene::run(&subject, &plan, None, &Silent).expect("measured")
+}
+
+static REPORT: LazyLock<Report> = LazyLock::new(|| {
+    let (facts, rows) = measured(3);
+    Report {
+        version: Report::VERSION,
+        machine: Machine::here(),
+        commit: "unknown".into(),
+        program: "test".into(),
+        seed: 3,
+        quick: true,
+        scenes: vec![facts],
+        rows,
+    }
+});
+
+/// What must not depend on the clock.
+fn errors(rows: &[Row]) -> Vec<String> {
+    let timeless = |row: &Row| Row {
+        ms_median: 0.0,
+        ms_quartiles: [0.0; 2],
+        time_ratio: 0.0,
+        depth_pixels_m_per_s: 0.0,
+        capture_s: row.capture_s.map(|_| 0.0),
+        ..row.clone()
+    };
+    rows.iter().map(|row| serde_json::to_string(&timeless(row)).expect("a row")).collect()
+}
+
+#[test]
+fn two_runs_agree_on_errors_to_the_last_digit() {
+    let (facts, rows) = measured(3);
+    assert_eq!(errors(&rows), errors(&REPORT.rows));
+    assert_eq!(facts, REPORT.scenes[0]);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().expect("threads");
+    let (_, other_seed) = pool.install(|| measured(4));
+    assert_ne!(errors(&other_seed)[0], errors(&rows)[0], "another seed has other eyes");
+}
+
+#[test]
+fn every_group_has_one_baseline_and_rows_that_make_sense() {
+    let report = &*REPORT;
+    let groups = report.groups("builtin:bump");
+    for expected in
+        ["representation", "footprints", "clipping", "threads", "near/far split", "sampler", "rays", "layers"]
+    {
+        assert!(groups.contains(&expected), "{expected}: {groups:?}");
+    }
+    for group in groups {
+        let rows: Vec<&Row> = report.group("builtin:bump", group).collect();
+        assert!(rows.len() > 1, "{group}: something to compare with");
+        let baseline: Vec<&&Row> = rows.iter().filter(|row| row.baseline).collect();
+        assert_eq!(baseline.len(), 1, "{group}");
+        assert!(baseline[0].psnr_to_baseline_db.is_infinite() && baseline[0].time_ratio == 1.0, "{group}");
+        assert!(rows.iter().all(|row| row.eyes == rows[0].eyes), "{group}: the same eyes for all");
+    }
+    for row in &report.rows {
+        assert!((0.0..=1.0).contains(&row.flip) && row.psnr_db > 3.0 && row.ms_median > 0.0, "{row:?}");
+        assert!(row.worst.flip >= row.flip && row.displacement.len() == 2 && row.flicker.is_some(), "{row:?}");
+    }
+    let find = |group: &str, variant: &str| report.find("builtin:bump", group, variant).expect(variant);
+    assert!(find("clipping", "off").psnr_to_baseline_db.is_infinite(), "clipping changes no bit");
+    assert!(
+        find("layers", "the nearest of each pixel (a depth image a face)").depth_pixels
+            <= find("layers", "all").depth_pixels
+    );
+    let warp = report.group("builtin:bump", "incremental warp (single pixels, 1 thread)");
+    // Where rounding moves a pixel over a border it shows its neighbour: few pixels of 24x18.
+    assert!(warp.into_iter().all(|row| row.psnr_to_baseline_db > 25.0));
+    let (rays, raster) =
+        (find("representation", "1 ray/px, baked light"), find("representation", "rasterised, baked light"));
+    assert!((rays.psnr_db - raster.psnr_db).abs() < 0.5, "{} {}", rays.psnr_db, raster.psnr_db);
+    assert!(find("threads", "1 thread").psnr_to_baseline_db.is_infinite());
+    assert!(find("depth bins", "8 px of parallax").depth_pixels <= find("depth bins", "1 px of parallax").depth_pixels);
+    assert!(
+        find("representation", "cube map").displacement[1].flip
+            > find("representation", "cube map").displacement[0].flip
+    );
+}
+
+#[test]
+fn truth_is_as_good_as_the_report_says() {
+    let facts = &REPORT.scenes[0];
+    assert_eq!(facts.eyes.len(), 5);
+    assert!(facts.eyes.iter().all(|eye| (4..=64).contains(&eye.truth_samples)));
+    assert!(facts.margin_db >= 10.0 || facts.eyes.iter().any(|eye| eye.truth_samples == 64), "{facts:?}");
+}
+
+#[test]
+fn a_report_survives_its_file() {
+    let json = serde_json::to_string(&*REPORT).expect("a report");
+    assert_eq!(serde_json::from_str::<Report>(&json).expect("reads back"), *REPORT);
+    for key in ["machine", "commit", "seed", "rows", "ms_median", "bytes", "flip", "psnr_db", "ssim", "hole_fraction"] {
+        assert!(json.contains(&format!("\"{key}\"")), "{key}");
+    }
+    let csv = REPORT.to_csv();
+    let header = csv.lines().next().expect("a header").split(',').count();
+    assert_eq!(csv.lines().count(), REPORT.rows.len() + 1);
+    for line in csv.lines().filter(|line| !line.contains('"')) {
+        assert_eq!(line.split(',').count(), header, "{line}");
+    }
+}
+
+#[test]
+fn sentences_agree_with_rows() {
+    let text = summary::summary(&REPORT);
+    let rows: Vec<&Row> = REPORT.group("builtin:bump", "representation").collect();
+    let at: Vec<[f64; 2]> = rows.iter().map(|row| [row.ms_median, row.flip]).collect();
+    let front = pareto_front(&at);
+    let sentence = text.lines().find(|line| line.starts_with("Nothing is both")).expect("the front");
+    for (i, row) in rows.iter().enumerate() {
+        let named = sentence.contains(&format!("**{}** (", row.variant));
+        assert_eq!(named, front.contains(&i), "{}: {sentence}", row.variant);
+        assert!(!named || sentence.contains(&format!("FLIP {:.3}", row.flip)));
+    }
+    for row in REPORT.rows.iter().filter(|row| row.group != "representation") {
+        let line = text.lines().find(|line| line.starts_with(&format!("- **{}**", row.group))).expect("a line");
+        assert!(line.contains(&format!("*{}*", row.variant)), "{}: {line}", row.variant);
+        let flip = row.psnr_to_baseline_db.is_infinite() || line.contains(&format!("FLIP {:.4}", row.flip));
+        assert!(flip, "{}: {line}", row.variant);
+    }
+}
+
+#[test]
+fn charts_and_the_page_show_the_rows() {
+    let figures = figures(&REPORT);
+    let names: Vec<&str> = figures.iter().map(|figure| figure.name.as_str()).collect();
+    assert_eq!(names, ["bump-time", "bump-displacement", "bump-bytes", "bump-rays"]);
+    let rows = REPORT.group("builtin:bump", "representation").count();
+    let points = |i: usize| figures[i].chart.series.iter().map(|series| series.points.len()).sum::<usize>();
+    assert_eq!((points(0), points(2)), (rows, rows));
+    assert!(figures.iter().all(|figure| figure.chart.draw().to_svg().contains("</svg>")));
+    let page = results::page(&REPORT);
+    for row in &REPORT.rows {
+        assert!(page.contains(&format!("| {}", row.variant)), "{}", row.variant);
+    }
+    for name in names {
+        assert!(page.contains(&format!("(results/{name}.svg)")));
+    }
+    let clipping = page.lines().find(|line| line.starts_with("| S-N6 |")).expect("a claim");
+    let ratio = REPORT.find("builtin:bump", "clipping", "off").expect("a row").time_ratio;
+    assert!(clipping.ends_with(&format!("{:.2} |", ratio / 3.0)), "{clipping}");
+}

@@ -1,0 +1,306 @@
+//! Whatever is done to a file, reading it ends with something sound or an error: no panic, no allocation from a wild number.
+//!
+//! Mutations are seeded: a failure names the seed. `HEADBOX_FUZZ_SECONDS=600 cargo test --release --test mutated`
+//! tries each kind of file for ten minutes. What such a run finds goes to `tests/corpus/`, which is replayed here.
+//! Portal models and houses: `houses.rs`.
+
+use crate::mutations::{Dice, Rounds, alone, bytes_of, corpus, corpus_folder, try_mutations};
+use glam::DVec3;
+use headbox::capture::Camera;
+use headbox::capture::light::Lighting;
+use headbox::capture::load::{LoadOptions, load};
+use headbox::capture::scene::FileFrame;
+use headbox::capture::trace::Tracer;
+use headbox::ldi::build;
+use headbox::ldi::job::CaptureJob;
+use headbox::ldi::parameters::{CaptureParameters, Resources};
+use headbox::ldi::shard::{self, ShardInfo};
+use headbox::packed::{BlockIndex, PackedCube, PackedSegment, SplatIndexLayout, Split};
+use headbox::path;
+use headbox::progress::Silent;
+use headbox::render::splat::SplatKernel;
+use headbox::render::{RenderSettings, Renderer};
+use headbox::report::figures::figures;
+use headbox::report::row::Report;
+use headbox::report::{results, summary};
+use headbox::scene_source::{SceneSource, fingerprint};
+use headbox::sprite::{
+    DepthPicture, DisplacementFormat, SlabCapture, SpriteLayer, SpriteRenderer, SpriteSet, capture_slabs,
+};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::sync::Arc;
+
+/// Broken cubes, where no time is asked for.
+const CASES: u64 = 133;
+
+fn job() -> CaptureJob {
+    let scene = headbox::scenes::build("bump", 0).expect("built in");
+    let headbox = scene.headbox.expect("it has one");
+    CaptureJob {
+        face_size_px: 7,
+        parameters: CaptureParameters { novelty: 0.25, light_samples: 1, ..CaptureParameters::unlit(3, 3) },
+        ..CaptureJob::new(SceneSource::new("builtin:bump"), headbox.centre, headbox.half_size_m)
+    }
+}
+
+fn tracer() -> Tracer {
+    Tracer::new(Arc::new(headbox::scenes::build("bump", 0).expect("built in")), job().centre)
+}
+
+fn cube() -> PackedCube {
+    let tracer = tracer();
+    let lighting = Lighting::of_scene(&tracer, 0);
+    let (ldi, _) = job().run(&tracer, &lighting, &Resources::default(), &Silent).expect("captured");
+    PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs")
+}
+
+fn camera(eye: DVec3, forward: DVec3) -> Camera {
+    // Not `eye + forward`, which is `eye` where a mutation has put it far away.
+    Camera::look_at(DVec3::ZERO, forward, DVec3::Y, 70.0, [13, 9]).expect("valid").with_eye(eye)
+}
+
+/// Draws a cube from two eyes by all kernels; whatever is in it, this must come to an end.
+fn draw(cube: &PackedCube) {
+    let mut renderer = Renderer::new();
+    for (offset, forward) in [(DVec3::ZERO, DVec3::NEG_Z), (DVec3::new(0.4, -0.3, 0.6), DVec3::new(-1.0, 0.5, 0.3))] {
+        let eye = cube.info.centre + offset * cube.info.half_size_m;
+        if !eye.is_finite() {
+            continue;
+        }
+        for kernel in [SplatKernel::Tent, SplatKernel::Opaque, SplatKernel::Paper] {
+            let settings = RenderSettings { kernel, ..RenderSettings::default() };
+            renderer.render(cube, &camera(eye, forward), &settings);
+        }
+    }
+}
+
+fn read_ldi(path: &Path) -> bool {
+    let Ok(cube) = PackedCube::read(path) else { return false };
+    assert_eq!(cube.validate(), Ok(()), "what is read is sound");
+    for segment in &cube.segments {
+        for (x, y) in (0..segment.height).flat_map(|y| (0..segment.width).map(move |x| (x, y))) {
+            let layout = cube.layout;
+            assert!(segment.pixel(x, y).iter().all(|pixel| segment.decode(layout, *pixel).inverse_depth > 0.0));
+        }
+    }
+    draw(&cube);
+    true
+}
+
+fn read_shard(path: &Path) -> bool {
+    shard::read_info(path).is_ok_and(|info| shard::check(path, &info).is_ok())
+}
+
+fn read_sprite(path: &Path) -> bool {
+    let Ok(set) = SpriteSet::read(path) else { return false };
+    let (mut renderer, mut frame) = (SpriteRenderer::new(), SpriteLayer::default());
+    for eye in [DVec3::ZERO, DVec3::new(0.3, 0.1, 3.2)] {
+        set.render(&mut renderer, &camera(eye, DVec3::NEG_Z), &Default::default(), &mut frame);
+    }
+    true
+}
+
+fn read_path(path: &Path) -> bool {
+    path::read(path, &FileFrame::default()).is_ok()
+}
+
+fn read_scene(path: &Path) -> bool {
+    load(path, &LoadOptions::default()).is_ok_and(|scene| {
+        assert_eq!(scene.validate(), Ok(()), "what is loaded is sound");
+        true
+    })
+}
+
+fn shard_bytes() -> Vec<u8> {
+    let (tracer, job) = (tracer(), job());
+    let tracing = build::trace(&tracer, &job.settings(&Resources::default(), (0, 2)), &Silent).expect("traced");
+    let scene = tracer.scene();
+    let (scene_fingerprint, triangles) = (fingerprint(scene), scene.triangles.len() as u32);
+    let info = ShardInfo { job, scene_fingerprint, triangles, part: 0, parts: 2, rays: tracing.rays };
+    bytes_of(|path| shard::write(path, &info, &tracing).expect("written"))
+}
+
+fn sprite_bytes(format: DisplacementFormat) -> Vec<u8> {
+    let tracer = tracer();
+    let lighting = Lighting::of_scene(&tracer, 0);
+    let capture = SlabCapture { tracer: &tracer, lighting: &lighting, lit: false, samples: 1, format };
+    let sprites = capture_slabs(&capture, &camera(job().centre, DVec3::NEG_Z), &[[0.1, 100.0]], &Silent);
+    bytes_of(|path| SpriteSet::new(sprites.expect("captured")).write(path).expect("written"))
+}
+
+#[test]
+fn cube_ldi_files() {
+    let original = bytes_of(|path| cube().write(path).expect("written"));
+    try_mutations("a.ldi", &[original], true, read_ldi);
+}
+
+#[test]
+fn shard_files() {
+    try_mutations("a.shard", &[shard_bytes()], true, read_shard);
+}
+
+#[test]
+fn sprite_files() {
+    let originals = [DisplacementFormat::I8, DisplacementFormat::F32].map(sprite_bytes);
+    try_mutations("a.sprite", &originals, true, read_sprite);
+}
+
+#[test]
+fn camera_paths() {
+    try_mutations("a.json", &["list.json", "camera.json", "path.json"].map(corpus), false, read_path);
+}
+
+#[test]
+fn obj_files() {
+    try_mutations("a.obj", &["a.obj", "b.obj"].map(corpus), false, read_scene);
+}
+
+#[test]
+fn mtl_files() {
+    let obj = corpus("a.obj");
+    try_mutations("a.mtl", &[corpus("a.mtl")], false, |path| {
+        std::fs::write(path.with_extension("obj"), &obj).expect("written");
+        read_scene(&path.with_extension("obj"))
+    });
+}
+
+#[test]
+fn gltf_files() {
+    try_mutations("a.gltf", &["a.gltf", "nodes.gltf"].map(corpus), false, read_scene);
+}
+
+#[test]
+fn glb_files() {
+    try_mutations("a.glb", &[corpus("a.glb")], false, read_scene);
+}
+
+fn read_depth(path: &Path) -> bool {
+    DepthPicture::read(path, 0.001).is_ok_and(|depth| {
+        assert_eq!(depth.values.len(), depth.width as usize * depth.height as usize);
+        true
+    })
+}
+
+#[test]
+fn depth_pictures() {
+    let depth = DepthPicture { width: 9, height: 7, values: (0..63).map(|i| 1.0 + i as f32).collect() };
+    let exr = bytes_of(|path| depth.write_exr(path).expect("written"));
+    try_mutations("a.exr", &[exr], false, read_depth);
+    let grey = image::ImageBuffer::<image::Luma<u16>, _>::from_fn(9, 7, |x, y| image::Luma([(x * 300 + y) as u16]));
+    let png = bytes_of(|path| grey.save_with_format(path, image::ImageFormat::Png).expect("written"));
+    try_mutations("a.png", &[png], false, read_depth);
+}
+
+#[test]
+fn textures() {
+    let picture =
+        image::RgbaImage::from_fn(6, 5, |x, y| image::Rgba([x as u8 * 40, y as u8 * 40, 9, 255 - x as u8 * 50]));
+    let originals =
+        [image::ImageFormat::Png, image::ImageFormat::Bmp, image::ImageFormat::Tga, image::ImageFormat::Tiff];
+    let originals = originals.map(|format| bytes_of(|path| picture.save_with_format(path, format).expect("written")));
+    for (name, original) in ["a.png", "a.bmp", "a.tga", "a.tiff"].into_iter().zip(originals) {
+        let obj = "mtllib t.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n";
+        let mtl = format!("newmtl m\nmap_Kd {name}\n");
+        try_mutations(name, &[original], false, |path| {
+            std::fs::write(path.with_file_name("t.mtl"), &mtl).expect("written");
+            std::fs::write(path.with_file_name("t.obj"), obj).expect("written");
+            // Without its texture, a scene is still a scene.
+            read_scene(&path.with_file_name("t.obj"))
+        });
+    }
+}
+
+/// Reads a report and makes all that is made of one.
+fn read_report(path: &Path) -> bool {
+    let Ok(report) = serde_json::from_slice::<Report>(&std::fs::read(path).expect("written")) else { return false };
+    results::page(&report);
+    summary::summary(&report);
+    figures(&report).iter().for_each(|figure| drop(figure.chart.draw().to_svg()));
+    true
+}
+
+#[test]
+fn reports() {
+    try_mutations("a.report", &[corpus("a.report")], false, read_report);
+}
+
+#[test]
+fn packed_cubes_that_break_their_promises() {
+    let _alone = alone();
+    let original = cube();
+    let mut invalid = 0;
+    let mut rounds = Rounds::of(CASES);
+    while let Some(seed) = rounds.next() {
+        let mut dice = Dice::new(seed.wrapping_mul(0x9e37_79b9));
+        let mut broken = original.clone();
+        let count = broken.segments.len();
+        for _ in 0..1 + dice.below(3) {
+            break_promise(&mut broken.segments[dice.below(count)], &mut dice);
+        }
+        if dice.below(10) == 0 {
+            broken.face_size_px = dice.bits() as u32;
+        }
+        invalid += u64::from(broken.validate().is_err());
+        for segment in &broken.segments {
+            for y in 0..segment.height.min(40) {
+                segment.row(y);
+                (0..segment.width.min(40)).for_each(|x| drop(segment.pixel(x, y).to_vec()));
+            }
+        }
+        let drawn = catch_unwind(AssertUnwindSafe(|| draw(&broken)));
+        assert!(drawn.is_ok(), "seed {seed}: {:?}", broken.validate());
+    }
+    println!("packed cubes: {} broken promises, of which {invalid} were found out", rounds.done());
+    assert!(invalid * 2 > rounds.done(), "most are broken: {invalid}");
+}
+
+fn break_promise(segment: &mut PackedSegment, dice: &mut Dice) {
+    let wild = |dice: &mut Dice| [0, 1, 6, 7, 8, 64, 1 << 20, u32::MAX][dice.below(8)];
+    let change = |list: &mut Vec<u32>, dice: &mut Dice| {
+        let at = dice.below(list.len());
+        match dice.below(3) {
+            0 => list.truncate(at),
+            1 => list.push(wild(dice)),
+            _ => list.iter_mut().skip(at).take(1).for_each(|v| *v = wild(dice)),
+        }
+    };
+    match dice.below(9) {
+        0 => segment.x0 = wild(dice),
+        1 => segment.y0 = wild(dice),
+        2 => segment.width = wild(dice).min(1 << 12),
+        3 => segment.height = wild(dice).min(1 << 12),
+        4 => segment.inverse_depth_min = f32::from_bits(dice.bits() as u32),
+        5 => segment.inverse_depth_max = f32::from_bits(dice.bits() as u32),
+        6 => change(&mut segment.row_offsets, dice),
+        7 => change(&mut segment.row_counts, dice),
+        _ => {
+            let at = dice.below(segment.depth_pixels.len());
+            segment.depth_pixels.iter_mut().skip(at).for_each(|pixel| pixel.geometry = dice.bits() as u32);
+        }
+    }
+    if dice.below(2) == 0 {
+        segment.blocks = BlockIndex::default();
+    }
+}
+
+/// Whatever was once found, and small files of every kind, must still end with something sound or an error.
+#[test]
+fn the_corpus_is_replayed() {
+    let mut replayed = 0;
+    for entry in std::fs::read_dir(corpus_folder()).expect("the corpus").flatten() {
+        let path = entry.path();
+        match path.extension().and_then(|e| e.to_str()) {
+            Some("ldi") => drop(read_ldi(&path)),
+            Some("shard") => drop(read_shard(&path)),
+            Some("sprite") => drop(read_sprite(&path)),
+            Some("json") => drop(read_path(&path)),
+            Some("report") => drop(read_report(&path)),
+            Some("exr") => drop(read_depth(&path)),
+            Some("obj" | "gltf" | "glb") => drop(read_scene(&path)),
+            _ => continue,
+        }
+        replayed += 1;
+    }
+    assert!(replayed >= 8, "{replayed} files");
+}

@@ -1,0 +1,172 @@
+//! As `files.rs`, of portal models, of houses with what was captured behind their portals, and of kept truth.
+
+use crate::mutations::{bytes_of, corpus, corpus_folder, try_mutations};
+use glam::{DVec3, dvec3};
+use headbox::capture::Camera;
+use headbox::capture::light::Lighting;
+use headbox::capture::load::{ModelOptions, load_model};
+use headbox::capture::trace::Tracer;
+use headbox::portal::backdrop::{Backdrop, Kind, PortalSide, Quality};
+use headbox::portal::file;
+use headbox::portal::house::House;
+use headbox::portal::settings::{Near, WalkSettings};
+use headbox::portal::store::Store;
+use headbox::portal::walk::Walker;
+use headbox::progress::Silent;
+use headbox::report::truths::Truths;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use tempfile::TempDir;
+
+/// As small as backdrops can be.
+const TINY: Quality = Quality {
+    face_px: 12,
+    window_face_px: 12,
+    window_back_m: 1.0,
+    images: 1,
+    radius_m: 1.0,
+    eye_height_m: 1.5,
+    texture_px: 8,
+    strata: 2,
+    rays: 2,
+    seed: 0,
+};
+/// What the store may keep; no backdrop of the corpus needs more.
+const BUDGET_BYTES: u64 = 64 << 20;
+
+/// Reads a portal model whose geometry is the corpus's home, and prepares it to be walked if it is sound enough.
+fn read_model(path: &Path) -> bool {
+    let Ok(loaded) = load_model(path, &ModelOptions::default()) else { return false };
+    assert_eq!(loaded.model.scene.validate(), Ok(()), "what is loaded is sound");
+    House::new(loaded.model).is_ok()
+}
+
+/// Puts the home's geometry beside a model.
+fn with_home(path: &Path) -> bool {
+    let obj = path.with_file_name("home.obj");
+    if !obj.exists() {
+        std::fs::copy(corpus_folder().join("home.obj"), obj).expect("copied");
+    }
+    read_model(path)
+}
+
+#[test]
+fn sweet_home_plans() {
+    try_mutations("Home.xml", &[corpus("Home.xml")], false, with_home);
+}
+
+#[test]
+fn sweet_home_archives() {
+    try_mutations("home.sh3d", &[corpus("home.sh3d")], false, with_home);
+}
+
+#[test]
+fn portal_models() {
+    try_mutations("flat.toml", &[corpus("flat.toml")], false, with_home);
+}
+
+/// The corpus's flat with a backdrop of each kind of content: cubes, textures, a sprite.
+fn house_bytes() -> Vec<u8> {
+    let loaded = load_model(&corpus_folder().join("flat.toml"), &ModelOptions::default()).expect("loads");
+    let house = House::new(loaded.model).expect("walkable");
+    let store = Store::new(BUDGET_BYTES);
+    for kind in [Kind::WindowLdi, Kind::Textures, Kind::Sprite, Kind::TwoImages] {
+        for side in [0, 1] {
+            let at = PortalSide { portal: 0, side };
+            let backdrop = Backdrop::capture(&house, at, kind, &TINY).expect("captured");
+            assert!(store.insert((at, kind), Arc::new(backdrop)), "kept");
+        }
+    }
+    bytes_of(|path| file::write(path, &house, &store, &TINY).expect("written"))
+}
+
+/// Reads a house and takes three looks at it with whatever it holds.
+fn read_house(path: &Path) -> bool {
+    let Ok((house, store, _)) = file::read(path, BUDGET_BYTES) else { return false };
+    let mut walker = Walker::new();
+    for (eye, to) in [
+        (dvec3(1.5, 1.5, 1.5), DVec3::X),
+        (dvec3(6.5, 1.2, 2.0), DVec3::NEG_X),
+        (dvec3(4.0, 1.0, 1.5), dvec3(0.3, 0.1, 1.0)),
+    ] {
+        let camera = Camera::look_at(eye, eye + to, DVec3::Y, 80.0, [17, 11]).expect("valid");
+        for kind in [None, Some(Kind::WindowLdi), Some(Kind::Textures), Some(Kind::Sprite), Some(Kind::TwoImages)] {
+            let settings =
+                WalkSettings { backdrops: kind, near: Near::Distance(0.5), persistence: true, ..Default::default() };
+            walker.frame(&house, &store, &camera, &settings);
+        }
+    }
+    true
+}
+
+#[test]
+fn house_files() {
+    try_mutations("a.house", &[house_bytes()], true, read_house);
+}
+
+/// A cache with one frame of truth in it.
+struct Cached {
+    tracer: Tracer,
+    lighting: Lighting,
+    camera: Camera,
+    folder: TempDir,
+}
+
+impl Cached {
+    fn new() -> Self {
+        let scene = Arc::new(headbox::scenes::build("bump", 0).expect("built in"));
+        let centre = scene.headbox.expect("it has one").centre;
+        let tracer = Tracer::new(scene, centre);
+        let lighting = Lighting::measure(&tracer, 0);
+        let camera = Camera::look_at(centre, centre - DVec3::Z, DVec3::Y, 60.0, [5, 3]).expect("valid");
+        let cached = Self { tracer, lighting, camera, folder: tempfile::tempdir().expect("a folder") };
+        cached.check();
+        cached
+    }
+
+    /// The file of the frame.
+    fn file(&self) -> PathBuf {
+        let mut files = std::fs::read_dir(self.folder.path()).expect("there").flatten();
+        files.next().expect("one frame").path()
+    }
+
+    /// Asks for the frame, with whatever the file holds now.
+    fn check(&self) {
+        let truths = Truths::new(&self.tracer, &self.lighting, false, Some(self.folder.path().into()));
+        let frame = truths.frame(&self.camera, 1, &Silent);
+        assert_eq!(frame.color.dimensions(), (5, 3), "whatever the file says");
+        assert_eq!(frame.surface_share.len(), 15);
+    }
+
+    /// Asks for the frame, with a file in place of its own.
+    fn check_with(&self, path: &Path) -> bool {
+        std::fs::copy(path, self.file()).expect("copied");
+        self.check();
+        true
+    }
+}
+
+#[test]
+fn kept_truth() {
+    let cached = Cached::new();
+    let original = std::fs::read(cached.file()).expect("read");
+    try_mutations("a.truth", &[original], true, |path| cached.check_with(path));
+}
+
+/// Whatever was once found, and a small file of every kind, must still end with something sound or an error.
+#[test]
+fn the_corpus_is_replayed() {
+    let cached = Cached::new();
+    let mut replayed = 0;
+    for entry in std::fs::read_dir(corpus_folder()).expect("the corpus").flatten() {
+        let path = entry.path();
+        match path.extension().and_then(|e| e.to_str()) {
+            Some("xml" | "sh3d" | "toml") => drop(read_model(&path)),
+            Some("house") => drop(read_house(&path)),
+            Some("truth") => drop(cached.check_with(&path)),
+            _ => continue,
+        }
+        replayed += 1;
+    }
+    assert!(replayed >= 6, "{replayed} files");
+}

@@ -1,0 +1,291 @@
+//! Seeded mutations of files, and a watch over the size of allocations.
+#![allow(
+    missing_docs,
+    unreachable_pub,
+    dead_code,
+    reason = "nobody but the tests reads it, and not every test all of it"
+)]
+
+use headbox::capture::random::Rng;
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// The largest allocation since it was last reset, bytes.
+pub static LARGEST: AtomicUsize = AtomicUsize::new(0);
+
+/// The system's allocator, which notes how much is asked for.
+pub struct Watched;
+
+// SAFETY: every call goes to the system's allocator unchanged; an atomic number is all that is added.
+unsafe impl GlobalAlloc for Watched {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
+        // SAFETY: the caller keeps the contract of `alloc`, which is the system's.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
+        // SAFETY: as above.
+        unsafe { System.alloc_zeroed(layout) }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        LARGEST.fetch_max(size, Ordering::Relaxed);
+        // SAFETY: as above.
+        unsafe { System.realloc(pointer, layout, size) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: as above.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static WATCHED: Watched = Watched;
+
+/// No single allocation may be larger: the largest that a sound small file leads to is the head of an accumulator store for
+/// the largest allowed face (8,192 px), some tens of MiB. A count that is believed would ask for gigabytes.
+const MOST_BYTES: usize = 256 << 20;
+/// Mutations of each kind of file.
+const CASES: u64 = 400;
+/// A pause longer than this between two mutations is one of the machine's, and does not count.
+const LONGEST: Duration = Duration::from_secs(2);
+
+/// Tests share the watch over allocations.
+pub fn alone() -> MutexGuard<'static, ()> {
+    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+    ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Seeds, for as many cases as asked for or, if `HEADBOX_FUZZ_SECONDS` is set, for so long.
+pub struct Rounds {
+    cases: u64,
+    most: Option<Duration>,
+    done: u64,
+    spent: Duration,
+    last: Instant,
+}
+
+impl Rounds {
+    pub fn of(cases: u64) -> Self {
+        let seconds = std::env::var("HEADBOX_FUZZ_SECONDS").ok().and_then(|s| s.parse().ok());
+        let most = seconds.map(Duration::from_secs);
+        Self { cases, most, done: 0, spent: Duration::ZERO, last: Instant::now() }
+    }
+
+    /// The next seed, until it is enough.
+    pub fn next(&mut self) -> Option<u64> {
+        self.spent += self.last.elapsed().min(LONGEST);
+        self.last = Instant::now();
+        if self.most.map_or(self.done >= self.cases, |most| self.spent >= most) {
+            return None;
+        }
+        self.done += 1;
+        Some(self.done - 1)
+    }
+
+    pub fn done(&self) -> u64 {
+        self.done
+    }
+}
+
+/// Tries mutations of the originals, for as many cases as asked for or as long.
+pub fn try_mutations(name: &str, originals: &[Vec<u8>], in_sections: bool, read: impl Fn(&Path) -> bool) {
+    let _alone = alone();
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join(name);
+    for original in originals {
+        std::fs::write(&path, original).expect("written");
+        assert!(read(&path), "{name}: the original is sound");
+    }
+    let (mut rounds, mut sound) = (Rounds::of(CASES), 0u64);
+    while let Some(seed) = rounds.next() {
+        let mut dice = Dice::new(seed.wrapping_mul(0x2545_f491_4f6c_dd1d));
+        let original = &originals[dice.below(originals.len())];
+        let bytes = if in_sections && dice.below(4) > 0 {
+            let mut parts = Parts::of(original);
+            parts.mutate(&mut dice);
+            parts.file()
+        } else {
+            let mut bytes = original.clone();
+            mutate(&mut bytes, &mut dice);
+            bytes
+        };
+        std::fs::write(&path, &bytes).expect("written");
+        LARGEST.store(0, Ordering::Relaxed);
+        let outcome = catch_unwind(AssertUnwindSafe(|| read(&path)));
+        let largest = LARGEST.load(Ordering::Relaxed);
+        if outcome.is_err() || largest > MOST_BYTES {
+            let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("seed-{seed}-{name}"));
+            std::fs::write(&kept, &bytes).expect("written");
+            panic!("{name}, seed {seed}: panic or an allocation of {largest} bytes; kept as {}", kept.display());
+        }
+        sound += u64::from(outcome.unwrap_or(false));
+    }
+    let seconds = rounds.spent.as_secs_f64();
+    println!("{name}: {} mutations in {seconds:.1} s, of which {sound} were sound files", rounds.done());
+}
+
+/// The bytes that `write` leaves in a file.
+pub fn bytes_of(write: impl FnOnce(&Path)) -> Vec<u8> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("original");
+    write(&path);
+    std::fs::read(&path).expect("written")
+}
+
+/// A file of the corpus.
+pub fn corpus(name: &str) -> Vec<u8> {
+    std::fs::read(corpus_folder().join(name)).expect("in the corpus")
+}
+
+pub fn corpus_folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/corpus")
+}
+
+/// Chance.
+pub struct Dice(Rng);
+
+impl Dice {
+    pub fn new(seed: u64) -> Self {
+        Self(Rng::keyed(seed))
+    }
+
+    pub fn bits(&mut self) -> u64 {
+        self.0.bits()
+    }
+
+    /// 0..count, or 0.
+    pub fn below(&mut self, count: usize) -> usize {
+        self.0.below(count as u64) as usize
+    }
+
+    fn pick<'a, T>(&mut self, list: &'a [T]) -> &'a T {
+        &list[self.below(list.len())]
+    }
+}
+
+/// Numbers that break readers, as text.
+const NUMBERS: [&str; 14] = [
+    "0",
+    "-1",
+    "1",
+    "255",
+    "256",
+    "65535",
+    "65536",
+    "2147483648",
+    "4294967295",
+    "4294967296",
+    "18446744073709551615",
+    "1e308",
+    "-1e-308",
+    "1e999",
+];
+/// Bytes that mean something to a parser of text.
+const SIGNS: &[u8] = b"0123456789-./\\ \n\r\t\"{}[],:eE#nfvtrue";
+
+/// One to four changes.
+pub fn mutate(bytes: &mut Vec<u8>, dice: &mut Dice) {
+    for _ in 0..1 + dice.below(4) {
+        let at = dice.below(bytes.len() + 1);
+        match dice.below(9) {
+            0 => {
+                if let Some(byte) = bytes.get_mut(at) {
+                    *byte ^= 1 << dice.below(8);
+                }
+            }
+            1 => {
+                if let Some(byte) = bytes.get_mut(at) {
+                    *byte = dice.bits() as u8;
+                }
+            }
+            2 => {
+                let sign = *dice.pick(SIGNS);
+                bytes.insert(at, sign);
+            }
+            3 => {
+                let end = (at + 1 + dice.below(24)).min(bytes.len());
+                bytes.drain(at..end);
+            }
+            4 => bytes.truncate(at),
+            5 => {
+                let end = (at + dice.below(64)).min(bytes.len());
+                let piece = bytes[at..end].to_vec();
+                let to = dice.below(bytes.len() + 1);
+                bytes.splice(to..to, piece);
+            }
+            6 | 7 => replace_number(bytes, at, dice),
+            _ => {
+                let width = *dice.pick(&[2, 4, 8]);
+                let value = *dice.pick(&[0u64, 1, 0x7f, 0x8000, 0xffff, 0x7fff_ffff, 0xffff_ffff, 1 << 40, u64::MAX]);
+                let value = value.to_le_bytes();
+                bytes.iter_mut().skip(at).take(width).zip(value).for_each(|(byte, new)| *byte = new);
+            }
+        }
+    }
+}
+
+/// Replaces the digits at or after a place by another number.
+fn replace_number(bytes: &mut Vec<u8>, from: usize, dice: &mut Dice) {
+    let Some(start) = (from..bytes.len()).find(|&i| bytes[i].is_ascii_digit()) else { return };
+    let in_number = |b: &u8| b.is_ascii_digit() || b".eE+-".contains(b);
+    let end = (start..bytes.len()).find(|&i| !in_number(&bytes[i])).unwrap_or(bytes.len());
+    let number = dice.pick(&NUMBERS).bytes();
+    bytes.splice(start..end, number);
+}
+
+/// A headbox file taken apart: 16 bytes of magic, kind and version, and the sections.
+pub struct Parts {
+    head: Vec<u8>,
+    sections: Vec<([u8; 12], Vec<u8>)>,
+}
+
+impl Parts {
+    /// Of an undamaged file.
+    pub fn of(file: &[u8]) -> Self {
+        let word = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().expect("four bytes")) as usize;
+        let sections = (0..word(16)).map(|i| {
+            let entry = 24 + 32 * i;
+            let name = file[entry..entry + 12].try_into().expect("twelve bytes");
+            (name, file[word(entry + 16)..word(entry + 16) + word(entry + 24)].to_vec())
+        });
+        Self { head: file[..16].to_vec(), sections: sections.collect() }
+    }
+
+    /// Changes what is in a section; every checksum will fit.
+    pub fn mutate(&mut self, dice: &mut Dice) {
+        let count = self.sections.len();
+        // The first section says what the others hold.
+        let which = if dice.below(3) > 0 { 0 } else { dice.below(count) };
+        mutate(&mut self.sections[which].1, dice);
+        if dice.below(20) == 0 {
+            let from = dice.below(count);
+            self.sections[which].1 = self.sections[from].1.clone();
+        }
+    }
+
+    /// The file, with lengths and checksums that fit.
+    pub fn file(&self) -> Vec<u8> {
+        let mut at = 24 + 32 * self.sections.len();
+        let (mut table, mut body) = (Vec::new(), Vec::new());
+        for (name, bytes) in &self.sections {
+            let start = at.next_multiple_of(64);
+            body.resize(body.len() + start - at, 0);
+            body.extend(bytes);
+            at = start + bytes.len();
+            table.extend(name);
+            table.extend(crc32fast::hash(bytes).to_le_bytes());
+            table.extend((start as u64).to_le_bytes());
+            table.extend((bytes.len() as u64).to_le_bytes());
+        }
+        let count = (self.sections.len() as u32).to_le_bytes();
+        [self.head.as_slice(), &count, &crc32fast::hash(&table).to_le_bytes(), &table, &body].concat()
+    }
+}

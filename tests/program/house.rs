@@ -1,0 +1,179 @@
+//! `headbox house`, plans, and baked light beside truth.
+
+#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+
+use glam::dvec3;
+use headbox::capture::Camera;
+use headbox::capture::bake::{BakeOptions, bake};
+use headbox::capture::light::Lighting;
+use headbox::capture::trace::Tracer;
+use headbox::progress::Silent;
+use headbox::{metrics, truth};
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::process::{Command, Output};
+use std::sync::Arc;
+
+fn headbox(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_headbox")).args(arguments).current_dir(folder).output().unwrap()
+}
+
+fn message(folder: &Path, code: i32, arguments: &[&str]) -> String {
+    let output = headbox(folder, arguments);
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
+    message
+}
+
+#[test]
+fn the_built_in_house_is_sound() {
+    let dir = tempfile::tempdir().unwrap();
+    let arguments = ["house", "builtin:house", "--triangles", "20000", "--rays", "60", "--json", "--plan", "plan.svg"];
+    let output = headbox(dir.path(), &arguments);
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(json["cells"].as_array().unwrap().len(), 19);
+    assert_eq!(json["portals"].as_array().unwrap().len(), 52);
+    for empty in ["unreachable", "touching_no_cell", "findings", "notes"] {
+        assert_eq!(json[empty].as_array().unwrap().len(), 0, "{empty}");
+    }
+    assert!(json["triangles"].as_u64().unwrap() <= 20_000);
+    let svg = std::fs::read_to_string(dir.path().join("plan.svg")).unwrap();
+    assert!(svg.starts_with("<svg") && svg.ends_with("</svg>\n"));
+    assert!((0..52).all(|portal| svg.contains(&format!(">{portal}</text>"))));
+    assert!(["Living room", "Kitchen", "Workshop"].iter().all(|room| svg.contains(room)));
+}
+
+#[test]
+fn a_plan_is_drawn_as_png_and_the_text_names_everything() {
+    let dir = tempfile::tempdir().unwrap();
+    let output =
+        headbox(dir.path(), &["house", "builtin:house", "--triangles", "0", "--rays", "0", "--plan", "plan.png"]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.starts_with("19 cells, 52 portals"), "{text}");
+    assert!(text.contains("unreachable cells: none") && text.contains("portals that touch no cell: none"));
+    let plan = image::open(dir.path().join("plan.png")).unwrap().to_rgb8();
+    assert_eq!(plan.width(), 1600);
+    let has = |color: [u8; 3]| plan.pixels().any(|p| p.0 == color);
+    assert!(has([200, 40, 30]) && has([20, 90, 200]) && has([255, 255, 255]), "doors, windows and paper");
+}
+
+/// Two rooms one above the other, a window each and a hatch between, as a TOML model.
+const STOREYS: &str = r#"
+scene = "hut.obj"
+[[cell]]
+name = "below"
+[[cell.prism]]
+outline = [[0, 0], [4, 0], [4, 3], [0, 3]]
+floor = 0
+ceiling = 2.6
+[[cell]]
+name = "above"
+[[cell.prism]]
+outline = [[0, 0], [4, 0], [4, 3], [0, 3]]
+floor = 2.6
+ceiling = 5
+[[cell]]
+name = "garden"
+outside = true
+[[portal]]
+name = "hatch"
+cells = ["below", "above"]
+polygon = [[1, 2.6, 1], [2, 2.6, 1], [2, 2.6, 2], [1, 2.6, 2]]
+[[portal]]
+name = "lower window"
+cells = ["below", "garden"]
+polygon = [[1, 1, 0], [2, 1, 0], [2, 2, 0], [1, 2, 0]]
+[[portal]]
+name = "upper window"
+cells = ["above", "garden"]
+polygon = [[1, 3.6, 3], [2, 3.6, 3], [2, 4.6, 3], [1, 4.6, 3]]
+"#;
+
+#[test]
+fn each_storey_has_a_plan() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("hut.toml"), STOREYS).unwrap();
+    std::fs::write(dir.path().join("hut.obj"), "v 0 0 0\nv 4 0 0\nv 0 0 3\nf 1 2 3\n").unwrap();
+    let output = headbox(dir.path(), &["house", "hut.toml", "--rays", "0", "--json", "--plan", "plan.svg"]);
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(json["plans"], serde_json::json!(["plan.svg", "plan_2.svg"]));
+    let plans = ["plan.svg", "plan_2.svg"].map(|name| std::fs::read_to_string(dir.path().join(name)).unwrap());
+    for (plan, shown) in plans.iter().zip([["below", "0", "1"], ["above", "0", "2"]]) {
+        for name in ["below", "above", "0", "1", "2"] {
+            assert_eq!(plan.contains(&format!(">{name}</text>")), shown.contains(&name), "{name} in {plan}");
+        }
+    }
+}
+
+#[test]
+fn what_is_wrong_with_a_model_is_told_and_what_is_done_instead() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("hut.obj"), "v 0 0 0\nv 4 0 0\nv 0 0 3\nf 1 2 3\n").unwrap();
+    let says = |name: &str, model: &str| {
+        std::fs::write(dir.path().join("hut.toml"), model).unwrap();
+        let output = headbox(dir.path(), &["house", "hut.toml", "--rays", "100"]);
+        assert!(output.status.success(), "{name}: {}", String::from_utf8_lossy(&output.stderr));
+        [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap()).concat()
+    };
+    let changes = [
+        ("[2, 2.6, 1]", "[2, 2.9, 1]", "portal 2 (hatch) is not planar: a corner lies 0.0"),
+        ("[2, 2.6, 1], [2, 2.6, 2]", "[2, 2.6, 2], [2, 2.6, 1]", "portal 2 (hatch) crosses itself; it is left out"),
+        ("[2, 2.6, 2]", "[1.1, 2.6, 1.1]", "portal 2 (hatch) is not convex; it is left out"),
+        ("\"below\", \"above\"", "\"below\", \"attic\"", "leads to a cell called \"attic\", which there is not"),
+        ("\"below\", \"above\"", "\"below\", \"below\"", "has below on both of its sides; it is left out"),
+    ];
+    for (from, to, sentence) in changes {
+        assert!(STOREYS.contains(from));
+        let said = says(to, &STOREYS.replacen(from, to, 1));
+        assert!(said.contains(sentence), "{to}: {said}");
+    }
+    let doorless = &STOREYS[..STOREYS.find("[[portal]]").unwrap()];
+    let said = says("no doors", doorless);
+    assert!(said.contains("there is no portal, so no cell is seen from another; each is shown by itself"), "{said}");
+    let said = says("no cells", "scene = \"hut.obj\"\n");
+    assert!(said.contains("there is no cell besides the outside; all geometry is shown as one cell"), "{said}");
+    let walk = headbox(dir.path(), &["house", "hut.toml", "--rays", "0", "--backdrops", "none", "-o", "hut.house"]);
+    assert!(walk.status.success(), "{}", String::from_utf8_lossy(&walk.stderr));
+    let said = message(dir.path(), 1, &["walk", "hut.house", "-o", "out"]);
+    assert!(said.contains("there is no room to walk in"), "{said}");
+}
+
+#[test]
+fn mistakes_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("Home.xml"), "<home><room>").unwrap();
+    let says = |code: i32, arguments: &[&str], expected: &str| {
+        let said = message(dir.path(), code, &[&["house"], arguments].concat());
+        assert!(said.contains(expected), "{arguments:?}: {said}");
+    };
+    says(2, &["builtin:castle"], "there is builtin:house");
+    says(2, &["builtin:house", "--plan", "plan.jpg"], "a plan is a .png or a .svg");
+    says(1, &["nowhere.toml"], "cannot read nowhere.toml");
+    says(1, &["plan.obj"], "unknown kind of portal model");
+    says(1, &["Home.xml"], "Home.xml: ");
+}
+
+/// Baked light, shown without light, is what truth shows with light: apart from shadows finer than the vertices.
+#[test]
+fn baked_light_looks_like_truth() {
+    /// Between vertices 6 cm apart light is interpolated; edges of shadows are softer by that. At 40 pixels a metre this
+    /// scene loses less than 26 dB; a bake without shadows, or with the wrong exposure, is below 18.
+    const LEAST_PSNR_DB: f64 = 26.0;
+    let source = Arc::new(headbox::scenes::build("bump", 1).unwrap());
+    let eye = source.headbox.unwrap().centre;
+    let camera = Camera::look_at(eye, eye + dvec3(0.1, -0.2, -1.0), glam::DVec3::Y, 60.0, [120, 90]).unwrap();
+    let tracer = Tracer::new(Arc::clone(&source), eye);
+    let lit = truth::render(&tracer, &Lighting::measure(&tracer, 1), true, &camera, 64, &Silent).color;
+
+    let options =
+        BakeOptions { edge_m: 0.06, samples: 16, smoothing: 2, max_triangles: 300_000, ..BakeOptions::default() };
+    let baked = Arc::new(bake(&source, &options, &|_, _| ControlFlow::Continue(())).scene);
+    let tracer = Tracer::new(baked, eye);
+    let unlit = truth::render(&tracer, &Lighting::of_scene(&tracer, 0), false, &camera, 16, &Silent).color;
+    let (comparison, _) = metrics::compare_with_map(&lit, &unlit).unwrap();
+    if let Some(folder) = std::env::var_os("HEADBOX_KEEP") {
+        lit.save(Path::new(&folder).join("lit.png")).unwrap();
+        unlit.save(Path::new(&folder).join("baked.png")).unwrap();
+    }
+    assert!(comparison.psnr_db > LEAST_PSNR_DB, "{:.1} dB", comparison.psnr_db);
+}

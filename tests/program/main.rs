@@ -1,0 +1,6 @@
+//! What the command line promises, of the built program as a user runs it.
+
+mod cli;
+mod house;
+mod portal_cli;
+mod sprite_cli;
