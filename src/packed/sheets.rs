@@ -10,7 +10,7 @@
 use super::layout::{PackedCube, PackedDepthPixel, PackedSegment};
 use crate::capture::rig::Face;
 use crate::ldi::accumulate::DepthBins;
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 use std::sync::OnceLock;
 
@@ -152,12 +152,6 @@ impl Sheets {
         }
         all
     }
-
-    /// Bytes in memory.
-    #[cfg_attr(not(test), expect(dead_code, reason = "told by tests and reports"))]
-    pub(crate) fn bytes(&self) -> usize {
-        size_of_val(&self.sheets[..]) + size_of_val(&self.shapes[..]) + size_of_val(&self.colors[..])
-    }
 }
 
 /// n . ray(x, y) = plane . (x, y, 1), in face pixels.
@@ -190,8 +184,16 @@ impl Scale {
     fn connects(&self, a: f32, b: f32) -> bool {
         (a - b).abs() <= (a.max(b) * self.tolerance).max(self.bin)
     }
+
+    /// The sample beyond one at a border, which goes on as it came from its neighbour inside.
+    fn beyond(&self, border: Sample, inner: Sample) -> Sample {
+        let goes_on = inner.inverse_depth > 0.0 && self.connects(border.inverse_depth, inner.inverse_depth);
+        let next = 2.0 * border.inverse_depth - inner.inverse_depth;
+        Sample { inverse_depth: if goes_on && next > 0.0 { next } else { border.inverse_depth }, ..border }
+    }
 }
 
+/// A sample on its way to a sheet; without inverse depth, none.
 #[derive(Clone, Copy, Default)]
 struct Sample {
     inverse_depth: f32,
@@ -243,7 +245,8 @@ impl Builder {
             }
         }
         let inside = |at: usize| {
-            (1..SHEET_COLUMNS - 1).contains(&(at % SHEET_COLUMNS)) && (1..SHEET_ROWS - 1).contains(&(at / SHEET_COLUMNS))
+            (1..SHEET_COLUMNS - 1).contains(&(at % SHEET_COLUMNS))
+                && (1..SHEET_ROWS - 1).contains(&(at / SHEET_COLUMNS))
         };
         for sheet in self.dealt.chunks_exact_mut(SHEET_LEN) {
             let (mut range, mut occupied, mut len) = ([f32::INFINITY, 0.0f32], 0u64, 0);
@@ -256,7 +259,7 @@ impl Builder {
             if len == 0 {
                 continue;
             }
-            extend_beyond_face(sheet, [x0, y0], scale.face_px);
+            extend_beyond_face(sheet, [x0, y0], scale);
             to.sheets.push(Sheet { face, x0, y0, inverse_depth: range, occupied, len });
             to.places.push(x0 | y0 << 14 | (face.index() as u32) << 28);
             for at in 0..SHEET_LEN {
@@ -315,22 +318,21 @@ impl Builder {
     }
 }
 
-/// Continues surfaces that end with the face by one pixel.
-fn extend_beyond_face(sheet: &mut [Sample], [x0, y0]: [u32; 2], face_px: u32) {
-    let first = |start: u32| if start == 0 { Some(0) } else { None };
-    let last = |start: u32, size: usize| (face_px - start < size as u32 - 1).then(|| (face_px - start + 1) as usize);
-    for (beyond, inner) in
-        [first(x0).map(|c| (c, c + 1)), last(x0, SHEET_COLUMNS).map(|c| (c, c - 1))].into_iter().flatten()
-    {
-        for row in 0..SHEET_ROWS {
-            sheet[row * SHEET_COLUMNS + beyond] = sheet[row * SHEET_COLUMNS + inner];
+/// Continues surfaces that end with the face by one pixel, as planes.
+fn extend_beyond_face(sheet: &mut [Sample], start: [u32; 2], scale: &Scale) {
+    let [columns, rows] = [(start[0], SHEET_COLUMNS), (start[1], SHEET_ROWS)].map(|(start, size)| {
+        let last = (scale.face_px - start) as usize;
+        [(start == 0).then_some([0, 1, 2]), (last + 1 < size).then(|| [last + 1, last, last.saturating_sub(1)])]
+    });
+    for [beyond, border, inner] in columns.into_iter().flatten() {
+        for row in sheet.chunks_exact_mut(SHEET_COLUMNS) {
+            row[beyond] = scale.beyond(row[border], row[inner]);
         }
     }
-    for (beyond, inner) in
-        [first(y0).map(|r| (r, r + 1)), last(y0, SHEET_ROWS).map(|r| (r, r - 1))].into_iter().flatten()
-    {
+    for [beyond, border, inner] in rows.into_iter().flatten() {
         for column in 0..SHEET_COLUMNS {
-            sheet[beyond * SHEET_COLUMNS + column] = sheet[inner * SHEET_COLUMNS + column];
+            let at = |row: usize| row * SHEET_COLUMNS + column;
+            sheet[at(beyond)] = scale.beyond(sheet[at(border)], sheet[at(inner)]);
         }
     }
 }
@@ -372,11 +374,4 @@ fn shape(sheet: &[Sample], at: usize, scale: &Scale, planes: &[Vec3], [x0, y0]: 
     let [sx, sy] = [slope(q_of(3), q_of(4), plane.x), slope(q_of(1), q_of(6), plane.y)].map(code);
     let flag = if solid { SOLID } else { 0 };
     Shape { inverse_depth: q.to_bits() | flag, slopes: mask | sx << 8 | sy << 20 }
-}
-
-/// The direction of a face position, from which tests check planes.
-#[cfg(test)]
-pub(crate) fn ray(x: f64, y: f64, face_px: u32) -> DVec3 {
-    let size = f64::from(face_px);
-    DVec3::new(2.0 * x / size - 1.0, 1.0 - 2.0 * y / size, -1.0)
 }

@@ -86,7 +86,8 @@ impl Frame {
         let [width, height] = self.size;
         let (x0, y0) = (f64::from(sheet.x0), f64::from(sheet.y0));
         let anchor = transfer.at(x0 - 0.5, y0 - 0.5).as_vec3();
-        let all = SheetInView { index, columns: [0, width as i32], rows: [0, height as i32], nearest: f32::INFINITY, anchor };
+        let all =
+            SheetInView { index, columns: [0, width as i32], rows: [0, height as i32], nearest: f32::INFINITY, anchor };
         if self.unclipped {
             return Some(all);
         }

@@ -15,6 +15,10 @@ pub(super) struct LookUp<'a> {
 /// The least share of 255 of a pixel that a surface has where it has any.
 const MIN_SHARE: u32 = 13;
 
+/// The share of 255 from which on a surface hides its pixel wholly. Less than all, because what lies behind a rim is often
+/// known to no ray, and the sky must not shine through (on `builtin:tree` 1 dB at the centre).
+const WHOLE: u32 = 196;
+
 /// Eight pixels of one surface each.
 struct Found<S: Simd> {
     /// Straight colour; its alpha is the share of the pixel that the surface covers.
@@ -57,7 +61,8 @@ impl LookUp<'_> {
                 if any == 0 {
                     continue;
                 }
-                let found: [[u8; 4]; LANES] = bytemuck::cast(self.eight::<S, false>(simd, keys, position).color.to_array());
+                let found: [[u8; 4]; LANES] =
+                    bytemuck::cast(self.eight::<S, false>(simd, keys, position).color.to_array());
                 for i in 0..LANES {
                     if keys[i] != 0 {
                         out[i] = flattened(found[i], out[i], light);
@@ -131,11 +136,12 @@ impl LookUp<'_> {
         for i in 0..LANES {
             let at = first[i] as usize;
             upper[i] = sheets.colors.get(at..).and_then(|c| c.first_chunk()).copied().unwrap_or_default();
-            lower[i] = sheets.colors.get(at + SHEET_COLUMNS..).and_then(|c| c.first_chunk()).copied().unwrap_or_default();
+            lower[i] =
+                sheets.colors.get(at + SHEET_COLUMNS..).and_then(|c| c.first_chunk()).copied().unwrap_or_default();
         }
         let ((c00, c10), (c01, c11)) = (split(simd, upper), split(simd, lower));
         if IS_SOLID {
-            let (fu, fv) = (u32x8::truncate_from(fu * 256.0), u32x8::truncate_from(fv * 256.0));
+            let (fu, fv) = (u32x8::truncate_from(fu * 256.0 + 0.5), u32x8::truncate_from(fv * 256.0 + 0.5));
             let even = mix(simd, mix(simd, c00, c10, fu), mix(simd, c01, c11, fu), fv);
             let odd = mix(simd, mix(simd, c00 >> 8, c10 >> 8, fu), mix(simd, c01 >> 8, c11 >> 8, fu), fv);
             return Found { color: even | (odd << 8) };
@@ -145,12 +151,10 @@ impl LookUp<'_> {
         let shift: u32x8<S> = ((above + 1) * 3 + (left + 1)).bitcast();
         let connected = simd.shrv_u32x8(around, shift);
         let (gu, gv) = (one - fu, one - fv);
-        let mut most = one;
         let (mut share, mut red, mut green, mut blue) = (zero, zero, zero, zero);
         for (color, weight, bit) in [(c00, gu * gv, 1), (c10, fu * gv, 2), (c01, gu * fv, 8), (c11, fu * fv, 16)] {
             let there = (connected & bit).simd_gt(u32x8::splat(simd, 0));
             let alpha = f32x8::float_from(color >> 24);
-            most = most.max(there.select(alpha, zero));
             let weight = there.select(weight * alpha, zero);
             share += weight;
             red += weight * f32x8::float_from(color & 255);
@@ -161,12 +165,6 @@ impl LookUp<'_> {
         let red = u32x8::truncate_from(red * reciprocal + 0.5);
         let green = u32x8::truncate_from(green * reciprocal + 0.5);
         let blue = u32x8::truncate_from(blue * reciprocal + 0.5);
-        let sharp = super::visibility::TUNE[2];
-        let share = if sharp == 1.0 {
-            share
-        } else {
-            most * ((share / most - 0.5) * sharp + 0.5).max(zero).min(one)
-        };
         let share = u32x8::truncate_from(share + 0.5);
         Found { color: red | green << 8 | blue << 16 | share << 24 }
     }
@@ -195,7 +193,7 @@ fn flattened(front: [u8; 4], behind: [u8; 4], light: &LinearLight) -> [u8; 4] {
     if share == 0 {
         return behind;
     }
-    let share = ((share as f32 * super::visibility::TUNE[3]) as u32).clamp(MIN_SHARE, 255);
+    let share = (u32::from(share) * 255 / WHOLE).clamp(MIN_SHARE, 255);
     if share == 255 {
         return [r, g, b, 255];
     }

@@ -32,14 +32,13 @@ pub(crate) mod ellipse;
 mod epipolar;
 mod finish;
 mod format;
-mod in_view;
-mod look_up;
-mod visibility;
 mod fragments;
+mod in_view;
 #[cfg(feature = "viewer")] // whose overlays alone ask for it
 pub(crate) mod inspect;
 mod kernel;
 pub(crate) mod linear;
+mod look_up;
 pub mod oracle;
 pub(crate) mod order;
 pub(crate) mod over;
@@ -51,6 +50,7 @@ mod tent;
 pub(crate) mod touched;
 pub(crate) mod transfer;
 pub(crate) mod traverse;
+mod visibility;
 
 pub use count::ClipCounts;
 pub(crate) use epipolar::Spans;

@@ -73,7 +73,9 @@ impl SplatKernel {
         match self {
             Self::Tent => 0.5,
             Self::Ellipse => 0.5 / EllipseSize::SCALE,
-            Self::Paper | Self::Opaque | Self::Surface | Self::Point | Self::Plus | Self::Square2 | Self::Square3 => 1.0,
+            Self::Paper | Self::Opaque | Self::Surface | Self::Point | Self::Plus | Self::Square2 | Self::Square3 => {
+                1.0
+            }
         }
     }
 

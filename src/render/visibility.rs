@@ -21,8 +21,10 @@ const MAX_RADIUS_PX: f32 = 32.0;
 /// Half of the width of a footprint, in spacings of its samples: the share, and a hair that closes cracks.
 const SOLID_REACH: f32 = 0.52;
 
-/// The same for samples at rims, whose surface fades toward the place of a neighbour that is not there.
-const RIM_REACH: f32 = 1.0;
+/// The same for samples at rims. A surface fades toward the place of a neighbour that is not there, over a whole spacing; but
+/// what it covers beyond half of one is little, and would take the place of what lies behind (with 1, the sky shines through
+/// crowns of leaves).
+const RIM_REACH: f32 = 0.55;
 
 /// Surfaces that end near a pixel, of which it remembers samples.
 pub(super) const RIMS: usize = 3;
@@ -30,16 +32,6 @@ pub(super) const RIMS: usize = 3;
 /// A sample in a pixel: the bits of its 1 / eye depth in the upper half, its number in the lower; 0 for none. The larger is the
 /// nearer.
 pub(super) type Key = u64;
-
-pub(crate) static TUNE: std::sync::LazyLock<[f32; 8]> = std::sync::LazyLock::new(|| {
-    let mut t = [0.55, 0.52, 1.0, 1.0667, 0.5, 0.0, 0.0, 0.0];
-    for (t, v) in t.iter_mut().zip(std::env::var("TUNE").unwrap_or_default().split(',')) {
-        if let Ok(v) = v.parse() {
-            *t = v;
-        }
-    }
-    t
-});
 
 /// What each pixel of a band sees.
 #[derive(Default)]
@@ -111,12 +103,10 @@ impl Visibility {
     /// Cells that a sheet touches: columns and rows.
     fn cells_of(&self, sheet: &SheetInView) -> [Range<usize>; 2] {
         let first = self.rows.start as i32;
-        let rows = [sheet.rows[0].max(first), sheet.rows[1].min(self.rows.end as i32)].map(|y| (y - first).max(0) as usize);
+        let rows =
+            [sheet.rows[0].max(first), sheet.rows[1].min(self.rows.end as i32)].map(|y| (y - first).max(0) as usize);
         let columns = sheet.columns.map(|x| x as usize);
-        [
-            columns[0] / CELL_COLUMNS..columns[1].div_ceil(CELL_COLUMNS),
-            rows[0] / CELL_ROWS..rows[1].div_ceil(CELL_ROWS),
-        ]
+        [columns[0] / CELL_COLUMNS..columns[1].div_ceil(CELL_COLUMNS), rows[0] / CELL_ROWS..rows[1].div_ceil(CELL_ROWS)]
     }
 
     /// True if solid samples in front of all of a sheet fill all cells that it may touch.
@@ -178,7 +168,6 @@ impl Drawing<'_> {
         let (width, band_rows) = (self.band.width as f32, [to.rows.start as f32, to.rows.end as f32]);
         let [cx, cy] = self.view.principal_px;
         let (mut groups, mut counts) = (sheet.occupied, [0; 2]);
-        let tune = *TUNE;
         while groups != 0 {
             let group = groups.trailing_zeros() as usize;
             groups &= groups - 1;
@@ -201,13 +190,16 @@ impl Drawing<'_> {
             let (xz, yz) = (slope_x * b.z + steps.x.z, slope_y * b.z + steps.y.z);
             let (xx, yx) = (slope_x * b.x + steps.x.x - px * xz, slope_y * b.x + steps.y.x - px * yz);
             let (xy, yy) = (slope_x * b.y + steps.x.y - py * xz, slope_y * b.y + steps.y.y - py * yz);
-            let reach = solid.select(f32x8::splat(simd, tune[1]), f32x8::splat(simd, tune[0])) * reciprocal;
+            let reach = solid.select(f32x8::splat(simd, SOLID_REACH), f32x8::splat(simd, RIM_REACH)) * reciprocal;
             let most = f32x8::splat(simd, MAX_RADIUS_PX);
             let (rx, ry) = (((xx.abs() + yx.abs()) * reach).min(most), ((xy.abs() + yy.abs()) * reach).min(most));
             let (px, py) = (px + (cx - 0.5), py + (cy - 0.5));
             let (xa, xb) = (first_beyond(px - rx, [0.0, width]), first_beyond(px + rx, [0.0, width]));
             let (ya, yb) = (first_beyond(py - ry, band_rows), first_beyond(py + ry, band_rows));
-            let shown = hz.simd_ge(f32x8::splat(simd, W_NEAR)) & xb.simd_gt(xa) & yb.simd_gt(ya) & q.simd_gt(f32x8::splat(simd, 0.0));
+            let shown = hz.simd_ge(f32x8::splat(simd, W_NEAR))
+                & xb.simd_gt(xa)
+                & yb.simd_gt(ya)
+                & q.simd_gt(f32x8::splat(simd, 0.0));
             let inside = match column {
                 0 => 0xfe,
                 c if c + GROUP == SHEET_COLUMNS => 0x7f,
@@ -221,7 +213,7 @@ impl Drawing<'_> {
             counts[0] += u64::from(lanes.count_ones());
             counts[1] += u64::from((lanes & solid).count_ones());
             let z = q * reciprocal;
-            let apart = (z * self.tolerance).max(f32x8::splat(simd, self.bin)) * tune[4];
+            let apart = (z * self.tolerance).max(f32x8::splat(simd, self.bin));
             let (farther, nearer) = ((z - apart).to_array(), (z + apart).to_array());
             let z = z.to_array();
             let (xa, xb, ya, yb) = (xa.to_array(), xb.to_array(), ya.to_array(), yb.to_array());
@@ -257,20 +249,25 @@ impl Drawing<'_> {
     }
 }
 
-/// Adds a sample at a rim to the nearest of a pixel. Those between `farther` and `nearer` are of its surface.
+/// Adds a sample at a rim to the nearest of a pixel. Of a surface on one sheet, only one is kept: whatever is looked up from it
+/// takes its neighbours in. What is of one surface between `farther` and `nearer`.
 #[inline(always)]
 fn insert(rims: &mut [Key; RIMS], mut key: Key, [farther, nearer]: [f32; 2]) {
     for i in 0..RIMS {
-        let z = inverse_depth_of(rims[i]);
-        if z < farther {
-            for rim in &mut rims[i..] {
-                std::mem::swap(rim, &mut key);
+        let (z, is_same_sheet) = (inverse_depth_of(rims[i]), (rims[i] as u32 ^ key as u32) < SHEET_LEN as u32);
+        if is_same_sheet && z >= farther && z <= nearer {
+            rims[i] = rims[i].max(key);
+            for k in (1..=i).rev() {
+                if rims[k] > rims[k - 1] {
+                    rims.swap(k, k - 1);
+                }
             }
             return;
         }
-        if z <= nearer {
-            rims[i] = rims[i].max(key);
-            return;
+    }
+    for rim in rims {
+        if key > *rim {
+            std::mem::swap(rim, &mut key);
         }
     }
 }

@@ -33,3 +33,4 @@ mod warp_fragments;
 mod warp_hard_cases;
 mod warp_oracle;
 mod warp_stamps;
+mod warp_surface;
