@@ -128,7 +128,7 @@ impl PackedCube {
         section: &Section,
     ) -> Result<Self, FileError> {
         let Header { info, face_size_px, layout, .. } = header;
-        let mut cube = Self { info, face_size_px, layout, segments, environment };
+        let mut cube = Self { info, face_size_px, layout, segments, environment, sheets: Default::default() };
         cube.validate().map_err(|error| section.damaged("a consistent cube LDI", error.to_string()))?;
         cube.segments.iter_mut().for_each(|segment| segment.blocks = BlockIndex::of(segment));
         Ok(cube)

@@ -34,3 +34,4 @@ mod warp_fragments;
 mod warp_hard_cases;
 mod warp_oracle;
 mod warp_stamps;
+mod warp_surface;
