@@ -93,7 +93,9 @@ fn parse(
         Err(cause) => {
             let (line, text) = mended.last_line();
             let shown: String = text.chars().take(80).collect();
-            Err(LoadError::Line { path: path.to_path_buf(), line, cause: format!("{cause}: `{shown}`") })
+            let cause = cause.to_string();
+            let cause = format!("`{shown}` does not parse ({})", cause.trim_end_matches(" error"));
+            Err(LoadError::Line { path: path.to_path_buf(), line, cause })
         }
     }
 }
