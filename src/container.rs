@@ -13,7 +13,7 @@
 //!
 //! Everything is little-endian. A reader trusts no number before it has checked it against the length of the file.
 
-use crate::files::write_atomically;
+use crate::capture::files::write_whole;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -40,6 +40,41 @@ pub struct Kind {
     pub version: u32,
 }
 
+impl Kind {
+    /// `.ldi`
+    pub const CUBE_LDI: Self = Self { tag: *b"cldi", name: "cube LDI", version: 1 };
+    /// `.shard`
+    pub const SHARD: Self = Self { tag: *b"shrd", name: "capture shard", version: 1 };
+    /// `.sprite`
+    pub const SPRITES: Self = Self { tag: *b"sprt", name: "sprite", version: 1 };
+    /// `.house`
+    pub const HOUSE: Self = Self { tag: *b"hous", name: "house", version: 1 };
+    /// Ray-traced frames that reports keep.
+    pub const TRUTH: Self = Self { tag: *b"trth", name: "truth frame", version: 1 };
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::CUBE_LDI, Self::SHARD, Self::SPRITES, Self::HOUSE, Self::TRUTH];
+}
+
+/// How a file that is none of ours can be used.
+fn what_to_do(path: &Path) -> String {
+    let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    match ending.as_str() {
+        "obj" | "gltf" | "glb" => {
+            let ldi = path.with_extension("ldi");
+            format!("it is a scene: capture it first, with headbox capture {} -o {}", path.display(), ldi.display())
+        }
+        "xml" | "sh3d" | "toml" => {
+            let house = path.with_extension("house");
+            format!(
+                "it is a home: make a house of it first, with headbox house {} -o {}",
+                path.display(),
+                house.display()
+            )
+        }
+        _ => "give a .ldi, .sprite, .house or .shard file".into(),
+    }
+}
+
 /// Why one of our files could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
@@ -52,19 +87,19 @@ pub enum FileError {
         source: io::Error,
     },
     /// The file does not start as ours do.
-    #[error("{}: not a headbox file (it does not begin with the magic \"HEADBOX\")", path.display())]
+    #[error("{}: not a headbox file (it does not begin with \"HEADBOX\"); {}", path.display(), what_to_do(path))]
     NotOurs {
         /// The file.
         path: PathBuf,
     },
     /// A headbox file, but of another kind.
-    #[error("{}: expected a {expected}, found a headbox file of kind \"{found}\"", path.display())]
+    #[error("{}: it is {found}, where a {expected} is expected", path.display())]
     OtherKind {
         /// The file.
         path: PathBuf,
         /// What was wanted.
         expected: &'static str,
-        /// The tag in the file.
+        /// What is there.
         found: String,
     },
     /// Written by a program of another age.
@@ -119,7 +154,7 @@ impl<'a> ContainerWriter<'a> {
     /// # Errors
     /// [`FileError::Io`].
     pub fn write(self, path: &Path) -> Result<(), FileError> {
-        let written = write_atomically(path, |w| self.write_to(w));
+        let written = write_whole(path, |w| self.write_to(w));
         written.map_err(|source| FileError::Io { path: path.into(), source })
     }
 
@@ -191,7 +226,12 @@ impl Container {
             return Err(header_damaged(path, "a section table that matches its checksum", "another"));
         }
         let sections = table.chunks_exact(ENTRY_BYTES).map(|entry| check_entry(path, entry, length));
-        let sections = sections.collect::<Result<_, _>>()?;
+        let sections = sections.collect::<Result<Vec<Entry>, _>>()?;
+        let end = sections.iter().map(|s| s.start + s.length).fold((HEADER_BYTES + table.len()) as u64, u64::max);
+        if length > end {
+            let found = format!("{} bytes more, which no program of ours has written", length - end);
+            return Err(header_damaged(path, format!("a file of {end} bytes"), found));
+        }
         Ok(Self { path: path.into(), file: Mutex::new(file), length, sections })
     }
 
@@ -252,7 +292,11 @@ fn check_header(path: &Path, header: &[u8], kind: Kind) -> Result<usize, FileErr
         return Err(header_damaged(path, format!("{HEADER_BYTES} bytes"), format!("{} (truncated)", header.len())));
     }
     if header[8..12] != kind.tag {
-        let found = String::from_utf8_lossy(&header[8..12]).into_owned();
+        let tag = [header[8], header[9], header[10], header[11]];
+        let found = Kind::ALL.iter().find(|kind| kind.tag == tag).map_or_else(
+            || format!("a headbox file of a kind that this program does not know (\"{}\")", tag.escape_ascii()),
+            |kind| format!("a {}", kind.name),
+        );
         return Err(FileError::OtherKind { path: path.into(), expected: kind.name, found });
     }
     let found = word(header, 12);

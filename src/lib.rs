@@ -76,8 +76,6 @@ pub mod drawing;
 #[doc(hidden)]
 pub mod environment;
 #[doc(hidden)]
-pub mod files;
-#[doc(hidden)]
 pub mod frame;
 #[doc(hidden)]
 pub mod ldi;

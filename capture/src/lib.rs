@@ -29,11 +29,13 @@
 pub mod bake;
 mod camera;
 mod depth_image;
+pub mod files;
 pub mod images;
 pub mod light;
 pub mod load;
 mod material;
 pub mod path;
+pub mod picture;
 pub mod portal_model;
 pub mod random;
 pub mod rig;

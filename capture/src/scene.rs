@@ -8,6 +8,7 @@ use crate::material::{Material, Texture};
 use glam::{DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 use std::fmt;
+use std::path::PathBuf;
 
 /// Which axis of the file points up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -160,6 +161,8 @@ pub struct Headbox {
 pub struct LoadSummary {
     /// One readable sentence for each kind of defect, with its count.
     pub notes: Vec<String>,
+    /// The files that were read: the scene's own, its materials, textures and buffers.
+    pub files: Vec<PathBuf>,
 }
 
 /// A scene: every array in the world frame (metres, Y up), positions in `f64`.

@@ -4,6 +4,9 @@ use super::UsageError;
 use crate::capture::Camera;
 use crate::capture::load::LoadOptions;
 use crate::capture::scene::{FileFrame, UpAxis};
+use crate::capture::trace::Tracer;
+use crate::capture::viewpoint;
+use crate::ldi::CaptureInfo;
 use crate::scene_source::SceneSource;
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -65,10 +68,10 @@ pub(super) struct SceneArgs {
 /// The axes and the unit of a file, where they are not its format's default.
 #[derive(Args)]
 pub(super) struct FrameArgs {
-    /// Axis that points up in the file: y or z
+    /// Axis that points up in the file, y or z; Y in a glTF, guessed from evidence in an OBJ if absent
     #[arg(long, value_parser = parse_up)]
     up: Option<UpAxis>,
-    /// Unit of lengths in the file
+    /// Unit of lengths in the file; metres in a glTF, guessed from evidence in an OBJ if absent
     #[arg(long)]
     unit: Option<Unit>,
 }
@@ -117,7 +120,8 @@ pub(super) struct CameraArgs {
     /// Position of the eye; the centre of the headbox, or where sprites were taken from, if absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     eye: Option<DVec3>,
-    /// Point to look at; straight ahead (-Z, or +Y in a file with Z up; for sprites, as they were taken) if absent
+    /// Point to look at; the direction in which there is most to see from the headbox (for sprites, as they were taken) if
+    /// absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     look_at: Option<DVec3>,
     /// Direction that points up in the image; the file's up axis if absent
@@ -141,6 +145,16 @@ pub(super) struct DefaultCamera {
 }
 
 impl DefaultCamera {
+    /// From the centre of a cube LDI to where there is most to see.
+    pub(super) fn of_cube(info: &CaptureInfo) -> Self {
+        Self { forward: info.ahead.unwrap_or(DVec3::NEG_Z), ..Self::at(info.centre) }
+    }
+
+    /// From the centre of a scene's headbox to where there is most to see.
+    pub(super) fn of_scene(tracer: &Tracer, centre: DVec3) -> Self {
+        Self { forward: viewpoint::suggest_view(tracer, centre), ..Self::at(centre) }
+    }
+
     /// Straight ahead from an eye.
     pub(super) fn at(eye: DVec3) -> Self {
         Self { eye, forward: DVec3::NEG_Z, fov_y_deg: 60.0, size: (1024, 768) }
@@ -168,10 +182,23 @@ impl CameraArgs {
         let eye = self.eye.map_or(default.eye, |eye| frame.world_from_file(eye));
         let look_at = self.look_at.map_or(eye + default.forward, |point| frame.world_from_file(point));
         let up = self.up_vector.map_or(DVec3::Y, |up| frame.world_direction_from_file(up));
+        warn_if_parallel(look_at - eye, up, frame);
         let (width, height) = self.size.unwrap_or(default.size);
         let fov_y_deg = self.fov.unwrap_or(default.fov_y_deg);
         let camera = Camera::look_at(eye, look_at, up, fov_y_deg, [width, height]);
         Ok(camera.map_err(|error| UsageError(error.to_string()))?)
+    }
+}
+
+/// Warns if the up vector does not say how to hold the camera.
+fn warn_if_parallel(forward: DVec3, up: DVec3, frame: &FileFrame) {
+    if forward.length() > 0.0 && forward.normalize().cross(up.normalize_or_zero()).length() <= 1e-6 {
+        let stand_in = if forward.normalize().y.abs() < 0.9 { DVec3::Y } else { DVec3::Z };
+        let in_file = frame.file_from_world(stand_in).normalize();
+        eprintln!(
+            "warning: the view runs along the up vector, which then does not say what is up in the picture; {in_file} (in the \
+             file's axes) is taken. Give --up-vector X,Y,Z to hold the camera in another way"
+        );
     }
 }
 

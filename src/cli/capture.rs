@@ -2,13 +2,14 @@
 
 use super::UsageError;
 use super::args::{SceneArgs, parse_length, parse_vector};
+use super::estimate::{Estimate, rays_of};
 use super::images::{SetArgs, is_image_set};
-use super::output::{memory_bytes, peak_rss_mb, print_json, print_notes};
-use super::progress::Bar;
+use super::output::{CUBE, Outputs, SHARD, memory_bytes, peak_rss_mb, print_json};
+use super::progress::{Bar, duration};
 use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;
 use crate::capture::trace::Tracer;
-use crate::capture::{Scene, viewpoint};
+use crate::capture::{Scene, files, viewpoint};
 use crate::ldi::build;
 use crate::ldi::from_images::ImagesJob;
 use crate::ldi::job::CaptureJob;
@@ -16,8 +17,8 @@ use crate::ldi::parameters::{CaptureParameters, Resources};
 use crate::ldi::shard::{self, ShardInfo};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
 use crate::scene_source::{SceneSource, fingerprint};
-use anyhow::Context;
-use clap::Args;
+use anyhow::{Context, bail};
+use clap::{Args, ValueEnum};
 use glam::DVec3;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -28,7 +29,7 @@ use std::time::Instant;
 pub(super) struct Capture {
     #[command(flatten)]
     scene: SceneArgs,
-    /// File to write
+    /// The .ldi file to write, or with --shard the .shard file; `-` for standard output
     #[arg(short, long)]
     output: PathBuf,
     /// Centre of the headbox; free space found by the program if absent
@@ -60,6 +61,9 @@ pub(super) struct Capture {
 /// What decides the quality of a capture.
 #[derive(Args)]
 pub(super) struct QualityArgs {
+    /// Faces, strata, rays and light together, where they are not given one by one; best if absent
+    #[arg(long)]
+    quality: Option<Preset>,
     /// Pixels a side of each cube face
     #[arg(long, value_name = "PX", default_value_t = CaptureJob::DEFAULT_FACE_SIZE_PX,
           value_parser = clap::value_parser!(u32).range(1..=i64::from(crate::ldi::MAX_FACE_SIZE_PX)))]
@@ -77,6 +81,27 @@ pub(super) struct PackingArgs {
     /// Near/far split of each face: auto, none, or an eye depth
     #[arg(long, default_value = "auto", value_parser = parse_split, allow_hyphen_values = true)]
     split: Split,
+}
+
+/// Qualities by name; their numbers are in [`Preset::NUMBERS`].
+#[derive(Clone, Copy, ValueEnum)]
+pub(super) enum Preset {
+    /// To see whether the headbox is in the right place
+    Draft,
+    /// To look around
+    Good,
+    /// The paper's: to keep
+    Best,
+}
+
+impl Preset {
+    /// What arguments are where they are not given, for draft and good; best is what they are without a preset.
+    pub(super) const NUMBERS: [(&str, [&str; 2]); 4] = [
+        ("face_size", ["256", "512"]),
+        ("strata", ["16", "24"]),
+        ("rays_per_stratum", ["8", "8"]),
+        ("light_samples", ["1", "2"]),
+    ];
 }
 
 /// The depth in the file's own unit.
@@ -137,11 +162,34 @@ pub(super) fn budget(memory_mb: Option<u64>, output: &Path) -> Option<(u64, Path
     if used >= limit {
         eprintln!("warning: the scene alone takes {} MiB; --memory cannot be honoured", used >> 20);
     }
-    let folder = match output.parent() {
+    Some(((limit.saturating_sub(used) / SHARE).max(16 << 20), spill_folder(output)))
+}
+
+/// Where there is as much room as the output will need: beside it, unless it is streamed or its folder is yet to be made.
+fn spill_folder(output: &Path) -> PathBuf {
+    let beside = match output.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
         _ => PathBuf::from("."),
     };
-    Some(((limit.saturating_sub(used) / SHARE).max(16 << 20), folder))
+    let is_beside = beside.is_dir() && !files::is_stream(output).unwrap_or(true);
+    if is_beside { beside } else { std::env::temp_dir() }
+}
+
+/// Rays for each pixel of the faces.
+fn rays_per_pixel(job: &CaptureJob) -> f64 {
+    rays_of(job) / (6.0 * f64::from(job.face_size_px).powi(2))
+}
+
+/// A length with four digits that count.
+fn rounded(length: f64) -> f64 {
+    let digits = (3.0 - length.abs().max(f64::MIN_POSITIVE).log10().floor()).clamp(0.0, 12.0);
+    let scale = 10_f64.powf(digits);
+    (length * scale).round() / scale
+}
+
+/// A position as the command line takes it.
+fn triple(position: DVec3) -> String {
+    position.to_array().map(|x| rounded(x).to_string()).join(",")
 }
 
 /// Warns if geometry hides part of the headbox from its centre.
@@ -162,11 +210,23 @@ impl Capture {
         }
         let start = Instant::now();
         let source = self.scene.source();
+        let endings = if self.shard.is_some() { &SHARD } else { &CUBE };
+        let outputs = Outputs::new(self.json, [&source.name]).file(&self.output, endings)?;
         let scene = Arc::new(source.open()?);
-        print_notes(&scene);
+        outputs.scene_is_open(&scene)?;
         let Headbox { centre, half_size_m } = place_headbox(&scene, self.center, self.half_size)?;
-        let job = self.quality.job(source, centre, half_size_m);
+        let mut job = self.quality.job(source, centre, half_size_m);
+        let is_free = self.half_size.is_none() && scene.headbox.is_none();
+        if is_free {
+            job.half_size_m = viewpoint::fitting_half_size(half_size_m, rays_per_pixel(&job));
+        }
         let tracer = Tracer::new(Arc::clone(&scene), centre);
+        eprintln!(
+            "headbox: centre {}, half-size {} (in the file's axes and unit)",
+            triple(scene.frame.file_from_world(centre)),
+            rounded(job.half_size_m / scene.frame.unit_m)
+        );
+        eprintln!("will take: {}", Estimate::of(&job, &tracer, self.shard.map_or(1, |(_, parts)| parts)));
         let resources = Resources { budget: budget(self.memory, &self.output) };
         let bar = Bar::new();
         if let Some(part) = self.shard {
@@ -176,17 +236,21 @@ impl Capture {
         let (ldi, trace_time) = job.run(&tracer, &lighting, &resources, &bar).context("the capture failed")?;
         drop((tracer, scene));
         let packed = self.packing.pack(&ldi)?;
+        if packed.depth_pixel_count() == 0 {
+            bail!("no ray from the headbox met the scene; move --center, or choose a larger --half-size");
+        }
         drop(ldi);
         packed.write(&self.output)?;
         bar.finish();
         warn_if_blocked(packed.info.blocked_share);
-        self.report(&packed, trace_time.as_secs_f64(), start.elapsed().as_secs_f64());
+        self.report(&packed, trace_time.as_secs_f64(), start.elapsed().as_secs_f64(), &bar.times());
         Ok(())
     }
 
     /// Warps the depth images of a set into one cube.
     fn run_images(&self) -> anyhow::Result<()> {
         let start = Instant::now();
+        Outputs::new(self.json, [self.scene.name()]).file(&self.output, &CUBE)?;
         let set = self.images.open(Path::new(self.scene.name()))?;
         let views: Vec<_> = set.with_depth().collect();
         if views.is_empty() {
@@ -250,7 +314,7 @@ impl Capture {
         Ok(())
     }
 
-    fn report(&self, cube: &PackedCube, trace_s: f64, total_s: f64) {
+    fn report(&self, cube: &PackedCube, trace_s: f64, total_s: f64, times: &str) {
         let rays = cube.info.rays_traced;
         let missing: Vec<f64> = cube.info.missing_estimate.iter().flatten().copied().collect();
         let mean = (!missing.is_empty()).then(|| missing.iter().sum::<f64>() / missing.len() as f64);
@@ -264,7 +328,7 @@ impl Capture {
             return;
         }
         println!("{}: {} depth pixels from {rays} rays", self.output.display(), cube.depth_pixel_count());
-        println!("  traced in {trace_s:.2} s ({:.1} Mrays/s), {total_s:.2} s in all", rays as f64 / trace_s / 1e6);
+        println!("  {} in all: {times}; {:.1} Mrays/s while tracing", duration(total_s), rays as f64 / trace_s / 1e6);
         if let Some(mean) = mean {
             println!("  the next ray would find something new with a probability of {:.1} %", mean * 100.0);
         }

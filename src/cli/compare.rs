@@ -1,6 +1,7 @@
 //! `headbox compare`.
 
-use super::output::{print_json, save_png};
+use super::output::{Outputs, PICTURE, print_json, save_picture};
+use crate::capture::picture;
 use crate::metrics;
 use anyhow::Context;
 use clap::Args;
@@ -12,7 +13,7 @@ pub(super) struct Compare {
     reference: PathBuf,
     /// The image to judge, of the same size
     test: PathBuf,
-    /// Write the FLIP error map as PNG
+    /// Write the FLIP error map as a picture
     #[arg(long, value_name = "OUT.png")]
     map: Option<PathBuf>,
     /// Print one JSON object on standard output
@@ -21,16 +22,18 @@ pub(super) struct Compare {
 }
 
 fn open(path: &Path) -> anyhow::Result<image::RgbImage> {
-    let image = image::open(path).with_context(|| format!("{} could not be read as an image", path.display()))?;
+    let image = picture::read(path, picture::MAX_BYTES)
+        .with_context(|| format!("{} could not be read as an image", path.display()))?;
     Ok(image.to_rgb8())
 }
 
 impl Compare {
     pub(super) fn run(&self) -> anyhow::Result<()> {
+        Outputs::new(self.json, [&self.reference, &self.test]).maybe_file(self.map.as_ref(), &PICTURE)?;
         let (reference, test) = (open(&self.reference)?, open(&self.test)?);
         let (comparison, map) = metrics::compare_with_map(&reference, &test)?;
         if let Some(path) = &self.map {
-            save_png(path, &map.to_magma())?;
+            save_picture(path, &map.to_magma())?;
         }
         if self.json {
             print_json(&serde_json::to_value(comparison)?);

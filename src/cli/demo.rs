@@ -2,7 +2,7 @@
 
 use super::capture::place_headbox;
 use super::demo_sprites::print_sprite_rows;
-use super::output::{peak_rss_mb, save_png, write_text};
+use super::output::{Outputs, peak_rss_mb, save_picture, write_text};
 use super::progress::Bar;
 use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;
@@ -18,7 +18,6 @@ use crate::progress::Silent;
 use crate::render::{RenderSettings, Renderer};
 use crate::scene_source::SceneSource;
 use crate::truth::{self, TruthFrame};
-use anyhow::Context;
 use clap::Args;
 use glam::{DVec3, dvec3};
 use image::RgbImage;
@@ -81,9 +80,10 @@ struct Row {
 impl Demo {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let sizes = if self.quick { QUICK } else { FULL };
-        std::fs::create_dir_all(&self.out).with_context(|| format!("{} could not be made", self.out.display()))?;
+        let outputs = Outputs::new(false, [&self.scene]).folder(&self.out)?;
         let source = SceneSource::new(&self.scene);
         let scene = Arc::new(source.open()?);
+        outputs.scene_is_open(&scene)?;
         let Headbox { centre, half_size_m } = place_headbox(&scene, None, None)?;
         println!("{}: {} triangles, headbox {:.3} m a side", self.scene, scene.triangles.len(), 2.0 * half_size_m);
         let tracer = Tracer::new(scene, centre);
@@ -142,15 +142,15 @@ impl Demo {
 
     fn save(&self, rows: &[Row]) -> anyhow::Result<()> {
         for (i, row) in rows.iter().enumerate() {
-            save_png(&self.out.join(format!("frame_{i}.png")), &row.frame)?;
-            save_png(&self.out.join(format!("truth_{i}.png")), &row.truth.color)?;
+            save_picture(&self.out.join(format!("frame_{i}.png")), &row.frame)?;
+            save_picture(&self.out.join(format!("truth_{i}.png")), &row.truth.color)?;
         }
         let sheet = Sheet {
             title: format!("headbox demo: {}", self.scene),
             columns: ["headbox", "ray-traced truth", "FLIP error"].map(str::to_owned).to_vec(),
             rows: rows.iter().map(sheet_row).collect(),
         };
-        save_png(&self.out.join("sheet.png"), &sheet.compose()?)?;
+        save_picture(&self.out.join("sheet.png"), &sheet.compose()?)?;
         write_text(&self.out.join("table.csv"), &csv(rows))
     }
 

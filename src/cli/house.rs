@@ -2,16 +2,14 @@
 
 use super::UsageError;
 use super::house_file::HouseFileArgs;
-use super::output::{print_json, print_notes, save_png};
+use super::output::{Outputs, PLAN, print_json, save_picture, write_text};
 use crate::capture::load::{LoadedModel, ModelOptions, load_model};
 use crate::capture::portal_model::{Finding, PortalModel};
 use crate::capture::trace::Tracer;
 use crate::portal::floor_plan::{FloorPlan, storeys};
-use anyhow::Context;
 use clap::Args;
 use glam::DVec2;
 use serde_json::{Value, json};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -52,12 +50,11 @@ struct Survey {
 
 impl House {
     pub(super) fn run(&self) -> anyhow::Result<()> {
-        if let Some(path) = &self.plan {
-            plan_kind(path)?;
-        }
+        let outputs = Outputs::new(self.json, [&self.model]).maybe_file(self.plan.as_ref(), &PLAN)?;
+        let outputs = self.file.outputs(outputs)?;
         let writes = self.file.wanted()?;
         let LoadedModel { model, mut findings } = self.open()?;
-        print_notes(&model.scene);
+        outputs.scene_is_open(&model.scene)?;
         if self.rays > 0 && !model.cells.is_empty() {
             let [low, high] = model.scene.bounds();
             let tracer = Tracer::new(Arc::new(model.scene.clone()), (low + high) / 2.0);
@@ -73,7 +70,7 @@ impl House {
         if writes {
             let file = self.file.write(survey.model)?;
             if !self.json {
-                println!("file: {file}");
+                self.file.print(&file);
             }
             found["file"] = file;
         }
@@ -103,10 +100,10 @@ impl House {
         for (storey, floor) in (1..).zip(storeys(model)) {
             let plan = FloorPlan::new(model, floor + self.cut);
             let path = of_storey(path, storey);
-            match plan_kind(&path)? {
-                PlanKind::Png => save_png(&path, &plan.to_image())?,
-                PlanKind::Svg => crate::files::write_atomically(&path, |w| w.write_all(plan.to_svg().as_bytes()))
-                    .with_context(|| format!("{} could not be written", path.display()))?,
+            if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg")) {
+                write_text(&path, &plan.to_svg())?;
+            } else {
+                save_picture(&path, &plan.to_image())?;
             }
             written.push(path);
         }
@@ -121,19 +118,6 @@ fn of_storey(path: &Path, storey: usize) -> PathBuf {
             path.with_file_name(format!("{}_{storey}.{}", stem.to_string_lossy(), ending.to_string_lossy()))
         }
         _ => path.to_path_buf(),
-    }
-}
-
-enum PlanKind {
-    Png,
-    Svg,
-}
-
-fn plan_kind(path: &Path) -> Result<PlanKind, UsageError> {
-    match path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).as_deref() {
-        Some("png") => Ok(PlanKind::Png),
-        Some("svg") => Ok(PlanKind::Svg),
-        _ => Err(UsageError(format!("{}: a plan is a .png or a .svg", path.display()))),
     }
 }
 

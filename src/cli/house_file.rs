@@ -2,7 +2,7 @@
 
 use super::UsageError;
 use super::args::DefaultCamera;
-use super::output::{print_json, write_text};
+use super::output::{HOUSE, Outputs, PATH, print_json, write_text};
 use super::progress::Bar;
 use crate::capture::Camera;
 use crate::capture::bake::{BakeOptions, bake_model};
@@ -70,6 +70,11 @@ impl HouseFileArgs {
         Ok(self.output.is_some() || self.walk.is_some())
     }
 
+    /// Adds what will be written.
+    pub(super) fn outputs(&self, outputs: Outputs) -> anyhow::Result<Outputs> {
+        outputs.maybe_file(self.output.as_ref(), &HOUSE)?.maybe_file(self.walk.as_ref(), &PATH)
+    }
+
     fn kinds(&self) -> Result<Vec<Kind>, UsageError> {
         let named = self.backdrops.iter().map(String::as_str).filter(|name| *name != "none");
         named.map(kind_by_name).collect()
@@ -98,10 +103,24 @@ impl HouseFileArgs {
         bar.finish();
         let capture_s = started.elapsed().as_secs_f64();
         file::write(path, &house, &store, &quality)?;
-        let bytes = std::fs::metadata(path)?.len();
+        // What was streamed has no size any more.
+        let bytes = std::fs::metadata(path).ok().filter(std::fs::Metadata::is_file).map(|file| file.len());
         Ok(json!({
             "output": path, "bytes": bytes, "captures": keys.len(), "capture_s": capture_s, "walk": self.walk,
         }))
+    }
+
+    /// Says what [`Self::write`] has written.
+    pub(super) fn print(&self, written: &Value) {
+        if let Some(path) = &self.walk {
+            println!("{}: a walk of {} poses", path.display(), self.poses);
+        }
+        if let Some(path) = &self.output {
+            let megabytes = written["bytes"].as_f64().map_or(String::new(), |bytes| format!(", {:.1} MB", bytes / 1e6));
+            let seconds = super::progress::duration(written["capture_s"].as_f64().unwrap_or_default());
+            println!("{}: {} captures in {seconds}{megabytes}", path.display(), written["captures"]);
+            println!("walk through it: headbox view {}", path.display());
+        }
     }
 
     /// The model with its light baked in, if it is wanted and there is a file to hold it.

@@ -9,7 +9,7 @@ use crate::packed::file::CUBE_LDI;
 use crate::packed::{PackedCube, SegmentSide};
 use crate::portal::file::HOUSE_FILE;
 use crate::sprite::{SPRITE_FILE, SpriteSet, SpriteWithDepth};
-use anyhow::{Context, bail};
+use anyhow::Context;
 use clap::Args;
 use serde_json::json;
 use std::path::PathBuf;
@@ -34,8 +34,8 @@ impl Info {
             Some(tag) if tag == SHARD.tag => self.shard(),
             Some(tag) if tag == SPRITE_FILE.tag => self.sprites(),
             Some(tag) if tag == HOUSE_FILE.tag => house_file::info(&self.file, self.check, self.json),
-            Some(tag) => bail!("{}: unknown kind \"{}\"", self.file.display(), String::from_utf8_lossy(&tag)),
-            None => bail!("{}: not a headbox file", self.file.display()),
+            // What it is instead the reader of cubes says best.
+            _ => self.cube(),
         }
     }
 

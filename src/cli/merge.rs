@@ -1,7 +1,7 @@
 //! `headbox merge`.
 
 use super::capture::{PackingArgs, budget, warn_if_blocked};
-use super::output::{peak_rss_mb, print_json};
+use super::output::{CUBE, Outputs, peak_rss_mb, print_json};
 use super::progress::Bar;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
@@ -19,7 +19,7 @@ pub(super) struct Merge {
     /// All shards of one capture
     #[arg(required = true)]
     shards: Vec<PathBuf>,
-    /// File to write
+    /// The .ldi file to write; `-` for standard output
     #[arg(short, long)]
     output: PathBuf,
     /// Where the scene is now, if it is no longer where the shards were captured
@@ -37,6 +37,7 @@ pub(super) struct Merge {
 
 impl Merge {
     pub(super) fn run(&self) -> anyhow::Result<()> {
+        let outputs = Outputs::new(self.json, &self.shards).file(&self.output, &CUBE)?;
         let mut infos = Vec::with_capacity(self.shards.len());
         for path in &self.shards {
             infos.push((path.clone(), shard::read_info(path)?));
@@ -48,6 +49,7 @@ impl Merge {
             source.name.clone_from(name);
         }
         let scene = source.open().context("light is sampled after merging, which needs the scene (see --scene)")?;
+        outputs.scene_is_open(&scene)?;
         ensure!(
             fingerprint(&scene) == first.scene_fingerprint && scene.triangles.len() as u32 == first.triangles,
             "{} has changed since the shards were captured; capture them again",

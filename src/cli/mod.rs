@@ -16,6 +16,8 @@ mod capture;
 mod compare;
 mod demo;
 mod demo_sprites;
+mod estimate;
+mod help;
 mod house;
 mod house_file;
 mod images;
@@ -31,9 +33,10 @@ mod truth;
 #[cfg(feature = "viewer")]
 mod view;
 mod walk;
+mod words;
 
 use crate::capture::simd;
-use clap::{Parser, Subcommand};
+use clap::{FromArgMatches, Parser, Subcommand};
 use std::process::ExitCode;
 
 /// Image-based rendering with depth: capture a scene once, look at it from anywhere inside a headbox.
@@ -59,7 +62,7 @@ enum Command {
     Merge(merge::Merge),
     /// Make sprites with depth of a scene, or of a picture and its depth
     Sprite(Box<sprite::SpriteCommand>),
-    /// Cells and portals of a house: what it has, what is wrong with it, its plan
+    /// A home to walk through: read its rooms and doors, say what is wrong with them, draw its plan, write a .house file
     House(house::House),
     /// What a folder of pictures with known cameras holds, and whether its poses and depths agree
     Images(images::Images),
@@ -67,7 +70,7 @@ enum Command {
     Info(info::Info),
     /// Render a frame of a cube LDI, of sprites or of both, or a frame per pose of a path
     Render(render::Render),
-    /// Measure a walk through a house: time and error of every way to draw it, against truth and primary rays
+    /// Measure a walk through a .house file (to just walk, use view): time and error of every way to draw it, against truth and primary rays
     Walk(walk::Walk),
     /// Ray-trace a reference frame of a scene
     Truth(truth::Truth),
@@ -75,9 +78,13 @@ enum Command {
     Compare(compare::Compare),
     /// Measure speed against error: rows, charts, sentences
     Report(report::ReportCommand),
-    /// Look around in a cube LDI, in a window
+    /// Look around in a window: in a scene, a cube LDI, sprites or a house
     #[cfg(feature = "viewer")]
     View(view::View),
+    /// Print a script by which a shell completes commands
+    Completions(help::Completions),
+    /// Print the manual, as roff: headbox man | man -l -
+    Man,
 }
 
 /// A mistake in what the user asked for, as opposed to a failure in doing it: exit code 2.
@@ -87,17 +94,27 @@ struct UsageError(String);
 
 /// Runs the command line and returns its exit code: 0 done, 1 failed, 2 wrong usage.
 pub fn main() -> ExitCode {
-    match run(Cli::parse()) {
+    let parsed = help::command().try_get_matches_from(help::arguments());
+    let cli = parsed.and_then(|matches| Cli::from_arg_matches(&matches)).unwrap_or_else(|mut error| {
+        // Advice on how to pass as a file name what was meant as a number.
+        error.remove(clap::error::ContextKind::Suggested);
+        error.exit()
+    });
+    match run(cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            eprintln!("error: {}", words::sentence(&error));
             ExitCode::from(if error.is::<UsageError>() { 2 } else { 1 })
         }
     }
 }
 
 fn run(cli: Cli) -> anyhow::Result<()> {
-    crate::files::clean_up_on_interrupt()?;
+    // Ctrl-C, or a request to terminate, leaves no half-written file and ends with the usual exit code.
+    ctrlc::set_handler(|| {
+        crate::capture::files::remove_unfinished();
+        std::process::exit(130);
+    })?;
     simd::requested().map_err(|error| UsageError(error.to_string()))?;
     if let Some(threads) = cli.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()?;
@@ -118,5 +135,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Report(command) => command.run(),
         #[cfg(feature = "viewer")]
         Command::View(command) => command.run(),
+        Command::Completions(command) => command.run(),
+        Command::Man => help::print_manual(),
     }
 }

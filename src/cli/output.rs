@@ -1,9 +1,14 @@
 //! What goes to standard output, and what the process has used.
 
-use anyhow::Context;
-use image::ImageEncoder;
+use super::UsageError;
+use crate::capture::{Scene, files, picture};
+use image::codecs::jpeg::JpegEncoder;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Whether standard output carries a file (`-o -`): words for people then go to standard error.
+static STDOUT_IS_OUTPUT: AtomicBool = AtomicBool::new(false);
 
 /// Prints one JSON object on standard output.
 pub(super) fn print_json(value: &serde_json::Value) {
@@ -13,6 +18,10 @@ pub(super) fn print_json(value: &serde_json::Value) {
 /// Prints on standard output. Where nobody reads it any more, the program ends: quietly if a reader has gone, as `head`
 /// does, else with a sentence.
 pub(super) fn print_text(text: std::fmt::Arguments<'_>) {
+    if STDOUT_IS_OUTPUT.load(Ordering::Relaxed) {
+        eprint!("{text}");
+        return;
+    }
     if let Err(error) = std::io::stdout().write_fmt(text) {
         if error.kind() == std::io::ErrorKind::BrokenPipe {
             std::process::exit(0);
@@ -23,7 +32,7 @@ pub(super) fn print_text(text: std::fmt::Arguments<'_>) {
 }
 
 /// Prints what a loader met and survived to standard error.
-pub(super) fn print_notes(scene: &crate::capture::Scene) {
+pub(super) fn print_notes(scene: &Scene) {
     for note in &scene.summary.notes {
         eprintln!("note: {note}");
     }
@@ -44,20 +53,134 @@ pub(super) fn peak_rss_mb() -> Option<f64> {
     memory_bytes().map(|(peak, _)| peak as f64 / 1_048_576.0)
 }
 
-/// Saves an image as PNG, whole or not at all.
-pub(super) fn save_png(path: &Path, image: &image::RgbImage) -> anyhow::Result<()> {
+/// What a kind of output may be called: its ending decides the format.
+pub(super) struct Endings {
+    what: &'static str,
+    allowed: &'static [&'static str],
+}
+
+/// Pictures; all but JPEG keep every bit.
+pub(super) const PICTURE: Endings =
+    Endings { what: "a picture", allowed: &["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "tga"] };
+/// Depth.
+pub(super) const DEPTH: Endings = Endings { what: "a picture of depth", allowed: &["exr"] };
+/// Cube LDIs.
+pub(super) const CUBE: Endings = Endings { what: "a cube LDI", allowed: &["ldi"] };
+/// Parts of cube LDIs.
+pub(super) const SHARD: Endings = Endings { what: "a shard of a capture", allowed: &["shard"] };
+/// Sprites with depth.
+pub(super) const SPRITES: Endings = Endings { what: "sprites with depth", allowed: &["sprite"] };
+/// Houses.
+pub(super) const HOUSE: Endings = Endings { what: "a house", allowed: &["house"] };
+/// Plans of houses.
+pub(super) const PLAN: Endings = Endings { what: "a plan", allowed: &["png", "svg"] };
+/// Camera paths.
+pub(super) const PATH: Endings = Endings { what: "a camera path", allowed: &["json"] };
+/// Pages of text.
+pub(super) const PAGE: Endings = Endings { what: "a page", allowed: &["md"] };
+
+impl Endings {
+    fn allow(&self, path: &Path) -> Result<(), UsageError> {
+        let ending = path.extension().unwrap_or_default();
+        if self.allowed.iter().any(|allowed| ending.eq_ignore_ascii_case(allowed)) {
+            return Ok(());
+        }
+        let allowed: Vec<String> = self.allowed.iter().map(|allowed| format!(".{allowed}")).collect();
+        let (path, what, allowed) = (path.display(), self.what, allowed.join(", "));
+        Err(UsageError(format!("{path}: the ending of {what} is one of {allowed}, and decides the format")))
+    }
+}
+
+/// The files and folders that a command will write. Checked before any work is done; written by
+/// [`files::write_whole`], which has the rule.
+pub(super) struct Outputs {
+    json: bool,
+    files: Vec<PathBuf>,
+}
+
+/// For a command that reads no files.
+pub(super) const NO_INPUTS: [&str; 0] = [];
+
+impl Outputs {
+    /// For a command that reads `inputs`, none of which it will overwrite, and that prints JSON on standard output or not.
+    pub(super) fn new<P: AsRef<Path>>(json: bool, inputs: impl IntoIterator<Item = P>) -> Self {
+        inputs.into_iter().for_each(|input| files::protect_input(input.as_ref()));
+        Self { json, files: Vec::new() }
+    }
+
+    /// A file to write, with its format by its ending unless it is streamed.
+    pub(super) fn file(mut self, path: &Path, endings: &Endings) -> anyhow::Result<Self> {
+        self.check(path)?;
+        if path.as_os_str() == files::STANDARD_OUTPUT {
+            if self.json {
+                return Err(UsageError("-o - and --json both write to standard output; leave one out".into()).into());
+            }
+            STDOUT_IS_OUTPUT.store(true, Ordering::Relaxed);
+        } else if !files::is_stream(path)? {
+            endings.allow(path)?;
+        }
+        if self.files.iter().any(|other| other == path) {
+            return Err(UsageError(format!("{}: two outputs would be written to it", path.display())).into());
+        }
+        self.files.push(path.into());
+        Ok(self)
+    }
+
+    /// As [`Self::file`], if there is one.
+    pub(super) fn maybe_file(self, path: Option<&PathBuf>, endings: &Endings) -> anyhow::Result<Self> {
+        match path {
+            Some(path) => self.file(path, endings),
+            None => Ok(self),
+        }
+    }
+
+    /// A folder to write to.
+    pub(super) fn folder(self, path: &Path) -> anyhow::Result<Self> {
+        files::check_folder(path).map_err(|error| cannot_write(path, error))?;
+        Ok(self)
+    }
+
+    /// Tells what the loader met, and checks again now that all files of the scene are known: its materials, its textures.
+    pub(super) fn scene_is_open(&self, scene: &Scene) -> anyhow::Result<()> {
+        print_notes(scene);
+        scene.summary.files.iter().for_each(|file| files::protect_input(file));
+        self.files.iter().try_for_each(|path| self.check(path))
+    }
+
+    fn check(&self, path: &Path) -> anyhow::Result<()> {
+        files::check(path).map_err(|error| cannot_write(path, error))
+    }
+}
+
+/// What the rule refuses is a mistake of the user's, all else a failure.
+fn cannot_write(path: &Path, error: std::io::Error) -> anyhow::Error {
+    let name = if path.as_os_str().is_empty() { "the output".into() } else { path.display().to_string() };
+    let message = format!("{name} cannot be written: {error}");
+    if error.kind() == std::io::ErrorKind::InvalidInput { UsageError(message).into() } else { anyhow::anyhow!(message) }
+}
+
+/// Saves an image, whole or not at all, in the format of its ending; PNG where it has none.
+pub(super) fn save_picture(path: &Path, image: &image::RgbImage) -> anyhow::Result<()> {
+    /// Beyond what is told from the original by eye.
+    const JPEG_QUALITY: u8 = 95;
+    let format = image::ImageFormat::from_path(path).unwrap_or(image::ImageFormat::Png);
     let (width, height) = image.dimensions();
-    let written = crate::files::write_atomically(path, |w| {
-        let encoder = image::codecs::png::PngEncoder::new(w);
-        encoder
-            .write_image(image.as_raw(), width, height, image::ExtendedColorType::Rgb8)
-            .map_err(std::io::Error::other)
+    let written = files::write_whole(path, |w| {
+        let encoded = match format {
+            image::ImageFormat::Png => {
+                let png = picture::png(image.as_raw(), width, height, image::ExtendedColorType::Rgb8);
+                return w.write_all(&png.map_err(std::io::Error::other)?);
+            }
+            image::ImageFormat::Jpeg => JpegEncoder::new_with_quality(w, JPEG_QUALITY).encode_image(image),
+            format => image.write_to(w, format),
+        };
+        encoded.map_err(std::io::Error::other)
     });
-    written.with_context(|| format!("{} could not be written", path.display()))
+    written.map_err(|error| cannot_write(path, error))
 }
 
 /// Writes a text file, whole or not at all.
 pub(super) fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
-    let written = crate::files::write_atomically(path, |w| w.write_all(text.as_bytes()));
-    written.with_context(|| format!("{} could not be written", path.display()))
+    let written = files::write_whole(path, |w| w.write_all(text.as_bytes()));
+    written.map_err(|error| cannot_write(path, error))
 }

@@ -3,7 +3,7 @@
 use super::UsageError;
 use super::args::{CameraArgs, DefaultCamera};
 use super::house_file::HouseContent;
-use super::output::{print_json, save_png, write_text};
+use super::output::{DEPTH, Outputs, PICTURE, print_json, save_picture, write_text};
 use crate::capture::scene::FileFrame;
 use crate::capture::statistics::median;
 use crate::capture::{Camera, simd};
@@ -16,7 +16,7 @@ use crate::portal::file::HOUSE_FILE;
 use crate::render::splat::SplatKernel;
 use crate::render::{Parallel, RenderSettings, Renderer};
 use crate::sprite::{DepthPicture, RenderOptions, SPRITE_FILE, Sampling, SpriteSet, Variant, write_depth_exr};
-use anyhow::{Context, bail};
+use anyhow::bail;
 use clap::{Args, ValueEnum};
 use image::RgbImage;
 use serde_json::{Value, json};
@@ -28,7 +28,8 @@ pub(super) struct Render {
     /// A .ldi or .sprite file, or several of one world, laid over each other back to front; or one .house file
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// PNG to write, or with --path the folder for frames and times.csv
+    /// Picture to write (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output, PNG), or with --path the folder for
+    /// frames and times.csv
     #[arg(short, long)]
     output: PathBuf,
     #[command(flatten)]
@@ -48,7 +49,7 @@ pub(super) struct Render {
     /// EXR to write the eye depth of each pixel to, metres, infinite where nothing is drawn; for a single frame of one .ldi
     #[arg(long, value_name = "FILE.exr", conflicts_with = "path")]
     depth: Option<PathBuf>,
-    /// PNG to write the share of each pixel to that depth pixels cover, 0 to 255; for a single frame of one .ldi
+    /// Picture of the share of each pixel to that depth pixels cover, 0 to 255, to write; for a single frame of one .ldi
     #[arg(long, value_name = "FILE.png", conflicts_with = "path")]
     coverage: Option<PathBuf>,
     /// How threads share a cube LDI's frame, which is the same in any case; bands if absent
@@ -106,10 +107,26 @@ enum Content {
 
 impl Render {
     pub(super) fn run(&self) -> anyhow::Result<()> {
+        let outputs = Outputs::new(self.json, self.files.iter().chain(&self.path));
+        match &self.path {
+            Some(_) => outputs.folder(&self.output)?,
+            None => {
+                let outputs = outputs.file(&self.output, &PICTURE)?.maybe_file(self.depth.as_ref(), &DEPTH)?;
+                outputs.maybe_file(self.coverage.as_ref(), &PICTURE)?
+            }
+        };
         let (mut content, frame, default_camera) = self.open()?;
         match &self.path {
-            Some(path) => self.render_path(&mut content, &path::read(path, &frame)?),
-            None => self.render_one(&mut content, &self.camera.camera(&frame, &default_camera)?),
+            Some(path) => {
+                let cameras = path::read(path, &frame)?;
+                content.warn_if_outside(&cameras, &frame);
+                self.render_path(&mut content, &cameras)
+            }
+            None => {
+                let camera = self.camera.camera(&frame, &default_camera)?;
+                content.warn_if_outside(&[camera], &frame);
+                self.render_one(&mut content, &camera)
+            }
         }
     }
 
@@ -133,7 +150,7 @@ impl Render {
                 }
             } else {
                 let cube = PackedCube::read(file)?;
-                world.get_or_insert((cube.info.frame, DefaultCamera::at(cube.info.centre)));
+                world.get_or_insert((cube.info.frame, DefaultCamera::of_cube(&cube.info)));
                 cubes.push(cube);
             }
         }
@@ -206,7 +223,7 @@ impl Render {
             return Err(UsageError("--depth and --coverage are for a single .ldi file".into()).into());
         }
         let rendered = content.render(camera, self.repeat)?;
-        save_png(&self.output, &rendered.image)?;
+        save_picture(&self.output, &rendered.image)?;
         if let Content::Cube { renderer, .. } = content {
             self.save_planes(renderer.frame())?;
         }
@@ -234,19 +251,18 @@ impl Render {
         }
         if let Some(path) = &self.coverage {
             let grey = |x: u32, y: u32| frame.coverage[y as usize * width as usize + x as usize].splat_share();
-            save_png(path, &RgbImage::from_fn(width, height, |x, y| image::Rgb([grey(x, y); 3])))?;
+            save_picture(path, &RgbImage::from_fn(width, height, |x, y| image::Rgb([grey(x, y); 3])))?;
         }
         Ok(())
     }
 
     fn render_path(&self, content: &mut Content, cameras: &[Camera]) -> anyhow::Result<()> {
         let folder = &self.output;
-        std::fs::create_dir_all(folder).with_context(|| format!("{} could not be made", folder.display()))?;
         let mut csv = String::from("pose,ms,depth_pixels_in,splatted,hole_pixels\n");
         let mut times = Vec::with_capacity(cameras.len());
         for (pose, camera) in cameras.iter().enumerate() {
             let rendered = content.render(camera, self.repeat)?;
-            save_png(&folder.join(format!("frame_{pose:04}.png")), &rendered.image)?;
+            save_picture(&folder.join(format!("frame_{pose:04}.png")), &rendered.image)?;
             let ms = rendered.ms_median();
             let Rendered { depth_pixels_in, splatted, hole_pixels, .. } = rendered;
             csv += &format!("{pose},{ms:.4},{depth_pixels_in},{splatted},{hole_pixels}\n");
@@ -279,6 +295,25 @@ impl Content {
         }
     }
 
+    /// Warns of eyes outside the headbox, from where nobody has looked.
+    fn warn_if_outside(&self, cameras: &[Camera], frame: &FileFrame) {
+        let Self::Cube { cube, .. } = self else { return };
+        let (centre, half_size_m) = (cube.info.centre, cube.info.half_size_m);
+        let outside = |camera: &&Camera| (camera.eye() - centre).abs().max_element() > half_size_m * (1.0 + 1e-9);
+        let count = cameras.iter().filter(outside).count();
+        if count == 0 {
+            return;
+        }
+        let which =
+            if cameras.len() == 1 { "the eye is".into() } else { format!("{count} of {} eyes are", cameras.len()) };
+        eprintln!(
+            "warning: {which} outside the headbox ({} and {} to each side along the axes, in the file's axes and unit). What \
+             is seen from there only is missing: expect holes, and surfaces where they are not",
+            frame.file_from_world(centre),
+            half_size_m / frame.unit_m
+        );
+    }
+
     /// What of it is chosen by `--variant`; of sprites and cubes the sprites'.
     fn variant(&self) -> &'static str {
         match self {
@@ -293,9 +328,10 @@ impl Content {
 
     fn summary(&self, rendered: &Rendered) -> String {
         match self {
-            Self::House(house) => format!("{}, {} depth pixels splatted", house.variant(), rendered.splatted),
+            Self::House(house) => format!("{}, {} splats", house.variant(), rendered.splatted),
             Self::Cube { cube, .. } => {
-                format!("{} of {} depth pixels splatted", rendered.splatted, cube.depth_pixel_count())
+                // One depth pixel may be splatted in several bands of rows.
+                format!("{} splats of {} depth pixels", rendered.splatted, cube.depth_pixel_count())
             }
             Self::Layers { layers, .. } => {
                 let (sprites, cubes) = (layers.sprites().sprites().len(), layers.cubes().len());

@@ -4,7 +4,7 @@ use super::UsageError;
 use super::args::{FrameArgs, Unit, parse_length, parse_up, parse_vector};
 use super::capture::place_headbox;
 use super::images::{SetArgs, is_image_set};
-use super::output::{print_notes, save_png, write_text};
+use super::output::{NO_INPUTS, Outputs, PAGE, save_picture, write_text};
 use super::progress::Bar;
 use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;
@@ -155,6 +155,7 @@ impl ReportCommand {
 
     fn measure_stability(&self) -> anyhow::Result<()> {
         let output = self.output_or("STABILITY.md");
+        Outputs::new(false, NO_INPUTS).file(output, &PAGE)?;
         // Before it is written over.
         let earlier = self.against.as_ref().map(|path| read_text(path)).transpose()?;
         let (page, all_hold) =
@@ -179,9 +180,10 @@ impl ReportCommand {
             }
         }
         let output = self.output_or("headbox-report");
-        make_folder(output)?;
+        let inputs = self.subjects.iter().map(|subject| Path::new(&subject.name));
+        let outputs = Outputs::new(false, inputs).folder(output)?;
         let cache = self.cache.clone().or_else(truths::default_folder).unwrap_or_else(|| output.join("truth"));
-        make_folder(&cache)?;
+        std::fs::create_dir_all(&cache).with_context(|| format!("{} could not be made", cache.display()))?;
         let mut report = Report {
             version: Report::VERSION,
             machine: Machine::here(),
@@ -202,7 +204,7 @@ impl ReportCommand {
             if report.scenes.iter().any(|facts| facts.scene == named.name) {
                 continue;
             }
-            let (subject, plan) = self.open(named)?;
+            let (subject, plan) = self.open(named, &outputs)?;
             let (facts, rows) = scene::run(&subject, &plan, Some(cache.clone()), &bar)?;
             report.scenes.push(facts);
             report.rows.extend(rows);
@@ -230,13 +232,13 @@ impl ReportCommand {
     fn measure_images(&self, folder: &Path) -> anyhow::Result<()> {
         let set = self.images.open(folder)?;
         let output = self.output_or("headbox-report");
-        make_folder(output)?;
+        Outputs::new(false, [folder]).folder(output)?;
         let bar = Bar::new();
         let mut failed = None;
         let mut save = |shown: Shown| {
             let [nearest, ldi] = &shown.frames;
             let path = output.join(format!("{}.png", shown.view.replace(['/', '.'], "_")));
-            failed = failed.take().or(save_png(&path, &side_by_side(&[&shown.photograph, nearest, ldi])).err());
+            failed = failed.take().or(save_picture(&path, &side_by_side(&[&shown.photograph, nearest, ldi])).err());
         };
         let report = images::measure(&set, &ImagesJob::suggest(&set), self.hold_out, &bar, &mut save)?;
         bar.finish();
@@ -251,15 +253,15 @@ impl ReportCommand {
     }
 
     fn write_page(&self, json: &Path) -> anyhow::Result<()> {
+        let output = self.output_or("results.md");
+        Outputs::new(false, std::iter::once(json).chain(self.walk.as_deref())).file(output, &PAGE)?;
         let report = read_report(json)?;
         let walk: Option<WalkReport> = match &self.walk {
             Some(path) => Some(serde_json::from_str(&read_text(path)?).with_context(|| not_ours(path))?),
             None => None,
         };
-        let output = self.output_or("results.md");
         write_text(output, &results::page(&report, walk.as_ref()))?;
         let folder = output.with_file_name("results");
-        make_folder(&folder)?;
         if let Some(walk) = &walk {
             write_text(&folder.join("along-path.svg"), &walk.chart().draw().to_svg())?;
         }
@@ -267,7 +269,7 @@ impl ReportCommand {
     }
 
     /// A scene or a file, ready to be measured, and the plan for it.
-    fn open(&self, named: &Named) -> anyhow::Result<(Subject, Plan)> {
+    fn open(&self, named: &Named, outputs: &Outputs) -> anyhow::Result<(Subject, Plan)> {
         let name = named.name.as_str();
         let path = Path::new(name);
         let kind = if path.is_file() { Container::peek_kind(path)? } else { None };
@@ -295,7 +297,7 @@ impl ReportCommand {
         };
         let scene = source.open().with_context(|| format!("the scene of {name} is needed for truth"))?;
         let scene = Arc::new(scene);
-        print_notes(&scene);
+        outputs.scene_is_open(&scene)?;
         let Headbox { mut centre, mut half_size_m } = place_headbox(&scene, named.center, named.half_size)?;
         let (mut bounces, mut lit, mut ahead) = (self.bounces, true, None);
         if let Some(cube) = &cube {
@@ -333,17 +335,13 @@ fn read_report(json: &Path) -> anyhow::Result<Report> {
     Ok(report)
 }
 
-fn make_folder(folder: &Path) -> anyhow::Result<()> {
-    std::fs::create_dir_all(folder).with_context(|| format!("{} could not be made", folder.display()))
-}
-
 /// Writes every chart as SVG, and as PNG too if asked.
 fn save_charts(report: &Report, folder: &Path, as_png: bool) -> anyhow::Result<()> {
     for figure in figures(report) {
         let drawing = figure.chart.draw();
         write_text(&folder.join(format!("{}.svg", figure.name)), &drawing.to_svg())?;
         if as_png && let Some(image) = drawing.to_image() {
-            save_png(&folder.join(format!("{}.png", figure.name)), &image)?;
+            save_picture(&folder.join(format!("{}.png", figure.name)), &image)?;
         }
     }
     Ok(())

@@ -1,7 +1,7 @@
 //! `headbox scenes`.
 
+use crate::capture::files::write_whole;
 use crate::capture::save::scene_files;
-use crate::files::write_atomically;
 use crate::scene_source::SceneSource;
 use anyhow::Context;
 use clap::Args;
@@ -40,7 +40,7 @@ fn export(name: &str, path: &Path) -> anyhow::Result<()> {
     let files = scene_files(&scene, path)?;
     // The named file last: where it is, all of it is there.
     for file in files.iter().rev() {
-        write_atomically(&file.path, |w| std::io::Write::write_all(w, &file.bytes))
+        write_whole(&file.path, |w| std::io::Write::write_all(w, &file.bytes))
             .with_context(|| format!("{} could not be written", file.path.display()))?;
     }
     println!("{}: {} triangles, {} files", path.display(), scene.triangles.len(), files.len());

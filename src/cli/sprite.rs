@@ -4,11 +4,11 @@ use super::UsageError;
 use super::args::{CameraArgs, DefaultCamera, FrameArgs, parse_length};
 use super::capture::place_headbox;
 use super::info::sprite_json;
-use super::output::{peak_rss_mb, print_json, print_notes, save_png, write_text};
+use super::output::{Outputs, SPRITES, peak_rss_mb, print_json, save_picture, write_text};
 use super::progress::Bar;
-use crate::capture::DepthKind;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
+use crate::capture::{DepthKind, picture};
 use crate::environment::Environment;
 use crate::measure::sprite_range::SpriteRange;
 use crate::scene_source::SceneSource;
@@ -30,7 +30,7 @@ pub(super) struct SpriteCommand {
     scene: Option<String>,
     #[command(flatten)]
     frame: FrameArgs,
-    /// File to write
+    /// The .sprite file to write; `-` for standard output
     #[arg(short, long)]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -122,7 +122,8 @@ impl SpriteCommand {
             return Err(UsageError("nothing to do: give -o FILE.sprite, --export DIR or --range DIR".into()).into());
         }
         let start = Instant::now();
-        let set = self.sprites()?;
+        let outputs = self.outputs()?;
+        let set = self.sprites(&outputs)?;
         let sprites: Vec<&SpriteWithDepth> = set.sprites().iter().map(|prepared| prepared.sprite()).collect();
         if let Some(output) = &self.output {
             set.write(output)?;
@@ -147,7 +148,17 @@ impl SpriteCommand {
         Ok(())
     }
 
-    fn sprites(&self) -> anyhow::Result<SpriteSet> {
+    fn outputs(&self) -> anyhow::Result<Outputs> {
+        let pictures = [&self.import.color, &self.import.depth].into_iter().flatten().map(PathBuf::as_path);
+        let inputs = pictures.chain(self.scene.as_ref().map(Path::new));
+        let mut outputs = Outputs::new(self.json, inputs).maybe_file(self.output.as_ref(), &SPRITES)?;
+        for folder in [&self.export, &self.range].into_iter().flatten() {
+            outputs = outputs.folder(folder)?;
+        }
+        Ok(outputs)
+    }
+
+    fn sprites(&self, outputs: &Outputs) -> anyhow::Result<SpriteSet> {
         match (&self.scene, &self.import.color) {
             (_, Some(color)) => self.import(color),
             (Some(file), None) if Path::new(file).extension().is_some_and(|e| e.eq_ignore_ascii_case("sprite")) => {
@@ -156,7 +167,7 @@ impl SpriteCommand {
                 }
                 Ok(SpriteSet::read(Path::new(file))?)
             }
-            (Some(scene), None) => self.capture(&self.frame.source(scene)),
+            (Some(scene), None) => self.capture(&self.frame.source(scene), outputs),
             (None, None) => {
                 let message =
                     "what shall the sprites show? give a scene (see `headbox scenes`), or --color and --depth";
@@ -165,12 +176,13 @@ impl SpriteCommand {
         }
     }
 
-    fn capture(&self, source: &SceneSource) -> anyhow::Result<SpriteSet> {
+    fn capture(&self, source: &SceneSource, outputs: &Outputs) -> anyhow::Result<SpriteSet> {
         let scene = Arc::new(source.open()?);
-        print_notes(&scene);
+        outputs.scene_is_open(&scene)?;
         let centre = place_headbox(&scene, None, None)?.centre;
-        let camera = self.camera.camera(&scene.frame, &DefaultCamera::at(centre))?;
-        let tracer = Tracer::new(Arc::clone(&scene), camera.eye());
+        let scout = Tracer::new(Arc::clone(&scene), centre);
+        let camera = self.camera.camera(&scene.frame, &DefaultCamera::of_scene(&scout, centre))?;
+        let tracer = if camera.eye() == centre { scout } else { Tracer::new(Arc::clone(&scene), camera.eye()) };
         let lighting = Lighting::measure(&tracer, self.quality.bounces);
         let bar = Bar::new();
         let capture = SlabCapture {
@@ -201,7 +213,7 @@ impl SpriteCommand {
         let (Some(depth_path), Some(kind)) = (&self.import.depth, self.import.depth_kind) else {
             return Err(UsageError("--color needs --depth and --depth-kind".into()).into());
         };
-        let color = image::open(color_path);
+        let color = picture::read(color_path, picture::MAX_BYTES);
         let color =
             color.with_context(|| format!("{} could not be read as an image", color_path.display()))?.to_rgba8();
         let depth = DepthPicture::read(depth_path, self.import.unit(depth_path, kind))?;
@@ -281,10 +293,9 @@ impl ImportArgs {
 
 /// Writes `range.csv` and `range.png`, and prints what they say.
 fn write_range(folder: &Path, name: &str, range: &SpriteRange) -> anyhow::Result<()> {
-    std::fs::create_dir_all(folder).with_context(|| format!("{} could not be made", folder.display()))?;
     write_text(&folder.join("range.csv"), &range.to_csv())?;
     let image = range.chart(name).draw().to_image().context("a chart without pixels")?;
-    save_png(&folder.join("range.png"), &image)?;
+    save_picture(&folder.join("range.png"), &image)?;
     range.sentences().iter().for_each(|sentence| println!("{sentence}"));
     println!("{}: range.csv and range.png", folder.display());
     Ok(())
@@ -292,7 +303,6 @@ fn write_range(folder: &Path, name: &str, range: &SpriteRange) -> anyhow::Result
 
 /// Writes `sprite_N.png`, `sprite_N.exr` and `sprites.json`.
 fn export(folder: &Path, sprites: &[&SpriteWithDepth], set: &SpriteSet) -> anyhow::Result<()> {
-    std::fs::create_dir_all(folder).with_context(|| format!("{} could not be made", folder.display()))?;
     for (number, sprite) in sprites.iter().enumerate() {
         let file = |extension: &str| folder.join(format!("sprite_{number}.{extension}"));
         sprite.export(&file("png"), &file("exr"))?;

@@ -2,7 +2,7 @@
 
 use super::args::{CameraArgs, DefaultCamera, SceneArgs};
 use super::capture::place_headbox;
-use super::output::{peak_rss_mb, print_json, print_notes, save_png};
+use super::output::{Outputs, PICTURE, peak_rss_mb, print_json, save_picture};
 use super::progress::Bar;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
@@ -17,7 +17,7 @@ use std::time::Instant;
 pub(super) struct Truth {
     #[command(flatten)]
     scene: SceneArgs,
-    /// PNG to write
+    /// Picture to write: .png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output (PNG)
     #[arg(short, long)]
     output: PathBuf,
     #[command(flatten)]
@@ -38,18 +38,21 @@ pub(super) struct Truth {
 
 impl Truth {
     pub(super) fn run(&self) -> anyhow::Result<()> {
-        let scene = Arc::new(self.scene.source().open()?);
-        print_notes(&scene);
+        let source = self.scene.source();
+        let outputs = Outputs::new(self.json, [&source.name]).file(&self.output, &PICTURE)?;
+        let scene = Arc::new(source.open()?);
+        outputs.scene_is_open(&scene)?;
         let centre = place_headbox(&scene, None, None)?.centre;
-        let camera = self.camera.camera(&scene.frame, &DefaultCamera::at(centre))?;
-        let tracer = Tracer::new(Arc::clone(&scene), camera.eye());
+        let scout = Tracer::new(Arc::clone(&scene), centre);
+        let camera = self.camera.camera(&scene.frame, &DefaultCamera::of_scene(&scout, centre))?;
+        let tracer = if camera.eye() == centre { scout } else { Tracer::new(Arc::clone(&scene), camera.eye()) };
         let lighting = Lighting::measure(&tracer, self.bounces);
         let bar = Bar::new();
         let start = Instant::now();
         let frame = truth::render(&tracer, &lighting, !self.unlit, &camera, self.samples, &bar);
         bar.finish();
         let seconds = start.elapsed().as_secs_f64();
-        save_png(&self.output, &frame.color)?;
+        save_picture(&self.output, &frame.color)?;
         let error_db = frame.standard_error_psnr_db;
         if self.json {
             print_json(&json!({

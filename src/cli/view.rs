@@ -1,9 +1,9 @@
 //! `headbox view`.
 
 use super::UsageError;
-use super::args::parse_size;
+use super::args::{FrameArgs, parse_size};
 use super::output::print_json;
-use crate::view::{SceneLibrary, open};
+use crate::view::{SceneLibrary, open, open_source};
 use clap::{Args, ValueEnum};
 use headbox_viewer::{Exit, ReplayMode, Stereo, ViewerOptions};
 use std::path::{Path, PathBuf};
@@ -14,6 +14,8 @@ pub(super) struct View {
     /// A .ldi, .sprite or .house file, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the
     /// start page if absent
     file: Option<String>,
+    #[command(flatten)]
+    frame: FrameArgs,
     /// Replay this path or camera file
     #[arg(long, value_name = "PATH.json")]
     path: Option<PathBuf>,
@@ -84,7 +86,7 @@ const FRAMES_BEFORE_PICTURE: u64 = 3;
 impl View {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let options = self.options()?;
-        let source = self.file.as_deref().map(|file| open(file, &self.out)).transpose()?;
+        let source = self.file.as_deref().map(|file| open_source(self.frame.source(file), &self.out)).transpose()?;
         let summary = headbox_viewer::run(source, options)?;
         if self.json {
             print_json(&serde_json::to_value(summary)?);

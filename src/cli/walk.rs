@@ -3,7 +3,7 @@
 use super::UsageError;
 use super::args::parse_size;
 use super::house_file::variant_by_name;
-use super::output::{print_json, save_png, write_text};
+use super::output::{Outputs, print_json, save_picture, write_text};
 use super::progress::Bar;
 use crate::drawing::sheet::{Sheet, SheetCell, SheetRow};
 use crate::measure::walk::{MeasureSettings, PosePictures, measure};
@@ -49,9 +49,9 @@ pub(super) struct Walk {
 impl Walk {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let variants = self.variants()?;
+        Outputs::new(self.json, [&self.file]).folder(&self.output)?;
         // What is captured on the way is needed again at the next pose.
         let (house, store, quality) = file::read(&self.file, u64::MAX)?;
-        std::fs::create_dir_all(&self.output)?;
         let path = WalkPath {
             poses: self.poses as usize,
             size: [self.size.0, self.size.1],
@@ -82,7 +82,7 @@ impl Walk {
         let drawing = report.chart().draw();
         write_text(&self.output.join("along_path.svg"), &drawing.to_svg())?;
         if let Some(image) = drawing.to_image() {
-            save_png(&self.output.join("along_path.png"), &image)?;
+            save_picture(&self.output.join("along_path.png"), &image)?;
         }
         let value = serde_json::to_value(&report)?;
         write_text(&self.output.join("walk.json"), &format!("{value:#}\n"))?;
@@ -112,5 +112,5 @@ fn save_sheet(folder: &Path, pictures: PosePictures) -> anyhow::Result<()> {
         columns: Vec::new(),
         rows: cells.chunks(4).map(row).collect(),
     };
-    save_png(&folder.join(format!("pose_{:03}.png", pictures.pose)), &sheet.compose()?)
+    save_picture(&folder.join(format!("pose_{:03}.png", pictures.pose)), &sheet.compose()?)
 }

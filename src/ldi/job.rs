@@ -5,6 +5,7 @@ use super::parameters::{CaptureParameters, CaptureSettings, Resources};
 use super::{CaptureInfo, CubeLdi, finish};
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
+use crate::capture::viewpoint;
 use crate::progress::Progress;
 use crate::scene_source::SceneSource;
 use glam::DVec3;
@@ -88,6 +89,7 @@ impl CaptureJob {
             exposure: lighting.exposure,
             parameters: self.parameters,
             blocked_share: build::blocked_share(tracer, self.half_size_m),
+            ahead: Some(viewpoint::suggest_view(tracer, self.centre)),
             ..CaptureInfo::default()
         }
     }

@@ -120,6 +120,10 @@ pub struct CaptureInfo {
     pub rays_traced: u64,
     /// Share of the headbox that its centre does not see because geometry is in the way.
     pub blocked_share: f64,
+    /// Where to look by default: the horizontal direction with the most to see, world axes; `None` in files made before it
+    /// was kept.
+    #[serde(default)]
+    pub ahead: Option<DVec3>,
     /// Per face of the ray domain: the estimated probability that one more ray would find a depth pixel that is not in
     /// the LDI (Good 1953: share of samples seen once); `None` where rays were not random.
     pub missing_estimate: [Option<f64>; 6],

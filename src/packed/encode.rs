@@ -66,6 +66,7 @@ impl PackedCube {
             layout,
             segments,
             environment: ldi.environment.clone(),
+            sheets: Default::default(),
         })
     }
 }

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// A cube LDI file.
-pub const CUBE_LDI: Kind = Kind { tag: *b"cldi", name: "cube LDI", version: 1 };
+pub const CUBE_LDI: Kind = Kind::CUBE_LDI;
 
 /// What a cube LDI is but for its arrays.
 #[derive(Serialize, Deserialize)]
@@ -128,7 +128,7 @@ impl PackedCube {
         section: &Section,
     ) -> Result<Self, FileError> {
         let Header { info, face_size_px, layout, .. } = header;
-        let mut cube = Self { info, face_size_px, layout, segments, environment };
+        let mut cube = Self { info, face_size_px, layout, segments, environment, sheets: Default::default() };
         cube.validate().map_err(|error| section.damaged("a consistent cube LDI", error.to_string()))?;
         cube.segments.iter_mut().for_each(|segment| segment.blocks = BlockIndex::of(segment));
         Ok(cube)

@@ -6,6 +6,7 @@ pub mod encode;
 pub mod exact;
 pub mod file;
 pub mod layout;
+pub mod sheets;
 pub mod splat_index;
 pub mod validate;
 

@@ -33,10 +33,12 @@ mod epipolar;
 mod finish;
 mod format;
 mod fragments;
+mod in_view;
 #[cfg(feature = "viewer")] // whose overlays alone ask for it
 pub(crate) mod inspect;
 mod kernel;
 pub(crate) mod linear;
+mod look_up;
 pub mod oracle;
 pub(crate) mod order;
 pub(crate) mod over;
@@ -48,6 +50,7 @@ mod tent;
 pub(crate) mod touched;
 pub(crate) mod transfer;
 pub(crate) mod traverse;
+mod visibility;
 
 pub use count::ClipCounts;
 pub(crate) use epipolar::Spans;
@@ -67,6 +70,7 @@ use clip::Band;
 use fearless_simd::Level;
 use finish::{Pixels, depth_pieces};
 use fragments::Fragments;
+use in_view::InView;
 use order::{EyeInFace, LayerOrder};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -112,6 +116,8 @@ pub struct FrameStats {
     pub behind_or_outside: u64,
     /// Of these, drawn.
     pub splatted: u64,
+    /// Depth pixels that were left out because others hide them, once for each band; only where visibility comes first.
+    pub hidden: u64,
     /// Drawn with footprints of about 1, 3, 5, and 7 or more pixels.
     pub by_footprint: [u64; 4],
     /// Pixels of which nothing is known.
@@ -141,6 +147,7 @@ impl FrameStats {
         self.depth_pixels_in += other.depth_pixels_in;
         self.behind_or_outside += other.behind_or_outside;
         self.splatted += other.splatted;
+        self.hidden += other.hidden;
         self.by_footprint.iter_mut().zip(other.by_footprint).for_each(|(sum, count)| *sum += count);
         self.hole_pixels += other.hole_pixels;
         self.clear_ms += other.clear_ms;
@@ -196,6 +203,7 @@ pub(crate) struct FramePlan {
     tangent_table: TangentTable,
     tolerance: f32,
     bin: f32,
+    in_view: InView,
 }
 
 /// What is drawn.
@@ -271,6 +279,7 @@ impl Renderer {
         self.plan.prepare(cube, camera, settings, &self.order);
         let prepared_ms = started.elapsed().as_secs_f64() * 1e3;
         self.stats = match settings.parallel {
+            _ if settings.kernel == SplatKernel::Surface => self.draw_bands(source, camera, settings.band_rows),
             Parallel::Bands => self.draw_bands(source, camera, settings.band_rows),
             Parallel::Fragments(count) => self.fragments.draw(&self.plan, source, camera, count, &mut self.frame),
         };
@@ -350,6 +359,7 @@ impl FramePlan {
             tangent_table: TangentTable::default(),
             tolerance: 0.0,
             bin: 0.0,
+            in_view: InView::default(),
         }
     }
 
@@ -370,6 +380,7 @@ impl FramePlan {
         match settings.kernel {
             SplatKernel::Tent => self.tangent_table.refill(cube.layout, face_px, 1.0, TENT_MIN_RADIUS_PX),
             SplatKernel::Ellipse => self.tangent_table.refill(cube.layout, face_px, EllipseSize::SCALE, 0.0),
+            SplatKernel::Surface => self.in_view.prepare(cube, camera, settings.unclipped),
             SplatKernel::Point | SplatKernel::Plus | SplatKernel::Square2 | SplatKernel::Square3 => {}
             // A rectangle is as wide as the spacing; 15 % more closes the cracks that quantised normals open.
             SplatKernel::Opaque => self.tangent_table.refill(cube.layout, face_px, 0.575, 0.5),

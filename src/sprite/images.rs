@@ -1,10 +1,11 @@
 //! Depth pictures in files, and sprites back to pictures: PNG for colour, EXR for depth.
 
 use super::SpriteWithDepth;
+use crate::capture::files::write_whole;
 use crate::capture::images::DepthPicture;
-use crate::files::write_atomically;
+use crate::capture::picture;
 use exr::prelude::{Image, SpecificChannels, WritableImage};
-use std::io;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// Why a picture could not be read or written.
@@ -41,7 +42,7 @@ pub fn write_depth_exr(depth: &DepthPicture, path: &Path) -> Result<(), ImageFil
     let image = Image::from_channels((width, depth.height as usize), channels);
     let write =
         |writer: &mut io::BufWriter<&std::fs::File>| image.write().to_buffered(writer).map_err(io::Error::other);
-    write_atomically(path, write).map_err(|source| ImageFileError::Io { path: path.into(), source })
+    write_whole(path, write).map_err(|source| ImageFileError::Io { path: path.into(), source })
 }
 
 impl SpriteWithDepth {
@@ -58,10 +59,12 @@ impl SpriteWithDepth {
     /// # Errors
     /// [`ImageFileError::Io`].
     pub fn export(&self, color_png: &Path, depth_exr: &Path) -> Result<(), ImageFileError> {
-        let write = |writer: &mut io::BufWriter<&std::fs::File>| {
-            self.sprite().color().write_to(writer, image::ImageFormat::Png).map_err(io::Error::other)
-        };
-        write_atomically(color_png, write).map_err(|source| ImageFileError::Io { path: color_png.into(), source })?;
+        let color = self.sprite().color();
+        let png = picture::png(color.as_raw(), color.width(), color.height(), image::ExtendedColorType::Rgba8);
+        let write = |bytes: Vec<u8>| write_whole(color_png, |writer| writer.write_all(&bytes));
+        png.map_err(io::Error::other)
+            .and_then(write)
+            .map_err(|source| ImageFileError::Io { path: color_png.into(), source })?;
         write_depth_exr(&self.depth_picture(), depth_exr)
     }
 }

@@ -19,7 +19,7 @@ use crate::render::{FrameStats, RenderSettings, Renderer};
 use crate::scene_source::SceneSource;
 use glam::DVec3;
 use headbox_viewer::{
-    EyeBounds, Figure, FrameReport, FrameRequest, FrameSource, Pose, Refinement, Setting, SettingValues, Stage,
+    EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Pose, Refinement, Setting, SettingValues, Stage,
 };
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -181,7 +181,8 @@ impl FrameSource for CubeSource {
 
     fn start_pose(&self) -> Pose {
         let centre = self.cube.info.centre;
-        Pose::looking_at(centre, centre + richest_side(&self.cube), 60.0)
+        let ahead = self.cube.info.ahead.unwrap_or_else(|| richest_side(&self.cube));
+        Pose::looking_at(centre, centre + ahead, 60.0)
     }
 
     fn bounds(&self) -> Option<EyeBounds> {
@@ -265,7 +266,13 @@ impl FrameSource for CubeSource {
                 refinement = Refinement::Later(LOOK_AGAIN);
             }
         }
-        Ok(FrameReport { stages, figures, facts: vec![super::simd_fact()], refinement, legend: overlay.legend() })
+        Ok(FrameReport {
+            stages,
+            figures,
+            facts: vec![super::simd_fact(), axes_fact(&cube)],
+            refinement,
+            legend: overlay.legend(),
+        })
     }
 
     fn act(&mut self, action: &str) -> Result<String, String> {
@@ -279,6 +286,12 @@ impl FrameSource for CubeSource {
             _ => Err(format!("\"{action}\" is not something that this view can do.")),
         }
     }
+}
+
+/// What was taken for the file's axes and unit.
+fn axes_fact(cube: &PackedCube) -> Fact {
+    let frame = cube.info.frame;
+    Fact { name: "in the file", text: format!("{} is up, 1 is {} m (view --up, --unit)", frame.up, frame.unit_m) }
 }
 
 fn stages(stats: &FrameStats) -> Vec<Stage> {

@@ -6,7 +6,7 @@ use super::sprite::SpriteSource;
 use crate::capture::Camera;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
-use crate::capture::viewpoint::place_headbox;
+use crate::capture::viewpoint::{place_headbox, suggest_view};
 use crate::container::FileError;
 use crate::packed::PackedCube;
 use crate::portal::file::HouseFileError;
@@ -14,7 +14,7 @@ use crate::progress::Silent;
 use crate::scene_source::SceneSource;
 use crate::sprite::SpriteSet;
 use crate::{scenes, truth};
-use glam::{DVec3, dvec3};
+use glam::DVec3;
 use headbox_viewer::{Entry, FrameSource, Library, Thumbnail};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -60,25 +60,34 @@ const HOUSE: &str = "builtin:house";
 /// # Errors
 /// See [`OpenError`].
 pub fn open(name: &str, output_dir: &Path) -> Result<Box<dyn FrameSource>, OpenError> {
+    open_source(SceneSource::new(name), output_dir)
+}
+
+/// As [`open`], where axes and unit of a scene's file may be said.
+///
+/// # Errors
+/// See [`OpenError`].
+pub fn open_source(source: SceneSource, output_dir: &Path) -> Result<Box<dyn FrameSource>, OpenError> {
+    let name = source.name.as_str();
     let path = Path::new(name);
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     let source: Box<dyn FrameSource> = match extension.as_deref() {
         _ if name == HOUSE => Box::new(HouseSource::builtin().map_err(OpenError::Scene)?),
-        _ if name.starts_with("builtin:") => Box::new(capture(name, output_dir)?),
+        _ if name.starts_with("builtin:") => Box::new(capture(source, output_dir)?),
         Some("ldi") => Box::new(CubeSource::from_file(PackedCube::read(path)?, path)),
         Some("sprite") => {
             let source = SpriteSource::new(SpriteSet::read(path)?, path);
             Box::new(source.ok_or_else(|| OpenError::NoSprites { path: path.into() })?)
         }
         Some("house") => Box::new(HouseSource::read(path)?),
-        Some(extension) if SCENES.contains(&extension) => Box::new(capture(name, output_dir)?),
-        _ => return Err(OpenError::Kind { name: name.into() }),
+        Some(extension) if SCENES.contains(&extension) => Box::new(capture(source, output_dir)?),
+        _ => return Err(OpenError::Kind { name: name.to_owned() }),
     };
     Ok(source)
 }
 
-fn capture(name: &str, output_dir: &Path) -> Result<CubeSource, OpenError> {
-    CubeSource::capture(SceneSource::new(name), output_dir).map_err(OpenError::Scene)
+fn capture(source: SceneSource, output_dir: &Path) -> Result<CubeSource, OpenError> {
+    CubeSource::capture(source, output_dir).map_err(OpenError::Scene)
 }
 
 /// The built-in scenes, and every kind of file.
@@ -118,7 +127,7 @@ impl Library for SceneLibrary {
         let tracer = Tracer::new(scene, eye);
         let lighting = Lighting::measure(&tracer, 1);
         let (width, height) = Self::THUMBNAIL_PX;
-        let camera = Camera::look_at(eye, eye + fullest_direction(&tracer), DVec3::Y, 60.0, [width, height]).ok()?;
+        let camera = Camera::look_at(eye, eye + suggest_view(&tracer, eye), DVec3::Y, 60.0, [width, height]).ok()?;
         let frame = truth::render(&tracer, &lighting, true, &camera, Self::THUMBNAIL_SAMPLES, &Silent);
         let pixels = frame.color.pixels().map(|&image::Rgb([r, g, b])| [r, g, b, 255]).collect();
         Some(Thumbnail { width, height, pixels })
@@ -136,24 +145,6 @@ impl Library for SceneLibrary {
         let name = path.to_str().ok_or_else(|| format!("{}: the name is not valid Unicode.", path.display()))?;
         open(name, &self.output_dir).map_err(|error| error.to_string())
     }
-}
-
-/// The level direction in which a small image sees the most surface; ahead (-Z) among equals.
-fn fullest_direction(tracer: &Tracer) -> DVec3 {
-    const SIDE: u32 = 16;
-    let surface = |ahead: DVec3| -> u32 {
-        let eye = tracer.origin();
-        let Ok(camera) = Camera::look_at(eye, eye + ahead, DVec3::Y, 60.0, [SIDE, SIDE]) else { return 0 };
-        let hits = |i: u32| {
-            let direction = camera.direction(f64::from(i % SIDE) + 0.5, f64::from(i / SIDE) + 0.5).as_vec3();
-            let origin = glam::Vec3::ZERO;
-            let ray = crate::capture::trace::Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
-            u32::from(tracer.closest(&ray).is_some())
-        };
-        (0..SIDE * SIDE).map(hits).sum()
-    };
-    let sides = [DVec3::X, DVec3::Z, dvec3(-1.0, 0.0, 0.0), DVec3::NEG_Z];
-    sides.into_iter().max_by_key(|&side| surface(side)).unwrap_or(DVec3::NEG_Z)
 }
 
 #[cfg(test)]

@@ -78,6 +78,7 @@ impl Variation {
             layout: cube.layout,
             segments,
             environment: cube.environment.clone(),
+            sheets: Default::default(),
         }
     }
 }

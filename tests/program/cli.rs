@@ -68,6 +68,66 @@ fn wrong_usage_is_exit_2_and_says_what_is_allowed() {
 }
 
 #[test]
+fn outputs_are_refused_before_any_work_and_harm_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    capture(dir.path(), &["-o", "a.ldi"]);
+    let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+    write("one.obj", "mtllib one.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n");
+    write("one.mtl", "newmtl a\nmap_Kd one.png\n");
+    let picture = image::RgbImage::from_pixel(2, 2, image::Rgb([9, 8, 7]));
+    picture.save(dir.path().join("one.png")).unwrap();
+    let before = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
+    let all = || ["a.ldi", "one.obj", "one.mtl", "one.png"].map(before);
+    let untouched = all();
+    let refused = |code: i32, arguments: &[&str], expected: &str| {
+        let message = fails(dir.path(), code, arguments);
+        assert!(message.contains(expected), "{arguments:?}: {message}");
+        assert!(all() == untouched, "{arguments:?} harmed a file");
+    };
+    refused(2, &["render", "a.ldi", "-o", "a.ldi"], "input of this command");
+    refused(2, &["render", "a.ldi", "-o", "x.gif"], ".png, .jpg");
+    refused(2, &["render", "a.ldi", "-o", "-", "--json"], "leave one out");
+    refused(2, &["render", "a.ldi", "-o", "x.png", "--coverage", "x.png"], "two outputs");
+    refused(2, &["capture", "one.obj", "-o", "one.obj"], "input of this command");
+    refused(2, &["capture", "one.obj", "-o", "x.shard"], ".ldi");
+    refused(2, &["truth", "one.obj", "-o", "one.png", "--samples", "1"], "input of this command");
+    refused(2, &["compare", "one.png", "one.png", "--map", "one.png"], "input of this command");
+    refused(2, &["sprite", "one.obj", "-o", "one.obj"], "input of this command");
+    refused(1, &["render", "a.ldi", "-o", "one.obj/x.png"], "one.obj/x.png");
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 4);
+    for name in ["new/x.jpg", "x.webp", "x.TIF"] {
+        succeeds(dir.path(), &["render", "a.ldi", "-o", name, "--size", "16x12"]);
+        let found = image::ImageReader::open(dir.path().join(name)).unwrap().with_guessed_format().unwrap();
+        assert_eq!(found.format(), image::ImageFormat::from_path(name).ok(), "{name}");
+    }
+    let output = headbox(dir.path(), &["render", "a.ldi", "-o", "-", "--size", "16x12"]);
+    assert!(output.stdout.starts_with(b"\x89PNG") && image::load_from_memory(&output.stdout).is_ok());
+    assert!(String::from_utf8(output.stderr).unwrap().contains(" ms"), "the words go to standard error");
+}
+
+#[test]
+fn nonsense_is_an_error_or_a_warning_that_says_what_will_be_seen() {
+    let dir = tempfile::tempdir().unwrap();
+    capture(dir.path(), &["-o", "a.ldi"]);
+    let warns = |more: &[&str], expected: &str| {
+        let output =
+            headbox(dir.path(), &[["render", "a.ldi", "-o", "x.png", "--size", "16x12"].as_slice(), more].concat());
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success() && said.contains(expected), "{more:?}: {said}");
+    };
+    warns(&["--eye", "0,0,90"], "outside the headbox");
+    warns(&["--eye", "0,0,0", "--look-at", "0,-1,0"], "along the up vector");
+    warns(&["--eye", "0,0,0", "--up-vector", "0,0,1"], "along the up vector");
+    let message = fails(dir.path(), 2, &[CAPTURE.as_slice(), &["-o", "x.ldi", "--center", "1e30,0,0"]].concat());
+    assert!(message.contains("so far from the scene"), "{message}");
+    let mut longer = std::fs::read(dir.path().join("a.ldi")).unwrap();
+    longer.extend(b"junk");
+    std::fs::write(dir.path().join("long.ldi"), longer).unwrap();
+    let message = fails(dir.path(), 1, &["info", "long.ldi"]);
+    assert!(message.contains("4 bytes more"), "{message}");
+}
+
+#[test]
 fn missing_and_wrong_files_are_exit_1_and_named() {
     let dir = tempfile::tempdir().unwrap();
     let write = |name: &str, bytes: &[u8]| std::fs::write(dir.path().join(name), bytes).unwrap();

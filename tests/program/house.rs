@@ -147,9 +147,9 @@ fn mistakes_are_named() {
         assert!(said.contains(expected), "{arguments:?}: {said}");
     };
     says(2, &["builtin:castle"], "there is builtin:house");
-    says(2, &["builtin:house", "--plan", "plan.jpg"], "a plan is a .png or a .svg");
-    says(1, &["nowhere.toml"], "cannot read nowhere.toml");
-    says(1, &["plan.obj"], "unknown kind of portal model");
+    says(2, &["builtin:house", "--plan", "plan.jpg"], "the ending of a plan is one of .png, .svg");
+    says(1, &["nowhere.toml"], "nowhere.toml: there is no such file");
+    says(1, &["plan.obj"], "not a kind of home that is read");
     says(1, &["Home.xml"], "Home.xml: ");
 }
 

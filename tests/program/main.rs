@@ -4,3 +4,4 @@ mod cli;
 mod house;
 mod portal_cli;
 mod sprite_cli;
+mod words;

@@ -1,10 +1,8 @@
 //! Files that the window writes: frames as PNG, cameras and paths as JSON. Each is complete or not there.
 
-use std::{
-    fs::File,
-    io::{self, BufWriter, Write},
-    path::{Path, PathBuf},
-};
+use headbox_capture::files;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 
 /// Writes `pixels` (sRGB, 8 bits per channel, straight alpha, row 0 on top) as a PNG file.
 ///
@@ -14,7 +12,7 @@ pub(crate) fn write_png(path: &Path, width: usize, pixels: &[[u8; 4]]) -> io::Re
     let height = pixels.len().checked_div(width).unwrap_or(0);
     let too_large = |_| io::Error::new(io::ErrorKind::InvalidInput, "the image is too large for a PNG file");
     let (w, h) = (u32::try_from(width).map_err(too_large)?, u32::try_from(height).map_err(too_large)?);
-    write_whole(path, |file| {
+    files::write_whole(path, |file| {
         let encoder = image::codecs::png::PngEncoder::new(file);
         let kind = image::ExtendedColorType::Rgba8;
         image::ImageEncoder::write_image(encoder, bytemuck::cast_slice(pixels), w, h, kind).map_err(io::Error::other)
@@ -26,28 +24,9 @@ pub(crate) fn write_png(path: &Path, width: usize, pixels: &[[u8; 4]]) -> io::Re
 /// # Errors
 /// What the system said.
 pub(crate) fn write_json(path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
-    write_whole(path, |file| {
+    files::write_whole(path, |file| {
         serde_json::to_writer_pretty(&mut *file, value)?;
         file.write_all(b"\n")
-    })
-}
-
-/// Writes a file under a temporary name and renames it, so that no reader ever sees half of it.
-fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
-    if let Some(dir) = path.parent() {
-        std::fs::create_dir_all(dir)?;
-    }
-    let mut partial = path.as_os_str().to_owned();
-    partial.push(".partial");
-    let partial = PathBuf::from(partial);
-    let written = File::create(&partial).and_then(|file| {
-        let mut file = BufWriter::new(file);
-        write(&mut file)?;
-        file.flush()
-    });
-    written.and_then(|()| std::fs::rename(&partial, path)).inspect_err(|_| {
-        // The first error is the one to report; a leftover that cannot be removed adds nothing to it.
-        let _ = std::fs::remove_file(&partial);
     })
 }
 
@@ -76,10 +55,8 @@ mod tests {
     #[test]
     fn a_failed_write_leaves_nothing() {
         let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("x.bin");
-        assert!(write_whole(&path, |_| Err(io::Error::other("disk on fire"))).is_err());
+        assert!(write_png(&dir.path().join("x.png"), 0, &[]).is_err(), "an image without pixels");
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
-        assert!(write_png(&path, 0, &[]).is_err(), "an image without pixels");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use super::LoadError;
 use super::notes::{Note, Notes};
+use super::orientation::Hints;
 use crate::material::{Material, Texture};
 use crate::scene::{FileFrame, Scene, Sky, Sun, Triangle};
 use glam::{DVec3, Vec2, Vec3};
@@ -32,6 +33,7 @@ pub(super) struct Builder {
     pub(super) notes: Notes,
     scene: Scene,
     groups: Vec<Group>,
+    hints: Option<Hints>,
 }
 
 /// A scene and the groups that its file divides it into.
@@ -55,6 +57,12 @@ pub struct Group {
 impl Builder {
     pub(super) fn new(frame: FileFrame, notes: Notes) -> Self {
         Self { frame, notes, ..Self::default() }
+    }
+
+    /// For a file that does not say how it is oriented: what is pushed stays in its axes and unit until [`Self::finish`]
+    /// has seen all of it.
+    pub(super) fn to_be_oriented(hints: Hints, notes: Notes) -> Self {
+        Self { hints: Some(hints), ..Self::new(FileFrame::default(), notes) }
     }
 
     /// The triangles to come belong to a group of this name.
@@ -109,6 +117,16 @@ impl Builder {
         }
     }
 
+    /// Brings what was pushed in the file's axes and unit to the world's.
+    fn orient(&mut self) {
+        let Some(hints) = self.hints.take() else { return };
+        let (frame, told) = hints.frame(&self.scene);
+        self.frame = frame;
+        self.notes.told.extend(told);
+        self.scene.positions.iter_mut().for_each(|p| *p = frame.world_from_file(*p));
+        self.scene.normals.iter_mut().for_each(|n| *n = frame.world_direction_from_file(n.as_dvec3()).as_vec3());
+    }
+
     /// The finished scene, under the default sun and sky. `path` is the file for messages; its stem names the scene.
     ///
     /// # Errors
@@ -120,12 +138,14 @@ impl Builder {
         textures: Vec<Texture>,
     ) -> Result<GroupedScene, LoadError> {
         self.end_group();
+        self.scene.materials = materials;
+        self.orient();
         self.groups.retain(|group| !group.triangles.is_empty());
         self.notes.add(Note::Duplicate, duplicate_count(&self.scene));
+        self.notes.add_file(path);
         discard_unused_vertices(&mut self.scene);
         let mut scene = Scene {
             name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
-            materials,
             textures,
             sun: Some(Sun::default()),
             sky: Some(Sky::default()),

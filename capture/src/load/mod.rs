@@ -12,6 +12,7 @@ mod mtl;
 mod notes;
 mod obj;
 mod obj_lines;
+mod orientation;
 mod polygon;
 mod textures;
 
@@ -24,10 +25,10 @@ use std::path::{Path, PathBuf};
 /// What the user says about a file, where the file does not say it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct LoadOptions {
-    /// The axis that points up; `None` is the format's own (glTF) or usual (OBJ) one: Y.
+    /// The axis that points up; `None` is Y in a glTF, as its format rules, and guessed from evidence in an OBJ.
     #[serde(rename = "z_up")]
     pub up: Option<UpAxis>,
-    /// Metres per unit of the file; `None` is 1.
+    /// Metres per unit of the file; `None` is 1 in a glTF, and guessed in an OBJ.
     pub unit_m: Option<f64>,
 }
 
@@ -41,7 +42,7 @@ impl From<FileFrame> for LoadOptions {
 #[derive(Debug, thiserror::Error)]
 pub enum LoadError {
     /// The file cannot be opened or read.
-    #[error("cannot read {}: {cause}", path.display())]
+    #[error("{}: {cause}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
@@ -49,13 +50,13 @@ pub enum LoadError {
         cause: std::io::Error,
     },
     /// The file's ending is not one of those that are read.
-    #[error("{}: unknown kind of scene file; expected .obj, .gltf or .glb", path.display())]
+    #[error("{}: not a kind of scene that is read; give an .obj, .gltf or .glb file, or builtin:NAME (see headbox scenes)", path.display())]
     UnknownFormat {
         /// The file.
         path: PathBuf,
     },
     /// The file's ending is not one of the portal models that are read.
-    #[error("{}: unknown kind of portal model; expected .toml, Home.xml or .sh3d", path.display())]
+    #[error("{}: not a kind of home that is read; give a .toml, Home.xml or .sh3d file, or builtin:house", path.display())]
     UnknownModel {
         /// The file.
         path: PathBuf,
@@ -117,16 +118,15 @@ pub fn load_grouped(path: &Path, options: &LoadOptions) -> Result<GroupedScene, 
 }
 
 fn load_file(path: &Path, options: &LoadOptions, groups: bool) -> Result<GroupedScene, LoadError> {
-    let frame = FileFrame { up: options.up.unwrap_or_default(), unit_m: options.unit_m.unwrap_or(1.0) };
-    if !(frame.unit_m.is_finite() && frame.unit_m > 0.0) {
-        return Err(LoadError::Unit { path: path.to_path_buf(), unit_m: frame.unit_m });
+    if let Some(unit_m) = options.unit_m.filter(|unit_m| !(unit_m.is_finite() && *unit_m > 0.0)) {
+        return Err(LoadError::Unit { path: path.to_path_buf(), unit_m });
     }
     let loader = match extension_of(path).as_str() {
         "obj" => obj::load,
         "gltf" | "glb" => gltf::load,
         _ => return Err(LoadError::UnknownFormat { path: path.to_path_buf() }),
     };
-    loader(path, &read(path)?, frame, groups)
+    loader(path, &read(path)?, options, groups)
 }
 
 /// The ending of a path in lower case; empty if it has none.

@@ -2,6 +2,7 @@
 
 use crate::scene::LoadSummary;
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 
 /// A kind of defect, or of deliberate choice, that the summary tells the user about. The order is that of the summary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -89,6 +90,9 @@ struct Entry {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Notes {
     entries: BTreeMap<Note, Entry>,
+    files: BTreeSet<PathBuf>,
+    /// Sentences of their own, which come first.
+    pub(super) told: Vec<String>,
 }
 
 impl Notes {
@@ -108,8 +112,14 @@ impl Notes {
         entry.count += usize::from(entry.names.insert(name.into()));
     }
 
+    /// Remembers a file that is read.
+    pub(super) fn add_file(&mut self, path: &Path) {
+        self.files.insert(path.to_path_buf());
+    }
+
     /// Takes in the counts and names of another.
     pub(super) fn merge(&mut self, other: Self) {
+        self.files.extend(other.files);
         for (note, entry) in other.entries {
             let own = self.entries.entry(note).or_default();
             own.count += entry.count;
@@ -119,7 +129,13 @@ impl Notes {
 
     /// The readable summary.
     pub(super) fn summary(&self) -> LoadSummary {
-        LoadSummary { notes: self.entries.iter().map(|(note, entry)| note.sentence(entry)).collect() }
+        LoadSummary {
+            notes: {
+                let counted = self.entries.iter().map(|(note, entry)| note.sentence(entry));
+                self.told.iter().cloned().chain(counted).collect()
+            },
+            files: self.files.iter().cloned().collect(),
+        }
     }
 }
 

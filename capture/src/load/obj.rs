@@ -13,9 +13,10 @@ use super::lines::decode;
 use super::mtl::{self, Map, MtlMaterial};
 use super::notes::{Note, Notes};
 use super::obj_lines::{MendedObj, Survey};
+use super::orientation::Hints;
 use super::polygon::triangulate;
 use super::textures::{DecodedTextures, Handle, Role, TextureSet, find_file};
-use super::{LoadError, folder_of};
+use super::{LoadError, LoadOptions, folder_of};
 use crate::material::{Cutout, Material, linear_from_srgb};
 use crate::scene::FileFrame;
 use glam::{Affine2, DVec3, Vec2, Vec3};
@@ -24,12 +25,13 @@ use std::path::Path;
 /// Alpha below this is a hole; OBJ has no statement for it.
 const CUTOUT_THRESHOLD: f32 = 0.5;
 
-pub(super) fn load(path: &Path, bytes: &[u8], frame: FileFrame, groups: bool) -> Result<GroupedScene, LoadError> {
+pub(super) fn load(path: &Path, bytes: &[u8], options: &LoadOptions, groups: bool) -> Result<GroupedScene, LoadError> {
     let text = decode(bytes);
+    let hints = Hints::of(&text, options);
     let survey = Survey::of(&text);
     let mut notes = Notes::default();
     let mtl_materials = read_libraries(&survey, folder_of(path), &mut notes);
-    build(path, &text, &survey, mtl_materials, notes, frame, groups)
+    build(path, &text, &survey, mtl_materials, Builder::to_be_oriented(hints, notes), groups)
 }
 
 /// As [`load`], from a text and materials at hand; `path` is for messages.
@@ -39,7 +41,7 @@ pub(super) fn load_text(
     materials: Vec<MtlMaterial>,
     frame: FileFrame,
 ) -> Result<GroupedScene, LoadError> {
-    build(path, text, &Survey::of(text), materials, Notes::default(), frame, true)
+    build(path, text, &Survey::of(text), materials, Builder::new(frame, Notes::default()), true)
 }
 
 fn build(
@@ -47,17 +49,16 @@ fn build(
     text: &str,
     survey: &Survey,
     mtl_materials: Vec<MtlMaterial>,
-    mut notes: Notes,
-    frame: FileFrame,
+    mut builder: Builder,
     groups: bool,
 ) -> Result<GroupedScene, LoadError> {
     let (models, mended_notes) = parse(path, text, survey, &mtl_materials, groups)?;
+    let notes = &mut builder.notes;
     notes.merge(mended_notes);
     let undefined = survey.used_materials.iter().filter(|&name| mtl_materials.iter().all(|m| m.name != *name));
     undefined.for_each(|name| notes.add_named(Note::MaterialUndefined, name));
 
-    let surfaces = ObjMaterials::new(&mtl_materials, &models, folder_of(path), &mut notes);
-    let mut builder = Builder::new(frame, notes);
+    let surfaces = ObjMaterials::new(&mtl_materials, &models, folder_of(path), notes);
     for model in &models {
         if groups {
             builder.begin_group(&model.name);
@@ -92,7 +93,9 @@ fn parse(
         Err(cause) => {
             let (line, text) = mended.last_line();
             let shown: String = text.chars().take(80).collect();
-            Err(LoadError::Line { path: path.to_path_buf(), line, cause: format!("{cause}: `{shown}`") })
+            let cause = cause.to_string();
+            let cause = format!("`{shown}` does not parse ({})", cause.trim_end_matches(" error"));
+            Err(LoadError::Line { path: path.to_path_buf(), line, cause })
         }
     }
 }
@@ -113,6 +116,7 @@ fn read_libraries(survey: &Survey, folder: &Path, notes: &mut Notes) -> Vec<MtlM
             });
             match read {
                 Ok((path, bytes)) => {
+                    notes.add_file(&path);
                     mtl::parse(&decode(&bytes), name, folder_of(&path).to_path_buf(), &mut materials, notes);
                 }
                 Err(cause) => notes.add_named(Note::MaterialFileUnreadable, format!("{name} ({cause})")),

@@ -330,7 +330,7 @@ fn files_that_are_no_homes_say_so() {
     assert!(error_of(&alone, "Home.xml").contains("there is no OBJ beside it; in Sweet Home 3D, choose"));
     let two = folder(&[("Home.xml", &home_xml(ROOMS, DOOR)), ("a.obj", &obj), ("b.obj", &obj)]);
     assert!(error_of(&two, "Home.xml").contains("2 OBJ files lie beside it"));
-    assert!(error_of(&two, "a.obj").contains("unknown kind of portal model"));
+    assert!(error_of(&two, "a.obj").contains("not a kind of home that is read"));
     assert!(error_of(&two, "none.xml").contains("cannot read"));
 }
 

@@ -29,8 +29,8 @@ fn check(relative: &str, options: LoadOptions, triangles: usize, textures: usize
     }
 }
 
-const Z_UP: LoadOptions = LoadOptions { up: Some(UpAxis::Z), unit_m: None };
-const Y_UP: LoadOptions = LoadOptions { up: None, unit_m: None };
+const Z_UP: LoadOptions = LoadOptions { up: Some(UpAxis::Z), unit_m: Some(1.0) };
+const Y_UP: LoadOptions = LoadOptions { up: Some(UpAxis::Y), unit_m: Some(1.0) };
 
 #[test]
 fn small_house() {
@@ -41,7 +41,7 @@ fn small_house() {
 #[test]
 fn apartment() {
     let notes = ["207 triangles left out for want of area", "40 triangles in exactly the place of another one, kept"];
-    let centimetres = LoadOptions { up: None, unit_m: Some(0.01) };
+    let centimetres = LoadOptions { up: Some(UpAxis::Y), unit_m: Some(0.01) };
     check("apartment/home.obj", centimetres, 91_875 - 207, 0, &notes, [11.56, 2.5, 9.07]);
 }
 

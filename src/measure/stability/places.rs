@@ -4,6 +4,7 @@ use super::Case;
 use super::bed::{Dice, capture, draw, largest, look, pack, rms_levels};
 use crate::capture::load::{LoadOptions, load};
 use crate::capture::scene::Scene;
+use crate::capture::scene::UpAxis;
 use crate::capture::trace::{Ray, Tracer};
 use crate::ldi::build::blocked_share;
 use crate::path::CameraRecord;
@@ -248,7 +249,7 @@ fn load_text(name: &str, text: &str) -> Option<Scene> {
     let folder = tempfile::tempdir().ok()?;
     let path = folder.path().join(name);
     std::fs::write(&path, text).ok()?;
-    load(&path, &LoadOptions::default()).ok()
+    load(&path, &LoadOptions { up: Some(UpAxis::Y), unit_m: Some(1.0) }).ok()
 }
 
 /// `bump` as it is against the same scaled and moved: root mean square difference of frames, levels.

@@ -32,7 +32,10 @@ impl<'a> Buffers<'a> {
                     Target::Data(bytes) => (format!("buffer {index}"), bytes),
                     Target::File(file) => {
                         let bytes = match find_file(&file, &[folder]) {
-                            Some(found) => std::fs::read(found.path).map_err(|cause| cause.to_string()),
+                            Some(found) => {
+                                notes.add_file(&found.path);
+                                std::fs::read(found.path).map_err(|cause| cause.to_string())
+                            }
                             None => Err("no such file".into()),
                         };
                         (file, bytes)

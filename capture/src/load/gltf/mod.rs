@@ -11,7 +11,7 @@ mod uri;
 
 use super::builder::{Builder, GroupedScene, Vertex};
 use super::notes::{Note, Notes};
-use super::{LoadError, folder_of};
+use super::{LoadError, LoadOptions, folder_of};
 use crate::scene::FileFrame;
 use ::gltf::json::mesh::{Mode, Primitive, Semantic};
 use ::gltf::json::validation::Checked;
@@ -29,7 +29,9 @@ const KNOWN_EXTENSIONS: [&str; 4] =
 /// Extensions of materials change the looks at most.
 const MATERIAL_EXTENSIONS: &str = "KHR_materials_";
 
-pub(super) fn load(path: &Path, bytes: &[u8], frame: FileFrame, groups: bool) -> Result<GroupedScene, LoadError> {
+pub(super) fn load(path: &Path, bytes: &[u8], options: &LoadOptions, groups: bool) -> Result<GroupedScene, LoadError> {
+    // Chapter 3.4 of the specification: Y up, metres.
+    let frame = FileFrame { up: options.up.unwrap_or_default(), unit_m: options.unit_m.unwrap_or(1.0) };
     let (root, transforms, blob) = parse(path, bytes)?;
     let mut notes = Notes::default();
     for required in &root.extensions_required {
@@ -53,10 +55,16 @@ pub(super) fn load(path: &Path, bytes: &[u8], frame: FileFrame, groups: bool) ->
 fn parse(path: &Path, bytes: &[u8]) -> Result<(Root, NodeTransforms, Option<Vec<u8>>), LoadError> {
     let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };
     if !bytes.starts_with(b"glTF") {
+        let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
+        if !text.starts_with(b"{") {
+            return Err(malformed(
+                "it is neither a GLB (it does not begin with \"glTF\") nor a glTF (it is no JSON)".into(),
+            ));
+        }
         let at_line = |cause: ::gltf::json::Error| LoadError::Line {
             path: path.to_path_buf(),
             line: cause.line(),
-            cause: cause.to_string(),
+            cause: without_place(&cause.to_string()),
         };
         let root = ::gltf::json::deserialize::from_slice(bytes).map_err(at_line)?;
         return Ok((root, NodeTransforms::read(bytes).map_err(at_line)?, None));
@@ -72,6 +80,11 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Root, NodeTransforms, Option<Vec<
     let no_json = |cause| malformed(format!("its JSON chunk does not parse: {cause}"));
     let (root, transforms) = (root.map_err(no_json)?, NodeTransforms::read(&glb.json).map_err(no_json)?);
     Ok((root, transforms, glb.bin.map(Into::into)))
+}
+
+/// A parser's words without the line that is named anyway.
+fn without_place(cause: &str) -> String {
+    cause.rsplit_once(" at line ").map_or(cause, |(words, _)| words).to_owned()
 }
 
 struct TooManyVertices;

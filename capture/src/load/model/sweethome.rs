@@ -8,7 +8,7 @@ use super::{LoadedModel, ModelOptions};
 use crate::load::obj::load_text as load_obj_text;
 use crate::load::{Group, GroupedScene, LoadError, LoadOptions, folder_of, load_grouped, read};
 use crate::portal_model::{Cell, Portal, PortalModel, Prism};
-use crate::scene::FileFrame;
+use crate::scene::{FileFrame, UpAxis};
 use glam::{DVec2, DVec3};
 use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
@@ -32,7 +32,7 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
     let home = Home::parse(&String::from_utf8_lossy(unpacked.as_ref().unwrap_or(&bytes))).map_err(malformed)?;
     let mut notes = Vec::new();
     let grouped = match find_export(path) {
-        Ok(obj) => load_grouped(&obj, &LoadOptions { up: None, unit_m: Some(UNIT_M) })?,
+        Ok(obj) => load_grouped(&obj, &LoadOptions { up: Some(UpAxis::Y), unit_m: Some(UNIT_M) })?,
         Err(_) if is_archive => without_export(path, &home, &bytes, &mut notes)?,
         Err(cause) => return Err(malformed(cause)),
     };

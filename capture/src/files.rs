@@ -1,0 +1,294 @@
+//! Where results go: the one rule by which every file is written.
+//!
+//! | at the path is | what happens |
+//! |---|---|
+//! | nothing | missing folders are made; the file is written under a temporary name beside it and renamed when it is whole |
+//! | a regular file | it is replaced in the same way and keeps its permissions; refused if it is read-only or an input |
+//! | a symbolic link | it stays; what it leads to is written by this rule, also where that does not exist yet |
+//! | a character device, a FIFO, `/dev/stdout` | the result is made whole in an unnamed file and then streamed |
+//! | `-` | the same, to standard output |
+//! | a folder, a block device, a socket | refused |
+//!
+//! On any error, and when the process is interrupted, the old file stays as it was and no half of a new one is left.
+
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeSet;
+use std::fs::{self, File, Metadata, OpenOptions, Permissions};
+use std::io::{self, BufWriter, Seek, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Temporary files that exist right now, to be removed if the process is interrupted.
+static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+/// Files that the user handed in, which nothing may overwrite.
+static INPUTS: Mutex<BTreeSet<Identity>> = Mutex::new(BTreeSet::new());
+
+/// The path that stands for standard output.
+pub const STANDARD_OUTPUT: &str = "-";
+
+/// Links that are followed before a chain of them counts as endless, as on Linux.
+const MAX_LINKS: usize = 40;
+
+fn lock<T>(mutex: &'static Mutex<T>) -> MutexGuard<'static, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// What an output path leads to.
+#[derive(Debug)]
+enum Target {
+    /// A regular file, or none yet: its own path behind all links, and the permissions to keep.
+    File(PathBuf, Option<Permissions>),
+    /// A device or FIFO to stream to.
+    Stream(PathBuf),
+    StandardOutput,
+}
+
+/// Whether what is written to `path` is streamed, so that its name says nothing about a format.
+///
+/// # Errors
+/// As for [`check`], but for inputs and permissions.
+pub fn is_stream(path: &Path) -> io::Result<bool> {
+    Ok(!matches!(target(path)?, Target::File(..)))
+}
+
+/// Checks, before any work is done, that [`write_whole`] will find nothing to refuse at `path`. Makes nothing.
+///
+/// # Errors
+/// What [`write_whole`] would report.
+pub fn check(path: &Path) -> io::Result<()> {
+    let Target::File(path, permissions) = target(path)? else { return Ok(()) };
+    if permissions.is_some() {
+        refuse_input(&path)?;
+        refuse_read_only(&path)?;
+    }
+    check_folder(folder_of(&path))
+}
+
+/// Checks that files can be made in `folder`, which need not exist yet. Makes nothing that stays.
+///
+/// # Errors
+/// If the folder, or the nearest one above it that exists, is no folder or cannot be written to.
+pub fn check_folder(folder: &Path) -> io::Result<()> {
+    let nearest = folder.ancestors().find(|folder| folder.as_os_str().is_empty() || folder.symlink_metadata().is_ok());
+    let nearest = nearest.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !fs::metadata(nearest)?.is_dir() {
+        return Err(refused(format!("{} is no folder", nearest.display())));
+    }
+    Unfinished::beside(&nearest.join("probe")).map(drop).map_err(|error| about_folder(nearest, &error))
+}
+
+/// Declares `path` an input of this process: [`write_whole`] refuses to write to the same file, by whatever name (links,
+/// hard links, other spellings). Does nothing if there is no such file.
+pub fn protect_input(path: &Path) {
+    if let Some(identity) = fs::metadata(path).ok().and_then(|found| identity(path, &found)) {
+        lock(&INPUTS).insert(identity);
+    }
+}
+
+/// Writes a file through `write`, by the rule of this module.
+///
+/// # Errors
+/// Whatever creating, writing, syncing or renaming reports; [`io::ErrorKind::InvalidInput`] for what the rule refuses. No
+/// message contains a temporary name.
+pub fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> io::Result<()> {
+    match target(path)? {
+        Target::File(path, permissions) => replace(&path, permissions, write),
+        Target::Stream(path) => {
+            let mut whole = spool(write)?;
+            // Not created: the device or FIFO may have gone, and a regular file in its place would be a surprise.
+            let mut stream = OpenOptions::new().write(true).open(path)?;
+            io::copy(&mut whole, &mut stream)?;
+            stream.flush()
+        }
+        Target::StandardOutput => {
+            let mut whole = spool(write)?;
+            let mut stdout = io::stdout().lock();
+            io::copy(&mut whole, &mut stdout)?;
+            stdout.flush()
+        }
+    }
+}
+
+/// Removes all half-written files; for a process that is about to end.
+pub fn remove_unfinished() {
+    for path in lock(&UNFINISHED).iter() {
+        // Nothing is left to do about a file that cannot be removed.
+        let _ = fs::remove_file(path);
+    }
+}
+
+fn refused(why: impl Into<String>) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidInput, why.into())
+}
+
+fn about_folder(folder: &Path, error: &io::Error) -> io::Error {
+    io::Error::new(error.kind(), format!("no file can be made in {}: {error}", folder.display()))
+}
+
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+fn target(path: &Path) -> io::Result<Target> {
+    if path.as_os_str() == STANDARD_OUTPUT {
+        return Ok(Target::StandardOutput);
+    }
+    if path.as_os_str().is_empty() {
+        return Err(refused("it has no name"));
+    }
+    if names_descriptor(path) {
+        return Ok(Target::Stream(path.into()));
+    }
+    match fs::metadata(path) {
+        Ok(found) if found.is_file() => Ok(Target::File(path.canonicalize()?, Some(found.permissions()))),
+        Ok(found) if found.is_dir() => Err(refused("it is a folder; give the name of a file in it")),
+        Ok(found) if takes_a_stream(&found) => Ok(Target::Stream(path.into())),
+        Ok(_) => Err(refused("it is a block device or a socket, which are never written to")),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Target::File(end_of_links(path)?, None)),
+        Err(error) => Err(error),
+    }
+}
+
+/// Names of open file descriptors: the file behind one is its owner's to replace, and we write where the owner has got to.
+fn names_descriptor(path: &Path) -> bool {
+    let is = |name: &str| path == Path::new(name);
+    is("/dev/stdout") || is("/dev/stderr") || path.starts_with("/dev/fd") || path.starts_with("/proc")
+}
+
+/// Where a path leads that ends nowhere: behind all links, or the path itself.
+fn end_of_links(path: &Path) -> io::Result<PathBuf> {
+    let mut end = path.to_path_buf();
+    for _ in 0..MAX_LINKS {
+        match fs::read_link(&end) {
+            Ok(link) => end = folder_of(&end).join(link),
+            Err(_) => return Ok(end),
+        }
+    }
+    Err(refused("its symbolic links lead in a circle"))
+}
+
+#[cfg(unix)]
+fn takes_a_stream(found: &Metadata) -> bool {
+    use std::os::unix::fs::FileTypeExt;
+    found.file_type().is_char_device() || found.file_type().is_fifo()
+}
+
+#[cfg(not(unix))]
+fn takes_a_stream(_: &Metadata) -> bool {
+    false
+}
+
+/// What makes two names the same file: device and inode.
+#[cfg(unix)]
+type Identity = (u64, u64);
+
+#[cfg(unix)]
+fn identity(_: &Path, found: &Metadata) -> Option<Identity> {
+    use std::os::unix::fs::MetadataExt;
+    found.is_file().then(|| (found.dev(), found.ino()))
+}
+
+/// What makes two names the same file, as far as the standard library tells: the path behind all links.
+#[cfg(not(unix))]
+type Identity = PathBuf;
+
+#[cfg(not(unix))]
+fn identity(path: &Path, _: &Metadata) -> Option<Identity> {
+    path.canonicalize().ok()
+}
+
+fn refuse_input(path: &Path) -> io::Result<()> {
+    let found = fs::metadata(path)?;
+    match identity(path, &found) {
+        Some(identity) if lock(&INPUTS).contains(&identity) => {
+            Err(refused("it is an input of this command, which would be lost; choose another name"))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Renaming asks for no permission to write to the file that it replaces.
+fn refuse_read_only(path: &Path) -> io::Result<()> {
+    // Root may open what its owner has marked as not to be written to: so look at the mark, too.
+    let marked = fs::metadata(path)?.permissions().readonly();
+    if marked || OpenOptions::new().write(true).open(path).is_err() {
+        let why = "it is read-only; choose another name, or make it writable";
+        return Err(io::Error::new(io::ErrorKind::PermissionDenied, why));
+    }
+    Ok(())
+}
+
+fn replace(
+    path: &Path,
+    permissions: Option<Permissions>,
+    write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>,
+) -> io::Result<()> {
+    if permissions.is_some() {
+        refuse_input(path)?;
+        refuse_read_only(path)?;
+    }
+    let folder = folder_of(path);
+    fs::create_dir_all(folder).map_err(|error| about_folder(folder, &error))?;
+    let unfinished = Unfinished::beside(path).map_err(|error| about_folder(folder, &error))?;
+    write_buffered(&unfinished.file, write)?;
+    if let Some(permissions) = permissions {
+        unfinished.file.set_permissions(permissions)?;
+    }
+    unfinished.file.sync_all()?;
+    fs::rename(&unfinished.path, path)
+}
+
+fn write_buffered(file: &File, write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> io::Result<()> {
+    let mut writer = BufWriter::with_capacity(1 << 20, file);
+    write(&mut writer)?;
+    writer.flush()
+}
+
+/// A whole result in a file without a name to others, at its beginning.
+fn spool(write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> io::Result<File> {
+    let unfinished = Unfinished::beside(&std::env::temp_dir().join("stream"))?;
+    write_buffered(&unfinished.file, write)?;
+    let mut file = unfinished.file.try_clone()?;
+    file.rewind()?;
+    Ok(file)
+}
+
+/// A temporary file, removed when this is dropped unless it has been renamed by then.
+struct Unfinished {
+    path: PathBuf,
+    file: File,
+}
+
+impl Unfinished {
+    /// A new file in the folder of `path`.
+    fn beside(path: &Path) -> io::Result<Self> {
+        static COUNT: AtomicU64 = AtomicU64::new(0);
+        loop {
+            let number = COUNT.fetch_add(1, Ordering::Relaxed);
+            let path = folder_of(path).join(format!(".headbox-{}-{number}.part", std::process::id()));
+            // Held while the file is made: an interrupt finds either no file or its name.
+            let mut unfinished = lock(&UNFINISHED);
+            match OpenOptions::new().read(true).write(true).create_new(true).open(&path) {
+                Ok(file) => {
+                    unfinished.insert(path.clone());
+                    return Ok(Self { path, file });
+                }
+                // Left behind by a process that was killed and had the same number.
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(error),
+            }
+        }
+    }
+}
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        lock(&UNFINISHED).remove(&self.path);
+        // Renamed, it is not there any more; and the first error is the one to report.
+        let _ = fs::remove_file(&self.path);
+    }
+}

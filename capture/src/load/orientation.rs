@@ -1,0 +1,245 @@
+//! Which axis of an OBJ points up, and what its unit is: the format says neither.
+//!
+//! Both are guessed from evidence, each piece a number of natural log odds; what is said by the user is never guessed, and
+//! glTF rules both (Y up, metres). The evidence for an axis: names of floors and walls, a floor at the bottom, a bottom at
+//! zero, a scene that is flat along it, and what the exporter wrote. For a unit: how high and wide the scene would be, and
+//! again what was written. A guess other than Y up and metres is told, with its reasons and how to overrule it.
+
+use super::LoadOptions;
+use crate::scene::{FileFrame, Scene, UpAxis};
+use glam::DVec3;
+
+/// What an OBJ says beside its triangles.
+#[derive(Clone, Debug)]
+pub(super) struct Hints {
+    /// What the user said.
+    pub(super) options: LoadOptions,
+    /// The comments at the file's beginning, in lower case.
+    pub(super) comments: String,
+}
+
+/// Fewer triangles than a box has say nothing.
+const FEWEST_TRIANGLES: usize = 12;
+/// A scene that is thinner than this share of its extent is a picture, and has no up.
+const THINNEST: f64 = 0.01;
+/// By so much must the evidence for Z exceed that for Y: OBJ files have Y up unless there is reason to think otherwise.
+const PRIOR_FOR_Y: f64 = 2.5;
+/// Normals within some 11 degrees of an axis lie along it.
+const ALONG: f64 = 0.98;
+
+impl Hints {
+    /// The hints of a file's text.
+    pub(super) fn of(text: &str, options: &LoadOptions) -> Self {
+        const MOST_BYTES: usize = 4096;
+        let comments = text.lines().map_while(|line| match line.trim_start() {
+            "" => Some(""),
+            line => line.strip_prefix('#').or_else(|| line.starts_with("mtllib").then_some("")),
+        });
+        let mut joined = String::new();
+        for line in comments.take_while(|line| line.len() < MOST_BYTES) {
+            joined += &line.to_lowercase();
+            joined.push('\n');
+            if joined.len() > MOST_BYTES {
+                break;
+            }
+        }
+        Self { options: *options, comments: joined }
+    }
+
+    /// The frame of a scene whose positions are still those of the file, and a sentence if it is a guess that needs telling.
+    pub(super) fn frame(&self, scene: &Scene) -> (FileFrame, Option<String>) {
+        let LoadOptions { up, unit_m } = self.options;
+        let shape = Shape::of(scene);
+        let (up, up_why) = match (up, &shape) {
+            (Some(up), _) => (up, None),
+            (None, None) => (UpAxis::Y, None),
+            (None, Some(shape)) => self.guess_up(shape),
+        };
+        let (unit_m, unit_why) = match (unit_m, &shape) {
+            (Some(unit_m), _) => (unit_m, None),
+            (None, None) => (1.0, None),
+            (None, Some(shape)) => self.guess_unit(shape, up, scene),
+        };
+        let up_told = up_why.map(|why| format!("Z is taken as up ({why}); --up y if that is wrong"));
+        let unit_told = unit_why.map(|why| format!("the unit is taken as {why}"));
+        let told: Vec<String> = up_told.into_iter().chain(unit_told).collect();
+        (FileFrame { up, unit_m }, (!told.is_empty()).then(|| told.join("; ")))
+    }
+
+    fn says(&self, words: &[&str]) -> bool {
+        words.iter().any(|word| self.comments.contains(word))
+    }
+
+    /// The axis, and why where it is not the usual one.
+    fn guess_up(&self, shape: &Shape) -> (UpAxis, Option<String>) {
+        let mut evidence = shape.evidence_for_z();
+        if self.says(&["z up", "z-up", "z_up", "up axis: z", "up=z", "up: z"]) {
+            evidence.push((8.0, "its comments say so".into()));
+        }
+        if self.says(&["y up", "y-up", "y_up", "up axis: y", "up=y", "up: y"]) {
+            evidence.push((-8.0, "its comments say so".into()));
+        }
+        if self.says(&["gazebo", "freecad", "openscad", "urdf", "autocad", "revit"]) {
+            evidence.push((3.0, "its exporter has Z up".into()));
+        }
+        if self.says(&["sweet home 3d", "blender", "sketchup", "maya"]) {
+            evidence.push((-3.0, "its exporter has Y up".into()));
+        }
+        let odds: f64 = evidence.iter().map(|(odds, _)| odds).sum();
+        if odds <= PRIOR_FOR_Y {
+            return (UpAxis::Y, None);
+        }
+        evidence.retain(|(odds, _)| *odds > 0.0);
+        evidence.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let reasons: Vec<String> = evidence.into_iter().take(2).map(|(_, why)| why).collect();
+        (UpAxis::Z, Some(reasons.join(", ")))
+    }
+
+    /// The unit in metres, and what to say of it where it is not the metre.
+    fn guess_unit(&self, shape: &Shape, up: UpAxis, scene: &Scene) -> (f64, Option<String>) {
+        const UNITS: [(f64, &str, &str, f64); 4] = [
+            (1.0, "metres", "m", 5.0),
+            (0.01, "centimetres", "cm", 0.5),
+            (0.001, "millimetres", "mm", 0.0),
+            (0.0254, "inches", "in", -8.0),
+        ];
+        let [height, width] = shape.height_and_width(up);
+        let outdoors = named(scene, &["city", "street", "road", "terrain", "mountain", "landscape"]).next().is_some();
+        let odds = |&(metres, name, short, prior): &(f64, &str, &str, f64)| {
+            let off = |length: f64, usual: f64, spread: f64| ((length * metres / usual).ln() / spread).powi(2) / 2.0;
+            let singular = &name[..name.len() - 1];
+            let spellings =
+                [name, singular, short, &name.replace("metre", "meter"), &singular.replace("metre", "meter")];
+            let written = spellings.iter().any(|word| self.says_unit(word));
+            let exporter = match short {
+                "cm" => self.says(&["sweet home 3d"]),
+                "mm" => self.says(&["freecad", "openscad"]),
+                _ => false,
+            };
+            let outdoors = if outdoors && metres == 1.0 { 8.0 } else { 0.0 };
+            // Rooms, houses and trees: some metres high and wide, give or take a factor of three or four.
+            prior - off(height, 4.0, 1.1) - off(width, 15.0, 1.4)
+                + if written { 30.0 } else { 0.0 }
+                + if exporter { 8.0 } else { 0.0 }
+                + outdoors
+        };
+        let best = UNITS.iter().rev().max_by(|a, b| odds(a).total_cmp(&odds(b))).unwrap_or(&UNITS[0]);
+        let (metres, name, _, _) = *best;
+        let told = format!(
+            "{name}, which makes the scene {:.1} m high and {:.1} m wide; --unit m if that is wrong",
+            height * metres,
+            width * metres
+        );
+        (metres, (metres != 1.0).then_some(told))
+    }
+
+    /// Whether the comments say that this is the unit, as in `# File units = meters`.
+    fn says_unit(&self, word: &str) -> bool {
+        let mut words = self.comments.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
+        let mut after_unit = false;
+        words.any(|found| {
+            let says = after_unit && found == word;
+            after_unit = found == "unit" || found == "units" || (after_unit && found == "is");
+            says
+        })
+    }
+}
+
+/// The indices of the triangles whose material's name contains one of `words`.
+fn named<'a>(scene: &'a Scene, words: &'a [&str]) -> impl Iterator<Item = usize> + 'a {
+    let is_named = |name: &str| {
+        let name = name.to_lowercase();
+        words.iter().any(|word| name.contains(word))
+    };
+    let materials: Vec<bool> = scene.materials.iter().map(|material| is_named(&material.name)).collect();
+    (0..scene.triangles.len())
+        .filter(move |&t| materials.get(scene.triangles[t].material as usize).copied().unwrap_or(false))
+}
+
+/// What the triangles say, in the file's axes and unit.
+struct Shape {
+    low: DVec3,
+    extent: DVec3,
+    /// Share of the scene's area that lies flat at the low end of each axis.
+    bottom: DVec3,
+    /// Share of the area of what is called a floor that lies flat along each axis; none if there is too little of it.
+    floors: Option<DVec3>,
+    /// The same for walls.
+    walls: Option<DVec3>,
+}
+
+impl Shape {
+    /// `None` where there is too little to judge by.
+    fn of(scene: &Scene) -> Option<Self> {
+        let [low, high] = scene.bounds();
+        let extent = high - low;
+        if scene.triangles.len() < FEWEST_TRIANGLES || extent.min_element() < THINNEST * extent.max_element() {
+            return None;
+        }
+        let (mut all, mut bottom) = (0.0, DVec3::ZERO);
+        for triangle in 0..scene.triangles.len() {
+            let (along, area, middle) = flatness(scene, triangle);
+            all += area;
+            // The lowest hundredth: floors have thresholds and thicknesses.
+            let at_bottom = (middle - low).cmplt(extent * 0.01);
+            bottom += DVec3::select(at_bottom, along * area, DVec3::ZERO);
+        }
+        let share = |words: &[&str]| {
+            let (sum, area) = named(scene, words)
+                .map(|t| flatness(scene, t))
+                .fold((DVec3::ZERO, 0.0), |(sum, total), (along, area, _)| (sum + along * area, total + area));
+            (area > 0.01 * all).then(|| sum / area)
+        };
+        let floors = share(&["floor", "ground", "carpet", "parquet", "ceiling", "grass", "pavement"]);
+        Some(Self { low, extent, bottom: bottom / all, floors, walls: share(&["wall", "facade"]) })
+    }
+
+    /// Pieces of evidence that Z is up rather than Y: log odds and a reason.
+    fn evidence_for_z(&self) -> Vec<(f64, String)> {
+        let mut evidence = Vec::new();
+        let mut add = |odds: f64, why: &str| {
+            if odds != 0.0 {
+                evidence.push((odds, why.to_owned()));
+            }
+        };
+        if let Some(floors) = self.floors {
+            add(5.0 * (floors.z - floors.y), "its floors lie flat along it");
+        }
+        if let Some(walls) = self.walls {
+            add(2.0 * (walls.y - walls.z), "its walls stand along it");
+        }
+        add((20.0 * (self.bottom.z - self.bottom.y)).clamp(-3.0, 3.0), "a floor is at its lower end");
+        let starts_at_zero = |low: f64, extent: f64| low.abs() < 0.02 * extent;
+        let reaches_below_zero = |low: f64, extent: f64| low < -0.1 * extent;
+        let (DVec3 { y: low_y, z: low_z, .. }, DVec3 { x, y, z }) = (self.low, self.extent);
+        if starts_at_zero(low_z, z) && reaches_below_zero(low_y, y) {
+            add(2.0, "it begins at zero");
+        } else if starts_at_zero(low_y, y) && reaches_below_zero(low_z, z) {
+            add(-2.0, "Y begins at zero");
+        }
+        if z < 0.5 * x.min(y) {
+            add(1.5, "the scene is flat along it");
+        } else if y < 0.5 * x.min(z) {
+            add(-1.5, "the scene is flat along Y");
+        }
+        evidence
+    }
+
+    /// Height, and the larger horizontal extent, in the file's unit.
+    fn height_and_width(&self, up: UpAxis) -> [f64; 2] {
+        let DVec3 { x, y, z } = self.extent;
+        match up {
+            UpAxis::Y => [y, x.max(z)],
+            UpAxis::Z => [z, x.max(y)],
+        }
+    }
+}
+
+/// Along which axes a triangle lies flat (1 or 0 each), its area, and its middle.
+fn flatness(scene: &Scene, triangle: usize) -> (DVec3, f64, DVec3) {
+    let [a, b, c] = scene.corners(triangle as u32);
+    let doubled = (b - a).cross(c - a);
+    let normal = doubled.normalize_or_zero().abs();
+    let along = DVec3::select(normal.cmpgt(DVec3::splat(ALONG)), DVec3::ONE, DVec3::ZERO);
+    (along, doubled.length() / 2.0, (a + b + c) / 3.0)
+}

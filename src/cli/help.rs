@@ -1,0 +1,125 @@
+//! What `--help` shows beside the arguments: examples and the names that an argument takes; completions and the manual.
+
+use super::Cli;
+use crate::portal::variant::Variant as HouseVariant;
+use crate::render::splat::SplatKernel;
+use crate::sprite::Variant as SpriteVariant;
+use clap::{Args, Command, CommandFactory};
+use clap_complete::Shell;
+use std::io::Write;
+
+/// Each subcommand's examples.
+const EXAMPLES: [(&str, &str); 14] = [
+    ("demo", "headbox demo --quick --no-window"),
+    ("scenes", "headbox scenes"),
+    (
+        "capture",
+        "headbox capture room.obj -o room.ldi --quality draft     see whether the headbox is in the right place\n  \
+         headbox capture room.obj -o room.ldi                     capture it for keeps\n  \
+         headbox capture builtin:interior -o a.ldi --center 0,1.6,0 --half-size 0.4\n  \
+         headbox capture room.obj -o 1.shard --shard 1/2          one of two parts; see headbox merge",
+    ),
+    ("merge", "headbox merge 1.shard 2.shard -o room.ldi"),
+    (
+        "sprite",
+        "headbox sprite builtin:sprites -o layers.sprite --size 512x384\n  \
+         headbox sprite --color photo.png --depth depth.exr --depth-kind eye -o photo.sprite",
+    ),
+    (
+        "house",
+        "headbox house Home.xml --plan home.svg                   what it has, what is wrong with it, its plan\n  \
+         headbox house Home.xml -o home.house --walk walk.json    bake its light, capture what is behind its doors",
+    ),
+    ("info", "headbox info room.ldi --check"),
+    (
+        "render",
+        "headbox render room.ldi -o frame.png\n  \
+         headbox render room.ldi -o frame.jpg --eye 0.1,1.6,0 --look-at 2,1,0 --size 1920x1080\n  \
+         headbox render home.house --path walk.json -o frames     a frame per pose, and their times\n  \
+         headbox render room.ldi -o - | display                   a PNG to another program",
+    ),
+    ("walk", "headbox walk home.house -o walk-report --poses 20 --variants texture,window-ldi"),
+    ("truth", "headbox truth room.obj -o truth.png --samples 64"),
+    ("compare", "headbox compare truth.png frame.png --map error.png"),
+    ("report", "headbox report room.obj@up=z@half=0.4 -o report --quick"),
+    (
+        "view",
+        "headbox view                                             the start page\n  \
+         headbox view room.obj                                    capture while looking around\n  \
+         headbox view room.ldi --screenshot window.png            a picture of the window, for scripts",
+    ),
+    ("completions", "headbox completions bash > ~/.local/share/bash-completion/completions/headbox"),
+];
+
+/// The whole command line, with its examples.
+pub(super) fn command() -> Command {
+    let known = |name: &str| Cli::command().find_subcommand(name).is_some();
+    let cli = Cli::command().mut_subcommand("capture", |capture| {
+        super::capture::Preset::NUMBERS.iter().fold(capture, |capture, (argument, [draft, good])| {
+            let presets = [("quality", "draft", Some(*draft)), ("quality", "good", Some(*good))];
+            capture.mut_arg(*argument, |argument| argument.default_value_ifs(presets))
+        })
+    });
+    EXAMPLES.iter().filter(|(name, _)| known(name)).fold(cli, |cli, (name, examples)| {
+        cli.mut_subcommand(*name, |command| {
+            // Where a word follows that begins with a dash and a digit, it is a number.
+            command.after_help(format!("Examples:\n  {examples}{}", names_for(name))).allow_negative_numbers(true)
+        })
+    })
+}
+
+/// The names that a subcommand's arguments take and that depend on the file.
+fn names_for(command: &str) -> String {
+    let houses = HouseVariant::names();
+    match command {
+        "render" => {
+            let cubes: Vec<&str> = SplatKernel::ALL.iter().map(|(name, _)| *name).collect();
+            let sprites: Vec<&str> = SpriteVariant::ALL.iter().map(|variant| variant.name()).collect();
+            format!(
+                "\n\nVariants:\n  of a .ldi: {}\n  of a .sprite: {}\n  of a .house: {houses}",
+                cubes.join(", "),
+                sprites.join(", ")
+            )
+        }
+        "walk" => format!("\n\nVariants:\n  {houses}"),
+        "house" => {
+            let kinds: Vec<&str> = crate::portal::backdrop::Kind::ALL.iter().map(|(name, _)| *name).collect();
+            format!("\n\nBackdrops:\n  {}, none", kinds.join(", "))
+        }
+        _ => String::new(),
+    }
+}
+
+/// The arguments of this process, with `help --help` for what it is meant to be.
+pub(super) fn arguments() -> Vec<std::ffi::OsString> {
+    let all: Vec<_> = std::env::args_os().collect();
+    let is_help = all.get(1).is_some_and(|first| first == "help");
+    all.into_iter().filter(|word| !is_help || (word != "--help" && word != "-h")).collect()
+}
+
+/// `headbox completions`.
+#[derive(Args)]
+pub(super) struct Completions {
+    /// The shell that shall complete
+    shell: Shell,
+}
+
+impl Completions {
+    pub(super) fn run(&self) -> anyhow::Result<()> {
+        let mut script = Vec::new();
+        clap_complete::generate(self.shell, &mut command(), "headbox", &mut script);
+        Ok(std::io::stdout().write_all(&script)?)
+    }
+}
+
+/// `headbox man`: the manual page of the program and of each of its commands, one after the other.
+pub(super) fn print_manual() -> anyhow::Result<()> {
+    let mut page = Vec::new();
+    let whole = command();
+    clap_mangen::Man::new(whole.clone()).render(&mut page)?;
+    for sub in whole.get_subcommands().filter(|sub| sub.get_name() != "help") {
+        let name = format!("headbox-{}", sub.get_name());
+        clap_mangen::Man::new(sub.clone().display_name(name)).render(&mut page)?;
+    }
+    Ok(std::io::stdout().write_all(&page)?)
+}

@@ -1,0 +1,102 @@
+//! Which way is up in an OBJ, and what its unit is, are guessed: right for scenes that others wrote, and for the built-in
+//! ones written in any axes and unit.
+
+#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+
+use glam::DVec3;
+use headbox::capture::Scene;
+use headbox::capture::load::{LoadOptions, load};
+use headbox::capture::scene::{FileFrame, UpAxis};
+use std::fmt::Write;
+use std::path::Path;
+
+/// A scene as OBJ in a frame of its own, with the names of its materials or without.
+fn obj_text(scene: &Scene, frame: &FileFrame, names: bool) -> String {
+    let mut text = String::new();
+    for position in &scene.positions {
+        let DVec3 { x, y, z } = frame.file_from_world(*position);
+        writeln!(text, "v {x} {y} {z}").unwrap();
+    }
+    let mut material = u32::MAX;
+    for triangle in &scene.triangles {
+        if names && material != triangle.material {
+            material = triangle.material;
+            writeln!(text, "usemtl {}", scene.materials[material as usize].name.replace(' ', "_")).unwrap();
+        }
+        let [a, b, c] = triangle.vertices.map(|vertex| vertex + 1);
+        writeln!(text, "f {a} {b} {c}").unwrap();
+    }
+    text
+}
+
+fn guess(text: &str) -> (FileFrame, Vec<String>) {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("scene.obj");
+    std::fs::write(&path, text).unwrap();
+    let scene = load(&path, &LoadOptions::default()).unwrap();
+    (scene.frame, scene.summary.notes)
+}
+
+#[test]
+fn built_in_scenes_stand_upright_however_they_are_written() {
+    for name in ["interior", "house", "tree"] {
+        let scene = headbox::scenes::build(name, 0).unwrap();
+        for up in [UpAxis::Y, UpAxis::Z] {
+            for unit_m in [1.0, 0.01, 0.001] {
+                let frame = FileFrame { up, unit_m };
+                let (found, notes) = guess(&obj_text(&scene, &frame, true));
+                assert_eq!(found, frame, "{name}: {notes:?}");
+                let told = notes.iter().any(|note| note.contains("--up y") || note.contains("--unit m"));
+                assert_eq!(told, frame != FileFrame::default(), "{name}, {frame:?}: {notes:?}");
+            }
+        }
+    }
+    let scene = headbox::scenes::build("interior", 0).unwrap();
+    let frame = FileFrame { up: UpAxis::Z, unit_m: 0.01 };
+    assert_eq!(guess(&obj_text(&scene, &frame, false)).0, frame, "also without names");
+}
+
+#[test]
+fn what_a_file_says_of_itself_counts() {
+    let scene = headbox::scenes::build("interior", 0).unwrap();
+    let text = obj_text(&scene, &FileFrame::default(), false);
+    assert_eq!(guess(&format!("# File units = inches\n{text}")).0.unit_m, 0.0254);
+    assert_eq!(guess(&format!("# Up axis: Z\n# units: mm\n{text}")).0, FileFrame { up: UpAxis::Z, unit_m: 0.001 });
+}
+
+#[test]
+fn what_the_user_says_is_not_guessed() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("scene.obj");
+    let scene = headbox::scenes::build("interior", 0).unwrap();
+    std::fs::write(&path, obj_text(&scene, &FileFrame { up: UpAxis::Z, unit_m: 0.01 }, true)).unwrap();
+    let said = load(&path, &LoadOptions { up: Some(UpAxis::Y), unit_m: Some(1.0) }).unwrap();
+    assert_eq!(said.frame, FileFrame::default());
+    let half = load(&path, &LoadOptions { up: None, unit_m: Some(0.5) }).unwrap();
+    assert_eq!(half.frame, FileFrame { up: UpAxis::Z, unit_m: 0.5 });
+}
+
+#[test]
+fn real_scenes_stand_upright() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+    let known = [
+        ("small_house/small_house.obj", UpAxis::Z, 1.0),
+        ("willowgarage/willowgarage.obj", UpAxis::Z, 1.0),
+        ("apartment/home.obj", UpAxis::Y, 0.01),
+        ("medieval_building/Medieval_building.obj", UpAxis::Y, 1.0),
+        ("trees/tree_1/tree_1.obj", UpAxis::Y, 0.01),
+        ("trees/tree_2/tree_2.obj", UpAxis::Y, 0.01),
+        ("trees/tree_3/tree_3.obj", UpAxis::Y, 0.01),
+        ("trees/tree_4/tree_4.obj", UpAxis::Y, 0.01),
+        ("cornell_box/cornell_box.obj", UpAxis::Y, 0.01),
+    ];
+    for (name, up, unit_m) in known {
+        let path = folder.join(name);
+        if !path.is_file() {
+            eprintln!("skipped: {name} is not here");
+            continue;
+        }
+        let scene = load(&path, &LoadOptions::default()).unwrap();
+        assert_eq!(scene.frame, FileFrame { up, unit_m }, "{name}: {:?}", scene.summary.notes);
+    }
+}
