@@ -65,9 +65,9 @@ impl Images {
             eprintln!("warning: {warning}");
         }
         if self.json {
-            self.print_json(&set, &report)
+            self.print_json(&set, &report);
         } else {
-            self.print(&set, &report)
+            self.print(&set, &report);
         }
         Ok(())
     }

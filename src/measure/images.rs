@@ -1,4 +1,4 @@
-//! Frames left out of an image set, judged against their photographs (inventory E12's protocol for LDIs from images, S12).
+//! Frames left out of an image set, judged against their photographs (E12's protocol, for S12).
 //!
 //! Every N-th view is left out. It is then shown from the others: by `nearest`, the one view nearest to it warped alone, and by `ldi`, all
 //! of them merged into one cube. Errors are taken where both show something, so that neither gains by leaving out what is

@@ -1,4 +1,4 @@
-//! Image sets: pictures with known cameras, with or without depth, as other programs leave them in folders (inventory S12,
+//! Image sets: pictures with known cameras, with or without depth, as other programs leave them in folders (S12,
 //! S16, S24, E2).
 //!
 //! Every reader turns its format's conventions into those of this crate: eye space X right, Y up, looking down -Z;

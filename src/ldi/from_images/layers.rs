@@ -1,4 +1,4 @@
-//! Samples of many images, or of rays, merged pixel by pixel into layers (inventory S12, R11, P2, D1, D2, C11).
+//! Samples of many images, or of rays, merged pixel by pixel into layers (S12, R11, P2, D1, D2, C11).
 //!
 //! *Similar depth* is measured in inverse depth, so that it needs no tuning per model (D2). Samples come image by image and are
 //! merged in this order, whatever the threads do.

@@ -1,6 +1,6 @@
-//! A cube LDI from depth images of many cameras (inventory S12, C1, C24, D1, D2).
+//! A cube LDI from depth images of many cameras (S12, C1, C24, D1, D2).
 //!
-//! Every image is warped into the cube by one path ([`footprint`](self)): its pixels become patches of surface (`surface`),
+//! Every image is warped into the cube by one path: its pixels become patches of surface (`surface`),
 //! these cover face pixels (`footprint`), and what several images say of one pixel is merged by one of the papers' rules
 //! (`layers`, [`MergeRule`]). Images are loaded one after the other, so that thousands need no memory beyond the cube's own.
 //!
