@@ -16,7 +16,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// A part of a capture.
-pub const SHARD: Kind = Kind { tag: *b"shrd", name: "capture shard", version: 1 };
+pub const SHARD: Kind = Kind { tag: *b"shrd", name: "capture shard", version: 1, oldest: 1 };
 
 /// What a shard says of itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

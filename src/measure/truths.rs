@@ -14,7 +14,7 @@ use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
 
 /// A cached truth frame.
-const TRUTH_FILE: Kind = Kind { tag: *b"trth", name: "truth frame", version: 1 };
+const TRUTH_FILE: Kind = Kind { tag: *b"trth", name: "truth frame", version: 1, oldest: 1 };
 
 /// What a cached frame says of itself.
 #[derive(Serialize, Deserialize)]

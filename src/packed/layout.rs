@@ -8,6 +8,7 @@
 //! ```
 
 use super::blocks::BlockIndex;
+use super::planes::PlaneSet;
 use crate::capture::rig::Face;
 use crate::environment::Environment;
 use crate::ldi::CaptureInfo;
@@ -94,4 +95,6 @@ pub struct PackedCube {
     pub segments: Vec<PackedSegment>,
     /// Drawn first, behind everything.
     pub environment: Environment,
+    /// What is shown as pictures on planes; the segments hold the rest.
+    pub planes: PlaneSet,
 }

@@ -6,6 +6,9 @@ pub mod encode;
 pub mod exact;
 pub mod file;
 pub mod layout;
+pub(crate) mod mips;
+pub mod planes;
+pub(crate) mod runs;
 pub mod splat_index;
 pub mod validate;
 
@@ -14,4 +17,6 @@ pub use decode::{DecodedDepthPixel, INVERSE_DEPTH_CODE_MAX};
 pub use encode::{PackError, Split};
 pub use exact::{ExactCube, ExactDepthPixel};
 pub use layout::{PackedCube, PackedDepthPixel, PackedSegment, SegmentSide, SplatIndexLayout};
+pub use mips::LazyMips;
+pub use planes::{Plane, PlaneSet, PlaneTile};
 pub use validate::PackedError;

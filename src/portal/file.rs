@@ -21,7 +21,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// A walkable house.
-pub const HOUSE_FILE: FileKind = FileKind { tag: *b"hous", name: "house", version: 1 };
+pub const HOUSE_FILE: FileKind = FileKind { tag: *b"hous", name: "house", version: 1, oldest: 1 };
 
 /// Why a house could not be read.
 #[derive(Debug, thiserror::Error)]

@@ -254,6 +254,7 @@ mod tests {
                 layout,
                 segments,
                 environment,
+                planes: crate::packed::PlaneSet::default(),
             }]))
         };
         assert_eq!((cube().bytes(), store.insert(key(1), cube())), (24, false), "larger than the budget");

@@ -40,6 +40,7 @@ pub(crate) mod linear;
 pub mod oracle;
 pub(crate) mod order;
 pub(crate) mod over;
+pub(crate) mod planes;
 pub(crate) mod size;
 pub mod splat;
 pub(crate) mod surface;
@@ -68,6 +69,7 @@ use fearless_simd::Level;
 use finish::{Pixels, depth_pieces};
 use fragments::Fragments;
 use order::{EyeInFace, LayerOrder};
+use planes::PlanesInView;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::{Mutex, PoisonError};
@@ -196,6 +198,7 @@ pub(crate) struct FramePlan {
     tangent_table: TangentTable,
     tolerance: f32,
     bin: f32,
+    planes: PlanesInView,
 }
 
 /// What is drawn.
@@ -271,6 +274,8 @@ impl Renderer {
         self.plan.prepare(cube, camera, settings, &self.order);
         let prepared_ms = started.elapsed().as_secs_f64() * 1e3;
         self.stats = match settings.parallel {
+            // Pictures on planes do not belong to fragments.
+            _ if self.plan.planes.len() > 0 => self.draw_bands(source, camera, settings.band_rows),
             Parallel::Bands => self.draw_bands(source, camera, settings.band_rows),
             Parallel::Fragments(count) => self.fragments.draw(&self.plan, source, camera, count, &mut self.frame),
         };
@@ -350,6 +355,7 @@ impl FramePlan {
             tangent_table: TangentTable::default(),
             tolerance: 0.0,
             bin: 0.0,
+            planes: PlanesInView::default(),
         }
     }
 
@@ -367,6 +373,7 @@ impl FramePlan {
         }));
         self.tolerance = SurfaceCanvas::tolerance(face_px);
         self.bin = DepthBins::new(cube.info.half_size_m, face_px).inverse_depth(1.0) as f32;
+        self.planes.prepare(&cube.planes, camera, eye_from_centre, face_px);
         match settings.kernel {
             SplatKernel::Tent => self.tangent_table.refill(cube.layout, face_px, 1.0, TENT_MIN_RADIUS_PX),
             SplatKernel::Ellipse => self.tangent_table.refill(cube.layout, face_px, EllipseSize::SCALE, 0.0),

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// A file of sprites.
-pub const SPRITE_FILE: Kind = Kind { tag: *b"sprt", name: "sprite", version: 1 };
+pub const SPRITE_FILE: Kind = Kind { tag: *b"sprt", name: "sprite", version: 1, oldest: 1 };
 
 #[derive(Serialize, Deserialize)]
 struct FileHeader {
