@@ -18,7 +18,7 @@ pub struct Environment {
 }
 
 /// Four bytes, 16 bits each, so that one multiplication serves all.
-#[inline(always)]
+#[inline]
 fn spread([r, g, b, a]: [u8; 4]) -> u64 {
     u64::from(r) | u64::from(g) << 16 | u64::from(b) << 32 | u64::from(a) << 48
 }

@@ -1,9 +1,10 @@
 //! A finished frame.
 
 use crate::capture::CameraError;
+use crate::capture::picture::{self, PictureError};
 use crate::files::write_atomically;
 use image::RgbImage;
-use std::io::{self, Cursor, Write};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// How a pixel of a frame came about, in one byte.
@@ -91,7 +92,7 @@ pub enum FrameError {
     },
     /// The encoder failed.
     #[error("cannot encode the frame as PNG: {0}")]
-    Png(#[from] image::ImageError),
+    Png(#[from] PictureError),
 }
 
 impl Frame {
@@ -166,12 +167,11 @@ impl Frame {
     /// # Errors
     /// [`FrameError`] if width, height and the number of colours do not fit together, or the encoder fails.
     pub fn to_png(&self) -> Result<Vec<u8>, FrameError> {
-        let raw = self.color.iter().flatten().copied().collect();
-        let picture = image::RgbaImage::from_raw(self.width, self.height, raw);
-        let picture = picture.ok_or(CameraError::Size(self.width, self.height))?;
-        let mut png = Cursor::new(Vec::new());
-        picture.write_to(&mut png, image::ImageFormat::Png)?;
-        Ok(png.into_inner())
+        if self.color.len() as u64 != u64::from(self.width) * u64::from(self.height) {
+            return Err(CameraError::Size(self.width, self.height).into());
+        }
+        let kind = image::ExtendedColorType::Rgba8;
+        Ok(picture::png(self.color.as_flattened(), self.width, self.height, kind)?)
     }
 }
 

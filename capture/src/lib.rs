@@ -33,6 +33,7 @@ pub mod light;
 pub mod load;
 mod material;
 pub mod path;
+pub mod picture;
 pub mod portal_model;
 pub mod random;
 pub mod rig;

@@ -133,7 +133,7 @@ pub fn random4(mut v: [u32; 4]) -> [u32; 4] {
 }
 
 /// A random 32-bit number as a float in [0, 1).
-#[inline(always)]
+#[inline]
 pub fn unit_float(random: u32) -> f32 {
     (random >> 8) as f32 * (1.0 / 16_777_216.0)
 }

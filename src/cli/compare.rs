@@ -1,6 +1,7 @@
 //! `headbox compare`.
 
 use super::output::{print_json, save_png};
+use crate::capture::picture;
 use crate::metrics;
 use anyhow::Context;
 use clap::Args;
@@ -21,7 +22,8 @@ pub(super) struct Compare {
 }
 
 fn open(path: &Path) -> anyhow::Result<image::RgbImage> {
-    let image = image::open(path).with_context(|| format!("{} could not be read as an image", path.display()))?;
+    let image = picture::read(path, picture::MAX_BYTES)
+        .with_context(|| format!("{} could not be read as an image", path.display()))?;
     Ok(image.to_rgb8())
 }
 

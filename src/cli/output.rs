@@ -1,7 +1,7 @@
 //! What goes to standard output, and what the process has used.
 
+use crate::capture::picture;
 use anyhow::Context;
-use image::ImageEncoder;
 use std::io::Write;
 use std::path::Path;
 
@@ -47,12 +47,8 @@ pub(super) fn peak_rss_mb() -> Option<f64> {
 /// Saves an image as PNG, whole or not at all.
 pub(super) fn save_png(path: &Path, image: &image::RgbImage) -> anyhow::Result<()> {
     let (width, height) = image.dimensions();
-    let written = crate::files::write_atomically(path, |w| {
-        let encoder = image::codecs::png::PngEncoder::new(w);
-        encoder
-            .write_image(image.as_raw(), width, height, image::ExtendedColorType::Rgb8)
-            .map_err(std::io::Error::other)
-    });
+    let png = picture::png(image.as_raw(), width, height, image::ExtendedColorType::Rgb8)?;
+    let written = crate::files::write_atomically(path, |w| w.write_all(&png));
     written.with_context(|| format!("{} could not be written", path.display()))
 }
 

@@ -6,9 +6,9 @@ use super::capture::place_headbox;
 use super::info::sprite_json;
 use super::output::{peak_rss_mb, print_json, print_notes, save_png, write_text};
 use super::progress::Bar;
-use crate::capture::DepthKind;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
+use crate::capture::{DepthKind, picture};
 use crate::environment::Environment;
 use crate::measure::sprite_range::SpriteRange;
 use crate::scene_source::SceneSource;
@@ -201,7 +201,7 @@ impl SpriteCommand {
         let (Some(depth_path), Some(kind)) = (&self.import.depth, self.import.depth_kind) else {
             return Err(UsageError("--color needs --depth and --depth-kind".into()).into());
         };
-        let color = image::open(color_path);
+        let color = picture::read(color_path, picture::MAX_BYTES);
         let color =
             color.with_context(|| format!("{} could not be read as an image", color_path.display()))?.to_rgba8();
         let depth = DepthPicture::read(depth_path, self.import.unit(depth_path, kind))?;

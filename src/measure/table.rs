@@ -47,7 +47,7 @@ pub fn figure(value: f64) -> String {
     match value.abs() {
         0.0 => "0".into(),
         size if !size.is_finite() => "not measurable".into(),
-        size if !(0.001..1e5).contains(&size) => format!("{value:.1e}"),
+        size if !(0.001..1e7).contains(&size) => format!("{value:.1e}"),
         size if size >= 100.0 => format!("{value:.0}"),
         size if size >= 10.0 => format!("{value:.1}"),
         size if size >= 0.1 => format!("{value:.2}"),
@@ -74,10 +74,10 @@ mod tests {
 
     #[test]
     fn figures_have_three_digits() {
-        let written = [0.0, 123.4, 12.34, 1.234, 0.1234, 0.001234, 1.5e-7, 2e6, f64::NAN, -3.0].map(figure);
+        let written = [0.0, 123.4, 12.34, 1.234, 0.1234, 0.001234, 1.5e-7, 2e8, f64::NAN, -3.0].map(figure);
         assert_eq!(
             written,
-            ["0", "123", "12.3", "1.23", "0.12", "0.001", "1.5e-7", "2.0e6", "not measurable", "-3.00"]
+            ["0", "123", "12.3", "1.23", "0.12", "0.001", "1.5e-7", "2.0e8", "not measurable", "-3.00"]
         );
         assert_eq!([percent(0.001234), percent(0.5)], ["0.123 %", "50.0 %"]);
     }

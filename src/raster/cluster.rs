@@ -96,7 +96,7 @@ impl View {
 }
 
 impl Transferred {
-    #[inline(always)]
+    #[inline]
     fn snapped(&self, i: usize) -> Snapped {
         Snapped { x: self.x[i], y: self.y[i], inverse_depth: self.inverse_depth[i] }
     }

@@ -74,7 +74,7 @@ impl SrgbTable {
 
 /// The same bytes as [`srgb8_from_linear`], by the table.
 #[cfg(feature = "cli")]
-#[inline(always)]
+#[inline]
 pub(crate) fn encode_srgb(linear: f32) -> u8 {
     SrgbTable::get().encode(linear)
 }

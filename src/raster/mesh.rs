@@ -136,7 +136,7 @@ impl RasterMesh {
     }
 
     /// The corners of a triangle.
-    #[inline(always)]
+    #[inline]
     pub(super) fn corners(&self, face: &Face) -> [&Vertex; 3] {
         let [a, b, c] = face.corners;
         [&self.vertices[a as usize], &self.vertices[b as usize], &self.vertices[c as usize]]

@@ -39,7 +39,7 @@ impl MipTexture {
     }
 
     /// Width and height in texels.
-    #[inline(always)]
+    #[inline]
     pub(super) fn size(&self) -> [f32; 2] {
         [self.size[0] as f32, self.size[1] as f32]
     }

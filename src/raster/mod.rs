@@ -91,7 +91,7 @@ impl SurfaceId {
     }
 
     /// What it stands for.
-    #[inline(always)]
+    #[inline]
     fn seen(self) -> Seen {
         match self.0 {
             u32::MAX => Seen::Nothing,

@@ -36,7 +36,7 @@ impl Format for PackedDepthPixel {
         [f64::from(segment.inverse_depth_min), segment.inverse_depth_step()]
     }
 
-    #[inline(always)]
+    #[inline]
     fn inverse_depth(&self, segment: &PackedSegment) -> f64 {
         segment.inverse_depth(self.inverse_depth_code())
     }
@@ -58,7 +58,7 @@ impl Format for ExactDepthPixel {
         [0.0, 1.0]
     }
 
-    #[inline(always)]
+    #[inline]
     fn inverse_depth(&self, _: &PackedSegment) -> f64 {
         f64::from(self.inverse_depth)
     }

@@ -34,7 +34,7 @@ pub(crate) enum Normals<S: Simd> {
 }
 
 impl<S: Simd> Normals<S> {
-    #[inline(always)]
+    #[inline]
     fn index(&self) -> [u32; LANES] {
         match self {
             Self::Index(index) | Self::Exact { index, .. } => index.to_array(),

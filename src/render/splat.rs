@@ -153,7 +153,7 @@ impl Splats {
     }
 
     /// The number of entries, never more than fit.
-    #[inline(always)]
+    #[inline]
     pub(super) fn count(&self) -> usize {
         self.len.min(Self::ROOM)
     }

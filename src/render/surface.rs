@@ -47,7 +47,7 @@ static RECIPROCALS: [u64; MAX_WEIGHT as usize + 1] = splat::reciprocals();
 
 impl Cell {
     /// Weight of the front surface.
-    #[inline(always)]
+    #[inline]
     fn weight(&self) -> u64 {
         self.sum >> 48
     }

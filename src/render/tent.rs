@@ -56,7 +56,7 @@ impl Tents {
     }
 
     /// The columns and rows that a splat touches.
-    #[inline(always)]
+    #[inline]
     pub(super) fn pixels(&self, i: usize) -> [Range<i32>; 2] {
         [self.columns.of(i), self.rows.of(i)]
     }
@@ -122,7 +122,7 @@ impl Lines {
     }
 
     /// The lines of a splat.
-    #[inline(always)]
+    #[inline]
     fn of(&self, i: usize) -> Range<i32> {
         self.first[i]..self.end[i]
     }

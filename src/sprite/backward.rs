@@ -139,6 +139,8 @@ struct Block<'a> {
     step: [f32; 3],
     normalizer: f32,
     texels: TexelMap,
+    /// All pixels of the block are in front, and on the plane lie over texels.
+    over_texels: bool,
     lookup: Option<Lookup<'a>>,
 }
 
@@ -199,6 +201,11 @@ impl<'a> Block<'a> {
             step: step.as_vec3().to_array(),
             normalizer: normalizer as f32,
             texels: TexelMap::new(view.texture, level, anchor),
+            over_texels: over(
+                [first, last],
+                [0.0; 2],
+                [f64::from(view.texture.levels[0].width), f64::from(view.texture.levels[0].height)],
+            ),
             lookup: cells.map(|cells| Lookup::new(view, cells, anchor, low, high, [first, last])),
         })
     }
@@ -240,6 +247,14 @@ fn bounds(view: &View, cells: Option<Cells>, rim: f64) -> ([f64; 2], [f64; 2]) {
             ([x * px - rim, y * py - rim], high)
         }
     }
+}
+
+/// Whether both ends of a line segment are in front and inside a rectangle.
+#[inline(always)]
+fn over(ends: [DVec3; 2], low: [f64; 2], high: [f64; 2]) -> bool {
+    let inside =
+        |p: &DVec3| p.z > 0.0 && p.x > low[0] * p.z && p.x < high[0] * p.z && p.y > low[1] * p.z && p.y < high[1] * p.z;
+    ends.iter().all(inside)
 }
 
 /// Whether both ends of a line segment (w > 0) are beyond one side of a rectangle.
@@ -302,7 +317,11 @@ fn on_plane<S: Simd>(simd: S, place: &Block, first: usize) -> ([f32x16<S>; 2], m
 fn straight<S: Simd, const NEAREST: bool>(simd: S, place: &Block, count: usize, footprints: &mut Footprints) {
     for first in (0..count).step_by(LANES) {
         let (position, valid, _) = on_plane(simd, place, first);
-        address::<S, NEAREST>(simd, &place.texels, position, valid, first, footprints);
+        if place.over_texels {
+            address::<S, NEAREST, true>(simd, &place.texels, position, valid, first, footprints);
+        } else {
+            address::<S, NEAREST, false>(simd, &place.texels, position, valid, first, footprints);
+        }
     }
 }
 
@@ -339,15 +358,12 @@ fn displaced<S: Simd, const NEAREST: bool>(
     let Some(lookup) = &place.lookup else { return };
     let empty = if matches!(parallax, Parallax::Shift(_)) { ShiftField::EMPTY } else { 0 };
     for first in (0..count).step_by(LANES) {
-        if lookup.inside {
-            find_cells::<S, true>(simd, place, lookup, first, found);
-        } else {
-            find_cells::<S, false>(simd, place, lookup, first, found);
+        match lookup.inside {
+            true => find_cells::<S, true>(simd, place, lookup, first, found),
+            false => find_cells::<S, false>(simd, place, lookup, first, found),
         }
     }
-    for (cell, &index) in found.cell[..count].iter_mut().zip(&found.index) {
-        *cell = lookup.cells.get(index as usize).copied().unwrap_or(empty);
-    }
+    fetch_cells(lookup.cells, &found.index, empty, &mut found.cell, count);
     for first in (0..count).step_by(LANES) {
         let cells = u32x16::from_slice(simd, &found.cell[first..first + LANES]);
         let plane = [load(simd, &found.x, first), load(simd, &found.y, first)];
@@ -366,7 +382,18 @@ fn displaced<S: Simd, const NEAREST: bool>(
                 along_epipole(lookup, plane, displacement(&field.coding, cells, offset) * share)
             }
         };
-        address::<S, NEAREST>(simd, &place.texels, position, known & in_front, first, footprints);
+        address::<S, NEAREST, false>(simd, &place.texels, position, known & in_front, first, footprints);
+    }
+}
+
+/// The cells of indices; `empty` where there is none. A function of its own, so that what it needs stays in registers.
+#[inline(never)]
+fn fetch_cells(cells: &[u32], indices: &[u32; BLOCK], empty: u32, out: &mut [u32; BLOCK], count: usize) {
+    let (out, indices) = (out.as_chunks_mut::<4>().0, indices.as_chunks::<4>().0);
+    for (out, indices) in out.iter_mut().zip(indices).take(count / 4) {
+        for i in 0..4 {
+            out[i] = cells.get(indices[i] as usize).copied().unwrap_or(empty);
+        }
     }
 }
 

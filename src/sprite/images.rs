@@ -1,10 +1,11 @@
 //! Depth pictures in files, and sprites back to pictures: PNG for colour, EXR for depth.
 
 use super::SpriteWithDepth;
+use crate::capture::picture::{self, PictureError};
 use crate::files::write_atomically;
 use exr::meta::MetaData;
 use exr::prelude::{Image, ReadChannels, ReadLayers, SpecificChannels, WritableImage, read};
-use std::io;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// Why a picture could not be read or written.
@@ -86,10 +87,12 @@ impl SpriteWithDepth {
     /// # Errors
     /// [`ImageFileError::Io`].
     pub fn export(&self, color_png: &Path, depth_exr: &Path) -> Result<(), ImageFileError> {
-        let write = |writer: &mut io::BufWriter<&std::fs::File>| {
-            self.sprite().color().write_to(writer, image::ImageFormat::Png).map_err(io::Error::other)
-        };
-        write_atomically(color_png, write).map_err(|source| ImageFileError::Io { path: color_png.into(), source })?;
+        let color = self.sprite().color();
+        let png = picture::png(color.as_raw(), color.width(), color.height(), image::ExtendedColorType::Rgba8);
+        let write = |bytes: Vec<u8>| write_atomically(color_png, |writer| writer.write_all(&bytes));
+        png.map_err(io::Error::other)
+            .and_then(write)
+            .map_err(|source| ImageFileError::Io { path: color_png.into(), source })?;
         self.depth_picture().write_exr(depth_exr)
     }
 }
@@ -120,12 +123,10 @@ fn read_exr(path: &Path, unit: f32) -> Result<DepthPicture, ImageFileError> {
 
 fn read_grey(path: &Path, unit: f32) -> Result<DepthPicture, ImageFileError> {
     let bad = |message: String| ImageFileError::Format { path: path.into(), message };
-    let mut reader =
-        image::ImageReader::open(path).map_err(|source| ImageFileError::Io { path: path.into(), source })?;
-    let mut limits = image::Limits::default();
-    limits.max_alloc = Some(2 * MAX_PIXELS as u64);
-    reader.limits(limits);
-    let image = reader.decode().map_err(|error| bad(error.to_string()))?;
+    let image = picture::read(path, 2 * MAX_PIXELS as u64).map_err(|error| match error {
+        PictureError::Io(source) => ImageFileError::Io { path: path.into(), source },
+        error => bad(error.to_string()),
+    })?;
     let values: Vec<u16> = match &image {
         image::DynamicImage::ImageLuma8(grey) => grey.as_raw().iter().map(|&v| u16::from(v)).collect(),
         image::DynamicImage::ImageLuma16(grey) => grey.as_raw().clone(),

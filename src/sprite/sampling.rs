@@ -76,9 +76,10 @@ impl TexelMap {
     }
 }
 
-/// Finds footprints of sixteen positions (`valid` ones; others are transparent), lanes `first..first + 16`.
+/// Finds footprints of sixteen positions (`valid` ones; others are transparent), lanes `first..first + 16`. With `INSIDE` all are
+/// valid, and no footprint reaches beyond the texels and their border.
 #[inline(always)]
-pub(super) fn address<S: Simd, const NEAREST: bool>(
+pub(super) fn address<S: Simd, const NEAREST: bool, const INSIDE: bool>(
     simd: S,
     map: &TexelMap,
     position: [f32x16<S>; 2],
@@ -95,7 +96,7 @@ pub(super) fn address<S: Simd, const NEAREST: bool>(
         let high = (sides[axis] - map.base[axis]) as f32;
         let half = if NEAREST { 0.5 } else { 0.0 };
         let texel = position[axis] * map.scale + (map.rest[axis] + half);
-        let texel = valid.select(texel, low).max(low).min(high);
+        let texel = if INSIDE { texel } else { valid.select(texel, low).max(low).min(high) };
         let floor = texel.floor();
         fraction[axis] = texel - floor;
         cell[axis] = floor.to_int::<i32x16<S>>();

@@ -52,7 +52,7 @@ fn sprites() {
 fn houses() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/corpus/a.house");
     let (house, _, _) = headbox::portal::file::read(&file, u64::MAX).expect("readable");
-    assert_eq!(house.scene().frame, FileFrame::default());
+    assert_eq!(house.scene().frame, FileFrame { up: UpAxis::Y, unit_m: 0.01 });
 }
 
 #[test]

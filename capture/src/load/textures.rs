@@ -2,19 +2,12 @@
 
 use super::notes::{Note, Notes};
 use crate::material::{Texture, srgb8_from_linear};
-use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
+use crate::picture;
+use image::DynamicImage;
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::fs;
-use std::io::{BufRead, BufReader, Cursor, Seek};
 use std::path::{Component, Path, PathBuf};
-
-/// The most texels of one texture; a file that claims more is refused before its pixels are unpacked. 8192 x 8192 at
-/// four bytes is 256 MiB, beyond which a texture is a mistake or an attack.
-const MAX_TEXELS: u64 = 8192 * 8192;
-
-/// The most bytes a decoder may allocate: 16 bytes (four 32-bit floats) for each of [`MAX_TEXELS`].
-const MAX_DECODER_BYTES: u64 = MAX_TEXELS * 16;
 
 /// What an image is used for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -144,17 +137,10 @@ impl Request {
     fn decode(&self) -> Result<Texture, String> {
         let image = match &self.source {
             Source::Absent(cause) => return Err(cause.clone()),
-            Source::Bytes(bytes) => decode_image(ImageReader::new(Cursor::new(bytes.as_slice())))?,
-            Source::File(path) => {
-                let file = fs::File::open(path).map_err(|e| e.to_string())?;
-                let mut reader = ImageReader::new(BufReader::new(file));
-                // Formats without a signature (TGA) are known by the file's ending alone.
-                if let Ok(format) = image::ImageFormat::from_path(path) {
-                    reader.set_format(format);
-                }
-                decode_image(reader)?
-            }
+            Source::Bytes(bytes) => picture::decode(bytes, None, picture::MAX_BYTES),
+            Source::File(path) => picture::read(path, picture::MAX_BYTES),
         };
+        let image = image.map_err(|error| error.to_string())?;
         let (width, height) = (image.width(), image.height());
         let texels = match self.role {
             Role::Color => srgb_texels(&image),
@@ -162,19 +148,6 @@ impl Request {
         };
         Texture::new(width, height, texels).ok_or_else(|| "it has no pixels".into())
     }
-}
-
-fn decode_image<R: BufRead + Seek>(reader: ImageReader<R>) -> Result<DynamicImage, String> {
-    let mut reader = reader.with_guessed_format().map_err(|e| e.to_string())?;
-    let mut limits = Limits::default();
-    limits.max_alloc = Some(MAX_DECODER_BYTES);
-    reader.limits(limits);
-    let decoder = reader.into_decoder().map_err(|e| e.to_string())?;
-    let (width, height) = decoder.dimensions();
-    if u64::from(width) * u64::from(height) > MAX_TEXELS {
-        return Err(format!("{width}x{height} pixels, more than {MAX_TEXELS} in all"));
-    }
-    DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())
 }
 
 /// The image as sRGB with straight alpha. Float images hold linear light; all others are sRGB already.

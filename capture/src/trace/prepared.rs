@@ -65,7 +65,7 @@ macro_rules! each_axis {
 pub(super) use each_axis;
 
 /// The larger of two numbers, neither of them NaN, as one instruction (`f32::max` also looks after NaN).
-#[inline(always)]
+#[inline]
 pub(super) fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
@@ -134,14 +134,14 @@ impl Prepared {
     }
 
     /// Reciprocal of the direction on z'.
-    #[inline(always)]
+    #[inline]
     pub(super) fn inverse_main(&self) -> f32 {
         self.slabs[self.axes[2]].inverse
     }
 }
 
 /// The axes x', y', z' for a main axis.
-#[inline(always)]
+#[inline]
 pub(super) fn axes_of(main_axis: u32) -> [usize; 3] {
     match main_axis {
         0 => [1, 2, 0],

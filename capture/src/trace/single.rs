@@ -43,17 +43,17 @@ fn hit(primitive: u32, candidate: Candidate) -> Hit {
 }
 
 impl Found for Closest {
-    #[inline(always)]
+    #[inline]
     fn limit(&self) -> f32 {
         self.candidate.t
     }
 
-    #[inline(always)]
+    #[inline]
     fn wants(&self, t: f32, primitive: u32) -> bool {
         t < self.candidate.t || (t == self.candidate.t && primitive < self.primitive)
     }
 
-    #[inline(always)]
+    #[inline]
     fn take(&mut self, primitive: u32, candidate: Candidate) {
         *self = Self { primitive, candidate };
     }
@@ -71,29 +71,29 @@ impl Occluded {
         Self { t_max, blocked: false }
     }
 
-    #[inline(always)]
+    #[inline]
     pub(super) fn blocked(&self) -> bool {
         self.blocked
     }
 }
 
 impl Found for Occluded {
-    #[inline(always)]
+    #[inline]
     fn limit(&self) -> f32 {
         self.t_max
     }
 
-    #[inline(always)]
+    #[inline]
     fn wants(&self, t: f32, _: u32) -> bool {
         t <= self.t_max
     }
 
-    #[inline(always)]
+    #[inline]
     fn take(&mut self, _: u32, _: Candidate) {
         self.blocked = true;
     }
 
-    #[inline(always)]
+    #[inline]
     fn done(&self) -> bool {
         self.blocked
     }
@@ -117,17 +117,17 @@ impl All {
 }
 
 impl Found for All {
-    #[inline(always)]
+    #[inline]
     fn limit(&self) -> f32 {
         self.t_max
     }
 
-    #[inline(always)]
+    #[inline]
     fn wants(&self, t: f32, _: u32) -> bool {
         t <= self.t_max
     }
 
-    #[inline(always)]
+    #[inline]
     fn take(&mut self, primitive: u32, candidate: Candidate) {
         self.hits.push(hit(primitive, candidate));
     }

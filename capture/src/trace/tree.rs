@@ -62,7 +62,7 @@ impl Node {
 }
 
 /// The row of planes on the other side of the box.
-#[inline(always)]
+#[inline]
 pub(super) fn opposite(row: usize) -> usize {
     if row < 3 { row + 3 } else { row - 3 }
 }
@@ -152,24 +152,24 @@ impl Child {
     }
 
     /// The first block, if this is a leaf.
-    #[inline(always)]
+    #[inline]
     pub(super) fn first_block(self) -> Option<usize> {
         if self.0 & Self::LEAF == 0 { None } else { Some((self.0 & !Self::LEAF) as usize) }
     }
 
     /// The node, if this is not a leaf.
-    #[inline(always)]
+    #[inline]
     pub(super) fn index(self) -> u32 {
         self.0
     }
 
-    #[inline(always)]
+    #[inline]
     pub(super) fn from_name(name: u32) -> Self {
         Self(name)
     }
 
     /// Its name in an [`Entry`].
-    #[inline(always)]
+    #[inline]
     pub(super) fn name(self) -> u32 {
         self.0
     }
@@ -185,18 +185,18 @@ impl Entry {
     pub(super) const EMPTY: Self = Self(0);
 
     /// `enter` is not negative.
-    #[inline(always)]
+    #[inline]
     pub(super) fn new(enter: f32, name: u32) -> Self {
         Self(u64::from(enter.to_bits()) << 32 | u64::from(name))
     }
 
     /// Where the box is entered.
-    #[inline(always)]
+    #[inline]
     pub(super) fn enter(self) -> f32 {
         f32::from_bits((self.0 >> 32) as u32)
     }
 
-    #[inline(always)]
+    #[inline]
     pub(super) fn name(self) -> u32 {
         self.0 as u32
     }

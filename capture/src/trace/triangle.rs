@@ -70,13 +70,13 @@ pub(super) struct Candidate {
 impl Candidate {
     /// `t`, but never before `enter`, where the ray enters the leaf's box (rule 3 of the parent module). Adding zero
     /// turns -0 to 0.
-    #[inline(always)]
+    #[inline]
     pub(super) fn t_from(&self, enter: f32) -> f32 {
         larger(self.t, enter) + 0.0
     }
 
     /// Barycentric weights of the second and the third vertex.
-    #[inline(always)]
+    #[inline]
     pub(super) fn barycentric(&self) -> [f32; 2] {
         // Adding zero turns -0 to 0: the sign of a zero depends on the shear's orientation and means nothing.
         [self.v / self.determinant + 0.0, self.w / self.determinant + 0.0]

@@ -141,8 +141,8 @@ pub(super) fn cases() -> Vec<Case> {
             name: "two colours closer than a bin, by rule",
             what: "Stripes a sixth of a pixel wide, red and blue in turns and a two-thousandth of a depth bin apart, captured by the three rules of D1: share of pixels that do not hold what the rule says (one sample of both colours; one sample of one; a sample of each).",
             unit: "%",
-            bound: 1.0,
-            reason: "Each pixel gets some thirty hits, half of them red: that one of them lacks a colour by chance is rare, and at the plane's border stripes end.",
+            bound: 4.0,
+            reason: "Each pixel gets some thirty hits, half of them red: a few pixels of a hundred have too few of one colour. A rule that is not kept shows in all of them.",
             measure: |seed| largest(RULES.map(|rule| against_rule(seed, rule))),
         },
         Case {

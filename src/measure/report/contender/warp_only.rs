@@ -77,12 +77,12 @@ impl RowWarp for RunningSum {
         self.at = self.shared.anchored(column, row);
     }
 
-    #[inline(always)]
+    #[inline]
     fn advance(&mut self, _: u32) {
         self.at.anchor += self.at.step;
     }
 
-    #[inline(always)]
+    #[inline]
     fn homogeneous(&self, code: u32) -> Vec3 {
         self.at.anchor + self.at.per_code * code as f32
     }
@@ -102,7 +102,7 @@ impl RowWarp for Anchored {
         self.here = self.at.anchor + self.at.step * (column % BLOCK_COLUMNS) as f32;
     }
 
-    #[inline(always)]
+    #[inline]
     fn advance(&mut self, column: u32) {
         let from_anchor = column % BLOCK_COLUMNS;
         if from_anchor == 0 {
@@ -111,7 +111,7 @@ impl RowWarp for Anchored {
         self.here = self.at.anchor + self.at.step * from_anchor as f32;
     }
 
-    #[inline(always)]
+    #[inline]
     fn homogeneous(&self, code: u32) -> Vec3 {
         self.here + self.at.per_code * code as f32
     }
@@ -130,12 +130,12 @@ impl RowWarp for Direct<'_> {
         self.at = [column, row].map(|c| f64::from(c) + 0.5);
     }
 
-    #[inline(always)]
+    #[inline]
     fn advance(&mut self, column: u32) {
         self.at[0] = f64::from(column) + 0.5;
     }
 
-    #[inline(always)]
+    #[inline]
     fn homogeneous(&self, code: u32) -> Vec3 {
         let inverse_depth = self.segment.inverse_depth(code);
         let point = self.face.direction(self.at[0], self.at[1], self.face_px) / inverse_depth;
