@@ -36,21 +36,23 @@ pub struct Kind {
     pub tag: [u8; 4],
     /// What the user calls it.
     pub name: &'static str,
-    /// The version that this program writes and reads.
+    /// The version that this program writes.
     pub version: u32,
+    /// The oldest version that it reads.
+    pub oldest: u32,
 }
 
 impl Kind {
     /// `.ldi`
-    pub const CUBE_LDI: Self = Self { tag: *b"cldi", name: "cube LDI", version: 1 };
+    pub const CUBE_LDI: Self = Self { tag: *b"cldi", name: "cube LDI", version: 2, oldest: 1 };
     /// `.shard`
-    pub const SHARD: Self = Self { tag: *b"shrd", name: "capture shard", version: 1 };
+    pub const SHARD: Self = Self { tag: *b"shrd", name: "capture shard", version: 1, oldest: 1 };
     /// `.sprite`
-    pub const SPRITES: Self = Self { tag: *b"sprt", name: "sprite", version: 1 };
+    pub const SPRITES: Self = Self { tag: *b"sprt", name: "sprite", version: 1, oldest: 1 };
     /// `.house`
-    pub const HOUSE: Self = Self { tag: *b"hous", name: "house", version: 1 };
+    pub const HOUSE: Self = Self { tag: *b"hous", name: "house", version: 1, oldest: 1 };
     /// Ray-traced frames that reports keep.
-    pub const TRUTH: Self = Self { tag: *b"trth", name: "truth frame", version: 1 };
+    pub const TRUTH: Self = Self { tag: *b"trth", name: "truth frame", version: 1, oldest: 1 };
     /// All of them.
     pub const ALL: [Self; 5] = [Self::CUBE_LDI, Self::SHARD, Self::SPRITES, Self::HOUSE, Self::TRUTH];
 }
@@ -300,7 +302,7 @@ fn check_header(path: &Path, header: &[u8], kind: Kind) -> Result<usize, FileErr
         return Err(FileError::OtherKind { path: path.into(), expected: kind.name, found });
     }
     let found = word(header, 12);
-    if found != kind.version {
+    if !(kind.oldest..=kind.version).contains(&found) {
         return Err(FileError::Version { path: path.into(), kind: kind.name, expected: kind.version, found });
     }
     let count = word(header, 16) as usize;
@@ -392,7 +394,7 @@ impl Section {
 mod tests {
     use super::*;
 
-    const KIND: Kind = Kind { tag: *b"test", name: "test file", version: 3 };
+    const KIND: Kind = Kind { tag: *b"test", name: "test file", version: 3, oldest: 2 };
 
     fn write(dir: &Path) -> PathBuf {
         let mut writer = ContainerWriter::new(KIND);
@@ -445,7 +447,7 @@ mod tests {
     fn errors_name_the_file_and_the_expectation() {
         let dir = tempfile::tempdir().unwrap();
         let path = write(dir.path());
-        let other = Kind { version: 4, ..KIND };
+        let other = Kind { version: 4, oldest: 4, ..KIND };
         let message = Container::open(&path, other).err().unwrap().to_string();
         assert!(message.contains("a.test") && message.contains("version 3") && message.contains("reads version 4"));
         let other = Kind { tag: *b"cldi", name: "cube LDI", ..KIND };

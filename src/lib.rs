@@ -89,6 +89,8 @@ pub mod packed;
 #[doc(hidden)]
 pub mod portal;
 #[doc(hidden)]
+pub mod primitives;
+#[doc(hidden)]
 pub mod progress;
 #[doc(hidden)]
 pub mod raster;

@@ -16,6 +16,7 @@ use crate::ldi::job::CaptureJob;
 use crate::ldi::parameters::{CaptureParameters, Resources};
 use crate::ldi::shard::{self, ShardInfo};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::primitives::{self, MAX_ERROR_PX};
 use crate::scene_source::{SceneSource, fingerprint};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
@@ -81,6 +82,17 @@ pub(super) struct PackingArgs {
     /// Near/far split of each face: auto, none, or an eye depth
     #[arg(long, default_value = "auto", value_parser = parse_split, allow_hyphen_values = true)]
     split: Split,
+    /// Show what is flat as pictures on planes, where nobody in the headbox sees it elsewhere by more than E frame pixels; 0
+    /// keeps every sample
+    #[arg(long, value_name = "E", default_value_t = 0.0, value_parser = parse_error_px, allow_hyphen_values = true)]
+    error_px: f64,
+}
+
+fn parse_error_px(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(error) if (0.0..=MAX_ERROR_PX).contains(&error) => Ok(error),
+        _ => Err(format!("give a number of frame pixels from 0 to {MAX_ERROR_PX}")),
+    }
 }
 
 /// Qualities by name; their numbers are in [`Preset::NUMBERS`].
@@ -123,12 +135,18 @@ fn parse_shard(text: &str) -> Result<(u32, u32), String> {
 }
 
 impl PackingArgs {
-    pub(super) fn pack(&self, ldi: &crate::ldi::CubeLdi) -> anyhow::Result<PackedCube> {
+    pub(super) fn pack(&self, mut ldi: crate::ldi::CubeLdi) -> anyhow::Result<PackedCube> {
         let split = match self.split {
+            // What pictures leave is little, and a second table of pixels would be larger than what a split saves.
+            Split::Auto if self.error_px > 0.0 => Split::None,
             Split::AtDepth(depth) => Split::AtDepth(depth * ldi.info.frame.unit_m),
             split => split,
         };
-        Ok(PackedCube::pack(ldi, self.layout, split)?)
+        ldi.validate()?;
+        let planes = primitives::choose(&mut ldi, self.error_px);
+        let mut cube = PackedCube::pack(&ldi, self.layout, split)?;
+        cube.planes = planes;
+        Ok(cube)
     }
 }
 
@@ -235,11 +253,10 @@ impl Capture {
         let lighting = Lighting::measure(&tracer, job.parameters.bounces);
         let (ldi, trace_time) = job.run(&tracer, &lighting, &resources, &bar).context("the capture failed")?;
         drop((tracer, scene));
-        let packed = self.packing.pack(&ldi)?;
-        if packed.depth_pixel_count() == 0 {
+        let packed = self.packing.pack(ldi)?;
+        if packed.depth_pixel_count() == 0 && packed.planes.tiles.is_empty() {
             bail!("no ray from the headbox met the scene; move --center, or choose a larger --half-size");
         }
-        drop(ldi);
         packed.write(&self.output)?;
         bar.finish();
         warn_if_blocked(packed.info.blocked_share);
@@ -269,7 +286,7 @@ impl Capture {
         }
         let bar = Bar::new();
         let ldi = job.run(&set, &views, &bar)?;
-        let packed = self.packing.pack(&ldi)?;
+        let packed = self.packing.pack(ldi)?;
         packed.write(&self.output)?;
         bar.finish();
         let total_s = start.elapsed().as_secs_f64();

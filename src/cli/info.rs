@@ -55,7 +55,7 @@ impl Info {
             print_json(&json!({
                 "kind": CUBE_LDI.name, "bytes": bytes, "depth_pixels": cube.depth_pixel_count(), "faces": faces,
                 "face_size": cube.face_size_px, "layout": cube.layout, "environment_size": cube.environment.size_px,
-                "capture": cube.info, "ok": true,
+                "capture": cube.info, "planes": planes_json(&cube), "ok": true,
             }));
             return Ok(());
         }
@@ -83,6 +83,12 @@ impl Info {
             let count = s.depth_pixels.len();
             let (name, w, h, x, y) = (s.face.name(), s.width, s.height, s.x0, s.y0);
             println!("  {name} {side}     {count} depth pixels, {w}x{h} at {x},{y}, depth {from:.3} to {to:.3} m");
+        }
+        let set = &cube.planes;
+        if !set.tiles.is_empty() {
+            let (planes, tiles, texels) = (set.planes.len(), set.tiles.len(), set.texels.len());
+            println!("  planes      {planes} planes, {tiles} pictures of {texels} texels, for {} samples", set.samples);
+            println!("              within {} frame pixels, {} bytes in memory", set.error_px, set.bytes());
         }
         if self.check {
             println!("ok: every promise of the layout holds");
@@ -146,6 +152,17 @@ impl Info {
         }
         Ok(())
     }
+}
+
+/// What is shown as pictures on planes, or null.
+fn planes_json(cube: &PackedCube) -> Option<serde_json::Value> {
+    let set = &cube.planes;
+    (!set.tiles.is_empty()).then(|| {
+        json!({
+            "error_px": set.error_px, "planes": set.planes.len(), "pictures": set.tiles.len(),
+            "texels": set.texels.len(), "samples": set.samples, "bytes": set.bytes(),
+        })
+    })
 }
 
 /// What there is to know of a sprite; eye, look_at and fov are what an import needs to know of its camera.

@@ -65,7 +65,7 @@ impl Merge {
         let bar = Bar::new();
         let ldi = first.job.finish(&tracing, &tracer, &lighting, &resources, &bar)?;
         drop((tracing, tracer));
-        let packed = self.packing.pack(&ldi)?;
+        let packed = self.packing.pack(ldi)?;
         packed.write(&self.output)?;
         bar.finish();
         warn_if_blocked(packed.info.blocked_share);

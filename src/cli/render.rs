@@ -101,8 +101,8 @@ impl Rendered {
 /// What the files hold, with all that drawing it needs.
 enum Content {
     House(Box<HouseContent>),
-    Cube { cube: PackedCube, renderer: Box<Renderer>, settings: RenderSettings },
-    Layers { layers: Composition, composer: Box<Composer>, settings: ComposeSettings, frame: Frame },
+    Cube { cube: Box<PackedCube>, renderer: Box<Renderer>, settings: RenderSettings },
+    Layers { layers: Box<Composition>, composer: Box<Composer>, settings: ComposeSettings, frame: Frame },
 }
 
 impl Render {
@@ -157,11 +157,13 @@ impl Render {
         let Some((frame, camera)) = world else { bail!("there is no file to render") };
         let settings = self.settings(!cubes.is_empty(), sprites.is_some())?;
         let content = match (sprites, cubes.len()) {
-            (None, 1) => {
-                Content::Cube { cube: cubes.remove(0), renderer: Box::new(Renderer::new()), settings: settings.cubes }
-            }
+            (None, 1) => Content::Cube {
+                cube: Box::new(cubes.remove(0)),
+                renderer: Box::new(Renderer::new()),
+                settings: settings.cubes,
+            },
             (sprites, _) => Content::Layers {
-                layers: Composition::new(sprites.unwrap_or_else(|| SpriteSet::new(Vec::new())), cubes),
+                layers: Box::new(Composition::new(sprites.unwrap_or_else(|| SpriteSet::new(Vec::new())), cubes)),
                 composer: Box::default(),
                 settings,
                 frame: Frame::default(),

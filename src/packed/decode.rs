@@ -2,6 +2,8 @@
 
 use super::layout::{PackedCube, PackedDepthPixel, PackedSegment, SplatIndexLayout};
 use super::splat_index::DepthCodeRange;
+use crate::capture::rig::Face;
+use crate::ldi::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
 use glam::DVec3;
 
 /// The largest 20-bit inverse depth code.
@@ -83,6 +85,33 @@ impl PackedSegment {
 }
 
 impl PackedCube {
+    /// The cube LDI that was packed, as well as packing has kept it. Pictures on planes are not part of it.
+    pub fn unpack(&self) -> CubeLdi {
+        let faces = Face::ALL.map(|face| {
+            let size_px = self.face_size_px;
+            let mut ldi = LayeredDepthImage::empty(face, size_px);
+            // Far before near, as they are stored: farthest first in every pixel.
+            let of_face: Vec<&PackedSegment> = self.segments.iter().filter(|s| s.face == face).collect();
+            for y in 0..size_px {
+                for x in 0..size_px {
+                    for segment in &of_face {
+                        let Some((x, y)) = x.checked_sub(segment.x0).zip(y.checked_sub(segment.y0)) else { continue };
+                        let pixel = if x < segment.width { segment.pixel(x, y) } else { &[] };
+                        ldi.samples.extend(pixel.iter().map(|p| {
+                            let DecodedDepthPixel { inverse_depth, normal, color_srgb } =
+                                segment.decode(self.layout, *p);
+                            let normal = EncodedNormal::new(normal.as_vec3());
+                            DepthPixel { inverse_depth: inverse_depth as f32, normal, color_srgb }
+                        }));
+                    }
+                    ldi.offsets[(y * size_px + x) as usize + 1] = ldi.samples.len() as u32;
+                }
+            }
+            ldi
+        });
+        CubeLdi { info: self.info.clone(), faces: faces.to_vec(), environment: self.environment.clone() }
+    }
+
     /// The centre of the headbox, world metres: where every direction is seen best.
     pub fn center(&self) -> DVec3 {
         self.info.centre
@@ -98,11 +127,12 @@ impl PackedCube {
         self.segments.iter().map(|s| s.depth_pixels.len()).sum()
     }
 
-    /// Bytes of all depth pixels, offsets, counts and environment texels in memory.
+    /// Bytes of all depth pixels, offsets, counts, pictures on planes and environment texels in memory.
     pub fn bytes(&self) -> usize {
         let segment = |s: &PackedSegment| {
             size_of_val(&s.depth_pixels[..]) + size_of_val(&s.row_offsets[..]) + size_of_val(&s.row_counts[..])
         };
-        self.segments.iter().map(segment).sum::<usize>() + size_of_val(&self.environment.texels[..])
+        let segments = self.segments.iter().map(segment).sum::<usize>();
+        segments + size_of_val(&self.environment.texels[..]) + self.planes.bytes()
     }
 }

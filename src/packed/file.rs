@@ -3,8 +3,13 @@
 //! Sections: `info` (JSON: the [`CaptureInfo`], face size, splat-index layout and a header per segment), `environment`
 //! (texels), and for each segment with samples one section named after its face and side, e.g. `+X far`: row offsets,
 //! row counts, depth pixels, as they lie in memory.
+//!
+//! Version 2 is for cubes with pictures on planes; one without is written as version 1. There the row counts are [`super::runs`],
+//! and three sections are added: `planes` ([`Plane`]), `tiles` ([`PlaneTile`]), and `texels`: three bytes of colour for each
+//! texel of all tiles, then a byte of alpha for each texel of the tiles that are not opaque.
 
-use super::{BlockIndex, PackedCube, PackedSegment, SegmentSide, SplatIndexLayout};
+use super::planes::{Plane, PlaneSet, PlaneTile};
+use super::{BlockIndex, PackedCube, PackedSegment, SegmentSide, SplatIndexLayout, runs};
 use crate::capture::rig::Face;
 use crate::container::{Container, ContainerWriter, FileError, Kind, Section};
 use crate::environment::Environment;
@@ -23,6 +28,18 @@ pub(crate) struct Header {
     layout: SplatIndexLayout,
     environment_size_px: u32,
     segments: Vec<SegmentHeader>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    planes: Option<PlanesHeader>,
+}
+
+/// What a set of pictures is but for its arrays.
+#[derive(Serialize, Deserialize)]
+struct PlanesHeader {
+    error_px: f64,
+    samples: u64,
+    planes: usize,
+    tiles: usize,
+    texels: usize,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -58,12 +75,23 @@ impl PackedCube {
     /// [`FileError::Io`].
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
         let header = self.header();
-        let mut writer = ContainerWriter::new(CUBE_LDI);
+        let has_planes = !self.planes.tiles.is_empty();
+        let kind = Kind { version: if has_planes { 2 } else { 1 }, ..CUBE_LDI };
+        let mut writer = ContainerWriter::new(kind);
         writer.section("info", move || Ok(serde_json::to_vec(&header)?));
         writer.section("environment", || Ok(bytemuck::cast_slice(&self.environment.texels).to_vec()));
         for segment in &self.segments {
             let name = segment_name(segment.face, segment.side == SegmentSide::Near);
-            writer.section(name, || Ok(segment_arrays(segment).concat()));
+            writer.section(name, move || {
+                let [offsets, counts, depth_pixels] = segment_arrays(segment);
+                let runs = if has_planes { Some(runs::encode(segment)) } else { None };
+                Ok([offsets, runs.as_deref().unwrap_or(counts), depth_pixels].concat())
+            });
+        }
+        if has_planes {
+            writer.section("planes", || Ok(bytemuck::cast_slice(&self.planes.planes).to_vec()));
+            writer.section("tiles", || Ok(bytemuck::cast_slice(&self.planes.tiles).to_vec()));
+            writer.section("texels", || Ok(texel_bytes(&self.planes)));
         }
         writer.write(path)
     }
@@ -84,10 +112,12 @@ impl PackedCube {
                 return Err(info_section.damaged("face numbers 0 to 5", segment.face.to_string()));
             };
             let mut section = file.section(segment_name(face, segment.near))?;
-            segments.push(read_segment(&mut section, face, segment)?);
+            segments.push(read_segment(&mut section, face, segment, header.planes.is_some())?);
             section.end()?;
         }
-        Self::assemble(header, segments, environment, &info_section)
+        let planes =
+            header.planes.as_ref().map_or_else(|| Ok(PlaneSet::default()), |planes| read_planes(&file, planes))?;
+        Self::assemble(header, segments, environment, planes, &info_section)
     }
 
     /// The header of a file.
@@ -98,10 +128,17 @@ impl PackedCube {
             layout: self.layout,
             environment_size_px: self.environment.size_px,
             segments: self.segments.iter().map(segment_header).collect(),
+            planes: (!self.planes.tiles.is_empty()).then_some(PlanesHeader {
+                error_px: self.planes.error_px,
+                samples: self.planes.samples,
+                planes: self.planes.planes.len(),
+                tiles: self.planes.tiles.len(),
+                texels: self.planes.texels.len(),
+            }),
         }
     }
 
-    /// All arrays of a cube one after the other, for a file of another kind that keeps its header elsewhere.
+    /// All arrays of a cube without pictures one after the other, for a file of another kind that keeps its header elsewhere.
     pub(crate) fn arrays(&self) -> Vec<u8> {
         let mut bytes = bytemuck::cast_slice(&self.environment.texels).to_vec();
         self.segments.iter().flat_map(segment_arrays).for_each(|array| bytes.extend_from_slice(array));
@@ -115,20 +152,21 @@ impl PackedCube {
         let segments = header.segments.iter().map(|segment| {
             let face = Face::ALL.get(usize::from(segment.face)).copied();
             let face = face.ok_or_else(|| section.damaged("face numbers 0 to 5", segment.face.to_string()))?;
-            read_segment(section, face, segment)
+            read_segment(section, face, segment, false)
         });
         let segments = segments.collect::<Result<_, _>>()?;
-        Self::assemble(header, segments, Environment { size_px, texels }, section)
+        Self::assemble(header, segments, Environment { size_px, texels }, PlaneSet::default(), section)
     }
 
     fn assemble(
         header: Header,
         segments: Vec<PackedSegment>,
         environment: Environment,
+        planes: PlaneSet,
         section: &Section,
     ) -> Result<Self, FileError> {
         let Header { info, face_size_px, layout, .. } = header;
-        let mut cube = Self { info, face_size_px, layout, segments, environment, sheets: Default::default() };
+        let mut cube = Self { info, face_size_px, layout, segments, environment, planes, sheets: Default::default() };
         cube.validate().map_err(|error| section.damaged("a consistent cube LDI", error.to_string()))?;
         cube.segments.iter_mut().for_each(|segment| segment.blocks = BlockIndex::of(segment));
         Ok(cube)
@@ -160,10 +198,48 @@ fn read_environment(mut section: Section, size_px: u32) -> Result<Environment, F
     Ok(Environment { size_px, texels })
 }
 
-fn read_segment(section: &mut Section, face: Face, header: &SegmentHeader) -> Result<PackedSegment, FileError> {
+/// The colours of all texels, then the alphas of those that may be open.
+fn texel_bytes(set: &PlaneSet) -> Vec<u8> {
+    let mut bytes: Vec<u8> = set.texels.iter().flat_map(|[r, g, b, _]| [*r, *g, *b]).collect();
+    for tile in set.tiles.iter().filter(|tile| tile.opaque == 0) {
+        bytes.extend(set.texels[tile.texel_range()].iter().map(|texel| texel[3]));
+    }
+    bytes
+}
+
+fn read_planes(file: &Container, header: &PlanesHeader) -> Result<PlaneSet, FileError> {
+    let mut section = file.section("planes")?;
+    let planes: Vec<Plane> = section.array(header.planes)?;
+    section.end()?;
+    let mut section = file.section("tiles")?;
+    let tiles: Vec<PlaneTile> = section.array(header.tiles)?;
+    section.end()?;
+    let mut section = file.section("texels")?;
+    let colors: Vec<[u8; 3]> = section.array(header.texels)?;
+    let mut texels: Vec<[u8; 4]> = colors.into_iter().map(|[r, g, b]| [r, g, b, 255]).collect();
+    for tile in tiles.iter().filter(|tile| tile.opaque == 0) {
+        let alphas: Vec<u8> = section.array(tile.texel_count())?;
+        let of_tile = texels.get_mut(tile.texel_range());
+        let of_tile = of_tile.ok_or_else(|| section.damaged("tiles within the texels", "one beyond them"))?;
+        of_tile.iter_mut().zip(alphas).for_each(|(texel, alpha)| texel[3] = alpha);
+    }
+    section.end()?;
+    Ok(PlaneSet { error_px: header.error_px, samples: header.samples, planes, tiles, texels, ..PlaneSet::default() })
+}
+
+/// `in_runs`: the row counts are [`runs`].
+fn read_segment(
+    section: &mut Section,
+    face: Face,
+    header: &SegmentHeader,
+    in_runs: bool,
+) -> Result<PackedSegment, FileError> {
     let (width, height) = (header.width as usize, header.height as usize);
     let row_offsets = section.array(height.saturating_add(1))?;
-    let row_counts = section.array(height.saturating_mul(width.saturating_add(1)))?;
+    let row_counts = match in_runs {
+        true => runs::decode(section, header.width, header.height)?,
+        false => section.array(height.saturating_mul(width.saturating_add(1)))?,
+    };
     let depth_pixels = section.array(header.depth_pixels)?;
     Ok(PackedSegment {
         face,

@@ -16,6 +16,15 @@ pub enum PackedError {
     /// Segments are not in order (by face, far before near), or one occurs twice.
     #[error("segment {0} does not come after the one before it (by face, far before near)")]
     SegmentOrder(usize),
+    /// A plane is not a finite vector.
+    #[error("plane {0} has a coordinate that is not a finite number")]
+    Plane(usize),
+    /// A picture lies off its face, on a plane that is not there, or among texels that are not there, or is too small.
+    #[error("picture {0} on a plane: {1}")]
+    Tile(usize, &'static str),
+    /// The number of texels, or the error of pictures, is wrong.
+    #[error("pictures on planes: {0}")]
+    Pictures(&'static str),
     /// A promise inside one segment.
     #[error("face {} {side:?}: {problem}", face.name())]
     Segment {
@@ -105,6 +114,45 @@ impl PackedCube {
                 problem,
             })?;
             before = Some(segment);
+        }
+        self.validate_planes()
+    }
+
+    fn validate_planes(&self) -> Result<(), PackedError> {
+        let set = &self.planes;
+        if let Some(i) = set.planes.iter().position(|plane| !plane.normal_per_distance.is_finite()) {
+            return Err(PackedError::Plane(i));
+        }
+        let (mut texels, last) = (0, self.face_size_px as i32);
+        for (i, tile) in set.tiles.iter().enumerate() {
+            let wrong = |what| Err(PackedError::Tile(i, what));
+            if tile.plane as usize >= set.planes.len() {
+                return wrong("its plane is not there");
+            }
+            if usize::from(tile.face) >= Face::ALL.len() || tile.opaque > 1 {
+                return wrong("its face or its flag means nothing");
+            }
+            let fits = |start: i16, length: u16| {
+                start >= -1 && length >= 2 && i32::from(start) + i32::from(length) - 1 <= last
+            };
+            if !fits(tile.x0, tile.width) || !fits(tile.y0, tile.height) {
+                return wrong("its rectangle is too small, or reaches beyond the pixels around its face");
+            }
+            if tile.first_texel as usize != texels {
+                return wrong("its texels do not follow those of the one before it");
+            }
+            texels += tile.texel_count();
+            let of_tile = set.texels.get(tile.texel_range());
+            let Some(of_tile) = of_tile else { return wrong("its texels are not there") };
+            if (tile.opaque == 1) != of_tile.iter().all(|texel| texel[3] == 255) {
+                return wrong("its flag for opacity is wrong");
+            }
+        }
+        if texels != set.texels.len() {
+            return Err(PackedError::Pictures("there are texels that belong to none"));
+        }
+        if set.tiles.is_empty() != (set.error_px == 0.0) || !(set.error_px >= 0.0 && set.error_px.is_finite()) {
+            return Err(PackedError::Pictures("their error is positive and finite, or 0 if there are none"));
         }
         Ok(())
     }

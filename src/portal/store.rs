@@ -255,6 +255,7 @@ mod tests {
                 segments,
                 environment,
                 sheets: Default::default(),
+                planes: crate::packed::PlaneSet::default(),
             }]))
         };
         assert_eq!((cube().bytes(), store.insert(key(1), cube())), (24, false), "larger than the budget");

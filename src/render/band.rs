@@ -14,6 +14,7 @@ use crate::packed::{ExactDepthPixel, PackedCube, PackedDepthPixel, PackedSegment
 use crate::render::depth::DepthCanvas;
 use crate::render::ellipse::EllipseCanvas;
 use crate::render::over::{OverCanvas, Shape};
+use crate::render::planes::PlaneCanvas;
 use crate::render::size::{EllipseSize, FixedSize, Size, TangentSize};
 use crate::render::splat::{Canvas, SplatKernel, Splats};
 use crate::render::surface::SurfaceCanvas;
@@ -29,6 +30,7 @@ pub(super) struct Worker {
     pub(super) ellipses: EllipseCanvas,
     pub(super) depth: DepthCanvas,
     visibility: Visibility,
+    planes: PlaneCanvas,
 }
 
 /// What lies between the LDI and a canvas.
@@ -56,6 +58,7 @@ impl Default for Worker {
             ellipses: EllipseCanvas::default(),
             depth: DepthCanvas::default(),
             visibility: Visibility::default(),
+            planes: PlaneCanvas::default(),
         }
     }
 }
@@ -68,8 +71,8 @@ impl Worker {
             return;
         }
         self.prepare(plan);
-        let Self { stats, strokes, over, surfaces, ellipses, depth, .. } = self;
-        let mut pass = Pass { plan, source, band, stats, strokes, depth };
+        let Self { stats, strokes, over, surfaces, ellipses, depth, planes, .. } = self;
+        let mut pass = Pass { plan, source, band, stats, strokes, depth, planes };
         match plan.kernel {
             SplatKernel::Tent => pass.draw(surfaces, camera, pixels),
             SplatKernel::Ellipse => pass.draw(ellipses, camera, pixels),
@@ -107,8 +110,8 @@ impl Worker {
         spans: impl Fn(u32) -> Spans,
     ) {
         self.prepare(plan);
-        let Self { stats, strokes, over, surfaces, ellipses, depth, .. } = self;
-        let mut pass = Pass { plan, source, band, stats, strokes, depth };
+        let Self { stats, strokes, over, surfaces, ellipses, depth, planes, .. } = self;
+        let mut pass = Pass { plan, source, band, stats, strokes, depth, planes };
         match plan.kernel {
             SplatKernel::Tent => pass.draw_spans(surfaces, scope, spans),
             SplatKernel::Ellipse => pass.draw_spans(ellipses, scope, spans),
@@ -179,6 +182,7 @@ struct Pass<'a> {
     stats: &'a mut FrameStats,
     strokes: &'a mut Strokes,
     depth: &'a mut DepthCanvas,
+    planes: &'a mut PlaneCanvas,
 }
 
 impl Pass<'_> {
@@ -188,6 +192,10 @@ impl Pass<'_> {
         canvas.clear(band.width, band.rows.clone());
         if plan.depth {
             self.depth.clear(band.width, band.rows.clone());
+        }
+        self.planes.clear();
+        if plan.planes.len() > 0 {
+            self.draw_planes(canvas);
         }
         let cleared = Instant::now();
         self.draw_segments(canvas, &Clipped { unclipped: plan.unclipped });
@@ -201,6 +209,19 @@ impl Pass<'_> {
         self.stats.clear_ms += (cleared - started).as_secs_f64() * 1e3;
         self.stats.warp_ms += (drawn - cleared).as_secs_f64() * 1e3;
         self.stats.finish_ms += drawn.elapsed().as_secs_f64() * 1e3;
+    }
+
+    /// Draws the pictures on planes, and puts them behind all that is yet to come.
+    fn draw_planes(&mut self, canvas: &mut dyn Canvas) {
+        let Self { plan, band, .. } = *self;
+        self.planes.draw(&self.source.cube.planes, &plan.planes, band.width, band.rows.clone(), plan.level);
+        for row in 0..band.rows.len() {
+            let (colors, inverse_depths) = self.planes.row(row);
+            canvas.lay(row, colors, inverse_depths);
+            if plan.depth {
+                self.depth.lay(row, colors, inverse_depths);
+            }
+        }
     }
 
     /// Draws what lies in a scope on a whole frame's canvas that is clean in some columns of each row.
@@ -236,7 +257,8 @@ impl<Sc: Scope> ForSegment for Drawing<'_, '_, Sc> {
         let clip = BlockClip { transfer: &of_frame.transfer, segment, band, face_px: plan.face_px };
         let Some([columns, rows]) = self.scope.part(i, &clip, size, visible) else { return };
         let (stats, depth, canvas) = (&mut *self.pass.stats, &mut *self.pass.depth, &mut *self.canvas);
-        let mut strokes = SegmentStrokes { plan, band, of_frame, size, splats, stats, depth, canvas };
+        let planes = &*self.pass.planes;
+        let mut strokes = SegmentStrokes { plan, band, of_frame, size, splats, stats, depth, canvas, planes };
         let cut = self.scope.cut(i, clip);
         match source.exact {
             None => {
@@ -262,17 +284,30 @@ struct SegmentStrokes<'a, S> {
     stats: &'a mut FrameStats,
     depth: &'a mut DepthCanvas,
     canvas: &'a mut dyn Canvas,
+    planes: &'a PlaneCanvas,
 }
 
 impl<S: Size> SegmentStrokes<'_, S> {
     fn draw<P: Format>(&mut self, part: &Part<P>, cut: &impl Cut, batch: &mut Batch<P>) {
-        let Self { plan, band, of_frame, size, splats, stats, depth, canvas } = self;
+        let Self { plan, band, of_frame, size, splats, stats, depth, canvas, planes } = self;
         let (level, own) = (plan.level, plan.kernel.own_share());
         let warp = SegmentWarp::new(&of_frame.transfer, P::scale(part.segment), band, level);
         traverse::traverse(part, cut, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
             warp.warp(batch, *size, splats);
+            let compares = matches!(plan.kernel, SplatKernel::Tent | SplatKernel::Ellipse);
+            let test_depth = |splats: &mut Splats| {
+                if !planes.is_empty() {
+                    splats.retain_in_front(plan.tolerance, |x, y| planes.inverse_depth_at(x, y));
+                }
+            };
+            if !compares {
+                test_depth(splats);
+            }
             canvas.draw(splats, level);
             if plan.depth {
+                if compares {
+                    test_depth(splats);
+                }
                 depth.draw(splats, own);
             }
             stats.depth_pixels_in += batch.len as u64;

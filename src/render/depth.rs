@@ -39,6 +39,15 @@ impl DepthCanvas {
         splat::clear_spans(&mut self.inverse_depth, width as usize, 0, 0.0, spans);
     }
 
+    /// As [`super::splat::Canvas::lay`].
+    pub(crate) fn lay(&mut self, row: usize, colors: &[[u8; 4]], inverse_depths: &[f32]) {
+        let start = row * self.width as usize;
+        let pixels = self.inverse_depth.get_mut(start..start + colors.len()).unwrap_or(&mut []);
+        for ((pixel, color), inverse_depth) in pixels.iter_mut().zip(colors).zip(inverse_depths) {
+            *pixel = if color[3] > 0 { inverse_depth.max(0.0) } else { 0.0 };
+        }
+    }
+
     /// Draws splats, in their order; `own` is the part of a radius that belongs to the sample alone.
     pub(crate) fn draw(&mut self, splats: &Splats, own: f32) {
         let (columns, rows) = ([0.0, self.width as f32], [self.rows.start as f32, self.rows.end as f32]);

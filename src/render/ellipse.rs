@@ -136,6 +136,18 @@ impl Canvas for EllipseCanvas {
         splat::clear_spans(&mut self.cells, width as usize, 0, Cell::default(), spans);
     }
 
+    fn lay(&mut self, row: usize, colors: &[[u8; 4]], inverse_depths: &[f32]) {
+        let start = row * self.width as usize;
+        let cells = self.cells.get_mut(start..start + colors.len()).unwrap_or(&mut []);
+        for ((cell, [r, g, b, share]), inverse_depth) in cells.iter_mut().zip(colors).zip(inverse_depths) {
+            let (share, color) = (f32::from(*share) / 255.0, [*r, *g, *b].map(linear_from_srgb8));
+            if share > 0.0 {
+                (cell.sum, cell.weight) = (color.map(|c| c * share), share);
+                cell.inverse_depth = inverse_depth.max(0.0);
+            }
+        }
+    }
+
     fn draw(&mut self, splats: &Splats, level: Level) {
         dispatch!(level, simd => self.draw_all(simd, splats));
     }

@@ -42,6 +42,7 @@ mod look_up;
 pub mod oracle;
 pub(crate) mod order;
 pub(crate) mod over;
+pub(crate) mod planes;
 pub(crate) mod size;
 pub mod splat;
 pub(crate) mod surface;
@@ -72,6 +73,7 @@ use finish::{Pixels, depth_pieces};
 use fragments::Fragments;
 use in_view::InView;
 use order::{EyeInFace, LayerOrder};
+use planes::PlanesInView;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::{Mutex, PoisonError};
@@ -204,6 +206,7 @@ pub(crate) struct FramePlan {
     tolerance: f32,
     bin: f32,
     in_view: InView,
+    planes: PlanesInView,
 }
 
 /// What is drawn.
@@ -280,6 +283,8 @@ impl Renderer {
         let prepared_ms = started.elapsed().as_secs_f64() * 1e3;
         self.stats = match settings.parallel {
             _ if settings.kernel == SplatKernel::Surface => self.draw_bands(source, camera, settings.band_rows),
+            // Pictures on planes do not belong to fragments.
+            _ if self.plan.planes.len() > 0 => self.draw_bands(source, camera, settings.band_rows),
             Parallel::Bands => self.draw_bands(source, camera, settings.band_rows),
             Parallel::Fragments(count) => self.fragments.draw(&self.plan, source, camera, count, &mut self.frame),
         };
@@ -360,13 +365,18 @@ impl FramePlan {
             tolerance: 0.0,
             bin: 0.0,
             in_view: InView::default(),
+            planes: PlanesInView::default(),
         }
     }
 
     fn prepare(&mut self, cube: &PackedCube, camera: &Camera, settings: &RenderSettings, order: &[usize]) {
         let face_px = cube.face_size_px.min(MAX_FACE_SIZE_PX);
         let eye_from_centre = camera.eye() - cube.info.centre;
-        (self.kernel, self.unclipped, self.face_px) = (settings.kernel, settings.unclipped, face_px);
+        // Surfaces are looked up among samples alone: beside pictures on planes, tents.
+        let with_planes = !cube.planes.tiles.is_empty();
+        let kernel =
+            if with_planes && settings.kernel == SplatKernel::Surface { SplatKernel::Tent } else { settings.kernel };
+        (self.kernel, self.unclipped, self.face_px) = (kernel, settings.unclipped, face_px);
         (self.depth, self.hole_color_srgb) = (settings.depth, settings.hole_color_srgb);
         self.segments.clear();
         self.segments.extend(order.iter().map(|&index| {
@@ -377,7 +387,8 @@ impl FramePlan {
         }));
         self.tolerance = SurfaceCanvas::tolerance(face_px);
         self.bin = DepthBins::new(cube.info.half_size_m, face_px).inverse_depth(1.0) as f32;
-        match settings.kernel {
+        self.planes.prepare(&cube.planes, camera, eye_from_centre, face_px);
+        match kernel {
             SplatKernel::Tent => self.tangent_table.refill(cube.layout, face_px, 1.0, TENT_MIN_RADIUS_PX),
             SplatKernel::Ellipse => self.tangent_table.refill(cube.layout, face_px, EllipseSize::SCALE, 0.0),
             SplatKernel::Surface => self.in_view.prepare(cube, camera, settings.unclipped),

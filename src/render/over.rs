@@ -276,6 +276,15 @@ impl Canvas for OverCanvas {
         splat::clear_spans(&mut self.pixels, stride, MARGIN, [0; 4], spans);
     }
 
+    fn lay(&mut self, row: usize, colors: &[[u8; 4]], _: &[f32]) {
+        let start = row * self.stride() + MARGIN;
+        let pixels = self.pixels.get_mut(start..start + colors.len()).unwrap_or(&mut []);
+        for (pixel, [r, g, b, share]) in pixels.iter_mut().zip(colors) {
+            let covered = |c: &u8| ((u16::from(*c) * u16::from(*share) + 127) / 255) as u8;
+            *pixel = [covered(r), covered(g), covered(b), *share];
+        }
+    }
+
     fn draw(&mut self, splats: &Splats, level: Level) {
         dispatch!(level, simd => self.draw_all(simd, splats));
     }

@@ -135,6 +135,29 @@ impl Splats {
         }
     }
 
+    /// Leaves out what lies behind what is there at the middle of a splat: `inverse_depth_at` says how far, by column and row.
+    pub(super) fn retain_in_front(&mut self, tolerance: f32, inverse_depth_at: impl Fn(usize, usize) -> Option<f32>) {
+        let mut kept = 0;
+        for i in 0..self.count() {
+            let there = inverse_depth_at(self.x[i].max(0.0) as usize, self.y[i].max(0.0) as usize);
+            let in_front = there.is_none_or(|there| self.inverse_depth[i] * (1.0 + tolerance) >= there);
+            for values in [
+                &mut self.x,
+                &mut self.y,
+                &mut self.inverse_depth,
+                &mut self.radius_x,
+                &mut self.radius_y,
+                &mut self.weight,
+                &mut self.correlation,
+            ] {
+                values[kept] = values[i];
+            }
+            self.color[kept] = self.color[i];
+            kept += usize::from(in_front);
+        }
+        self.len = kept;
+    }
+
     /// The number of entries, never more than fit.
     #[inline]
     pub(super) fn count(&self) -> usize {
@@ -150,6 +173,10 @@ pub(crate) trait Canvas {
     /// Makes it empty in some columns of each row of a frame of a given width and height; what is elsewhere may be
     /// anything.
     fn clear_spans(&mut self, frame_px: [u32; 2], spans: &dyn Fn(u32) -> Spans);
+
+    /// Puts what was drawn before behind all that is yet to come, in a row counted from its first: straight colours, the shares of
+    /// 255 that they cover, and 1 / eye depth. The canvas must be empty there.
+    fn lay(&mut self, row: usize, colors: &[[u8; 4]], inverse_depths: &[f32]);
 
     /// Draws splats, in their order, with the instructions of a SIMD level.
     fn draw(&mut self, splats: &Splats, level: Level);

@@ -261,6 +261,17 @@ impl Canvas for SurfaceCanvas {
         splat::clear_spans(&mut self.cells, width as usize, 0, Cell::default(), spans);
     }
 
+    fn lay(&mut self, row: usize, colors: &[[u8; 4]], inverse_depths: &[f32]) {
+        let start = row * self.width as usize;
+        let cells = self.cells.get_mut(start..start + colors.len()).unwrap_or(&mut []);
+        for ((cell, color), inverse_depth) in cells.iter_mut().zip(colors).zip(inverse_depths) {
+            let weight = (u64::from(color[3]) * ONE + 127) / 255;
+            if weight > 0 {
+                (cell.sum, cell.inverse_depth) = (lanes(*color) * weight, inverse_depth.max(0.0));
+            }
+        }
+    }
+
     fn draw(&mut self, splats: &Splats, level: Level) {
         dispatch!(level, simd => self.draw_all(simd, splats));
     }

@@ -163,7 +163,8 @@ fn variation(values: &SettingValues, overlay: Overlay) -> Result<Variation, Stri
     for (shown, (id, _)) in faces.iter_mut().zip(FACE_NAMES) {
         *shown = values.toggle(id)?;
     }
-    Ok(Variation { faces, near: values.toggle("near")?, far: values.toggle("far")?, meaning: overlay.meaning() })
+    let (near, far, planes) = (values.toggle("near")?, values.toggle("far")?, values.toggle("planes")?);
+    Ok(Variation { faces, near, far, planes, meaning: overlay.meaning() })
 }
 
 /// The level direction toward the side of the cube that has the most to show; ahead (-Z) if there is none.
@@ -229,7 +230,11 @@ impl FrameSource for CubeSource {
                 .folded_under("Parts")
         };
         settings.extend(FACE_NAMES.map(|(id, name)| part(id, &format!("Face {name}"))));
-        settings.extend([part("near", "Near segments"), part("far", "Far segments")]);
+        settings.extend([
+            part("near", "Near segments"),
+            part("far", "Far segments"),
+            part("planes", "Pictures on planes"),
+        ]);
         if let Some(growing) = &self.growing {
             let tip = format!("Writes the LDI as captured so far to {}.", growing.file.display());
             settings.push(Setting::action(SAVE, "Save as .ldi", &tip).under("Capture"));

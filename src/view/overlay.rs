@@ -37,7 +37,7 @@ pub(super) enum Overlay {
 
 impl Overlay {
     /// All, with the names under which the panel and scripts know them.
-    pub(super) const ALL: [(&'static str, Self); 12] = [
+    pub(super) const ALL: [(&'static str, Self); 13] = [
         ("none", Self::None),
         ("holes", Self::Holes),
         ("coverage", Self::Coverage),
@@ -45,6 +45,7 @@ impl Overlay {
         ("layer", Self::Recolored(Meaning::Layer)),
         ("face", Self::Recolored(Meaning::Face)),
         ("segment", Self::Recolored(Meaning::Segment)),
+        ("primitive", Self::Recolored(Meaning::Primitive)),
         ("footprint", Self::Footprints),
         ("overdraw", Self::Overdraw),
         ("clipping", Self::Clipping),

@@ -3,7 +3,7 @@
 
 use super::effort::swatch;
 use crate::capture::rig::Face;
-use crate::packed::{PackedCube, PackedSegment, SegmentSide};
+use crate::packed::{PackedCube, PackedSegment, Plane, PlaneSet, PlaneTile, SegmentSide};
 use headbox_viewer::Swatch;
 use std::sync::Arc;
 
@@ -21,6 +21,8 @@ pub(super) enum Meaning {
     Face,
     /// Near or far segment.
     Segment,
+    /// Which primitive, and of pictures which plane.
+    Primitive,
 }
 
 impl Meaning {
@@ -45,6 +47,14 @@ impl Meaning {
             Self::Face => {
                 Face::ALL.map(|face| swatch(DISTINCT[face.index()], &format!("face {}", face.name()))).to_vec()
             }
+            Self::Primitive => {
+                let planes = ["pictures on planes,", "a colour", "for each", "plane"];
+                let planes = planes.into_iter().zip(0..).map(|(text, plane)| swatch(plane_color(plane), text));
+                [swatch(INFINITY, "picture at infinity"), swatch(SAMPLES, "layered depth pixels")]
+                    .into_iter()
+                    .chain(planes)
+                    .collect()
+            }
             Self::Segment => vec![swatch(DISTINCT[1], "near segment"), swatch(DISTINCT[0], "far segment")],
         }
     }
@@ -58,12 +68,14 @@ pub(super) struct Variation {
     /// Near and far segments.
     pub(super) near: bool,
     pub(super) far: bool,
+    /// Pictures on planes.
+    pub(super) planes: bool,
     pub(super) meaning: Meaning,
 }
 
 impl Variation {
     /// The LDI as it is.
-    const PLAIN: Self = Self { faces: [true; 6], near: true, far: true, meaning: Meaning::Captured };
+    const PLAIN: Self = Self { faces: [true; 6], near: true, far: true, planes: true, meaning: Meaning::Captured };
 
     fn shows(&self, segment: &PackedSegment) -> bool {
         self.faces[segment.face.index()] && if segment.side == SegmentSide::Near { self.near } else { self.far }
@@ -79,7 +91,25 @@ impl Variation {
             segments,
             environment: cube.environment.clone(),
             sheets: Default::default(),
+            planes: self.pictures(cube),
         }
+    }
+
+    /// The pictures on planes that are shown.
+    fn pictures(&self, cube: &PackedCube) -> PlaneSet {
+        let from = &cube.planes;
+        let mut shown = PlaneSet { planes: from.planes.clone(), samples: from.samples, ..PlaneSet::default() };
+        let is_shown = |tile: &&PlaneTile| self.planes && self.faces.get(usize::from(tile.face)) == Some(&true);
+        for tile in from.tiles.iter().filter(is_shown) {
+            let first_texel = shown.texels.len() as u32;
+            let plane = from.planes.get(tile.plane as usize).copied().unwrap_or_default();
+            let picture = Picture { tile, plane, face_px: cube.face_size_px, half_size_m: cube.info.half_size_m };
+            let texels = from.texels.get(tile.texel_range()).unwrap_or(&[]);
+            shown.texels.extend(texels.iter().enumerate().map(|(i, texel)| picture.recolor(i, *texel, self.meaning)));
+            shown.tiles.push(PlaneTile { first_texel, ..*tile });
+        }
+        shown.error_px = if shown.tiles.is_empty() { 0.0 } else { from.error_px };
+        shown
     }
 }
 
@@ -119,6 +149,51 @@ const DISTINCT: [[u8; 3]; 8] = [
     [230, 230, 230],
 ];
 
+/// Colour of what is drawn as pictures at infinity, where it stands for a primitive.
+const INFINITY: [u8; 3] = [40, 70, 130];
+
+/// Colour of layered depth pixels, where it stands for a primitive.
+const SAMPLES: [u8; 3] = [235, 235, 235];
+
+/// A colour for a plane: one of seven, in four shades.
+fn plane_color(plane: u32) -> [u8; 3] {
+    let shade = 255 - 45 * (plane / 7 % 4);
+    DISTINCT[plane as usize % 7].map(|c| (u32::from(c) * shade / 255) as u8)
+}
+
+/// A picture on a plane whose colours are to tell something else.
+struct Picture<'a> {
+    tile: &'a PlaneTile,
+    plane: Plane,
+    face_px: u32,
+    half_size_m: f64,
+}
+
+impl Picture<'_> {
+    fn recolor(&self, texel: usize, color: [u8; 4], meaning: Meaning) -> [u8; 4] {
+        let [r, g, b] = match meaning {
+            Meaning::Captured => return color,
+            Meaning::Face => DISTINCT[usize::from(self.tile.face) % DISTINCT.len()],
+            Meaning::Primitive if self.plane == Plane::default() => INFINITY,
+            Meaning::Primitive => plane_color(self.tile.plane),
+            Meaning::Depth => depth_color(self.inverse_depth(texel) * self.half_size_m),
+            // Pictures have neither segments nor layers.
+            Meaning::Segment | Meaning::Layer => SAMPLES,
+        };
+        PlaneSet::covered([r, g, b, color[3]])
+    }
+
+    /// 1/m, in the middle of a texel.
+    fn inverse_depth(&self, texel: usize) -> f64 {
+        let Some(face) = Face::ALL.get(usize::from(self.tile.face)) else { return 0.0 };
+        let [q, along_x, along_y] = self.plane.inverse_depth(*face, self.face_px);
+        let width = usize::from(self.tile.width.max(1));
+        let (x, y) =
+            (f64::from(self.tile.x0) + (texel % width) as f64, f64::from(self.tile.y0) + (texel / width) as f64);
+        q + along_x * (x + 0.5) + along_y * (y + 0.5)
+    }
+}
+
 /// Gives the depth pixels of a segment colours of another meaning; what shows through them is left as it is.
 fn recolor(segment: &mut PackedSegment, meaning: Meaning, half_size_m: f64) {
     match meaning {
@@ -131,6 +206,7 @@ fn recolor(segment: &mut PackedSegment, meaning: Meaning, half_size_m: f64) {
             let color = DISTINCT[usize::from(segment.side == SegmentSide::Near)];
             segment.depth_pixels.iter_mut().for_each(|p| paint(&mut p.color_srgb, color));
         }
+        Meaning::Primitive => segment.depth_pixels.iter_mut().for_each(|p| paint(&mut p.color_srgb, SAMPLES)),
         Meaning::Depth => {
             let (start, step) = (segment.inverse_depth(0), segment.inverse_depth_step());
             for pixel in &mut segment.depth_pixels {
@@ -204,7 +280,7 @@ pub(super) mod tests {
     #[test]
     fn variations_are_valid_ldis_of_the_same_geometry() {
         let cube = cube();
-        for meaning in [Meaning::Depth, Meaning::Layer, Meaning::Face, Meaning::Segment] {
+        for meaning in [Meaning::Depth, Meaning::Layer, Meaning::Face, Meaning::Segment, Meaning::Primitive] {
             let other = Variation { meaning, ..Variation::PLAIN }.apply(&cube);
             other.validate().unwrap();
             assert_eq!(other.depth_pixel_count(), cube.depth_pixel_count());

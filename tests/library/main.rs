@@ -18,6 +18,7 @@ mod portal_backdrops;
 mod portal_cull;
 mod portal_eyes;
 mod portal_walk;
+mod primitives;
 mod raster;
 mod report;
 mod results_page;

@@ -18,7 +18,7 @@ use headbox::ldi::shard::{self, ShardInfo};
 use headbox::measure::report::figures::figures;
 use headbox::measure::report::row::Report;
 use headbox::measure::report::{results, summary};
-use headbox::packed::{BlockIndex, PackedCube, PackedSegment, SplatIndexLayout, Split};
+use headbox::packed::{BlockIndex, PackedCube, PackedSegment, PlaneSet, SplatIndexLayout, Split};
 use headbox::path;
 use headbox::progress::Silent;
 use headbox::render::splat::SplatKernel;
@@ -54,6 +54,14 @@ fn cube() -> PackedCube {
     let lighting = Lighting::of_scene(&tracer, 0);
     let (ldi, _) = job().run(&tracer, &lighting, &Resources::default(), &Silent).expect("captured");
     PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs")
+}
+
+/// The same with what is flat on planes.
+fn cube_with_planes() -> PackedCube {
+    let mut ldi = cube().unpack();
+    let planes = headbox::primitives::choose(&mut ldi, 1.0);
+    assert!(!planes.tiles.is_empty(), "the scene has a plane");
+    PackedCube { planes, ..PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs") }
 }
 
 fn camera(eye: DVec3, forward: DVec3) -> Camera {
@@ -132,8 +140,8 @@ fn sprite_bytes(format: DisplacementFormat) -> Vec<u8> {
 
 #[test]
 fn cube_ldi_files() {
-    let original = bytes_of(|path| cube().write(path).expect("written"));
-    try_mutations("a.ldi", &[original], true, read_ldi);
+    let originals = [cube(), cube_with_planes()].map(|cube| bytes_of(|path| cube.write(path).expect("written")));
+    try_mutations("a.ldi", &originals, true, read_ldi);
 }
 
 #[test]
@@ -226,16 +234,36 @@ fn reports() {
     try_mutations("a.report", &[corpus("a.report")], false, read_report);
 }
 
+/// Breaks a picture on a plane, or a plane, once in a while.
+fn break_picture(set: &mut PlaneSet, dice: &mut Dice) {
+    let (tile, plane) = (dice.below(set.tiles.len()), dice.below(set.planes.len()));
+    let bits = dice.bits() as u32;
+    match dice.below(16) {
+        0 => set.tiles[tile].first_texel = bits,
+        1 => set.tiles[tile].width = bits as u16,
+        2 => set.tiles[tile].height = bits as u16,
+        3 => set.tiles[tile].x0 = bits as i16,
+        4 => set.tiles[tile].plane = bits,
+        5 => set.tiles[tile].face = bits as u16,
+        6 => set.tiles[tile].opaque = bits as u16,
+        7 => set.planes[plane].normal_per_distance.x = f32::from_bits(bits),
+        8 => set.texels.truncate(bits as usize % 1000),
+        9 => set.planes.truncate(plane),
+        _ => {}
+    }
+}
+
 #[test]
 fn packed_cubes_that_break_their_promises() {
     let _alone = alone();
-    let original = cube();
+    let original = cube_with_planes();
     let mut invalid = 0;
     let mut rounds = Rounds::of(CASES);
     while let Some(seed) = rounds.next() {
         let mut dice = Dice::new(seed.wrapping_mul(0x9e37_79b9));
         let mut broken = original.clone();
         let count = broken.segments.len();
+        break_picture(&mut broken.planes, &mut dice);
         for _ in 0..1 + dice.below(3) {
             break_promise(&mut broken.segments[dice.below(count)], &mut dice);
         }

@@ -1,0 +1,19 @@
+//! What primitives cost, where two hold the bound.
+
+/// Bytes of a texel, and of a sample with its share of the tables.
+const BYTES: [f64; 2] = [4.0, 8.5];
+
+/// Frame pixels for one face pixel, where a picture is seen about as the centre sees it.
+const FRAME_PER_FACE_PX: f64 = 1.7;
+
+/// Nanoseconds on one thread: a tile, a frame row of a tile, a frame pixel of a tile, and a sample.
+/// `benches/primitives.rs` measures them.
+const NS: [f64; 4] = [250.0, 25.0, 3.0, 12.0];
+
+/// True if a picture of some texels is better than the samples that it stands for: neither larger nor slower.
+pub(super) fn pays(samples: usize, width: u16, height: u16) -> bool {
+    let (samples, width, height) = (samples as f64, f64::from(width), f64::from(height));
+    let bytes = BYTES[0] * width * height + 20.0;
+    let ns = NS[0] + NS[1] * height * FRAME_PER_FACE_PX.sqrt() + NS[2] * width * height * FRAME_PER_FACE_PX;
+    bytes <= BYTES[1] * samples && ns <= NS[3] * samples
+}

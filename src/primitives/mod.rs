@@ -1,0 +1,85 @@
+//! Who is drawn as what, and why: a capture's samples become the cheapest primitives that stay within one bound (inventory S1;
+//! `docs/primitives.md`).
+//!
+//! * [`bound`]: from an error in frame pixels to one in inverse depth.
+//! * `fit`, `regions`: planes, where inverse depth is affine in face pixels within the bound.
+//! * `textures`: their pictures; `cost`: which of them are worth it.
+//!
+//!
+//! What no plane holds stays layered depth pixels.
+
+pub mod bound;
+mod cost;
+mod fit;
+mod regions;
+mod textures;
+
+pub use bound::Bound;
+
+use crate::ldi::{CubeLdi, LayeredDepthImage};
+use crate::packed::{Plane, PlaneSet};
+use rayon::prelude::*;
+use regions::{Grower, NOBODY};
+
+/// The largest error that makes sense, px: more than a frame is wide.
+pub const MAX_ERROR_PX: f64 = 1e6;
+
+/// Fewer samples are not tried as a region.
+const LEAST_SAMPLES: usize = 48;
+
+/// Takes from a cube LDI what can be shown as pictures on planes, such that nothing that the samples of it say is seen elsewhere
+/// by more than `error_px` ([`Bound`]). With an error that is not a positive number, nothing is taken.
+///
+/// The LDI must be valid ([`CubeLdi::validate`]).
+pub fn choose(ldi: &mut CubeLdi, error_px: f64) -> PlaneSet {
+    let mut set = PlaneSet::default();
+    if error_px.is_nan() || error_px <= 0.0 {
+        return set;
+    }
+    set.error_px = error_px;
+    let half_size_m = ldi.info.half_size_m;
+    let chosen: Vec<_> =
+        ldi.faces.par_iter_mut().with_max_len(1).map(|face| choose_on(face, error_px, half_size_m)).collect();
+    for (planes, pictures) in chosen {
+        let (plane, texel) = (set.planes.len() as u32, set.texels.len() as u32);
+        set.planes.extend(planes);
+        set.tiles.extend(pictures.tiles.into_iter().map(|mut tile| {
+            (tile.plane, tile.first_texel) = (tile.plane + plane, tile.first_texel + texel);
+            tile
+        }));
+        set.texels.extend(pictures.texels);
+        set.samples += pictures.samples;
+    }
+    if set.tiles.is_empty() {
+        return PlaneSet::default();
+    }
+    set
+}
+
+fn choose_on(face: &mut LayeredDepthImage, error_px: f64, half_size_m: f64) -> (Vec<Plane>, textures::Pictures) {
+    let mut grower = Grower::new(face, &Bound::new(error_px, half_size_m, face.size_px), half_size_m);
+    grower.grow_all(LEAST_SAMPLES);
+    let pictures = textures::draw(&mut grower, 0);
+    let planes = grower.regions.iter().map(|region| region.plane).collect();
+    let owner = grower.owner;
+    keep(face, |i| owner[i] == NOBODY);
+    (planes, pictures)
+}
+
+/// Drops all samples but some.
+fn keep(face: &mut LayeredDepthImage, is_kept: impl Fn(usize) -> bool) {
+    let mut kept = 0;
+    let mut start = 0;
+    for p in 1..face.offsets.len() {
+        let end = face.offsets[p] as usize;
+        for i in start..end {
+            if is_kept(i) {
+                face.samples[kept] = face.samples[i];
+                kept += 1;
+            }
+        }
+        (start, face.offsets[p]) = (end, kept as u32);
+    }
+    face.samples.truncate(kept);
+    face.samples.shrink_to_fit();
+}

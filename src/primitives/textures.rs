@@ -1,0 +1,212 @@
+//! Pictures of regions: a texel for each face pixel, with skirts where a surface goes on as something else, cut into tiles.
+
+use super::cost;
+use super::regions::{Grower, NOBODY, Region};
+use crate::ldi::DepthPixel;
+use crate::packed::{PlaneSet, PlaneTile};
+
+/// Face pixels a side of a tile.
+pub(super) const TILE_PX: i32 = 64;
+
+/// The pictures of a face.
+#[derive(Default)]
+pub(super) struct Pictures {
+    pub(super) tiles: Vec<PlaneTile>,
+    pub(super) texels: Vec<[u8; 4]>,
+    /// Samples that they stand for.
+    pub(super) samples: u64,
+}
+
+/// How many tolerances a sample may be off a plane that ends beside it, and yet be the same surface going on.
+const GOES_ON: f64 = 4.0;
+
+/// Of the eight pixels around one that no ray reached, how many must be of a region for it to be a gap in it.
+const GAP_NEIGHBOURS: usize = 6;
+
+/// Draws the regions of a face. Those tiles that do not pay give their samples back to nobody.
+pub(super) fn draw(grower: &mut Grower, first_plane: u32) -> Pictures {
+    let mut pictures = Pictures::default();
+    let regions = std::mem::take(&mut grower.regions);
+    let mut freed = Vec::new();
+    for (id, region) in regions.iter().enumerate() {
+        let painter = Painter { grower, region, id: id as u32 };
+        let mut kept = Vec::new();
+        for tile in painter.tiles() {
+            let home = painter.home_samples(tile);
+            let pays = painter.tile(tile, [0; 2]).is_some_and(|t| cost::pays(home.len(), t.width, t.height));
+            if pays {
+                pictures.samples += home.len() as u64;
+                kept.push(tile);
+            } else {
+                freed.extend(home);
+            }
+        }
+        for [row, column] in &kept {
+            // A cell belongs to the tile of its upper left texel. If that is not drawn, its neighbour draws the cell.
+            let lacks = |tile: [i32; 2]| i32::from(kept.binary_search(&tile).is_err());
+            let more = [lacks([*row, column - 1]), lacks([row - 1, *column])];
+            if let Some(rectangle) = painter.tile([*row, *column], more) {
+                painter.paint(&rectangle, first_plane, &mut pictures);
+            }
+        }
+    }
+    for i in freed {
+        grower.owner[i] = NOBODY;
+    }
+    grower.regions = regions;
+    pictures
+}
+
+/// A rectangle of texels.
+struct Rectangle {
+    x0: i32,
+    y0: i32,
+    width: u16,
+    height: u16,
+}
+
+struct Painter<'a, 'b> {
+    grower: &'a Grower<'b>,
+    region: &'a Region,
+    id: u32,
+}
+
+impl Painter<'_, '_> {
+    fn size(&self) -> i32 {
+        self.grower.face.size_px as i32
+    }
+
+    /// Row and column of each tile that holds pixels of the region, in order.
+    fn tiles(&self) -> Vec<[i32; 2]> {
+        let mut tiles = Vec::new();
+        for &pixel in &self.region.pixels {
+            let tile = [pixel as i32 / self.size() / TILE_PX, pixel as i32 % self.size() / TILE_PX];
+            if tiles.last() != Some(&tile) {
+                tiles.push(tile);
+            }
+        }
+        tiles.sort_unstable();
+        tiles.dedup();
+        tiles
+    }
+
+    /// The samples of the region in pixel (x, y), as indices.
+    fn own(&self, x: i32, y: i32) -> impl Iterator<Item = usize> + use<'_> {
+        let pixel = (y * self.size() + x) as usize;
+        let inside = (0..self.size()).contains(&x) && (0..self.size()).contains(&y);
+        let ends = if inside { &self.grower.face.offsets[pixel..pixel + 2] } else { &[0, 0] };
+        (ends[0] as usize..ends[1] as usize).filter(|i| self.grower.owner[*i] == self.id)
+    }
+
+    /// The region's samples that lie in a tile.
+    fn home_samples(&self, [row, column]: [i32; 2]) -> Vec<usize> {
+        let of = |tile: i32| tile * TILE_PX..((tile + 1) * TILE_PX).min(self.size());
+        of(row).flat_map(|y| of(column).flat_map(move |x| self.own(x, y))).collect()
+    }
+
+    /// The texels of a tile that are of any use; the tile begins so many texels further left and up.
+    fn tile(&self, [row, column]: [i32; 2], more: [i32; 2]) -> Option<Rectangle> {
+        let of = |tile: i32, more: i32| [tile * TILE_PX - more, ((tile + 1) * TILE_PX).min(self.size())];
+        let ([left, right], [top, bottom]) = (of(column, more[0]), of(row, more[1]));
+        let mut bounds: Option<[i32; 4]> = None;
+        for y in top - 1..=bottom + 1 {
+            for x in left - 1..=right + 1 {
+                if self.own(x, y).next().is_some() {
+                    let [x0, y0, x1, y1] = bounds.unwrap_or([x, y, x, y]);
+                    bounds = Some([x0.min(x), y0.min(y), x1.max(x), y1.max(y)]);
+                }
+            }
+        }
+        let [x0, y0, x1, y1] = bounds?;
+        let ([x0, x1], [y0, y1]) =
+            ([(x0 - 1).max(left), (x1 + 1).min(right)], [(y0 - 1).max(top), (y1 + 1).min(bottom)]);
+        (x1 > x0 && y1 > y0).then_some(Rectangle { x0, y0, width: (x1 - x0 + 1) as u16, height: (y1 - y0 + 1) as u16 })
+    }
+
+    fn paint(&self, at: &Rectangle, first_plane: u32, to: &mut Pictures) {
+        let first_texel = to.texels.len();
+        for y in at.y0..at.y0 + i32::from(at.height) {
+            to.texels.extend((at.x0..at.x0 + i32::from(at.width)).map(|x| PlaneSet::covered(self.texel(x, y))));
+        }
+        to.tiles.push(PlaneTile {
+            plane: first_plane + self.id,
+            first_texel: first_texel as u32,
+            x0: at.x0 as i16,
+            y0: at.y0 as i16,
+            width: at.width,
+            height: at.height,
+            face: self.grower.face.face.index() as u16,
+            opaque: u16::from(to.texels[first_texel..].iter().all(|t| t[3] == 255)),
+        });
+    }
+
+    /// The colour of the region in a pixel, if it is there.
+    fn member(&self, x: i32, y: i32) -> Option<[u8; 4]> {
+        let (mut sum, mut count, mut alpha) = ([0u32; 3], 0, 0);
+        for i in self.own(x, y) {
+            let color = self.grower.face.samples[i].color_srgb;
+            sum.iter_mut().zip(color).for_each(|(sum, c)| *sum += u32::from(c));
+            (count, alpha) = (count + 1, alpha.max(color[3]));
+        }
+        if count == 0 {
+            return None;
+        }
+        if alpha < 255 {
+            // The rest of the pixel may be the same surface, gone on as something else.
+            let others =
+                self.samples(x, y).filter(|(i, s)| self.grower.owner[*i] != self.id && self.goes_on(x, y, *i, s));
+            alpha = others.fold(alpha, |alpha, (_, s)| alpha.saturating_add(s.color_srgb[3]));
+        }
+        let [r, g, b] = sum.map(|sum| ((sum + count / 2) / count) as u8);
+        Some([r, g, b, alpha])
+    }
+
+    /// The samples of pixel (x, y) of the face, with their indices.
+    fn samples(&self, x: i32, y: i32) -> impl Iterator<Item = (usize, &DepthPixel)> {
+        let face = self.grower.face;
+        let first = face.offsets[(y * self.size() + x) as usize] as usize;
+        face.pixel(x as u32, y as u32).iter().enumerate().map(move |(i, s)| (first + i, s))
+    }
+
+    /// True if a sample in pixel (x, y) is of the same surface as the region, as a capture sees it: nearer to its plane than
+    /// [`GOES_ON`] tolerances, or than what two samples beside each other may differ by.
+    fn goes_on(&self, x: i32, y: i32, i: usize, sample: &DepthPixel) -> bool {
+        let (q, affine) = (f64::from(sample.inverse_depth), &self.region.affine);
+        let off = affine.distance(f64::from(x) + 0.5, f64::from(y) + 0.5, q);
+        let beside = self.grower.bin + q * 2.4 / f64::from(self.size());
+        off <= (GOES_ON * f64::from(self.grower.tolerance[i])).max(beside)
+    }
+
+    fn texel(&self, x: i32, y: i32) -> [u8; 4] {
+        self.member(x, y).unwrap_or_else(|| self.beyond(x, y))
+    }
+
+    /// What a picture has in a pixel that the region does not reach.
+    ///
+    /// Where the surface goes on as something else, or behind something, the picture goes on by a pixel too, so that no crack
+    /// opens; where it ends, it ends.
+    fn beyond(&self, x: i32, y: i32) -> [u8; 4] {
+        let around = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
+        let (mut sum, mut count) = ([0u32; 4], 0);
+        for color in around.into_iter().filter_map(|(dx, dy)| self.member(x + dx, y + dy)) {
+            sum.iter_mut().zip(color).for_each(|(sum, c)| *sum += u32::from(c));
+            count += 1;
+        }
+        if count == 0 {
+            return [0; 4];
+        }
+        let [r, g, b, alpha] = sum.map(|sum| ((sum + count / 2) / count) as u8);
+        let inside = (0..self.size()).contains(&x) && (0..self.size()).contains(&y);
+        if !inside {
+            return [r, g, b, alpha];
+        }
+        if let Some((_, sample)) = self.samples(x, y).find(|(i, s)| self.goes_on(x, y, *i, s)) {
+            let [r, g, b, _] = sample.color_srgb;
+            return [r, g, b, 255];
+        }
+        let q = self.region.affine.inverse_depth(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let is_hidden = self.samples(x, y).any(|(_, s)| f64::from(s.inverse_depth) > q);
+        let is_gap = self.samples(x, y).next().is_none() && count as usize >= GAP_NEIGHBOURS;
+        [r, g, b, if is_hidden || is_gap { 255 } else { 0 }]
+    }
+}

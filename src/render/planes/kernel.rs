@@ -1,0 +1,147 @@
+//! A row of a picture on a plane, sixteen pixels at a time.
+//!
+//! One code for every SIMD level, without fused multiply-adds and approximate reciprocals, so that all give the same bits.
+
+use crate::render::linear::LinearLight;
+use fearless_simd::{Level, Simd, SimdCvtTruncate, dispatch, f32x16, prelude::*, u32x16};
+use std::ops::Range;
+
+/// Pixels at a time.
+pub(super) const LANES: usize = 16;
+
+/// Where alpha lies in four bytes as they lie in memory.
+const ALPHA_SHIFT: u32 = u32::from_ne_bytes([0, 0, 0, 1]).trailing_zeros();
+
+/// A row of a picture.
+pub(super) struct Span<'a> {
+    pub(super) texels: &'a [[u8; 4]],
+    pub(super) width: u32,
+    pub(super) height: u32,
+    pub(super) opaque: bool,
+    /// Of the frame.
+    pub(super) columns: Range<u32>,
+    /// At the first column: texel column and row times 1/w, 1/w, inverse depth.
+    pub(super) start: [f32; 4],
+    /// From column to column.
+    pub(super) step: [f32; 4],
+}
+
+/// Draws a span on a row of colours (whose alpha is the covered share) and inverse depths, which are longer than the frame is
+/// wide by [`LANES`].
+pub(super) fn draw(span: &Span, colors: &mut [u32], depths: &mut [f32], light: &LinearLight, level: Level) {
+    dispatch!(level, simd => draw_span(simd, span, colors, depths, light));
+}
+
+#[inline(always)]
+fn draw_span<S: Simd>(simd: S, span: &Span, colors: &mut [u32], depths: &mut [f32], light: &LinearLight) {
+    let lane = f32x16::load_array(simd, LANE_NUMBERS);
+    let zero = f32x16::splat(simd, 0.0);
+    let (right, lower) = (f32x16::splat(simd, span.width as f32 - 1.0), f32x16::splat(simd, span.height as f32 - 1.0));
+    let (last_column, last_row) = (right - 1.0, lower - 1.0);
+    let texels: &[u32] = bytemuck::cast_slice(span.texels);
+    let stride = span.width as usize;
+    let (first, count) = (span.columns.start as usize, span.columns.len());
+    let mut at = 0;
+    while at < count {
+        let chunk = first + at..first + at + LANES;
+        let (Some(colors), Some(depths)) = (colors.get_mut(chunk.clone()), depths.get_mut(chunk)) else { return };
+        let k = lane + at as f32;
+        let inside = k.simd_lt(f32x16::splat(simd, count as f32));
+        at += LANES;
+        let q = k * span.step[3] + span.start[3];
+        let old = f32x16::from_slice(simd, depths);
+        let old_colors = u32x16::from_slice(simd, colors);
+        let in_front = q.simd_gt(old) & inside;
+        let open = (old_colors >> ALPHA_SHIFT).simd_lt(u32x16::splat(simd, 255)) & inside;
+        if !(in_front | open).any_true() {
+            continue;
+        }
+        let w = f32x16::splat(simd, 1.0) / (k * span.step[2] + span.start[2]);
+        let u = ((k * span.step[0] + span.start[0]) * w).max(zero).min(right);
+        let v = ((k * span.step[1] + span.start[1]) * w).max(zero).min(lower);
+        let (column, row) = (u.floor().min(last_column), v.floor().min(last_row));
+        let (right_share, lower_share) = (share(u - column), share(v - row));
+        let index = u32x16::truncate_from(row) * span.width + u32x16::truncate_from(column);
+        let [upper_left, upper_right] = pairs(simd, texels, index, 0);
+        let [lower_left, lower_right] = pairs(simd, texels, index, stride);
+        let upper = mix(simd, upper_left, upper_right, right_share);
+        let lower_ = mix(simd, lower_left, lower_right, right_share);
+        let even = mix_two(simd, upper[0], lower_[0], lower_share);
+        let odd = mix_two(simd, upper[1], lower_[1], lower_share);
+        let color = even | (odd << 8);
+        let whole = (color >> ALPHA_SHIFT).simd_eq(u32x16::splat(simd, 255));
+        let shown = in_front & whole;
+        shown.select(color, old_colors).store_slice(colors);
+        shown.select(q, old).store_slice(depths);
+        let mut others = (in_front & !whole | open & !in_front).to_bitmask();
+        if others != 0 && !(span.opaque && others & in_front.to_bitmask() == others && (open & !in_front).any_false()) {
+            let (color, q) = (color.to_array(), q.to_array());
+            while others != 0 {
+                let i = others.trailing_zeros() as usize;
+                others &= others - 1;
+                blend(&mut colors[i], &mut depths[i], color[i], q[i], light);
+            }
+        }
+    }
+}
+
+/// A distance from 0 to 1, in 1/256.
+#[inline(always)]
+fn share<S: Simd>(distance: f32x16<S>) -> u32x16<S> {
+    u32x16::truncate_from(distance * 256.0 + 0.5)
+}
+
+const LANE_NUMBERS: [f32; LANES] = [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
+
+/// The texels at some indices and right of them.
+#[inline(always)]
+fn pairs<S: Simd>(simd: S, texels: &[u32], index: u32x16<S>, offset: usize) -> [u32x16<S>; 2] {
+    let index = index.to_array();
+    let mut found = [[0u32; 2]; LANES];
+    for (found, index) in found.iter_mut().zip(index) {
+        let at = index as usize + offset;
+        if let Some(pair) = texels.get(at..at + 2) {
+            *found = [pair[0], pair[1]];
+        }
+    }
+    let words: [u32; 2 * LANES] = bytemuck::cast(found);
+    let (low, high) = words.split_at(LANES);
+    let (left, right) = simd.deinterleave_u32x16(u32x16::from_slice(simd, low), u32x16::from_slice(simd, high));
+    [left, right]
+}
+
+const TWO: u32 = 0x00ff_00ff;
+
+/// Between two colours: the even and the odd bytes, 16 bits each.
+#[inline(always)]
+fn mix<S: Simd>(simd: S, a: u32x16<S>, b: u32x16<S>, share: u32x16<S>) -> [u32x16<S>; 2] {
+    [mix_two(simd, a & TWO, b & TWO, share), mix_two(simd, (a >> 8) & TWO, (b >> 8) & TWO, share)]
+}
+
+/// Rounding is at most half a level.
+#[inline(always)]
+fn mix_two<S: Simd>(simd: S, a: u32x16<S>, b: u32x16<S>, share: u32x16<S>) -> u32x16<S> {
+    let rest = u32x16::splat(simd, 256) - share;
+    ((a * rest + b * share + 0x0080_0080) >> 8) & TWO
+}
+
+/// A pixel that one of two surfaces covers only in part. `new` is a mean of texels: colour times alpha.
+#[cold]
+#[inline(never)]
+fn blend(color: &mut u32, depth: &mut f32, new: u32, q: f32, light: &LinearLight) {
+    let (there, [r, g, b, alpha]) = (color.to_ne_bytes(), new.to_ne_bytes());
+    if alpha == 0 {
+        return;
+    }
+    let straight = |c: u8| ((u32::from(c) * 255 + u32::from(alpha / 2)) / u32::from(alpha)).min(255) as u8;
+    let new = [straight(r), straight(g), straight(b), alpha];
+    if there[3] == 0 {
+        (*color, *depth) = (u32::from_ne_bytes(new), q);
+    } else if q > *depth {
+        *color = u32::from_ne_bytes(light.over(new, there));
+        *depth = if new[3] >= 128 || there[3] < 255 { q } else { *depth };
+    } else {
+        *color = u32::from_ne_bytes(light.over(there, new));
+        *depth = if there[3] >= 128 { *depth } else { q };
+    }
+}

@@ -1,0 +1,237 @@
+//! Pictures on planes: nothing is seen elsewhere by more than the bound, frames are no worse, and every setting gives the same bits.
+
+use crate::common::bed::{leaves, room};
+use crate::common::capture::quick;
+use crate::common::compare::{psnr_db, truth};
+use glam::{DVec3, dvec3};
+use headbox::capture::random::Rng;
+use headbox::capture::rig::Face;
+use headbox::capture::{Camera, simd};
+use headbox::frame::Frame;
+use headbox::ldi::{CubeLdi, DepthPixel};
+use headbox::packed::{PackedCube, PlaneSet, PlaneTile, SplatIndexLayout, Split};
+use headbox::primitives::{Bound, choose};
+use headbox::render::{RenderSettings, Renderer};
+
+const FACE_PX: u32 = 192;
+
+fn mixed(ldi: &CubeLdi, error_px: f64) -> PackedCube {
+    let mut ldi = ldi.clone();
+    let planes = choose(&mut ldi, error_px);
+    let mut cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
+    cube.planes = planes;
+    assert_eq!(cube.validate(), Ok(()));
+    cube
+}
+
+fn draw(cube: &PackedCube, camera: &Camera) -> Frame {
+    Renderer::new().render(cube, camera, &RenderSettings::default()).clone()
+}
+
+/// The samples that a choice has taken out of a face, with their pixels.
+fn taken(all: &CubeLdi, rest: &CubeLdi, face: Face) -> Vec<(u32, u32, DepthPixel)> {
+    let [all, rest] = [all, rest].map(|ldi| &ldi.faces[face.index()]);
+    let mut taken = Vec::new();
+    for (x, y) in (0..FACE_PX).flat_map(|y| (0..FACE_PX).map(move |x| (x, y))) {
+        let mut left = rest.pixel(x, y).iter().peekable();
+        for sample in all.pixel(x, y) {
+            if left.next_if(|other| *other == sample).is_none() {
+                taken.push((x, y, *sample));
+            }
+        }
+        assert!(left.next().is_none(), "what is left was there before");
+    }
+    taken
+}
+
+/// Where a picture shows a sample, and where the sample says that its surface is: two points of one ray through the sample's
+/// pixel. Of the pixel, the place where the picture is nearest to the sample's depth: a sample does not say where in it rays met.
+fn shown_and_said(set: &PlaneSet, tile: &PlaneTile, face: Face, (x, y, sample): &(u32, u32, DepthPixel)) -> [DVec3; 2] {
+    let [q, along_x, along_y] = set.planes[tile.plane as usize].inverse_depth(face, FACE_PX);
+    let middle = [f64::from(*x) + 0.5, f64::from(*y) + 0.5];
+    let said = f64::from(sample.inverse_depth);
+    let off = said - (q + along_x * middle[0] + along_y * middle[1]);
+    let part = (off / (along_x.abs() + along_y.abs()).max(1e-300) * 2.0).clamp(-1.0, 1.0) * 0.5;
+    let at = [middle[0] + part * along_x.signum(), middle[1] + part * along_y.signum()];
+    let d = face.direction(at[0], at[1], FACE_PX);
+    // A plane at infinity shows it very far away.
+    [d / (q + along_x * at[0] + along_y * at[1]).max(1e-12), d / said]
+}
+
+#[test]
+fn no_eye_sees_anything_elsewhere_by_more_than_the_bound() {
+    const ERROR_PX: f64 = 0.5;
+    const PAIRS: usize = 10_000;
+    for (name, scene) in [("room", room(6.0)), ("leaves", leaves(6.0))] {
+        let all = quick(&scene, FACE_PX);
+        let mut rest = all.clone();
+        let set = choose(&mut rest, ERROR_PX);
+        let samples: Vec<_> = Face::ALL.map(|face| taken(&all, &rest, face)).into();
+        assert_eq!(samples.iter().map(|of_face| of_face.len() as u64).sum::<u64>(), set.samples);
+        let (mut random, mut worst, mut pairs) = (Rng::new(5), 0.0f64, 0);
+        let focal_px = Bound::focal_px(FACE_PX);
+        let (width, height) = (FACE_PX, FACE_PX * 3 / 4);
+        while pairs < PAIRS {
+            let face = Face::ALL[(random.unit() * 6.0) as usize % 6];
+            let of_face = &samples[face.index()];
+            let Some(sample) = of_face.get((random.unit() * of_face.len() as f64) as usize) else { continue };
+            let (x, y) = (sample.0 as i32, sample.1 as i32);
+            let covers = |tile: &&PlaneTile| {
+                let inside = |v: i32, start: i16, length: u16| (0..i32::from(length)).contains(&(v - i32::from(start)));
+                Face::ALL[usize::from(tile.face)] == face
+                    && inside(x, tile.x0, tile.width)
+                    && inside(y, tile.y0, tile.height)
+            };
+            let eye = random.in_cube(all.info.half_size_m);
+            let d = face.direction(f64::from(sample.0) + 0.5, f64::from(sample.1) + 0.5, FACE_PX);
+            let near = d / f64::from(sample.2.inverse_depth);
+            let aside = random.in_cube(0.6) * (near - eye).length();
+            let Ok(camera) = Camera::look_at(eye, near + aside, DVec3::Y, 60.0, [width, height]) else { continue };
+            assert!((camera.focal_px() - focal_px).abs() < 1e-6 * focal_px, "the frame that the bound names");
+            let in_frame =
+                |p: &[f64; 3]| (0.0..f64::from(width)).contains(&p[0]) && (0.0..f64::from(height)).contains(&p[1]);
+            // The bound is one for points that are both in the frame.
+            let away = focal_px / 10.0;
+            let inner =
+                |p: [f64; 3]| in_frame(&[p[0] - away, p[1] - away, 0.0]) && in_frame(&[p[0] + away, p[1] + away, 0.0]);
+            if !camera.project(near).is_some_and(inner) {
+                continue;
+            }
+            let error = set.tiles.iter().filter(covers).filter_map(|tile| {
+                let [shown, said] = shown_and_said(&set, tile, face, sample);
+                let [a, b] = [camera.project(shown)?, camera.project(said)?];
+                Some((a[0] - b[0]).hypot(a[1] - b[1]))
+            });
+            let error = error.fold(f64::INFINITY, f64::min);
+            if error.is_finite() {
+                worst = worst.max(error);
+                pairs += 1;
+            }
+        }
+        println!(
+            "{name}: {} of {} samples on planes, worst {worst:.3} px",
+            set.samples,
+            set.samples + rest.faces.iter().map(|f| f.samples.len() as u64).sum::<u64>()
+        );
+        // Planes are kept in f32.
+        assert!(worst <= ERROR_PX * 1.001, "{name}: {worst} px");
+    }
+}
+
+/// dB by which frames with pictures may be worse than those of all samples: half a pixel of error is allowed, and 0.45 dB were
+/// measured in the room, whose texture is as fine as its samples.
+const LOSS_DB: f64 = 0.6;
+
+#[test]
+fn frames_are_no_worse_and_have_no_cracks() {
+    for (name, scene, least_share) in [("room", room(6.0), 0.7), ("leaves", leaves(6.0), 0.0)] {
+        let ldi = quick(&scene, FACE_PX);
+        let all = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
+        let some = mixed(&ldi, 0.5);
+        let share = some.planes.samples as f64 / all.depth_pixel_count() as f64;
+        assert!(share > least_share, "{name}: {share} of the samples are on planes");
+        let mut random = Rng::new(3);
+        let (mut sums, mut holes) = ([0.0; 2], [0; 2]);
+        for _ in 0..6 {
+            let (eye, to) = (random.in_cube(0.45), random.in_cube(1.0));
+            let camera = Camera::look_at(eye, eye + to, DVec3::Y, 60.0, [192, 144]).expect("valid");
+            let truth = truth(&scene, &camera, 4);
+            for (k, cube) in [&all, &some].into_iter().enumerate() {
+                let frame = draw(cube, &camera);
+                sums[k] += psnr_db(&frame, &truth);
+                holes[k] += frame.hole_count();
+            }
+        }
+        let [before, after] = sums.map(|sum| sum / 6.0);
+        println!("{name}: {share:.3} on planes, {before:.2} dB -> {after:.2} dB, holes {holes:?}");
+        assert!(after > before - LOSS_DB, "{name}: {before} dB -> {after} dB");
+        assert!(holes[1] <= holes[0] + 6, "{name}: {holes:?}");
+    }
+}
+
+#[test]
+fn threads_bands_and_levels_change_no_bit() {
+    let cube = mixed(&quick(&room(6.0), FACE_PX), 0.5);
+    assert_eq!(cube, mixed(&quick(&room(6.0), FACE_PX), 0.5), "the same choice again");
+    let camera =
+        Camera::look_at(dvec3(0.2, 0.1, -0.3), dvec3(1.0, -0.4, -3.0), DVec3::Y, 60.0, [203, 151]).expect("valid");
+    let settings = RenderSettings { depth: true, ..RenderSettings::default() };
+    let reference = Renderer::new().render(&cube, &camera, &settings).clone();
+    for band_rows in [1, 7, 64, 1000] {
+        let settings = RenderSettings { band_rows, ..settings };
+        assert_eq!(*Renderer::new().render(&cube, &camera, &settings), reference, "bands of {band_rows}");
+    }
+    for level in simd::levels() {
+        assert_eq!(*Renderer::with_level(level).render(&cube, &camera, &settings), reference, "{level:?}");
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+    assert_eq!(*pool.install(|| Renderer::new().render(&cube, &camera, &settings).clone()).color, *reference.color);
+}
+
+#[test]
+fn depths_are_those_of_the_scene() {
+    let scene = room(6.0);
+    let cube = mixed(&quick(&scene, FACE_PX), 0.5);
+    let camera =
+        Camera::look_at(dvec3(0.1, 0.2, -0.2), dvec3(0.5, -0.6, -3.0), DVec3::Y, 60.0, [192, 144]).expect("valid");
+    let settings = RenderSettings { depth: true, ..RenderSettings::default() };
+    let frame = Renderer::new().render(&cube, &camera, &settings).clone();
+    let close = frame.depth_m.iter().enumerate().filter(|(i, depth)| {
+        let d = camera.direction((i % 192) as f64 + 0.5, (i / 192) as f64 + 0.5);
+        scene.hit(camera.eye(), d).is_some_and(|hit| (hit.t / f64::from(**depth) - 1.0).abs() < 0.02)
+    });
+    // The rest are rims: a pixel's depth is that of one of the surfaces in it.
+    let share = close.count() as f64 / frame.depth_m.len() as f64;
+    assert!(share > 0.95, "{share}");
+}
+
+#[test]
+fn files_keep_pictures_and_files_without_them_are_as_before() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.ldi");
+    let ldi = quick(&room(6.0), 96);
+    let cube = mixed(&ldi, 0.5);
+    assert!(!cube.planes.tiles.is_empty());
+    cube.write(&path).expect("written");
+    let bytes = std::fs::read(&path).expect("read");
+    assert_eq!(bytes[12..16], 2u32.to_le_bytes());
+    assert_eq!(PackedCube::read(&path).expect("read"), cube);
+    let all = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
+    all.write(&path).expect("written");
+    let larger = std::fs::read(&path).expect("read");
+    assert_eq!(larger[12..16], 1u32.to_le_bytes());
+    assert_eq!(PackedCube::read(&path).expect("read"), all);
+    assert!(bytes.len() < larger.len(), "{} against {}", bytes.len(), larger.len());
+}
+
+#[test]
+fn no_bound_means_no_pictures_and_a_wide_one_harms_nobody() {
+    let ldi = quick(&room(6.0), 96);
+    for error_px in [0.0, -1.0, f64::NAN] {
+        let mut rest = ldi.clone();
+        assert_eq!(choose(&mut rest, error_px), PlaneSet::default());
+        assert_eq!(rest, ldi);
+    }
+    let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [64, 48]).expect("valid");
+    for error_px in [1e-6, 1e6] {
+        assert_eq!(draw(&mixed(&ldi, error_px), &camera).color.len(), 64 * 48);
+    }
+    let nothing = CubeLdi {
+        faces: ldi.faces.iter().map(|f| headbox::ldi::LayeredDepthImage::empty(f.face, 96)).collect(),
+        ..ldi
+    };
+    assert_eq!(mixed(&nothing, 0.5).planes, PlaneSet::default(), "an empty headbox");
+}
+
+#[test]
+fn planes_seen_edge_on_and_from_behind_are_drawn_or_left_out() {
+    let cube = mixed(&quick(&room(6.0), 96), 0.5);
+    // In the plane of the floor, below it, and beyond a wall.
+    for eye in [dvec3(0.0, -1.5, 0.0), dvec3(0.0, -1.5 - 1e-12, 0.3), dvec3(0.2, -4.0, 0.1), dvec3(9.0, 0.0, -9.0)] {
+        for forward in [DVec3::X, DVec3::NEG_Y, dvec3(-1.0, 0.3, 0.2)] {
+            let camera = Camera::look_at(eye, eye + forward, DVec3::Y, 75.0, [61, 47]).expect("valid");
+            let frame = draw(&cube, &camera);
+            assert_eq!(frame.color.len(), 61 * 47);
+        }
+    }
+}
