@@ -394,7 +394,7 @@ impl Section {
 mod tests {
     use super::*;
 
-    const KIND: Kind = Kind { tag: *b"test", name: "test file", version: 3, oldest: 2 };
+    const KIND: Kind = Kind { tag: *b"test", name: "test file", version: 3, oldest: 3 };
 
     fn write(dir: &Path) -> PathBuf {
         let mut writer = ContainerWriter::new(KIND);
@@ -450,6 +450,8 @@ mod tests {
         let other = Kind { version: 4, oldest: 4, ..KIND };
         let message = Container::open(&path, other).err().unwrap().to_string();
         assert!(message.contains("a.test") && message.contains("version 3") && message.contains("reads version 4"));
+        let newer = Kind { version: 4, oldest: 3, ..KIND };
+        assert!(Container::open(&path, newer).is_ok(), "an older version is still read");
         let other = Kind { tag: *b"cldi", name: "cube LDI", ..KIND };
         let message = Container::open(&path, other).err().unwrap().to_string();
         assert!(message.contains("expected a cube LDI") && message.contains("\"test\""), "{message}");
