@@ -18,7 +18,7 @@ use headbox::ldi::shard::{self, ShardInfo};
 use headbox::measure::report::figures::figures;
 use headbox::measure::report::row::Report;
 use headbox::measure::report::{results, summary};
-use headbox::packed::{BlockIndex, PackedCube, PackedSegment, PlaneSet, SplatIndexLayout, Split};
+use headbox::packed::{BlockIndex, PackedCube, PackedSegment, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
 use headbox::path;
 use headbox::progress::Silent;
 use headbox::render::splat::SplatKernel;
@@ -56,12 +56,22 @@ fn cube() -> PackedCube {
     PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs")
 }
 
-/// The same with what is flat on planes.
+/// The same with two pictures on a plane, which its few samples would not make: one that hides all behind it, and one with a rim.
 fn cube_with_planes() -> PackedCube {
-    let mut ldi = cube().unpack();
-    let planes = headbox::primitives::choose(&mut ldi, 1.0);
-    assert!(!planes.tiles.is_empty(), "the scene has a plane");
-    PackedCube { planes, ..PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs") }
+    let whole = PlaneTile { plane: 0, first_texel: 0, x0: -1, y0: 2, width: 4, height: 3, face: 5, opaque: 1 };
+    let rim = PlaneTile { first_texel: 12, x0: 2, y0: 0, width: 2, height: 8, opaque: 0, ..whole };
+    let texel = |i: u8| PlaneSet::covered([9 * i, 200, 7, if i < 12 { 255 } else { 13 * (i - 12) }]);
+    let planes = PlaneSet {
+        error_px: 0.5,
+        planes: vec![Plane { normal_per_distance: glam::Vec3::new(0.1, 0.05, -0.4) }],
+        tiles: vec![whole, rim],
+        texels: (0..28).map(texel).collect(),
+        samples: 20,
+        ..PlaneSet::default()
+    };
+    let cube = PackedCube { planes, ..cube() };
+    assert_eq!(cube.validate(), Ok(()));
+    cube
 }
 
 fn camera(eye: DVec3, forward: DVec3) -> Camera {
