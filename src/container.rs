@@ -454,7 +454,7 @@ mod tests {
         assert!(Container::open(&path, newer).is_ok(), "an older version is still read");
         let other = Kind { tag: *b"cldi", name: "cube LDI", ..KIND };
         let message = Container::open(&path, other).err().unwrap().to_string();
-        assert!(message.contains("expected a cube LDI") && message.contains("\"test\""), "{message}");
+        assert!(message.contains("a cube LDI is expected") && message.contains("\"test\""), "{message}");
         assert_eq!(Container::peek_kind(&path).unwrap(), Some(*b"test"));
     }
 

@@ -9,8 +9,8 @@ use std::time::Instant;
 
 /// Rays by which the speed of this machine in this scene is measured: some milliseconds.
 const PROBES: u32 = 1 << 15;
-/// Rays in packets, as a capture traces and merges them, take so many times as long as a probe. Median over built-in and
-/// real scenes, which lie within a factor of two of it.
+/// Rays in packets, as a capture traces and merges them, take about so many times as long as a probe. This and what follows are
+/// rough figures, not calibrated.
 const PROBES_PER_RAY: f64 = 1.3;
 /// Light samples of a depth pixel and bounce, likewise: a shadow ray to the sun, one to the sky, and their shading.
 const PROBES_PER_LIGHT_SAMPLE: f64 = 3.0;
@@ -23,7 +23,7 @@ const FILE_BYTES: f64 = 9.0;
 /// Bytes of memory for each depth pixel at the widest point: accumulators, samples, and the packed form.
 const MEMORY_BYTES: f64 = 110.0;
 
-/// Time and space of a capture, right within a factor of two or three.
+/// Time and space of a capture, roughly.
 pub(super) struct Estimate {
     rays: f64,
     seconds: f64,

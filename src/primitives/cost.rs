@@ -7,7 +7,7 @@ const BYTES: [f64; 2] = [4.0, 8.5];
 const FRAME_PER_FACE_PX: f64 = 1.7;
 
 /// Nanoseconds on one thread: a tile, a frame row of a tile, a frame pixel of a tile, and a sample.
-/// `benches/primitives.rs` measures them.
+/// Rough figures; `benches/primitives.rs` measures whole frames.
 const NS: [f64; 4] = [250.0, 25.0, 3.0, 12.0];
 
 /// True if a picture of some texels is better than the samples that it stands for: neither larger nor slower.

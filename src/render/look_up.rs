@@ -16,7 +16,7 @@ pub(super) struct LookUp<'a> {
 const MIN_SHARE: u32 = 13;
 
 /// The share of 255 from which on a surface hides its pixel wholly. Less than all, because what lies behind a rim is often
-/// known to no ray, and the sky must not shine through (on `builtin:tree` 1 dB at the centre).
+/// known to no ray, and the sky must not shine through.
 const WHOLE: u32 = 196;
 
 /// Eight pixels of one surface each.

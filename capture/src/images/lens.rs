@@ -56,7 +56,7 @@ impl Distortion {
         for _ in 0..20 {
             let error = self.apply(p) - distorted;
             if error.length() < 1e-12 {
-                return Some(p);
+                break;
             }
             let dx = (self.apply(p + DVec2::X * STEP) - self.apply(p - DVec2::X * STEP)) / (2.0 * STEP);
             let dy = (self.apply(p + DVec2::Y * STEP) - self.apply(p - DVec2::Y * STEP)) / (2.0 * STEP);
@@ -66,7 +66,9 @@ impl Distortion {
             }
             p -= DVec2::new(error.x * dy.y - error.y * dy.x, error.y * dx.x - error.x * dx.y) / determinant;
         }
-        ((self.apply(p) - distorted).length() < 1e-9).then_some(p)
+        // What strong distortion folds over from the other side is no ideal position either.
+        let same_side = p.dot(distorted) >= 0.0;
+        (same_side && (self.apply(p) - distorted).length() < 1e-9).then_some(p)
     }
 }
 

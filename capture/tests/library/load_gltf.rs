@@ -299,7 +299,7 @@ fn errors_name_file_and_cause() {
         assert!(error.contains(name) && causes.iter().all(|cause| error.contains(cause)), "{error}");
     };
     error("a.gltf", b"{\"asset\":{\"version\":\"2.0\"},\n\"nodes\":[}", &["line 2"]);
-    error("b.gltf", b"", &["line 1"]);
+    error("b.gltf", b"", &["neither a GLB", "nor a glTF"]);
     error("c.gltf", b"{\"asset\":{\"version\":\"2.0\"}}", &["there is no triangle"]);
     error("d.glb", b"glTF", &["the GLB header says 0 bytes and the file has 4"]);
     let glb = asset.glb(&rest);

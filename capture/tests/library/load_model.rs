@@ -331,7 +331,7 @@ fn files_that_are_no_homes_say_so() {
     let two = folder(&[("Home.xml", &home_xml(ROOMS, DOOR)), ("a.obj", &obj), ("b.obj", &obj)]);
     assert!(error_of(&two, "Home.xml").contains("2 OBJ files lie beside it"));
     assert!(error_of(&two, "a.obj").contains("not a kind of home that is read"));
-    assert!(error_of(&two, "none.xml").contains("cannot read"));
+    assert!(error_of(&two, "none.xml").contains("No such file"));
 }
 
 /// The two rooms as a TOML model, Z up and in centimetres.
@@ -416,7 +416,7 @@ fn mistakes_in_a_toml_model_are_named() {
     let error = |from: &str, to: &str| error_of(&toml_folder(&TOML.replace(from, to)), "flat.toml");
     assert!(error("unit = 0.01", "unit = -1").contains("a unit of -1 m"));
     assert!(error("unit = 0.01", "units = 1").contains("unknown field `units`"));
-    assert!(error("flat.obj", "none.obj").contains("cannot read"));
+    assert!(error("flat.obj", "none.obj").contains("No such file"));
     assert!(error("[[cell]]", "[[cell").contains("flat.toml"));
     assert!(error("name = \"right\"", "name = \"left\"").contains("two cells are called \"left\""));
     let model = load(
