@@ -88,8 +88,8 @@ show start_page
 show ldi "$out/interior.ldi" --path "$out/inside.json" --every-pose
 show ldi_stereo "$out/interior.ldi" --path "$out/inside.json" --every-pose --stereo cross --no-panels
 show ldi_compare "$out/interior.ldi" --path "$out/inside.json" --every-pose --compare kernel=paper
-size=480x300 # truth is traced to the end
-show ldi_error "$out/interior.ldi" --when-refined --set overlay=error
+size=480x300 # truth is traced to the end; the panels would cover three quarters of it
+show ldi_error "$out/interior.ldi" --when-refined --set overlay=error --no-panels
 size=960x600
 for overlay in depth footprint overdraw clipping; do
     show "ldi_$overlay" "$out/interior.ldi" --frames 3 --set "overlay=$overlay" --path "$out/inside.json"
