@@ -14,7 +14,7 @@
 #[cfg(test)]
 mod tests;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File, Metadata, OpenOptions, Permissions};
 use std::io::{self, BufWriter, Seek, Write};
 use std::path::{Path, PathBuf};
@@ -25,7 +25,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
 /// Files that the user handed in, which nothing may overwrite.
-static INPUTS: Mutex<BTreeSet<Identity>> = Mutex::new(BTreeSet::new());
+static INPUTS: Mutex<BTreeMap<Identity, PathBuf>> = Mutex::new(BTreeMap::new());
 
 /// The path that stands for standard output.
 pub const STANDARD_OUTPUT: &str = "-";
@@ -85,7 +85,7 @@ pub fn check_folder(folder: &Path) -> io::Result<()> {
 /// hard links, other spellings). Does nothing if there is no such file.
 pub fn protect_input(path: &Path) {
     if let Some(identity) = fs::metadata(path).ok().and_then(|found| identity(path, &found)) {
-        lock(&INPUTS).insert(identity);
+        lock(&INPUTS).insert(identity, path.to_owned());
     }
 }
 
@@ -204,11 +204,18 @@ fn identity(path: &Path, _: &Metadata) -> Option<Identity> {
 fn refuse_input(path: &Path) -> io::Result<()> {
     let found = fs::metadata(path)?;
     match identity(path, &found) {
-        Some(identity) if lock(&INPUTS).contains(&identity) => {
+        Some(identity) if is_input(&identity) => {
             Err(refused("it is an input of this command, which would be lost; choose another name"))
         }
         _ => Ok(()),
     }
+}
+
+/// Whether a declared input still is the file of this identity: once it is deleted, another file may be given its inode.
+fn is_input(wanted: &Identity) -> bool {
+    let declared = lock(&INPUTS).get(wanted).cloned();
+    declared
+        .is_some_and(|path| fs::metadata(&path).ok().and_then(|found| identity(&path, &found)).as_ref() == Some(wanted))
 }
 
 /// Renaming asks for no permission to write to the file that it replaces.

@@ -74,6 +74,20 @@ fn inputs_are_refused_by_whatever_name() {
     put(&at("other.obj"), "x").unwrap();
 }
 
+/// Inodes are used again: what was an input once protects no other file that comes to have its identity.
+#[test]
+fn an_input_that_is_gone_protects_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let (gone, kept) = (dir.path().join("gone.obj"), dir.path().join("kept.obj"));
+    write(&gone, "x").unwrap();
+    fs::hard_link(&gone, &kept).unwrap(); // the identity stays in use, as if it had been given anew
+    protect_input(&gone);
+    check(&kept).unwrap_err();
+    fs::remove_file(&gone).unwrap();
+    put(&kept, "y").unwrap();
+    assert_eq!(read(&kept).unwrap(), b"y");
+}
+
 #[cfg(unix)]
 mod unix {
     use super::*;
