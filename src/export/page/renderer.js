@@ -8,13 +8,13 @@ import * as shaders from './shaders.js';
 /** Pixels around a frame in which samples are drawn whose tents may reach into it. */
 const MARGIN_PX = 16;
 
+/** Surfaces in a pixel that are told apart. */
+const LAYERS = Array.from({ length: 4 }, (_, i) => i);
+
 /** GL's six faces of a cube map in the order of ours. GL looks at them from outside: z is turned round in the shader. */
 const CUBE_ORDER = [0, 1, 2, 3, 5, 4];
 
 export class Renderer {
-  /** Surfaces in a pixel that are told apart. */
-  layers = 3;
-
   constructor(canvas, header) {
     const options = { alpha: false, antialias: false, depth: false, powerPreference: 'high-performance', xrCompatible: true };
     const gl = canvas.getContext('webgl2', options);
@@ -43,7 +43,7 @@ export class Renderer {
     this.sampleProgram = new Program(gl, shaders.SAMPLE_VERTEX, shaders.SAMPLE_FRAGMENT);
     this.tileProgram = new Program(gl, shaders.TILE_VERTEX, shaders.TILE_FRAGMENT);
     this.laidProgram = new Program(gl, shaders.WHOLE_VERTEX, shaders.LAID_FRAGMENT);
-    this.finishProgram = new Program(gl, shaders.WHOLE_VERTEX, shaders.FINISH_FRAGMENT);
+    this.finishProgram = new Program(gl, shaders.WHOLE_VERTEX, shaders.finishFragment(LAYERS));
     // For what has no texture (yet).
     this.noTexture = texture(gl, gl.RGBA8, [1, 1]);
     this.noCube = gl.createTexture();
@@ -130,7 +130,7 @@ export class Renderer {
   /** Makes the textures for frames of a size, unless they are there. */
   resize([width, height]) {
     const { gl } = this;
-    if (this.targets?.width === width && this.targets.height === height && this.targets.layers.length === this.layers) return;
+    if (this.targets?.width === width && this.targets.height === height) return;
     if (this.targets) this.freeTargets();
     const size = [width, height];
     const pair = () => ({ color: texture(gl, gl.RGBA16F, size), depth: texture(gl, gl.DEPTH_COMPONENT24, size) });
@@ -142,7 +142,7 @@ export class Renderer {
     this.targets = {
       width,
       height,
-      layers: Array.from({ length: this.layers }, layer),
+      layers: LAYERS.map(layer),
       planes: { ...planes, to: target(gl, planes.color, planes.depth) },
     };
   }
@@ -272,17 +272,14 @@ export class Renderer {
   /** Puts surfaces and environment together. */
   finish({ right, up, back, focal, principal, size }, framebuffer, origin, shade) {
     const { gl, header } = this;
-    const sums = this.targets.layers.map(({ color }) => color);
+    const sums = this.targets.layers.map(({ color }, i) => [`sum${i}`, color]);
     gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
     gl.viewport(...origin, ...size);
     gl.disable(gl.BLEND);
     gl.bindVertexArray(this.nothing);
     this.finishProgram.use({
       ...header.rules,
-      sum0: sums[0],
-      sum1: sums[1] ?? this.noTexture,
-      sum2: sums[2] ?? this.noTexture,
-      layers: sums.length,
+      ...Object.fromEntries(sums),
       environment: this.environment ?? this.noCube,
       hasEnvironment: this.environment !== null,
       right,

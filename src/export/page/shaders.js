@@ -18,7 +18,7 @@ vec3 srgb(vec3 c) { return mix(c * 12.92, 1.055 * pow(c, vec3(1.0 / 2.4)) - 0.05
  * Which surface of a pixel something is on. Of each pixel the nearest surface is found first, as 1 / eye depth, then what lies on
  * it is added up; then the same for what lies behind that surface, and so on (surface.rs; Everitt's depth peeling, 2001).
  */
-const LAYERS = `
+const PEELING = `
 uniform sampler2D nearest;   // of this surface; only while it is added up
 uniform sampler2D before;    // of the surface in front of this one
 uniform sampler2D sumBefore; // what that surface holds of the pixel
@@ -79,7 +79,7 @@ void main() {
   gl_PointSize = 2.0 * max(radii.x, radii.y) + 1.0;
 }`;
 
-export const SAMPLE_FRAGMENT = `${HEAD}${LAYERS}
+export const SAMPLE_FRAGMENT = `${HEAD}${PEELING}
 uniform float steps;     // weights are whole numbers of 1 / steps
 flat in vec3 tint;
 flat in vec4 tent;
@@ -151,7 +151,7 @@ export const WHOLE_VERTEX = `${HEAD}
 void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0); }`;
 
 /** What planes show, on its way to the surfaces of samples. */
-export const LAID_FRAGMENT = `${HEAD}${LAYERS}${CURVES}
+export const LAID_FRAGMENT = `${HEAD}${PEELING}${CURVES}
 uniform sampler2D planeColor, planeDepth;
 uniform float steps, tolerance, bin;
 out vec4 sum;
@@ -166,9 +166,8 @@ void main() {
 }`;
 
 /** Surfaces over one another and over the environment, in linear light (surface.rs, finish.rs). */
-export const FINISH_FRAGMENT = `${HEAD}${CURVES}
-uniform sampler2D sum0, sum1, sum2;
-uniform int layers;
+export const finishFragment = (layers) => `${HEAD}${CURVES}
+${layers.map((i) => `uniform sampler2D sum${i};`).join('\n')}
 uniform samplerCube environment;
 uniform bool hasEnvironment;
 uniform vec3 right, up, back, hole;
@@ -186,9 +185,7 @@ void main() {
   vec2 pixel = vec2(gl_FragCoord.x - origin.x, size.y - (gl_FragCoord.y - origin.y));
   ivec2 at = ivec2(pixel + margin);
   vec4 seen = vec4(0.0);
-  if (layers > 2) seen = over(texelFetch(sum2, at, 0), seen);
-  if (layers > 1) seen = over(texelFetch(sum1, at, 0), seen);
-  seen = over(texelFetch(sum0, at, 0), seen);
+${layers.map((i) => `  seen = over(texelFetch(sum${i}, at, 0), seen);`).reverse().join('\n')}
   if (seen.a < 1.0) {
     vec2 off = (pixel - principal) / focal;
     vec3 direction = right * off.x - up * off.y - back;
