@@ -49,11 +49,9 @@ pub(super) fn open(path: &Path) -> anyhow::Result<PackedCube> {
     let found = Container::peek_kind(path).ok().flatten();
     let kind = found.and_then(|tag| Kind::ALL.iter().find(|kind| kind.tag == tag));
     match kind {
-        Some(kind) if kind.tag != Kind::CUBE_LDI.tag => bail!(
-            "{} is a {}, which cannot be exported yet; a cube LDI (.ldi) can",
-            path.display(),
-            kind.name
-        ),
+        Some(kind) if kind.tag != Kind::CUBE_LDI.tag => {
+            bail!("{} is a {}, which cannot be exported yet; a cube LDI (.ldi) can", path.display(), kind.name)
+        }
         _ => Ok(PackedCube::read(path)?),
     }
 }

@@ -4,8 +4,8 @@
 //! [`crate::render::surface`], whose numbers travel in the page's header, so that its frames are held to the CPU's.
 
 mod samples;
-mod text;
 mod texels;
+mod text;
 
 use super::{ExportError, poster};
 use crate::capture::rig::Face;
@@ -113,7 +113,8 @@ fn script() -> String {
         script.push('\n');
     }
     // What `import * as shaders` names.
-    let names: Vec<&str> = SHADERS.lines().filter_map(|line| line.strip_prefix("export const ")?.split(' ').next()).collect();
+    let names: Vec<&str> =
+        SHADERS.lines().filter_map(|line| line.strip_prefix("export const ")?.split(' ').next()).collect();
     script.replacen("class Renderer", &format!("const shaders = {{ {} }};\nclass Renderer", names.join(", ")), 1)
 }
 
