@@ -66,15 +66,15 @@ fn is_better(levels: f64, before: f64) -> bool {
     levels < before * 0.9 && levels < before - 0.25
 }
 
+/// What was found, and the registration of each view of a set.
+type Estimate = (RegistrationReport, Vec<Option<Registration>>);
+
 /// Estimates where the colours of a set were taken from, and how exposed; `look` is told of each view that was loaded.
 /// Sets without overlapping pinhole views with depth, or whose views are registered already, give `None`.
 ///
 /// # Errors
 /// [`ImagesError`] of the first view that cannot be loaded.
-fn estimate(
-    set: &ImageSet,
-    look: &(dyn Fn(&str) + Sync),
-) -> Result<Option<(RegistrationReport, Vec<Option<Registration>>)>, ImagesError> {
+fn estimate(set: &ImageSet, look: &(dyn Fn(&str) + Sync)) -> Result<Option<Estimate>, ImagesError> {
     let chosen: Vec<usize> = (0..set.views.len())
         .filter(|&i| {
             let view = &set.views[i];

@@ -63,7 +63,7 @@ fn beside(pose: Pose, turn: DVec3, step: DVec3) -> Pose {
 #[test]
 fn another_lens_another_moment_and_another_exposure_are_found() {
     let own = |i: usize| dvec3((i as f64 * 1.7).sin(), (i as f64 * 2.3).cos(), (i as f64 * 0.7).sin()) * 0.004;
-    let gains: Vec<f64> = (0..14).map(|i| 1.0 + 0.01 * (i as f64 - 6.5)).collect();
+    let gains: Vec<f64> = (0..14).map(|i| 1.0 + 0.01 * (f64::from(i) - 6.5)).collect();
     let truth: Vec<Pose> =
         (0..14).map(|i| beside(pose(i), dvec3(0.003, -0.004, 0.002) + own(i), dvec3(0.025, 0.0, 0.0))).collect();
     let views = (0..14).map(|i| view((lens(146.0), pose(i)), (lens(130.0), truth[i]), gains[i])).collect();
