@@ -3,7 +3,7 @@
 use super::UsageError;
 use super::args::{SceneArgs, parse_length, parse_vector};
 use super::estimate::{Estimate, rays_of};
-use super::images::{SetArgs, is_image_set};
+use super::images::{SetArgs, is_image_set, with_depth};
 use super::output::{CUBE, Outputs, SHARD, memory_bytes, peak_rss_mb, print_json};
 use super::progress::{Bar, duration};
 use crate::capture::light::Lighting;
@@ -269,10 +269,7 @@ impl Capture {
         let start = Instant::now();
         Outputs::new(self.json, [self.scene.name()]).file(&self.output, &CUBE)?;
         let set = self.images.open_registered(Path::new(self.scene.name()))?;
-        let views: Vec<_> = set.with_depth().collect();
-        if views.is_empty() {
-            anyhow::bail!("{}: none of its {} views has depth", set.folder.display(), set.views.len());
-        }
+        let views = with_depth(&set)?;
         let mut job = ImagesJob::suggest(&set);
         job.merge_rule = self.quality.parameters.merge_rule;
         if let Some(center) = self.center {

@@ -3,7 +3,9 @@
 use super::UsageError;
 use super::args::{CameraArgs, DefaultCamera};
 use super::house_file::HouseContent;
+use super::images::{self, SetArgs, is_image_set};
 use super::output::{DEPTH, Outputs, PICTURE, print_json, save_picture, write_text};
+use super::progress::Bar;
 use crate::capture::scene::FileFrame;
 use crate::capture::statistics::median;
 use crate::capture::{Camera, simd};
@@ -25,7 +27,8 @@ use std::time::Instant;
 
 #[derive(Args)]
 pub(super) struct Render {
-    /// A .ldi or .sprite file, or several of one world, laid over each other back to front; or one .house file
+    /// A .ldi or .sprite file or a folder of images with depth, or several of one world, laid over each other back to front; or
+    /// one .house file
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Picture to write (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output, PNG), or with --path the folder for
@@ -149,7 +152,15 @@ impl Render {
                     Some(sprites) => sprites.append(set),
                 }
             } else {
-                let cube = PackedCube::read(file)?;
+                let cube = match is_image_set(&file.to_string_lossy()) {
+                    true => {
+                        let bar = Bar::new();
+                        let cube = images::cube(file, &SetArgs::default(), &bar)?;
+                        bar.finish();
+                        cube
+                    }
+                    false => PackedCube::read(file)?,
+                };
                 world.get_or_insert((cube.info.frame, DefaultCamera::of_cube(&cube.info)));
                 cubes.push(cube);
             }

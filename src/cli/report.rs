@@ -236,9 +236,10 @@ impl ReportCommand {
         let bar = Bar::new();
         let mut failed = None;
         let mut save = |shown: Shown| {
-            let [nearest, ldi] = &shown.frames;
+            let [nearest, near, ldi] = &shown.frames;
             let path = output.join(format!("{}.png", shown.view.replace(['/', '.'], "_")));
-            failed = failed.take().or(save_picture(&path, &side_by_side(&[&shown.photograph, nearest, ldi])).err());
+            failed =
+                failed.take().or(save_picture(&path, &side_by_side(&[&shown.photograph, nearest, near, ldi])).err());
         };
         let report = images::measure(&set, &ImagesJob::suggest(&set), self.hold_out, &bar, &mut save)?;
         bar.finish();

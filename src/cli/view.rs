@@ -2,16 +2,18 @@
 
 use super::UsageError;
 use super::args::{FrameArgs, parse_size};
+use super::images::{self, SetArgs, is_image_set};
 use super::output::print_json;
-use crate::view::{SceneLibrary, open, open_source};
+use super::progress::Bar;
+use crate::view::{SceneLibrary, open, open_source, show_cube};
 use clap::{Args, ValueEnum};
-use headbox_viewer::{Exit, ReplayMode, Stereo, ViewerOptions};
+use headbox_viewer::{Exit, FrameSource, ReplayMode, Stereo, ViewerOptions};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 #[derive(Args)]
 pub(super) struct View {
-    /// A .ldi, .sprite or .house file, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the
+    /// A .ldi, .sprite or .house file, a folder of images with depth, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the
     /// start page if absent
     file: Option<String>,
     #[command(flatten)]
@@ -86,12 +88,22 @@ const FRAMES_BEFORE_PICTURE: u64 = 3;
 impl View {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let options = self.options()?;
-        let source = self.file.as_deref().map(|file| open_source(self.frame.source(file), &self.out)).transpose()?;
+        let source = self.file.as_deref().map(|file| self.source(file)).transpose()?;
         let summary = headbox_viewer::run(source, options)?;
         if self.json {
             print_json(&serde_json::to_value(summary)?);
         }
         Ok(())
+    }
+
+    fn source(&self, file: &str) -> anyhow::Result<Box<dyn FrameSource>> {
+        if !is_image_set(file) {
+            return Ok(open_source(self.frame.source(file), &self.out)?);
+        }
+        let bar = Bar::new();
+        let cube = images::cube(Path::new(file), &SetArgs::default(), &bar)?;
+        bar.finish();
+        Ok(show_cube(cube, Path::new(file)))
     }
 
     fn options(&self) -> Result<ViewerOptions, UsageError> {

@@ -86,6 +86,11 @@ pub fn open_source(source: SceneSource, output_dir: &Path) -> Result<Box<dyn Fra
     Ok(source)
 }
 
+/// A cube LDI that was made from `origin`.
+pub fn show_cube(cube: PackedCube, origin: &Path) -> Box<dyn FrameSource> {
+    Box::new(CubeSource::from_file(cube, origin))
+}
+
 fn capture(source: SceneSource, output_dir: &Path) -> Result<CubeSource, OpenError> {
     CubeSource::capture(source, output_dir).map_err(OpenError::Scene)
 }

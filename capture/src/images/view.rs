@@ -75,9 +75,10 @@ impl View {
         }
         let depth = self.load_depth()?;
         let loaded = LoadedView { size_px: self.size_px, lens: self.lens, pose: self.pose, color, depth };
+        let ideal = loaded.undistorted();
         Ok(match &self.registration {
-            Some(registration) => registration.apply(loaded),
-            None => loaded.undistorted(),
+            Some(registration) => registration.apply(ideal),
+            None => ideal,
         })
     }
 

@@ -41,6 +41,12 @@ pub struct ImagesJob {
 /// Views that are in memory at once.
 const BATCH: usize = 8;
 
+/// The mean direction of views, if they have one.
+fn ahead(views: &[&View]) -> Option<DVec3> {
+    let sum: DVec3 = views.iter().map(|view| -view.color_pose().world_from_eye.z_axis).sum();
+    (sum.length() > 0.1 * views.len() as f64).then(|| sum.normalize())
+}
+
 impl ImagesJob {
     /// A cube about the eye nearest to the middle of a set's views (an original camera suits best: fewer pixels are resampled
     /// twice), as fine as the views, and so large that it holds most of their eyes.
@@ -99,6 +105,7 @@ impl ImagesJob {
             half_size_m: self.half_size_m,
             frame: set.frame,
             exposure: 1.0, // colours are the pictures' own
+            ahead: ahead(views),
             parameters: CaptureParameters { merge_rule: self.merge_rule, ..CaptureParameters::unlit(0, 0) },
             ..CaptureInfo::default()
         };

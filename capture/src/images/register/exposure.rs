@@ -16,6 +16,9 @@ const LEAST_POINTS: usize = 60;
 /// The prior's weight, in pairs.
 const PRIOR: f64 = 0.01;
 
+/// Gains that are all nearer to one than this are none.
+const ALIKE: f64 = 0.01;
+
 /// Sweeps of Gauss-Seidel.
 const SWEEPS: usize = 2000;
 
@@ -38,6 +41,10 @@ pub(super) fn estimate(problem: &Problem, state: &State) -> Vec<[f32; 3]> {
                 logs[i][c] = sum / (pairs.len() as f64 + PRIOR);
             }
         }
+    }
+    // Of pictures that were exposed alike not a level changes.
+    if logs.iter().flatten().all(|log| log.abs() < ALIKE) {
+        logs.fill([0.0; 3]);
     }
     logs.into_iter().map(|log| log.map(|log| log.exp() as f32)).collect()
 }

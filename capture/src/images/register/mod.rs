@@ -114,7 +114,15 @@ fn estimate(set: &ImageSet, look: &(dyn Fn(&str) + Sync)) -> Result<Option<Estim
     }
     let (kept, state, _) = kept;
     let gains = exposure::estimate(&problem, state);
-    let registrations = problem.registrations(state, &gains);
+    let mut registrations = problem.registrations(state, &gains);
+    if kept == Kept::AsGiven {
+        for (registration, &i) in registrations.iter_mut().zip(&chosen) {
+            let view = &set.views[i];
+            if let Lens::Pinhole(lens) = view.lens.ideal() {
+                *registration = Registration { lens, pose: view.pose, gain: registration.gain };
+            }
+        }
+    }
     let (low, high) = gains.iter().flatten().fold((f32::MAX, 0.0f32), |(low, high), &g| (low.min(g), high.max(g)));
     let report = RegistrationReport {
         levels,
@@ -152,16 +160,19 @@ impl View {
 }
 
 impl Registration {
-    /// Brings a view's depth into its colour picture, takes the lens's distortion from the colours, and evens out their
-    /// exposure.
+    /// Brings the depth of a view, its lens ideal, into its colour picture, takes the distortion that was found from the colours, and
+    /// evens out their exposure.
     pub(super) fn apply(&self, mut view: LoadedView) -> LoadedView {
-        let lens = Lens::Pinhole(self.lens);
-        let depth = reproject::depth(&view, lens.ideal(), &self.pose);
         for pixel in &mut view.color {
             for (level, gain) in pixel.iter_mut().zip(self.gain) {
                 *level = (f32::from(*level) / gain + 0.5).min(255.0) as u8;
             }
         }
+        let lens = Lens::Pinhole(self.lens);
+        if lens == view.lens && self.pose == view.pose {
+            return view;
+        }
+        let depth = reproject::depth(&view, lens.ideal(), &self.pose);
         let color = LoadedView { lens, pose: self.pose, depth: Vec::new(), ..view }.undistorted();
         LoadedView { depth, ..color }
     }

@@ -107,6 +107,7 @@ fn what_is_registered_stays_as_it_is() {
     let levels = [&given, &one, &each].map(|state| problem.unseen_levels(state));
     assert!(!super::is_better(levels[1], levels[0]) && !super::is_better(levels[2], levels[0]), "{levels:?}");
     assert!(problem.moved(&each)[0] < 0.1, "{:?}", problem.moved(&each));
+    assert!(exposure::estimate(&problem, &given).iter().flatten().all(|&gain| gain == 1.0));
 }
 
 #[test]
