@@ -6,7 +6,7 @@ use super::finish::{Background, Pixels};
 use super::format::Format;
 use super::kernel::SegmentWarp;
 use super::look_up::LookUp;
-use super::traverse::{self, Batch, Cut, Part, Uncut};
+use super::traverse::{self, Batch, Cut, SegmentPart, Uncut};
 use super::visibility::Visibility;
 use super::{FramePlan, FrameStats, SegmentPlan, Source};
 use crate::capture::Camera;
@@ -263,12 +263,12 @@ impl<Sc: Scope> ForSegment for Drawing<'_, '_, Sc> {
         match source.exact {
             None => {
                 let depth_pixels = &segment.depth_pixels;
-                strokes.draw(&Part { segment, depth_pixels, columns, rows, visible }, &cut, batch);
+                strokes.draw(&SegmentPart { segment, depth_pixels, columns, rows, visible }, &cut, batch);
             }
             Some(exact) => {
                 let depth_pixels = exact.get(of_frame.index).map_or(&[][..], Vec::as_slice);
                 let batch = exact_batch.get_or_insert_with(|| Box::new(Batch::new()));
-                strokes.draw(&Part { segment, depth_pixels, columns, rows, visible }, &cut, batch);
+                strokes.draw(&SegmentPart { segment, depth_pixels, columns, rows, visible }, &cut, batch);
             }
         }
     }
@@ -288,7 +288,7 @@ struct SegmentStrokes<'a, S> {
 }
 
 impl<S: Size> SegmentStrokes<'_, S> {
-    fn draw<P: Format>(&mut self, part: &Part<P>, cut: &impl Cut, batch: &mut Batch<P>) {
+    fn draw<P: Format>(&mut self, part: &SegmentPart<P>, cut: &impl Cut, batch: &mut Batch<P>) {
         let Self { plan, band, of_frame, size, splats, stats, depth, canvas, planes } = self;
         let (level, own) = (plan.level, plan.kernel.own_share());
         let warp = SegmentWarp::new(&of_frame.transfer, P::scale(part.segment), band, level);

@@ -59,7 +59,7 @@ impl InView {
         });
         let principal = camera.principal_px();
         self.principal_px = principal.map(|c| c as f32);
-        let frame = Frame { size: [camera.width(), camera.height()].map(f64::from), principal, unclipped };
+        let frame = FrameEdges { size: [camera.width(), camera.height()].map(f64::from), principal, unclipped };
         self.sheets.clear();
         let found = sheets.sheets.par_chunks(1024).enumerate().map(|(chunk, some)| {
             let seen = |(i, sheet): (usize, &Sheet)| {
@@ -74,13 +74,13 @@ impl InView {
     }
 }
 
-struct Frame {
+struct FrameEdges {
     size: [f64; 2],
     principal: [f64; 2],
     unclipped: bool,
 }
 
-impl Frame {
+impl FrameEdges {
     /// The sheet as the frame sees it, or `None` if nothing of it shows.
     fn sees(&self, transfer: &Transfer, sheet: &Sheet, sheets: &Sheets, index: u32) -> Option<SheetInView> {
         let [width, height] = self.size;

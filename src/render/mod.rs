@@ -30,7 +30,7 @@ mod count;
 pub(crate) mod depth;
 pub(crate) mod ellipse;
 mod epipolar;
-mod finish;
+pub(crate) mod finish;
 mod format;
 mod fragments;
 mod in_view;
