@@ -234,7 +234,7 @@ impl ReportCommand {
 
     /// Leaves views of an image set out and shows them from the others.
     fn measure_images(&self, folder: &Path) -> anyhow::Result<()> {
-        let set = self.images.open(folder)?;
+        let set = self.images.open_registered(folder)?;
         let output = self.output_or("headbox-report");
         Outputs::new(false, [folder]).folder(output)?;
         let bar = Bar::new();
