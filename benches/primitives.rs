@@ -146,12 +146,11 @@ fn compare_with_truth(all: &PackedCube, mixed: &PackedCube, samples: u32, stem: 
             Err(_) => {
                 let found =
                     truth::render(&tracer, &lighting, all.info.parameters.light_samples > 0, &camera, samples, &Silent)
-                        .color;
+                        .rgb();
                 found.save(&kept).expect("writes");
                 found
             }
         };
-
         let draw = |cube| Renderer::new().render(cube, &camera, &RenderSettings::default()).clone();
         let frames = [all, mixed].map(|cube| draw(cube).to_rgb().expect("a picture"));
         let of_planes = draw(&planes);
