@@ -62,10 +62,11 @@ struct Begun {
 
 impl FaceLight<'_> {
     /// Calls `light` with each part of the face in turn, its number and pixel, rows in parallel; what it puts aside comes back, row
-    /// after row.
+    /// after row. Each row advances the progress by `steps`.
     fn for_each_part<T: Send>(
         &self,
         parts: &mut FaceParts,
+        steps: u64,
         light: impl Fn(&mut Part, usize, [u32; 2], &mut Vec<T>) + Sync,
     ) -> Vec<Vec<T>> {
         let (size, offsets) = (self.size_px, &parts.offsets);
@@ -88,6 +89,7 @@ impl FaceLight<'_> {
                     light(&mut row[p - first], p, [x, y], &mut aside);
                 }
             }
+            self.progress.advance(steps);
             aside
         };
         rows.into_par_iter().map(light_row).collect()
@@ -118,8 +120,7 @@ impl FaceLight<'_> {
             }
             part.light_samples = samples[p];
         };
-        let begun: Vec<Begun> = self.for_each_part(parts, begin).into_iter().flatten().collect();
-        self.progress.advance(u64::from(self.size_px));
+        let begun: Vec<Begun> = self.for_each_part(parts, 1, begin).into_iter().flatten().collect();
         let (cell_of, light) = self.beyond(&begun);
         for (begun, cell) in begun.iter().zip(cell_of) {
             parts.parts[begun.part as usize].soft += begun.arrival.albedo * light[cell as usize];
@@ -172,7 +173,7 @@ impl FaceLight<'_> {
                 requests.push((p as u32, (spot.point(&sample, self.face, pixel, self.size_px), sample)));
             }
         };
-        let rows = self.for_each_part(parts, gather);
+        let rows = self.for_each_part(parts, 0, gather);
         let light_row = |row: Vec<(u32, (_, LightSample))>| {
             let (parts, requests): (Vec<u32>, Vec<_>) = row.into_iter().unzip();
             let light = lighting.sun_radiosities(tracer, &requests);
