@@ -6,6 +6,7 @@ use crate::capture::trace::Tracer;
 use crate::capture::viewpoint::place_headbox;
 use crate::capture::{Camera, scene::Headbox};
 use crate::environment::Environment;
+use crate::gaps;
 use crate::ldi::MAX_FACE_SIZE_PX;
 use crate::ldi::job::CaptureJob;
 use crate::ldi::parameters::{CaptureParameters, Resources};
@@ -132,7 +133,7 @@ impl<'a> Capture<'a> {
         };
         let tracer = Tracer::new(Arc::clone(self.scene.loaded()), centre);
         let lighting = Lighting::measure(&tracer, job.parameters.bounces);
-        let (ldi, _) = job.run(&tracer, &lighting, &self.resources, self.progress)?;
+        let (ldi, _) = gaps::capture(&job, &tracer, &lighting, &self.resources, self.progress)?;
         Ok(PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto)?)
     }
 

@@ -78,6 +78,8 @@ pub mod environment;
 #[doc(hidden)]
 pub mod frame;
 #[doc(hidden)]
+pub mod gaps;
+#[doc(hidden)]
 pub mod ldi;
 #[cfg(feature = "cli")]
 #[doc(hidden)]

@@ -10,6 +10,7 @@ use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;
 use crate::capture::trace::Tracer;
 use crate::capture::{Scene, files, viewpoint};
+use crate::gaps;
 use crate::ldi::build;
 use crate::ldi::from_images::ImagesJob;
 use crate::ldi::job::CaptureJob;
@@ -251,7 +252,7 @@ impl Capture {
             return self.run_shard(job, part, &tracer, &resources, &bar, start);
         }
         let lighting = Lighting::measure(&tracer, job.parameters.bounces);
-        let (ldi, trace_time) = job.run(&tracer, &lighting, &resources, &bar).context("the capture failed")?;
+        let (ldi, trace_time) = gaps::capture(&job, &tracer, &lighting, &resources, &bar).context("the capture failed")?;
         drop((tracer, scene));
         let packed = self.packing.pack(ldi)?;
         if packed.depth_pixel_count() == 0 && packed.planes.tiles.is_empty() {
