@@ -2,7 +2,6 @@
 
 use super::epipolar::{Boundary, Rays, spans};
 use super::finish::{Background, Pixels, depth_pieces};
-use super::fragments::Fragments;
 use super::{FramePlan, FrameStats};
 use crate::frame::Frame;
 use crate::render::depth::DepthCanvas;
@@ -16,23 +15,31 @@ const ROWS_AT_A_TIME: usize = 8;
 
 /// Pixels of a row up to a column, and the index of their painter.
 #[derive(Clone, Copy)]
-pub(super) struct Owner {
+struct Owner {
     end: u32,
     painter: usize,
 }
 
-impl Fragments {
-    /// Puts the frame together, row by row, from the canvases of the painters.
-    pub(super) fn finish<'c, C: Canvas + Sync + 'c>(
+/// Of each row of a frame, from left to right, who painted which columns. Kept from frame to frame for its memory.
+#[derive(Default)]
+pub(super) struct Owners {
+    rows: Vec<Vec<Owner>>,
+}
+
+impl Owners {
+    /// Puts the frame together, row by row, from the canvases of the painters: one for each fragment between `boundaries`, then one
+    /// for each boundary.
+    pub(super) fn assemble<'c, C: Canvas + Sync + 'c>(
         &mut self,
         plan: &FramePlan,
+        boundaries: &[Boundary],
         background: &Background,
         frame: &mut Frame,
         rays: impl Fn(u32) -> Rays + Sync,
         painter: impl Fn(usize) -> (&'c C, &'c DepthCanvas) + Sync,
     ) -> FrameStats {
-        let (width, boundaries) = (frame.width, &self.boundaries);
-        self.owners.resize_with(self.owners.len().max(frame.height as usize), Vec::new);
+        let width = frame.width;
+        self.rows.resize_with(self.rows.len().max(frame.height as usize), Vec::new);
         let finish_one = |y: u32, pixels: Pixels, owners: &mut Vec<Owner>| {
             let started = Instant::now();
             let redone_pixels = share_row(boundaries, &rays(y), width, owners);
@@ -58,7 +65,7 @@ impl Fragments {
         let piece = width as usize * ROWS_AT_A_TIME;
         let depths_m = depth_pieces(depths_m, piece, colors.len().div_ceil(piece));
         let rows = colors.par_chunks_mut(piece).zip(coverages.par_chunks_mut(piece)).zip(depths_m);
-        let owners = self.owners.par_chunks_mut(ROWS_AT_A_TIME);
+        let owners = self.rows.par_chunks_mut(ROWS_AT_A_TIME);
         let finish_piece = |(i, (((colors, coverages), depths_m), owners)): (usize, (_, &mut [Vec<Owner>]))| {
             let rows = Pixels { colors, coverages, depths_m }.rows(width).zip((i * ROWS_AT_A_TIME) as u32..);
             rows.zip(owners).fold(FrameStats::default(), |sum, ((row, y), owners)| add(sum, finish_one(y, row, owners)))

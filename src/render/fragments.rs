@@ -22,7 +22,7 @@
 //! read, clipping on one thread, and the depth pixels that are drawn twice. So
 //! bands are the default (docs/decisions.md: bands, and not fragments, by default).
 
-use super::assemble::Owner;
+use super::assemble::Owners;
 use super::band::{Clipped, ForSegment, Scope, Worker};
 use super::clip::{Band, BlockClip, W_NEAR};
 use super::epipolar::{Boundary, Epipolar, Rays, Spans, Weights, spans};
@@ -57,11 +57,10 @@ pub(super) struct Fragments {
     segments: Vec<InView>,
     weights: Weights,
     turns: Vec<f64>,
-    pub(super) boundaries: Vec<Boundary>,
+    boundaries: Vec<Boundary>,
     /// One for each fragment, then one for each boundary.
     painters: Vec<Worker>,
-    /// Of each row of the frame, from left to right, who painted which columns.
-    pub(super) owners: Vec<Vec<Owner>>,
+    owners: Owners,
 }
 
 /// What of a segment the frame can show.
@@ -339,14 +338,20 @@ impl Fragments {
         stats.clear_ms += prepared_ms;
         let background = Background::new(plan, cube, camera);
         let rays = |y| epipolar.frame_row(camera, y);
+        let Self { owners, boundaries, .. } = self;
         let finished = match plan.kernel {
-            SplatKernel::Tent => {
-                self.finish(plan, &background, frame, rays, |i| (&painters[i].surfaces, &painters[i].depth))
-            }
-            SplatKernel::Ellipse => {
-                self.finish(plan, &background, frame, rays, |i| (&painters[i].ellipses, &painters[i].depth))
-            }
-            _ => self.finish(plan, &background, frame, rays, |i| (&painters[i].over, &painters[i].depth)),
+            SplatKernel::Tent => owners.assemble(plan, boundaries, &background, frame, rays, |i| {
+                let Worker { surfaces, depth, .. } = &painters[i];
+                (surfaces, depth)
+            }),
+            SplatKernel::Ellipse => owners.assemble(plan, boundaries, &background, frame, rays, |i| {
+                let Worker { ellipses, depth, .. } = &painters[i];
+                (ellipses, depth)
+            }),
+            _ => owners.assemble(plan, boundaries, &background, frame, rays, |i| {
+                let Worker { over, depth, .. } = &painters[i];
+                (over, depth)
+            }),
         };
         self.painters = painters;
         stats.absorb(&finished);

@@ -30,6 +30,7 @@ mod layer;
 mod patches;
 mod plane;
 mod planes;
+mod pure_parallax;
 mod render;
 mod sampling;
 mod set;
