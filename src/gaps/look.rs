@@ -4,16 +4,15 @@ use crate::capture::Camera;
 use crate::capture::random::Rng;
 use crate::capture::sampler::RayKey;
 use crate::capture::trace::{Hit, HitPacket, PACKET, Ray, RayPacket};
-use crate::frame::Frame;
 use crate::ldi::accumulate::Sample;
 use crate::ldi::build::Router;
 use crate::ldi::job::CaptureJob;
 use crate::packed::PackedCube;
-use crate::render::{RenderSettings, Renderer};
+use crate::render::Renderer;
 use glam::{DVec3, Vec3, dvec3};
 
 /// Pixels a side of a view, unless faces have fewer.
-const VIEW_PX: u32 = 256;
+pub(super) const VIEW_PX: u32 = 256;
 
 /// Of what a ray meets, a frame shows less if splats cover less than this share of 255 of its pixel...
 const COVERED: u8 = 128;
@@ -21,55 +20,101 @@ const COVERED: u8 = 128;
 /// ... or if what it shows lies behind it by more than this share of its inverse depth (and two bins).
 const BEHIND: f32 = 0.03;
 
+/// The domain of aimed rays: after the faces of the headbox.
+const AIMED: u8 = 6;
+
+/// Half of the edge of the cube in which eyes near another are, in half-sizes of the headbox.
+const NEAR: f64 = 0.25;
+
 /// A frame to look at: from a place in the headbox, in some direction, as many pixels to a degree as faces have in their middle.
+#[derive(Clone)]
 pub(super) struct View {
+    /// Names its rays: the view, and which of those near it.
     number: u32,
+    copy: u32,
+    /// In half-sizes from the centre.
+    place: DVec3,
     camera: Camera,
 }
 
 impl View {
     /// View `number` of a job: its eye uniform in the headbox, its direction uniform on the sphere. `None` for a headbox that no
     /// camera can be put in.
-    pub(super) fn of_round(job: &CaptureJob, number: u32) -> Option<Self> {
-        let mut random = Rng::new(job.parameters.seed ^ 0x100f_u64).fork(number.into());
-        let [x, y, z] = [(); 3].map(|()| random.unit() * 2.0 - 1.0);
-        let eye = job.centre + dvec3(x, y, z) * job.half_size_m;
+    pub(super) fn fresh(job: &CaptureJob, number: u32) -> Option<Self> {
+        let mut random = Self::random(job, number);
+        let place = in_cube(&mut random);
         let (height, turn) = (random.unit() * 2.0 - 1.0, random.unit() * std::f64::consts::TAU);
         let rim = (1.0 - height * height).sqrt();
-        let forward = dvec3(rim * turn.cos(), height, rim * turn.sin());
+        Self::new(job, [number, 0], place, dvec3(rim * turn.cos(), height, rim * turn.sin()))
+    }
+
+    /// A view from near this one, in about its direction; `number` tells those of one view apart.
+    pub(super) fn near(&self, job: &CaptureJob, number: usize) -> Option<Self> {
+        let mut random = Self::random(job, self.number).fork(number as u64);
+        let place = (self.place + in_cube(&mut random) * NEAR).clamp(DVec3::NEG_ONE, DVec3::ONE);
+        let forward = self.camera.forward() + in_cube(&mut random) * NEAR;
+        Self::new(job, [self.number, number as u32 + 1], place, forward)
+    }
+
+    fn new(job: &CaptureJob, [number, copy]: [u32; 2], place: DVec3, forward: DVec3) -> Option<Self> {
+        let eye = job.centre + place * job.half_size_m;
         let side = VIEW_PX.min(job.face_size_px);
         let fov_deg = 2.0 * (f64::from(side) / f64::from(job.face_size_px)).atan().to_degrees();
         let camera = Camera::look_at(eye, eye + forward, DVec3::Y, fov_deg, [side, side]).ok()?;
-        Some(Self { number, camera })
+        Some(Self { number, copy, place, camera })
     }
+
+    fn random(job: &CaptureJob, number: u32) -> Rng {
+        Rng::new(job.parameters.seed).fork(SALT).fork(number.into())
+    }
+}
+
+/// Keeps the random numbers of views apart from all others of a seed.
+const SALT: u64 = 0x686f_6c65;
+
+/// Uniform in the cube from -1 to 1.
+fn in_cube(random: &mut Rng) -> DVec3 {
+    dvec3(random.unit(), random.unit(), random.unit()) * 2.0 - 1.0
 }
 
 /// What frames lack.
 #[derive(Default)]
 pub(super) struct Findings {
-    /// Of each frame, the share of its pixels that lack something.
-    shares: Vec<f64>,
+    /// The frames, each with the share of its pixels that lack something.
+    views: Vec<(f64, View)>,
     /// What rays met there.
     pub(super) aimed: Vec<Sample>,
 }
 
 impl Findings {
     pub(super) fn and(mut self, other: Self) -> Self {
-        self.shares.extend(other.shares);
+        self.views.extend(other.views);
         self.aimed.extend(other.aimed);
         self
     }
 
     /// Mean share over the frames.
     pub(super) fn share(&self) -> f64 {
-        self.shares.iter().sum::<f64>() / self.shares.len().max(1) as f64
+        self.views.iter().map(|(share, _)| share).sum::<f64>() / self.views.len().max(1) as f64
     }
 
     /// Standard error of the mean: frames are independent, pixels of a frame are not.
     pub(super) fn standard_error(&self) -> f64 {
-        let (n, mean) = (self.shares.len() as f64, self.share());
-        let sum: f64 = self.shares.iter().map(|share| (share - mean).powi(2)).sum();
+        let (n, mean) = (self.views.len() as f64, self.share());
+        let sum: f64 = self.views.iter().map(|(share, _)| (share - mean).powi(2)).sum();
         if n > 1.0 { (sum / (n - 1.0) / n).sqrt() } else { 1.0 }
+    }
+
+    /// The views that lack most, those that lack more again and again, `count` in all; none if nothing is lacking.
+    pub(super) fn worst(&self, count: usize) -> Vec<View> {
+        let mut lacking: Vec<&(f64, View)> = self.views.iter().filter(|(share, _)| *share > 0.0).collect();
+        lacking.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.number.cmp(&b.1.number)));
+        let total: f64 = lacking.iter().map(|(share, _)| share).sum();
+        let copies = lacking.iter().flat_map(|(share, view)| {
+            let copies = (share / total * count as f64).ceil() as usize;
+            std::iter::repeat_n(view.clone(), copies)
+        });
+        copies.take(count).collect()
     }
 }
 
@@ -82,19 +127,18 @@ pub(super) struct Look<'a> {
 
 impl Look<'_> {
     /// Draws a frame and holds it against a ray through the middle of each pixel.
-    pub(super) fn at(&self, view: &View, renderer: &mut Renderer) -> Findings {
-        let settings = RenderSettings { depth: true, ..RenderSettings::default() };
-        let frame = renderer.render(self.cube, &view.camera, &settings);
+    pub(super) fn at(&self, view: View, renderer: &mut Renderer) -> Findings {
+        let (frame, fronts) = renderer.render_with_fronts(self.cube, &view.camera);
         let side = view.camera.width();
         let mut hits = vec![Hit { t: f32::INFINITY, primitive: 0, u: 0.0, v: 0.0 }; (side * side) as usize];
-        let rays = ViewRays::new(view, self.router.tracer.origin(), self.half_size_m);
+        let rays = ViewRays::new(&view, self.router.tracer.origin(), self.half_size_m);
         rays.trace(self, &mut hits);
         let (mut lacking, mut aimed) = (0u32, Vec::new());
         let margin = self.router.bins.inverse_depth(2.0) as f32;
         for (i, hit) in hits.iter().enumerate() {
             let (x, y) = (i as u32 % side, i as u32 / side);
-            let pixel = Pixel::of(frame, i);
-            let key = RayKey::new(6, view.number, i as u32);
+            let pixel = Pixel { share: frame.coverage[i].splat_share(), inverse_depth: fronts[i] };
+            let key = RayKey::new(AIMED, view.number, view.copy * VIEW_PX * VIEW_PX + i as u32);
             if hit.t == f32::INFINITY {
                 if frame.coverage[i].is_hole() {
                     lacking += 1;
@@ -107,25 +151,13 @@ impl Look<'_> {
             }
             // Where a surface ends within a pixel, frames may show either side.
             let farthest = neighbourhood(x, y, side).map(|j| hits[j].t).fold(0.0, f32::max);
-            if farthest.is_finite() && pixel.lacks(farthest, margin) {
-                let ray = rays.ray(x, y); let length = ray.direction.length();
-                let unit = Ray { direction: ray.direction / length, ..ray };
-                if let Some(s) = self.router.sample(&unit, &Hit { t: hit.t * length, ..*hit }, key) {
-                    let shape = SHAPE.lock().unwrap().clone().unwrap();
-                    let q = self.router.bins.inverse_depth(f64::from(s.bin) + f64::from(s.offset)/65536.0) as f32;
-                    let b = self.router.bins.inverse_depth(1.0) as f32;
-                    let present = shape.faces[s.face.index()].pixel(s.x.into(), s.y.into()).iter().any(|d| (d.inverse_depth - q).abs() <= 1.5*b);
-                    let n = self.router.tracer.scene().geometric_normal(hit.primitive);
-                    DBG.lock().unwrap().push((present, pixel.share, pixel.inverse_depth * hit.t, n.dot(unit.direction).abs(), 1.0/(q * self.half_size_m as f32)));
-                }
-            }
             lacking += u32::from(farthest.is_finite() && pixel.lacks(farthest, margin));
             let ray = rays.ray(x, y);
             let length = ray.direction.length();
             let unit = Ray { direction: ray.direction / length, ..ray };
             aimed.extend(self.router.sample(&unit, &Hit { t: hit.t * length, ..*hit }, key));
         }
-        Findings { shares: vec![f64::from(lacking) / f64::from(side * side)], aimed }
+        Findings { views: vec![(f64::from(lacking) / f64::from(side * side), view)], aimed }
     }
 }
 
@@ -136,10 +168,6 @@ struct Pixel {
 }
 
 impl Pixel {
-    fn of(frame: &Frame, i: usize) -> Self {
-        Self { share: frame.coverage[i].splat_share(), inverse_depth: 1.0 / frame.depth_m[i] }
-    }
-
     /// Whether it shows less than a surface at an eye depth, within a margin of inverse depth.
     fn lacks(&self, eye_depth: f32, margin: f32) -> bool {
         self.share < COVERED || self.inverse_depth < (1.0 - BEHIND) / eye_depth - margin
@@ -205,6 +233,3 @@ impl<'a> ViewRays<'a> {
         }
     }
 }
-
-pub(super) static DBG: std::sync::Mutex<Vec<(bool,u8,f32,f32,f32)>> = std::sync::Mutex::new(Vec::new());
-pub(super) static SHAPE: std::sync::Mutex<Option<std::sync::Arc<crate::ldi::CubeLdi>>> = std::sync::Mutex::new(None);

@@ -3,12 +3,12 @@
 //! The rounds are: a pilot over all strata, the plan that follows from it, the planned rays. All six faces are traced in
 //! one run; a hit goes to the face whose frustum contains it, whichever face its ray left (C13).
 
+use super::Holes;
 use super::accumulate::{Accumulator, DepthBins, Sample, sixteen_bits};
 use super::misses::MissMap;
 use super::parameters::{CaptureSettings, Sampler};
 use super::ray_plan::RayPlan;
 use super::store::{InsertScratch, TileStore};
-use super::Holes;
 use crate::capture::rig::Face;
 use crate::capture::sampler::{DirectionCell, RayDomain, RayKey};
 use crate::capture::trace::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};

@@ -51,7 +51,7 @@ pub struct CaptureParameters {
     pub novelty: f64,
     /// Aim rays at what frames lack until its share, with its standard error, is below X (a share, or a percentage such as
     /// 0.01%); 1 looks for nothing
-    #[serde(default = "all")]
+    #[serde(rename = "most_holes", default = "all")]
     #[cfg_attr(feature = "cli", arg(long, value_name = "X", default_value_t = Self::DEFAULT.holes,
         value_parser = parse_holes, allow_hyphen_values = true))]
     pub holes: f64,

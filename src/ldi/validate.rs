@@ -222,7 +222,8 @@ impl CaptureInfo {
             check("missing_estimate", value, (0.0..=1.0).contains(&value), "a probability")?;
         }
         if let Some(Holes { share, standard_error, share_before, .. }) = self.holes {
-            for (field, value) in [("share", share), ("standard_error", standard_error), ("share_before", share_before)] {
+            for (field, value) in [("share", share), ("standard_error", standard_error), ("share_before", share_before)]
+            {
                 check(field, value, (0.0..=1.0).contains(&value), "a share")?;
             }
         }

@@ -2,6 +2,7 @@
 
 use super::clip::{self, Band, BlockClip};
 use super::epipolar::Spans;
+use super::fill;
 use super::finish::{Background, Pixels};
 use super::format::Format;
 use super::kernel::SegmentWarp;
@@ -81,7 +82,7 @@ impl Worker {
     }
 
     /// Draws a band by [`SplatKernel::Surface`].
-    fn draw_surfaces(&mut self, plan: &FramePlan, source: Source, camera: &Camera, band: &Band, pixels: Pixels) {
+    fn draw_surfaces(&mut self, plan: &FramePlan, source: Source, camera: &Camera, band: &Band, mut pixels: Pixels) {
         let Self { stats, visibility, .. } = self;
         let started = Instant::now();
         let (sheets, view) = (source.cube.sheets(), &plan.in_view);
@@ -91,10 +92,13 @@ impl Worker {
         let drawn = Instant::now();
         let background = Background::new(plan, source.cube, camera);
         let look_up = LookUp { sheets, view };
+        let (inverse_depths, holes_before) = (std::mem::take(&mut pixels.inverse_depths), stats.hole_pixels);
         for (y, pixels) in band.rows.clone().zip(pixels.rows(band.width)) {
             look_up.row(visibility, y, pixels.colors, pixels.depths_m, plan.level);
             stats.hole_pixels += background.put_under(y, pixels);
         }
+        let has_holes = stats.hole_pixels > holes_before || plan.tells_all;
+        fill::tell_rows(inverse_depths, band, has_holes, |row, to| visibility.tell_depths(row, to));
         stats.clear_ms += (cleared - started).as_secs_f64() * 1e3;
         stats.warp_ms += (drawn - cleared).as_secs_f64() * 1e3;
         stats.finish_ms += drawn.elapsed().as_secs_f64() * 1e3;
@@ -186,7 +190,7 @@ struct Pass<'a> {
 }
 
 impl Pass<'_> {
-    fn draw(&mut self, canvas: &mut dyn Canvas, camera: &Camera, pixels: Pixels) {
+    fn draw(&mut self, canvas: &mut dyn Canvas, camera: &Camera, mut pixels: Pixels) {
         let started = Instant::now();
         let (band, plan) = (self.band, self.plan);
         canvas.clear(band.width, band.rows.clone());
@@ -201,11 +205,14 @@ impl Pass<'_> {
         self.draw_segments(canvas, &Clipped { unclipped: plan.unclipped });
         let drawn = Instant::now();
         let background = Background::new(plan, self.source.cube, camera);
+        let (inverse_depths, holes_before) = (std::mem::take(&mut pixels.inverse_depths), self.stats.hole_pixels);
         for (row, (y, pixels)) in band.rows.clone().zip(pixels.rows(band.width)).enumerate() {
             canvas.resolve(row, 0, pixels.colors, plan.level);
             self.depth.resolve(row, 0, pixels.depths_m);
             self.stats.hole_pixels += background.put_under(y, pixels);
         }
+        let has_holes = self.stats.hole_pixels > holes_before || plan.tells_all;
+        fill::tell_rows(inverse_depths, band, has_holes, |row, to| canvas.tell_depths(row, 0, to));
         self.stats.clear_ms += (cleared - started).as_secs_f64() * 1e3;
         self.stats.warp_ms += (drawn - cleared).as_secs_f64() * 1e3;
         self.stats.finish_ms += drawn.elapsed().as_secs_f64() * 1e3;

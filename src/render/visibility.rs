@@ -68,6 +68,13 @@ impl Visibility {
         self.cells.resize(self.cells_wide * self.rows.len().div_ceil(CELL_ROWS), 0);
     }
 
+    /// Writes 1 / eye depth of what is in front in a row, counted from its first; 0 where nothing is.
+    pub(super) fn tell_depths(&self, row: usize, to: &mut [f32]) {
+        let start = row * self.width;
+        let samples = self.solid.iter().zip(&self.rims).skip(start);
+        to.iter_mut().zip(samples).for_each(|(to, (solid, rims))| *to = inverse_depth_of(rims[0].max(*solid)));
+    }
+
     /// Draws the samples of all sheets in view.
     pub(super) fn draw(
         &mut self,
