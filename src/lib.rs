@@ -76,6 +76,8 @@ pub mod drawing;
 #[doc(hidden)]
 pub mod environment;
 #[doc(hidden)]
+pub mod export;
+#[doc(hidden)]
 pub mod frame;
 #[doc(hidden)]
 pub mod gaps;

@@ -44,6 +44,7 @@ pub mod oracle;
 pub(crate) mod order;
 pub(crate) mod over;
 pub(crate) mod planes;
+pub(crate) mod rules;
 pub(crate) mod size;
 pub mod splat;
 pub(crate) mod surface;
@@ -437,4 +438,4 @@ impl FramePlan {
 }
 
 /// The least radius of a tent, px; less and more are both worse (docs/decisions.md: sizes from the tangent plane).
-const TENT_MIN_RADIUS_PX: f32 = 0.75;
+pub(crate) const TENT_MIN_RADIUS_PX: f32 = 0.75;

@@ -18,10 +18,10 @@ use std::ops::Range;
 const MAX_WEIGHT: u64 = 257;
 
 /// Weight at which a surface hides wholly what is behind it: inside a surface, rounded weights add up to [`ONE`] less a few.
-const OPAQUE: u64 = 120;
+pub(super) const OPAQUE: u64 = 120;
 
 /// The least share of 255 of a pixel that a surface has where it has any.
-const MIN_SHARE: u64 = 13;
+pub(super) const MIN_SHARE: u64 = 13;
 
 /// One pixel: 16 bytes.
 #[derive(Clone, Copy, Default)]
