@@ -99,6 +99,12 @@ impl<'a> Capture<'a> {
         self
     }
 
+    /// Aims rays at what frames lack until its share of their pixels, with its standard error, is at most this; 1 aims none.
+    pub fn holes(mut self, share: f64) -> Self {
+        self.parameters.holes = share;
+        self
+    }
+
     /// All parameters at once.
     pub fn parameters(mut self, parameters: CaptureParameters) -> Self {
         self.parameters = parameters;
@@ -138,7 +144,7 @@ impl<'a> Capture<'a> {
     }
 
     fn check(&self) -> Result<(), Error> {
-        let CaptureParameters { strata, rays_per_stratum, novelty, .. } = self.parameters;
+        let CaptureParameters { strata, rays_per_stratum, novelty, holes, .. } = self.parameters;
         let within = |name, value: f64, allowed: [f64; 2]| match (allowed[0]..=allowed[1]).contains(&value) {
             true => Ok(()),
             false => Err(Error::Parameter { name, value, allowed }),
@@ -146,7 +152,8 @@ impl<'a> Capture<'a> {
         within("the face size", self.face_size_px.into(), [1.0, MAX_FACE_SIZE_PX.into()])?;
         within("the number of strata", strata.into(), [1.0, Strata::MAX_PER_DIMENSION.into()])?;
         within("the number of rays in a stratum", rays_per_stratum.into(), [1.0, Strata::MAX_RAYS.into()])?;
-        within("novelty", novelty, [0.0, 1.0])
+        within("novelty", novelty, [0.0, 1.0])?;
+        within("the share of holes", holes, [0.0, 1.0])
     }
 }
 

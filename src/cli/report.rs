@@ -213,6 +213,7 @@ impl ReportCommand {
             write_text(&json, &(serde_json::to_string_pretty(&report)? + "\n"))?;
         }
         bar.finish();
+        eprintln!("time: {}", bar.times());
         write_text(&output.join("report.csv"), &report.to_csv())?;
         let summary = summary::summary(&report);
         write_text(&output.join("summary.md"), &summary)?;
