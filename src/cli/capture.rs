@@ -273,7 +273,7 @@ impl Capture {
     fn run_images(&self) -> anyhow::Result<()> {
         let start = Instant::now();
         Outputs::new(self.json, [self.scene.name()]).file(&self.output, &CUBE)?;
-        let set = self.images.open(Path::new(self.scene.name()))?;
+        let set = self.images.open_registered(Path::new(self.scene.name()))?;
         let views: Vec<_> = set.with_depth().collect();
         if views.is_empty() {
             anyhow::bail!("{}: none of its {} views has depth", set.folder.display(), set.views.len());

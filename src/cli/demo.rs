@@ -9,6 +9,7 @@ use crate::capture::scene::Headbox;
 use crate::capture::trace::Tracer;
 use crate::capture::{Camera, CameraError};
 use crate::drawing::sheet::{Sheet, SheetCell, SheetRow};
+use crate::frame::Coverage;
 use crate::gaps;
 use crate::ldi::job::CaptureJob;
 use crate::ldi::parameters::{CaptureParameters, Resources};
@@ -18,7 +19,7 @@ use crate::packed::{PackedCube, SplatIndexLayout, Split};
 use crate::progress::Silent;
 use crate::render::{RenderSettings, Renderer};
 use crate::scene_source::SceneSource;
-use crate::truth::{self, TruthFrame};
+use crate::truth::{self, Truth};
 use clap::Args;
 use glam::{DVec3, dvec3};
 use image::RgbImage;
@@ -71,7 +72,7 @@ const EYES: [(&str, [f64; 3]); 6] = [
 struct Row {
     label: &'static str,
     frame: RgbImage,
-    truth: TruthFrame,
+    truth: Truth,
     map: RgbImage,
     ms: f64,
     hole_fraction: f64,
@@ -97,7 +98,7 @@ impl Demo {
         print_cube_map_row(&tracer, &lighting, &cube, &sizes, &rows)?;
         let cameras: Vec<Camera> =
             EYES.iter().map(|(_, offset)| camera(&cube, *offset, &sizes)).collect::<Result<_, _>>()?;
-        let truths: Vec<&RgbImage> = rows.iter().map(|row| &row.truth.color).collect();
+        let truths: Vec<RgbImage> = rows.iter().map(|row| row.truth.rgb()).collect();
         print_sprite_rows(&self.out, &tracer, &lighting, &cameras, &truths)?;
         self.say_what_next();
         self.open_window();
@@ -144,7 +145,7 @@ impl Demo {
     fn save(&self, rows: &[Row]) -> anyhow::Result<()> {
         for (i, row) in rows.iter().enumerate() {
             save_picture(&self.out.join(format!("frame_{i}.png")), &row.frame)?;
-            save_picture(&self.out.join(format!("truth_{i}.png")), &row.truth.color)?;
+            save_picture(&self.out.join(format!("truth_{i}.png")), &row.truth.rgb())?;
         }
         let sheet = Sheet {
             title: format!("headbox demo: {}", self.scene),
@@ -172,7 +173,7 @@ fn sheet_row(row: &Row) -> SheetRow {
         format!("standard error {:.1} dB", row.truth.standard_error_psnr_db),
         format!("FLIP {:.3}  PSNR {:.1} dB", c.flip, c.psnr_db),
     ];
-    let images = [&row.frame, &row.truth.color, &row.map];
+    let images = [&row.frame, &row.truth.rgb(), &row.map];
     let cells = images.into_iter().zip(captions).map(|(image, caption)| SheetCell { image: image.clone(), caption });
     SheetRow { label: row.label.to_owned(), cells: cells.collect() }
 }
@@ -224,13 +225,13 @@ fn render_rows(cube: &PackedCube, tracer: &Tracer, lighting: &Lighting, sizes: &
         let (frame, _) = renderer.render_with_stats(cube, &camera, &settings);
         let truth = truth::render(tracer, lighting, true, &camera, sizes.truth_samples, &bar);
         // A hole shows nothing, or shows the environment where truth shows geometry only.
-        let hole = |(pixel, share): (&crate::frame::Coverage, &f32)| {
-            pixel.splat_share() == 0 && (*share == 1.0 || pixel.is_hole())
+        let hole = |(pixel, truth): (&Coverage, &Coverage)| {
+            pixel.splat_share() == 0 && (*truth == Coverage::FULL || pixel.is_hole())
         };
-        let holes = frame.coverage.iter().zip(&truth.surface_share).filter(|&pair| hole(pair)).count();
+        let holes = frame.coverage.iter().zip(&truth.frame.coverage).filter(|&pair| hole(pair)).count();
         let hole_fraction = holes as f64 / frame.color.len() as f64;
         let frame = frame.to_rgb()?;
-        let (comparison, map) = metrics::compare_with_map(&truth.color, &frame)?;
+        let (comparison, map) = metrics::compare_with_map(&truth.rgb(), &frame)?;
         rows.push(Row { label, frame, truth, map: map.to_magma(), ms: ms[REPEATS / 2], hole_fraction, comparison });
     }
     bar.finish();
@@ -267,7 +268,7 @@ fn print_cube_map_row(
     let camera = camera(cube, EYES[0].1, sizes)?;
     let (centre, face_px) = (cube.info.centre, cube.face_size_px);
     let map = CubeMap::trace_for(tracer, lighting, centre, &[camera], face_px, sizes.light_samples, &Silent);
-    let c = metrics::compare(&rows[0].truth.color, &map.resample(&camera))?;
+    let c = metrics::compare(&rows[0].truth.rgb(), &map.resample(&camera))?;
     println!("cube map of equal face size, bilinear, from the centre: FLIP {:.4}, PSNR {:.2} dB", c.flip, c.psnr_db);
     Ok(())
 }

@@ -1,7 +1,7 @@
 //! `headbox report`.
 
 use super::UsageError;
-use super::args::{FrameArgs, Unit, parse_length, parse_up, parse_vector};
+use super::args::{FrameArgs, UNITS, parse_length, parse_up, parse_vector};
 use super::capture::place_headbox;
 use super::images::{SetArgs, is_image_set};
 use super::output::{NO_INPUTS, Outputs, PAGE, save_picture, write_text};
@@ -26,8 +26,8 @@ use crate::packed::file::CUBE_LDI;
 use crate::scene_source::SceneSource;
 use crate::sprite::{SPRITE_FILE, SpriteSet};
 use anyhow::{Context, bail};
+use clap::Args;
 use clap::builder::TypedValueParser;
-use clap::{Args, ValueEnum};
 use glam::DVec3;
 use image::RgbImage;
 use std::path::{Path, PathBuf};
@@ -95,7 +95,7 @@ struct Named {
     center: Option<DVec3>,
     half_size: Option<f64>,
     up: Option<UpAxis>,
-    unit: Option<Unit>,
+    unit: Option<f64>,
 }
 
 impl Named {
@@ -116,7 +116,11 @@ fn parse_named(text: &str) -> Result<Named, String> {
             "center" => named.center = Some(parse_vector(value)?),
             "half" => named.half_size = Some(parse_length(value)?),
             "up" => named.up = Some(parse_up(value)?),
-            "unit" => named.unit = Some(Unit::from_str(value, true)?),
+            "unit" => {
+                let unit = UNITS.iter().find(|(name, ..)| *name == value);
+                let names = || UNITS.iter().map(|(name, ..)| *name).collect::<Vec<_>>().join(", ");
+                named.unit = Some(unit.ok_or_else(|| format!("unit={value}: give one of {}", names()))?.2);
+            }
             _ => return Err(format!("{key}: give one of {}", KEYS.join("=, "))),
         }
     }
@@ -232,7 +236,7 @@ impl ReportCommand {
 
     /// Leaves views of an image set out and shows them from the others.
     fn measure_images(&self, folder: &Path) -> anyhow::Result<()> {
-        let set = self.images.open(folder)?;
+        let set = self.images.open_registered(folder)?;
         let output = self.output_or("headbox-report");
         Outputs::new(false, [folder]).folder(output)?;
         let bar = Bar::new();
@@ -368,7 +372,7 @@ mod tests {
         let named = parse_named("a@home/house.obj@up=z@center=0,-1,1.5@half=0.4@unit=cm").unwrap();
         assert_eq!((named.name.as_str(), named.center), ("a@home/house.obj", Some(DVec3::new(0.0, -1.0, 1.5))));
         assert!(named.half_size == Some(0.4) && named.is_placed());
-        assert!(matches!((named.up, named.unit), (Some(UpAxis::Z), Some(Unit::Cm))));
+        assert!(matches!((named.up, named.unit), (Some(UpAxis::Z), Some(0.01))));
         let plain = parse_named("a@home/house.obj").unwrap();
         assert!(plain.name == "a@home/house.obj" && !plain.is_placed());
         for wrong in ["a.obj@center=1,2", "a.obj@half=0", "a.obj@half=1@size=3", "a.obj@up=x", "a.obj@unit=m@z"] {

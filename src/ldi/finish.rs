@@ -2,11 +2,11 @@
 
 use super::accumulate::{Accumulator, DepthBins};
 use super::build::Tracing;
-use super::coverage::{BinSpan, Coverage};
+use super::coverage::{AlphaMeasure, BinSpan};
 use super::mend::Mender;
 use super::merge::depth_pixels_of;
 use super::pool::{self, FaceParts};
-use super::shade::{Part, Shader};
+use super::shade::{LitPart, Shader};
 use super::store::TILE_PX;
 use super::{CaptureInfo, CubeLdi, LayeredDepthImage};
 use crate::capture::light::Lighting;
@@ -83,7 +83,7 @@ fn merge(
         let (mut merged, spans) = merge_face(face, &parts, settings, &bins);
         drop(parts);
         let half_size_m = settings.half_size_m;
-        let alphas = Coverage { tracer, bins: &bins, half_size_m, face: &merged, spans: &spans }.alphas();
+        let alphas = AlphaMeasure { tracer, bins: &bins, half_size_m, face: &merged, spans: &spans }.alphas();
         merged.samples.iter_mut().zip(alphas).for_each(|(sample, alpha)| sample.color_srgb[3] = alpha);
         faces.push(merged);
     }
@@ -95,7 +95,7 @@ fn merge(
 struct LitTile {
     /// Column, row and number of parts of each occupied pixel.
     pixels: VecDeque<(u32, u32, u32)>,
-    parts: VecDeque<Part>,
+    parts: VecDeque<LitPart>,
 }
 
 /// Lights all accumulators of a face, and forgets them unless only their shape is looked at: a row of tiles at a time, so that the parts of a face are in

@@ -6,9 +6,7 @@ use super::fill;
 use super::finish::{Background, Pixels};
 use super::format::Format;
 use super::kernel::SegmentWarp;
-use super::look_up::LookUp;
-use super::traverse::{self, Batch, Cut, Part, Uncut};
-use super::visibility::Visibility;
+use super::traverse::{self, Batch, Cut, SegmentPart, Uncut};
 use super::{FramePlan, FrameStats, SegmentPlan, Source};
 use crate::capture::Camera;
 use crate::packed::{ExactDepthPixel, PackedCube, PackedDepthPixel, PackedSegment};
@@ -30,7 +28,6 @@ pub(super) struct Worker {
     pub(super) surfaces: SurfaceCanvas,
     pub(super) ellipses: EllipseCanvas,
     pub(super) depth: DepthCanvas,
-    visibility: Visibility,
     planes: PlaneCanvas,
 }
 
@@ -58,7 +55,6 @@ impl Default for Worker {
             surfaces: SurfaceCanvas::default(),
             ellipses: EllipseCanvas::default(),
             depth: DepthCanvas::default(),
-            visibility: Visibility::default(),
             planes: PlaneCanvas::default(),
         }
     }
@@ -67,41 +63,14 @@ impl Default for Worker {
 impl Worker {
     /// Draws a band on its pixels.
     pub(super) fn draw(&mut self, plan: &FramePlan, source: Source, camera: &Camera, band: &Band, pixels: Pixels) {
-        if plan.kernel == SplatKernel::Surface {
-            self.draw_surfaces(plan, source, camera, band, pixels);
-            return;
-        }
         self.prepare(plan);
-        let Self { stats, strokes, over, surfaces, ellipses, depth, planes, .. } = self;
+        let Self { stats, strokes, over, surfaces, ellipses, depth, planes } = self;
         let mut pass = Pass { plan, source, band, stats, strokes, depth, planes };
         match plan.kernel {
             SplatKernel::Tent => pass.draw(surfaces, camera, pixels),
             SplatKernel::Ellipse => pass.draw(ellipses, camera, pixels),
             _ => pass.draw(over, camera, pixels),
         }
-    }
-
-    /// Draws a band by [`SplatKernel::Surface`].
-    fn draw_surfaces(&mut self, plan: &FramePlan, source: Source, camera: &Camera, band: &Band, mut pixels: Pixels) {
-        let Self { stats, visibility, .. } = self;
-        let started = Instant::now();
-        let (sheets, view) = (source.cube.sheets(), &plan.in_view);
-        visibility.clear(band.width, band.rows.clone());
-        let cleared = Instant::now();
-        visibility.draw(sheets, view, band, plan.unclipped, [plan.tolerance, plan.bin], stats, plan.level);
-        let drawn = Instant::now();
-        let background = Background::new(plan, source.cube, camera);
-        let look_up = LookUp { sheets, view };
-        let (inverse_depths, holes_before) = (std::mem::take(&mut pixels.inverse_depths), stats.hole_pixels);
-        for (y, pixels) in band.rows.clone().zip(pixels.rows(band.width)) {
-            look_up.row(visibility, y, pixels.colors, pixels.depths_m, plan.level);
-            stats.hole_pixels += background.put_under(y, pixels);
-        }
-        let has_holes = stats.hole_pixels > holes_before || plan.tells_all;
-        fill::tell_rows(inverse_depths, band, has_holes, |row, to| visibility.tell_depths(row, to));
-        stats.clear_ms += (cleared - started).as_secs_f64() * 1e3;
-        stats.warp_ms += (drawn - cleared).as_secs_f64() * 1e3;
-        stats.finish_ms += drawn.elapsed().as_secs_f64() * 1e3;
     }
 
     /// Draws what lies in a scope on a canvas of a whole frame (`band`), to be read in the columns `spans` of each row.
@@ -114,7 +83,7 @@ impl Worker {
         spans: impl Fn(u32) -> Spans,
     ) {
         self.prepare(plan);
-        let Self { stats, strokes, over, surfaces, ellipses, depth, planes, .. } = self;
+        let Self { stats, strokes, over, surfaces, ellipses, depth, planes } = self;
         let mut pass = Pass { plan, source, band, stats, strokes, depth, planes };
         match plan.kernel {
             SplatKernel::Tent => pass.draw_spans(surfaces, scope, spans),
@@ -270,12 +239,12 @@ impl<Sc: Scope> ForSegment for Drawing<'_, '_, Sc> {
         match source.exact {
             None => {
                 let depth_pixels = &segment.depth_pixels;
-                strokes.draw(&Part { segment, depth_pixels, columns, rows, visible }, &cut, batch);
+                strokes.draw(&SegmentPart { segment, depth_pixels, columns, rows, visible }, &cut, batch);
             }
             Some(exact) => {
                 let depth_pixels = exact.get(of_frame.index).map_or(&[][..], Vec::as_slice);
                 let batch = exact_batch.get_or_insert_with(|| Box::new(Batch::new()));
-                strokes.draw(&Part { segment, depth_pixels, columns, rows, visible }, &cut, batch);
+                strokes.draw(&SegmentPart { segment, depth_pixels, columns, rows, visible }, &cut, batch);
             }
         }
     }
@@ -295,7 +264,7 @@ struct SegmentStrokes<'a, S> {
 }
 
 impl<S: Size> SegmentStrokes<'_, S> {
-    fn draw<P: Format>(&mut self, part: &Part<P>, cut: &impl Cut, batch: &mut Batch<P>) {
+    fn draw<P: Format>(&mut self, part: &SegmentPart<P>, cut: &impl Cut, batch: &mut Batch<P>) {
         let Self { plan, band, of_frame, size, splats, stats, depth, canvas, planes } = self;
         let (level, own) = (plan.level, plan.kernel.own_share());
         let warp = SegmentWarp::new(&of_frame.transfer, P::scale(part.segment), band, level);

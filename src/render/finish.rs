@@ -11,14 +11,14 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 /// Pixels of the frame, row by row. What they hold before does not matter.
-pub(super) struct Pixels<'a> {
+pub(crate) struct Pixels<'a> {
     /// From a canvas: straight colour, and the share of 255 that splats cover. In the frame: colour and alpha, 255.
-    pub(super) colors: &'a mut [[u8; 4]],
-    pub(super) coverages: &'a mut [Coverage],
+    pub(crate) colors: &'a mut [[u8; 4]],
+    pub(crate) coverages: &'a mut [Coverage],
     /// Eye depth, m, infinite where no splat is. Empty if nobody wants it.
-    pub(super) depths_m: &'a mut [f32],
+    pub(crate) depths_m: &'a mut [f32],
     /// 1 / eye depth, for whoever fills holes. Empty if nobody does.
-    pub(super) inverse_depths: &'a mut [f32],
+    pub(crate) inverse_depths: &'a mut [f32],
 }
 
 impl<'a> Pixels<'a> {
@@ -47,11 +47,11 @@ pub(super) fn depth_pieces(
 }
 
 /// What shows where splats leave a frame open.
-pub(super) struct Background<'a> {
-    environment: &'a Environment,
-    camera: &'a Camera,
-    hole_color_srgb: [u8; 3],
-    level: Level,
+pub(crate) struct Background<'a> {
+    pub(crate) environment: &'a Environment,
+    pub(crate) camera: &'a Camera,
+    pub(crate) hole_color_srgb: [u8; 3],
+    pub(crate) level: Level,
 }
 
 /// Pixels that are finished at a time.
@@ -64,7 +64,7 @@ impl<'a> Background<'a> {
     }
 
     /// Makes the resolved pixels of a canvas in row `y` those of the frame, and returns how many of them are holes.
-    pub(super) fn put_under(&self, y: u32, pixels: Pixels) -> u64 {
+    pub(crate) fn put_under(&self, y: u32, pixels: Pixels) -> u64 {
         let start = self.camera.direction(0.5, f64::from(y) + 0.5);
         let step = self.camera.direction(1.5, f64::from(y) + 0.5) - start;
         dispatch!(self.level, simd => self.put_under_row(simd, [start, step], pixels))

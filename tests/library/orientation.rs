@@ -70,11 +70,12 @@ fn houses_and_trees_stand_upright_with_names_and_without() {
 }
 
 #[test]
-fn what_is_written_as_usual_is_left_as_it_is() {
+fn a_relief_that_says_how_it_stands_is_not_laid_down() {
     for name in ["bump", "sprites", "poles", "edge-on", "contact", "far-offset", "miniature"] {
         let scene = headbox::scenes::build(name, 0).unwrap();
-        let (found, notes) = guess(&obj_text(&scene, &FileFrame::default(), true));
-        assert_eq!(found, FileFrame::default(), "{name}: {notes:?}");
+        let text = obj_text(&scene, &FileFrame::default(), true);
+        let (found, notes) = guess(&format!("# {name}, metres, Y up\n{text}"));
+        assert_eq!(found.up, UpAxis::Y, "{name}: {notes:?}");
     }
 }
 

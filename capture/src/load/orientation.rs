@@ -24,6 +24,8 @@ const FEWEST_TRIANGLES: usize = 12;
 const THINNEST: f64 = 0.01;
 /// By so much must the evidence for Z exceed that for Y: OBJ files have Y up unless there is reason to think otherwise.
 const PRIOR_FOR_Y: f64 = 2.5;
+/// What a file says of itself outweighs what it looks like.
+const SAID: f64 = 30.0;
 /// Slices of a scene along an axis.
 const LEVELS: usize = 400;
 /// Share of the area at each end of an axis that does not count as standing there.
@@ -78,10 +80,10 @@ impl Hints {
     fn guess_up(&self, shape: &Shape) -> (UpAxis, Option<String>) {
         let mut evidence = shape.evidence_for_z();
         if self.says(&["z up", "z-up", "z_up", "up axis: z", "up=z", "up: z"]) {
-            evidence.push((8.0, "its comments say so".into()));
+            evidence.push((SAID, "its comments say so".into()));
         }
         if self.says(&["y up", "y-up", "y_up", "up axis: y", "up=y", "up: y"]) {
-            evidence.push((-8.0, "its comments say so".into()));
+            evidence.push((-SAID, "its comments say so".into()));
         }
         if self.says(&["gazebo", "freecad", "openscad", "urdf", "autocad", "revit"]) {
             evidence.push((3.0, "its exporter has Z up".into()));
@@ -123,7 +125,7 @@ impl Hints {
             let outdoors = if outdoors && metres == 1.0 { 8.0 } else { 0.0 };
             // Rooms, houses and trees: some metres high and wide, give or take a factor of three or four.
             prior - off(height, 4.0, 1.1) - off(width, 15.0, 1.4)
-                + if written { 30.0 } else { 0.0 }
+                + if written { SAID } else { 0.0 }
                 + if exporter { 8.0 } else { 0.0 }
                 + outdoors
         };
