@@ -86,7 +86,7 @@ pub(super) struct PackingArgs {
     split: Split,
     /// Show what is flat as pictures on planes, where nobody in the headbox sees it elsewhere by more than E frame pixels; 0
     /// keeps every sample
-    #[arg(long, value_name = "E", default_value_t = 0.0, value_parser = parse_error_px, allow_hyphen_values = true)]
+    #[arg(long, value_name = "E", default_value_t = primitives::DEFAULT_ERROR_PX, value_parser = parse_error_px, allow_hyphen_values = true)]
     error_px: f64,
 }
 
@@ -137,18 +137,12 @@ fn parse_shard(text: &str) -> Result<(u32, u32), String> {
 }
 
 impl PackingArgs {
-    pub(super) fn pack(&self, mut ldi: crate::ldi::CubeLdi) -> anyhow::Result<PackedCube> {
+    pub(super) fn pack(&self, ldi: crate::ldi::CubeLdi) -> anyhow::Result<PackedCube> {
         let split = match self.split {
-            // What pictures leave is little, and a second table of pixels would be larger than what a split saves.
-            Split::Auto if self.error_px > 0.0 => Split::None,
             Split::AtDepth(depth) => Split::AtDepth(depth * ldi.info.frame.unit_m),
             split => split,
         };
-        ldi.validate()?;
-        let planes = primitives::choose(&mut ldi, self.error_px);
-        let mut cube = PackedCube::pack(&ldi, self.layout, split)?;
-        cube.planes = planes;
-        Ok(cube)
+        Ok(primitives::pack(ldi, self.layout, split, self.error_px)?)
     }
 }
 
@@ -210,6 +204,17 @@ fn rounded(length: f64) -> f64 {
 /// A position as the command line takes it.
 fn triple(position: DVec3) -> String {
     position.to_array().map(|x| rounded(x).to_string()).join(",")
+}
+
+/// Depth pixels, and what else there is.
+pub(super) fn what_is_kept(cube: &PackedCube) -> String {
+    let (count, planes) = (cube.depth_pixel_count(), &cube.planes);
+    match planes.tiles.is_empty() {
+        true => format!("{count} depth pixels"),
+        false => {
+            format!("{count} depth pixels and, for {} more, pictures on {} planes", planes.samples, planes.planes.len())
+        }
+    }
 }
 
 /// Warns if geometry hides part of the headbox from its centre.
@@ -303,8 +308,8 @@ impl Capture {
             }));
             return Ok(());
         }
-        let count = packed.depth_pixel_count();
-        println!("{}: {count} depth pixels from {} images, {total_s:.2} s", self.output.display(), views.len());
+        let (output, kept) = (self.output.display(), what_is_kept(&packed));
+        println!("{output}: {kept} from {} images, {total_s:.2} s", views.len());
         println!("look at it: headbox render {} -o frame.png", self.output.display());
         Ok(())
     }
@@ -343,14 +348,14 @@ impl Capture {
         if self.json {
             print_json(&json!({
                 "rays": rays, "rays_per_s": rays as f64 / trace_s, "trace_s": trace_s, "total_s": total_s,
-                "peak_rss_mb": peak_rss_mb(), "depth_pixels": cube.depth_pixel_count(),
+                "peak_rss_mb": peak_rss_mb(), "depth_pixels": cube.depth_pixel_count(), "samples_on_planes": cube.planes.samples,
                 "missing_estimate": mean, "missing_estimate_per_face": cube.info.missing_estimate,
                 "bytes": cube.bytes(), "blocked_share": cube.info.blocked_share,
                 "estimated_s": estimated_s, "holes": cube.info.holes,
             }));
             return;
         }
-        println!("{}: {} depth pixels from {rays} rays", self.output.display(), cube.depth_pixel_count());
+        println!("{}: {} from {rays} rays", self.output.display(), what_is_kept(cube));
         println!("  {} in all: {times}; {:.1} Mrays/s while tracing", duration(total_s), rays as f64 / trace_s / 1e6);
         if let Some(mean) = mean {
             println!("  the next ray would find something new with a probability of {:.1} %", mean * 100.0);

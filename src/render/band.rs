@@ -172,6 +172,12 @@ impl Pass<'_> {
         }
         let cleared = Instant::now();
         self.draw_segments(canvas, &Clipped { unclipped: plan.unclipped });
+        if plan.kernel.compares_depths() {
+            canvas.add_rims(self.planes.rims());
+        }
+        if plan.depth {
+            self.depth.add_rims(self.planes.rims());
+        }
         let drawn = Instant::now();
         let background = Background::new(plan, self.source.cube, camera);
         let (inverse_depths, holes_before) = (std::mem::take(&mut pixels.inverse_depths), self.stats.hole_pixels);
@@ -197,6 +203,9 @@ impl Pass<'_> {
             if plan.depth {
                 self.depth.lay(row, colors, inverse_depths);
             }
+        }
+        if !plan.kernel.compares_depths() {
+            canvas.add_rims(self.planes.rims());
         }
     }
 
@@ -270,7 +279,7 @@ impl<S: Size> SegmentStrokes<'_, S> {
         let warp = SegmentWarp::new(&of_frame.transfer, P::scale(part.segment), band, level);
         traverse::traverse(part, cut, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
             warp.warp(batch, *size, splats);
-            let compares = matches!(plan.kernel, SplatKernel::Tent | SplatKernel::Ellipse);
+            let compares = plan.kernel.compares_depths();
             let test_depth = |splats: &mut Splats| {
                 if !planes.is_empty() {
                     splats.retain_in_front(plan.tolerance, |x, y| planes.inverse_depth_at(x, y));
