@@ -75,7 +75,7 @@ fn main() {
         let truths = Truths::new(&tracer, &lighting, cube.info.parameters.light_samples > 0, folder);
         let truth: Vec<RgbImage> = match samples {
             0 => Vec::new(),
-            _ => plan.eyes.iter().map(|eye| truths.frame(&middle(&eye.camera), samples, &Silent).color).collect(),
+            _ => plan.eyes.iter().map(|eye| truths.frame(&middle(&eye.camera), samples, &Silent).rgb()).collect(),
         };
         let rays = rays(&tracer, &plan);
         println!(

@@ -5,7 +5,7 @@
 //! of those on the same surface: same kind ([`super::accumulate::Accumulator::class`]: material, side, octant) and same
 //! plane. Sunlight, whose shadows have edges, and albedo are never pooled.
 
-use super::shade::Part;
+use super::shade::LitPart;
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -16,12 +16,12 @@ pub struct FaceParts {
     /// Prefix sums over the pixels in row-major order.
     pub offsets: Vec<u32>,
     /// All parts; of a pixel sorted by bin and class.
-    pub parts: Vec<Part>,
+    pub parts: Vec<LitPart>,
 }
 
 impl FaceParts {
     /// The parts of pixel (x, y).
-    pub fn pixel(&self, x: u32, y: u32) -> &[Part] {
+    pub fn pixel(&self, x: u32, y: u32) -> &[LitPart] {
         let p = y as usize * self.size_px as usize + x as usize;
         &self.parts[self.offsets[p] as usize..self.offsets[p + 1] as usize]
     }
@@ -74,7 +74,7 @@ const MAX_RADIUS_PX: u32 = 6;
 
 /// True if two parts lie on one plane of one kind of surface: normals within 4 degrees, planes no farther apart than a
 /// thousandth of their distance from the centre.
-pub(super) fn same_surface(a: &Part, b: &Part) -> bool {
+pub(super) fn same_surface(a: &LitPart, b: &LitPart) -> bool {
     const MIN_COS: f32 = 0.9976;
     let apart = (a.plane_distance - b.plane_distance).abs();
     a.class == b.class
@@ -88,8 +88,8 @@ mod tests {
     use crate::capture::sampler::RayKey;
     use crate::ldi::EncodedNormal;
 
-    fn part(class: u16, plane_distance: f32, soft: f32) -> Part {
-        Part {
+    fn part(class: u16, plane_distance: f32, soft: f32) -> LitPart {
+        LitPart {
             key: RayKey(0),
             count: 1,
             area: 1.0,
@@ -112,7 +112,7 @@ mod tests {
         let wall = |i: u16| part(1, 5.0, f32::from(i % 2));
         let other = |i: u16| part(2 + i, 5.0, 7.0);
         let step = |i: u16| part(1, 5.1 + 0.1 * f32::from(i), 9.0);
-        let mut parts: Vec<Part> = (0..4).flat_map(|i| [wall(i), other(i), step(i)]).collect();
+        let mut parts: Vec<LitPart> = (0..4).flat_map(|i| [wall(i), other(i), step(i)]).collect();
         parts.extend((4..16).flat_map(|i| [wall(i), other(i), step(i)]));
         let mut face = FaceParts { size_px: 4, offsets: (0..=16).map(|p| 3 * p).collect(), parts };
         face.pool_soft_light(1);

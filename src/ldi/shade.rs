@@ -24,13 +24,15 @@ pub struct Shader<'a> {
     pub lighting: &'a Lighting,
     /// Light samples per depth pixel (K); 0 leaves surfaces unlit: their colour is albedo plus emission.
     pub samples: u32,
+    /// Leaves out colours too.
+    pub shape_only: bool,
     /// Pixels a side of a face.
     pub face_size_px: u32,
 }
 
 /// A lit accumulator: one kind of surface in one depth bin of one pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Part {
+pub struct LitPart {
     /// As [`Accumulator::key`].
     pub key: RayKey,
     /// As [`Accumulator::count`].
@@ -59,7 +61,7 @@ pub struct Part {
     pub plane_distance: f32,
 }
 
-impl Part {
+impl LitPart {
     /// Radiance toward any viewer, linear, exposed.
     pub fn color(&self) -> Vec3 {
         self.sharp + Vec3::from_array(self.albedo.map(|c| f32::from(c) / 65_535.0)) * self.soft
@@ -69,7 +71,7 @@ impl Part {
 impl Shader<'_> {
     /// Lights one accumulator in pixel (x, y) of a face with `samples` light samples, spread over the part of its
     /// triangle that the pixel shows (as seen from the centre), so that edges of shadows are smooth.
-    pub fn shade(&self, acc: &Accumulator, face: Face, x: u32, y: u32, samples: u32) -> Part {
+    pub fn shade(&self, acc: &Accumulator, face: Face, x: u32, y: u32, samples: u32) -> LitPart {
         let [u, v] = acc.barycentric.map(|c| f32::from(c) / 65_535.0);
         let scene = self.tracer.scene();
         let side = if acc.is_back() { -1.0 } else { 1.0 };
@@ -92,10 +94,10 @@ impl Shader<'_> {
         }
         let (sun, soft) =
             if samples == 0 { (Vec3::ZERO, Vec3::ONE) } else { (sun / samples as f32, soft / samples as f32) };
-        let albedo = self.filtered_albedo(acc, face, x, y, triangle);
+        let albedo = if self.shape_only { [0; 3] } else { self.filtered_albedo(acc, face, x, y, triangle) };
         let exposure = self.lighting.exposure;
         let lit = Vec3::from_array(albedo.map(|c| f32::from(c) / 65_535.0)) * sun;
-        Part {
+        LitPart {
             key: acc.key,
             count: acc.count,
             area: acc.area,
