@@ -9,7 +9,7 @@ use clap_complete::Shell;
 use std::io::Write;
 
 /// Each subcommand's examples.
-const EXAMPLES: [(&str, &str); 14] = [
+const EXAMPLES: [(&str, &str); 15] = [
     ("demo", "headbox demo --quick --no-window"),
     ("scenes", "headbox scenes"),
     (
@@ -38,6 +38,7 @@ const EXAMPLES: [(&str, &str); 14] = [
          headbox render home.house --path walk.json -o frames     a frame per pose, and their times\n  \
          headbox render room.ldi -o - | display                   a PNG to another program",
     ),
+    ("export", "headbox export room.ldi -o room.html                     a page to look around in, for any browser"),
     ("walk", "headbox walk home.house -o walk-report --poses 20 --variants texture,window-ldi"),
     ("truth", "headbox truth room.obj -o truth.png --samples 64"),
     ("compare", "headbox compare truth.png frame.png --map error.png"),
@@ -83,7 +84,7 @@ fn names_for(command: &str) -> String {
         }
         "walk" => format!("\n\nVariants:\n  {houses}"),
         "house" => {
-            let kinds: Vec<&str> = crate::portal::backdrop::Kind::ALL.iter().map(|(name, _)| *name).collect();
+            let kinds: Vec<&str> = crate::portal::backdrop::BackdropKind::ALL.iter().map(|(name, _)| *name).collect();
             format!("\n\nBackdrops:\n  {}, none", kinds.join(", "))
         }
         _ => String::new(),

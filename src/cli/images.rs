@@ -2,7 +2,7 @@
 
 use super::output::print_json;
 use super::progress::Bar;
-use crate::capture::images::{CheckReport, ImageSet, ImageSetOptions, Lens, check};
+use crate::capture::images::{CheckReport, ImageSet, ImageSetOptions, Kept, Lens, RegistrationReport, check};
 use crate::progress::Progress;
 use clap::Args;
 use glam::DVec3;
@@ -30,6 +30,9 @@ pub(super) struct SetArgs {
     /// Follow paths in a manifest that lead out of its folder
     #[arg(long)]
     pub(super) allow_outside: bool,
+    /// Take colours as registered with depth and equally exposed, as the files say, without asking the pictures
+    #[arg(long)]
+    no_registration: bool,
 }
 
 impl SetArgs {
@@ -40,6 +43,41 @@ impl SetArgs {
             eprintln!("note: {note}");
         }
         Ok(set)
+    }
+
+    /// Opens a set and finds out where its colours were taken from.
+    pub(super) fn open_registered(&self, folder: &Path) -> anyhow::Result<ImageSet> {
+        let mut set = self.open(folder)?;
+        if !self.no_registration {
+            let bar = Bar::new();
+            bar.begin("registering colour with depth", "views", set.with_depth().count() as u64);
+            let report = set.register(&|_| bar.advance(1))?;
+            bar.finish();
+            if let Some(report) = report {
+                eprintln!("{}", registration_words(&report));
+            }
+        }
+        Ok(set)
+    }
+}
+
+/// What was found of a set's colour cameras, in a sentence or two.
+fn registration_words(report: &RegistrationReport) -> String {
+    let [given, one, each] = report.levels;
+    let exposure = format!("exposures are evened out, from {:.2} to {:.2} of the mean", report.gain[0], report.gain[1]);
+    let tried = format!(
+        "views differ by {given:.2} levels as given, {one:.2} with one colour camera, {each:.2} with one for each view"
+    );
+    match report.kept {
+        Kept::AsGiven => format!("registration: colour and depth are kept as given ({tried}); {exposure}"),
+        Kept::OneForAll | Kept::EachView => format!(
+            "registration: colours were taken by another camera than depth: {tried}. Its focal length is {:.1} px, not {:.1}, \
+             and it is turned by {:.2} degrees and moved by {:.1} cm on average; {exposure}. --no-registration leaves all as given",
+            report.focal_px[1],
+            report.focal_px[0],
+            report.moved[0],
+            report.moved[1] * 100.0
+        ),
     }
 }
 

@@ -17,6 +17,7 @@ mod compare;
 mod demo;
 mod demo_sprites;
 mod estimate;
+mod export;
 mod help;
 mod house;
 mod house_file;
@@ -70,6 +71,8 @@ enum Command {
     Info(info::Info),
     /// Render a frame of a cube LDI, of sprites or of both, or a frame per pose of a path
     Render(render::Render),
+    /// Take a capture to where headbox is not installed: a page to look around in
+    Export(export::Export),
     /// Measure a walk through a .house file (to just walk, use view): time and error of every way to draw it, against truth and primary rays
     Walk(walk::Walk),
     /// Ray-trace a reference frame of a scene
@@ -129,6 +132,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Images(command) => command.run(),
         Command::Info(command) => command.run(),
         Command::Render(command) => command.run(),
+        Command::Export(command) => command.run(),
         Command::Walk(command) => command.run(),
         Command::Truth(command) => command.run(),
         Command::Compare(command) => command.run(),

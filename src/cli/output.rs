@@ -76,6 +76,8 @@ pub(super) const HOUSE: Endings = Endings { what: "a house", allowed: &["house"]
 pub(super) const PLAN: Endings = Endings { what: "a plan", allowed: &["png", "svg"] };
 /// Camera paths.
 pub(super) const PATH: Endings = Endings { what: "a camera path", allowed: &["json"] };
+/// What captures are exported to.
+pub(super) const EXPORT: Endings = Endings { what: "an export", allowed: &["html"] };
 /// Pages of text.
 pub(super) const PAGE: Endings = Endings { what: "a page", allowed: &["md"] };
 

@@ -2,12 +2,12 @@
 
 use super::accumulate::DepthBins;
 use super::build::Tracing;
-use super::coverage::{BinSpan, Coverage};
+use super::coverage::{AlphaMeasure, BinSpan};
 use super::illuminate::illuminate;
 use super::mend::Mender;
 use super::merge::depth_pixels_of;
 use super::pool::FaceParts;
-use super::shade::{Part, Shader};
+use super::shade::{LitPart, Shader};
 use super::store::TILE_PX;
 use super::{CaptureInfo, CubeLdi, LayeredDepthImage};
 use crate::capture::light::Lighting;
@@ -35,27 +35,57 @@ pub fn finish(
         let missing = run.plan.missing_estimate(&run.store)?;
         info.missing_estimate.iter_mut().zip(missing).for_each(|(slot, estimate)| *slot = Some(estimate));
     }
-    info.rays_traced = run.rays;
+    (info.rays_traced, info.holes) = (run.rays, run.holes);
     if settings.resources.budget.is_some() {
         run.store.spill_all()?; // the LDI that now grows needs the memory
     }
-    let shader =
-        Shader { tracer, lighting, samples: settings.parameters.light_samples, face_size_px: settings.face_size_px };
-    let bins = DepthBins::new(settings.half_size_m, settings.face_size_px);
     progress.begin("light and merge", "rows", 6 * u64::from(settings.face_size_px));
+    let samples = settings.parameters.light_samples;
+    let shader = Shader { tracer, lighting, samples, shape_only: false, face_size_px: settings.face_size_px };
+    merge(run, info, &shader, settings, progress)
+}
+
+/// The same without light and colours, and without an end: more rays may be traced after it. For a look at what the rays so
+/// far have found.
+///
+/// # Errors
+/// If spilled accumulators cannot be read.
+pub fn shape(
+    run: &Tracing,
+    info: CaptureInfo,
+    tracer: &Tracer,
+    lighting: &Lighting,
+    settings: &CaptureSettings,
+    progress: &dyn Progress,
+) -> io::Result<CubeLdi> {
+    let shader = Shader { tracer, lighting, samples: 0, shape_only: true, face_size_px: settings.face_size_px };
+    merge(run, info, &shader, settings, progress)
+}
+
+fn merge(
+    run: &Tracing,
+    info: CaptureInfo,
+    shader: &Shader,
+    settings: &CaptureSettings,
+    progress: &dyn Progress,
+) -> io::Result<CubeLdi> {
+    let Shader { tracer, lighting, .. } = *shader;
+    let bins = DepthBins::new(settings.half_size_m, settings.face_size_px);
     let mut faces = Vec::with_capacity(6);
     for face in Face::ALL {
-        let mut parts = dark_face(run, face, &shader, progress)?;
+        let mut parts = dark_face(run, face, shader, progress)?;
         if settings.parameters.sampler != Sampler::CentreRays {
             let half_size_m = settings.half_size_m as f32;
-            Mender { face, shader: &shader, bins: &bins, half_size_m }.mend(&mut parts);
+            Mender { face, shader, bins: &bins, half_size_m }.mend(&mut parts);
         }
-        illuminate(&mut parts, face, &shader, progress);
-        check_cancelled(progress)?;
+        if !shader.shape_only {
+            illuminate(&mut parts, face, shader, progress);
+            check_cancelled(progress)?;
+        }
         let (mut merged, spans) = merge_face(face, &parts, settings, &bins);
         drop(parts);
         let half_size_m = settings.half_size_m;
-        let alphas = Coverage { tracer, bins: &bins, half_size_m, face: &merged, spans: &spans }.alphas();
+        let alphas = AlphaMeasure { tracer, bins: &bins, half_size_m, face: &merged, spans: &spans }.alphas();
         merged.samples.iter_mut().zip(alphas).for_each(|(sample, alpha)| sample.color_srgb[3] = alpha);
         faces.push(merged);
     }
@@ -67,11 +97,11 @@ pub fn finish(
 struct TileParts {
     /// Column, row and number of parts of each occupied pixel.
     pixels: VecDeque<(u32, u32, u32)>,
-    parts: VecDeque<Part>,
+    parts: VecDeque<LitPart>,
 }
 
-/// Makes parts of all accumulators of a face, and forgets them: a row of tiles at a time, so that the parts of a face are in
-/// memory only once.
+/// Makes parts of all accumulators of a face, and forgets them unless only their shape is looked at: a row of tiles at a time, so that
+/// the parts of a face are in memory only once.
 fn dark_face(run: &Tracing, face: Face, shader: &Shader, progress: &dyn Progress) -> io::Result<FaceParts> {
     let size_px = shader.face_size_px;
     let per_row = run.store.tiles_per_side() as usize;
@@ -94,7 +124,9 @@ fn dark_face(run: &Tracing, face: Face, shader: &Shader, progress: &dyn Progress
 fn tile_parts(run: &Tracing, tile: usize, shader: &Shader) -> io::Result<TileParts> {
     let (face, x0, y0) = run.store.tile_place(tile);
     let accumulators = run.store.tile_run(tile)?;
-    run.store.clear_tile(tile);
+    if !shader.shape_only {
+        run.store.clear_tile(tile);
+    }
     let mut made = TileParts::default();
     for pixel in accumulators.chunk_by(|a, b| a.link == b.link) {
         let (x, y) = (x0 + pixel[0].link % TILE_PX, y0 + pixel[0].link / TILE_PX);

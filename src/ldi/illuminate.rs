@@ -9,7 +9,7 @@
 //! Sunlight is sampled once everywhere, and again where neighbours on one surface disagree on it: at the edges of its shadows.
 
 use super::pool::{FaceParts, Pooling, same_surface};
-use super::shade::{Part, Shader, Spot};
+use super::shade::{LitPart, Shader, Spot};
 use crate::capture::light::{Arrival, LightSample, luminance};
 use crate::capture::rig::Face;
 use crate::capture::sampler::random4;
@@ -26,7 +26,7 @@ const SUN_AT_EDGE: u32 = 2;
 /// Neighbours on its surface that a part needs to tell whether it lies at the edge of a shadow.
 const ENOUGH_NEIGHBOURS: u32 = 4;
 
-/// Lights all parts of a face: [`Part::sun`] and [`Part::soft`]. Gives up soon where `progress` says so.
+/// Lights all parts of a face: [`LitPart::sun`] and [`LitPart::soft`]. Gives up soon where `progress` says so.
 pub(super) fn illuminate(parts: &mut FaceParts, face: Face, shader: &Shader, progress: &dyn Progress) {
     if shader.samples == 0 {
         progress.advance(u64::from(parts.size_px));
@@ -67,7 +67,7 @@ impl FaceLight<'_> {
         &self,
         parts: &mut FaceParts,
         steps: u64,
-        light: impl Fn(&mut Part, usize, [u32; 2], &mut Vec<T>) + Sync,
+        light: impl Fn(&mut LitPart, usize, [u32; 2], &mut Vec<T>) + Sync,
     ) -> Vec<Vec<T>> {
         let (size, offsets) = (self.size_px, &parts.offsets);
         let mut rows = Vec::with_capacity(size as usize);
@@ -78,7 +78,7 @@ impl FaceLight<'_> {
             rows.push((y, first, row));
             rest = after;
         }
-        let light_row = |(y, first, row): (u32, usize, &mut [Part])| {
+        let light_row = |(y, first, row): (u32, usize, &mut [LitPart])| {
             let mut aside = Vec::new();
             if self.progress.is_cancelled() {
                 return aside;
@@ -96,7 +96,7 @@ impl FaceLight<'_> {
     }
 
     /// Sample `number` of `count` that a part takes. Parts of one kind of surface that take as many share a sequence.
-    fn sample(&self, part: &Part, [x, y]: [u32; 2], kind: u32, number: u32, count: u32) -> LightSample {
+    fn sample(&self, part: &LitPart, [x, y]: [u32; 2], kind: u32, number: u32, count: u32) -> LightSample {
         let [stream, ..] = random4([self.face.index() as u32, u32::from(part.class), kind, count]);
         LightSample { stream, index: morton(x, y).wrapping_mul(count).wrapping_add(number) }
     }
@@ -104,7 +104,7 @@ impl FaceLight<'_> {
     /// Takes samples of everything but the sun.
     fn soft(&self, parts: &mut FaceParts, samples: &[u16]) {
         let lighting = self.shader.lighting;
-        let begin = |part: &mut Part, p: usize, pixel: [u32; 2], begun: &mut Vec<Begun>| {
+        let begin = |part: &mut LitPart, p: usize, pixel: [u32; 2], begun: &mut Vec<Begun>| {
             let spot = self.shader.spot(part);
             let count = u32::from(samples[p]);
             for number in 0..count {
@@ -160,9 +160,9 @@ impl FaceLight<'_> {
     }
 
     /// Takes `count` more samples of the sun at each part, which has `before`.
-    fn sun(&self, parts: &mut FaceParts, before: u32, count: impl Fn(usize, &Part, [u32; 2]) -> u32 + Sync) {
+    fn sun(&self, parts: &mut FaceParts, before: u32, count: impl Fn(usize, &LitPart, [u32; 2]) -> u32 + Sync) {
         let (lighting, tracer) = (self.shader.lighting, self.shader.tracer);
-        let gather = |part: &mut Part, p: usize, pixel: [u32; 2], requests: &mut Vec<(u32, _)>| {
+        let gather = |part: &mut LitPart, p: usize, pixel: [u32; 2], requests: &mut Vec<(u32, _)>| {
             let more = count(p, part, pixel);
             if more == 0 {
                 return;

@@ -5,7 +5,7 @@
 //! of those on the same surface: same kind ([`super::accumulate::Accumulator::class`]: material, side, octant) and same
 //! plane. Sunlight, whose shadows have edges, and albedo are never pooled.
 
-use super::shade::Part;
+use super::shade::LitPart;
 use crate::capture::light::luminance;
 use glam::Vec3;
 use rayon::prelude::*;
@@ -18,12 +18,12 @@ pub struct FaceParts {
     /// Prefix sums over the pixels in row-major order.
     pub offsets: Vec<u32>,
     /// All parts; of a pixel sorted by bin and class.
-    pub parts: Vec<Part>,
+    pub parts: Vec<LitPart>,
 }
 
 impl FaceParts {
     /// The parts of pixel (x, y).
-    pub fn pixel(&self, x: u32, y: u32) -> &[Part] {
+    pub fn pixel(&self, x: u32, y: u32) -> &[LitPart] {
         &self.parts[self.range(x, y)]
     }
 
@@ -99,7 +99,7 @@ impl Pooling {
         if self.radius == 0 {
             return;
         }
-        let own = |part: &Part| -> Sums {
+        let own = |part: &LitPart| -> Sums {
             let weight = f32::from(part.light_samples);
             let [r, g, b] = (part.soft * weight).to_array();
             let level = luminance(part.soft.to_array());
@@ -213,7 +213,7 @@ struct Surface {
 }
 
 impl Surface {
-    fn of(part: &Part) -> Self {
+    fn of(part: &LitPart) -> Self {
         Self { normal: part.plane_normal, distance: part.plane_distance, class: u32::from(part.class) }
     }
 
@@ -230,7 +230,7 @@ impl Surface {
 
 /// True if two parts lie on one plane of one kind of surface: normals within 4 degrees, planes no farther apart than a
 /// thousandth of their distance from the centre.
-pub(super) fn same_surface(a: &Part, b: &Part) -> bool {
+pub(super) fn same_surface(a: &LitPart, b: &LitPart) -> bool {
     Surface::of(a).is_same(&Surface::of(b))
 }
 
@@ -240,8 +240,8 @@ mod tests {
     use crate::capture::sampler::RayKey;
     use crate::ldi::EncodedNormal;
 
-    fn part(class: u16, plane_distance: f32, soft: f32) -> Part {
-        Part {
+    fn part(class: u16, plane_distance: f32, soft: f32) -> LitPart {
+        LitPart {
             key: RayKey(0),
             count: 1,
             area: 1.0,
@@ -267,7 +267,7 @@ mod tests {
         let wall = |i: u16| part(1, 5.0, f32::from(i % 2));
         let other = |i: u16| part(2 + i, 5.0, 7.0);
         let step = |i: u16| part(1, 5.1 + 0.1 * f32::from(i), 9.0);
-        let mut parts: Vec<Part> = (0..4).flat_map(|i| [wall(i), other(i), step(i)]).collect();
+        let mut parts: Vec<LitPart> = (0..4).flat_map(|i| [wall(i), other(i), step(i)]).collect();
         parts.extend((4..16).flat_map(|i| [wall(i), other(i), step(i)]));
         let mut face = FaceParts { size_px: 4, offsets: (0..=16).map(|p| 3 * p).collect(), parts };
         let pooling = Pooling { radius: 1, ..Pooling::new(&face, 8) };
@@ -283,7 +283,7 @@ mod tests {
         const SIZE: u32 = 64;
         // A wall on the left, and on the right pixels that have nothing to do with each other.
         let part_at = |p: u32| if p % SIZE < 40 { part(1, 5.0, 1.0) } else { part(2 + p as u16, 5.0, 1.0) };
-        let parts: Vec<Part> = (0..SIZE * SIZE).map(part_at).collect();
+        let parts: Vec<LitPart> = (0..SIZE * SIZE).map(part_at).collect();
         let face = FaceParts { size_px: SIZE, offsets: (0..=SIZE * SIZE).collect(), parts };
         let samples = Pooling::new(&face, 4).samples(4);
         let at = |x: u32, y: u32| samples[(y * SIZE + x) as usize];
@@ -295,7 +295,7 @@ mod tests {
         const SIZE: u32 = 64;
         let noise = |p: u32| crate::capture::sampler::unit_float(crate::capture::sampler::random4([p, 1, 2, 3])[0]);
         let level = |p: u32| (if p % SIZE < 32 { 1.0 } else { 0.1 }) * (0.9 + 0.2 * noise(p));
-        let parts: Vec<Part> = (0..SIZE * SIZE).map(|p| part(1, 5.0, level(p))).collect();
+        let parts: Vec<LitPart> = (0..SIZE * SIZE).map(|p| part(1, 5.0, level(p))).collect();
         let mut face = FaceParts { size_px: SIZE, offsets: (0..=SIZE * SIZE).collect(), parts };
         Pooling::new(&face, 4).pool(&mut face);
         let at = |x: u32| face.pixel(x, 32)[0].soft.x;

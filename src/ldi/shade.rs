@@ -24,13 +24,15 @@ pub struct Shader<'a> {
     pub lighting: &'a Lighting,
     /// Light samples per depth pixel (K); 0 leaves surfaces unlit: their colour is albedo plus emission.
     pub samples: u32,
+    /// Leaves out colours too.
+    pub shape_only: bool,
     /// Pixels a side of a face.
     pub face_size_px: u32,
 }
 
 /// A lit accumulator: one kind of surface in one depth bin of one pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Part {
+pub struct LitPart {
     /// As [`Accumulator::key`].
     pub key: RayKey,
     /// As [`Accumulator::count`].
@@ -65,7 +67,7 @@ pub struct Part {
     pub plane_distance: f32,
 }
 
-impl Part {
+impl LitPart {
     /// Radiance toward any viewer, linear, exposed.
     pub fn color(&self) -> Vec3 {
         self.emission + Vec3::from_array(self.albedo.map(|c| f32::from(c) / 65_535.0)) * (self.sun + self.soft)
@@ -74,7 +76,7 @@ impl Part {
 
 impl Shader<'_> {
     /// The part that an accumulator in pixel (x, y) of a face becomes, still dark; without light samples, evenly lit.
-    pub fn part(&self, acc: &Accumulator, face: Face, x: u32, y: u32) -> Part {
+    pub fn part(&self, acc: &Accumulator, face: Face, x: u32, y: u32) -> LitPart {
         let [u, v] = acc.barycentric.map(|c| f32::from(c) / 65_535.0);
         let scene = self.tracer.scene();
         let side = if acc.is_back() { -1.0 } else { 1.0 };
@@ -82,7 +84,7 @@ impl Shader<'_> {
         let (normal, shading_normal) = (front * side, scene.shading_normal(acc.primitive, front, u, v) * side);
         let triangle = self.tracer.triangle(acc.primitive);
         let exposure = self.lighting.exposure;
-        Part {
+        LitPart {
             key: acc.key,
             count: acc.count,
             area: acc.area,
@@ -92,7 +94,7 @@ impl Shader<'_> {
             primitive: acc.primitive,
             barycentric: acc.barycentric,
             light_samples: 0,
-            albedo: self.filtered_albedo(acc, face, x, y, triangle),
+            albedo: if self.shape_only { [0; 3] } else { self.filtered_albedo(acc, face, x, y, triangle) },
             emission: Vec3::from_array(scene.emission(acc.primitive, u, v)) * exposure,
             sun: Vec3::ZERO,
             soft: if self.samples == 0 { Vec3::splat(exposure) } else { Vec3::ZERO },
@@ -103,7 +105,7 @@ impl Shader<'_> {
     }
 
     /// Where light samples of a part are to be taken.
-    pub fn spot(&self, part: &Part) -> Spot {
+    pub fn spot(&self, part: &LitPart) -> Spot {
         let [u, v] = part.barycentric.map(|c| f32::from(c) / 65_535.0);
         let scene = self.tracer.scene();
         let triangle @ [a, b, c] = self.tracer.triangle(part.primitive);

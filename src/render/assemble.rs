@@ -2,7 +2,6 @@
 
 use super::epipolar::{Boundary, Rays, spans};
 use super::finish::{Background, Pixels, depth_pieces};
-use super::fragments::Fragments;
 use super::{FramePlan, FrameStats};
 use crate::frame::Frame;
 use crate::render::depth::DepthCanvas;
@@ -16,23 +15,31 @@ const ROWS_AT_A_TIME: usize = 8;
 
 /// Pixels of a row up to a column, and the index of their painter.
 #[derive(Clone, Copy)]
-pub(super) struct Owner {
+struct Owner {
     end: u32,
     painter: usize,
 }
 
-impl Fragments {
-    /// Puts the frame together, row by row, from the canvases of the painters.
-    pub(super) fn finish<'c, C: Canvas + Sync + 'c>(
+/// Of each row of a frame, from left to right, who painted which columns. Kept from frame to frame for its memory.
+#[derive(Default)]
+pub(super) struct Owners {
+    rows: Vec<Vec<Owner>>,
+}
+
+impl Owners {
+    /// Puts the frame together, row by row, from the canvases of the painters: one for each fragment between `boundaries`, then one
+    /// for each boundary.
+    pub(super) fn assemble<'c, C: Canvas + Sync + 'c>(
         &mut self,
         plan: &FramePlan,
+        boundaries: &[Boundary],
         background: &Background,
-        frame: &mut Frame,
+        (frame, inverse_depths): (&mut Frame, &mut [f32]),
         rays: impl Fn(u32) -> Rays + Sync,
         painter: impl Fn(usize) -> (&'c C, &'c DepthCanvas) + Sync,
     ) -> FrameStats {
-        let (width, boundaries) = (frame.width, &self.boundaries);
-        self.owners.resize_with(self.owners.len().max(frame.height as usize), Vec::new);
+        let width = frame.width;
+        self.rows.resize_with(self.rows.len().max(frame.height as usize), Vec::new);
         let finish_one = |y: u32, pixels: Pixels, owners: &mut Vec<Owner>| {
             let started = Instant::now();
             let redone_pixels = share_row(boundaries, &rays(y), width, owners);
@@ -41,6 +48,9 @@ impl Fragments {
                 let (canvas, depth) = painter(owner.painter);
                 let range = start..owner.end as usize;
                 canvas.resolve(y as usize, start, &mut pixels.colors[range.clone()], plan.level);
+                if let Some(inverse_depths) = pixels.inverse_depths.get_mut(range.clone()) {
+                    canvas.tell_depths(y as usize, start, inverse_depths);
+                }
                 if let Some(depths_m) = pixels.depths_m.get_mut(range) {
                     depth.resolve(y as usize, start, depths_m);
                 }
@@ -56,13 +66,18 @@ impl Fragments {
         };
         let Frame { color: colors, coverage: coverages, depth_m: depths_m, .. } = frame;
         let piece = width as usize * ROWS_AT_A_TIME;
-        let depths_m = depth_pieces(depths_m, piece, colors.len().div_ceil(piece));
-        let rows = colors.par_chunks_mut(piece).zip(coverages.par_chunks_mut(piece)).zip(depths_m);
-        let owners = self.owners.par_chunks_mut(ROWS_AT_A_TIME);
-        let finish_piece = |(i, (((colors, coverages), depths_m), owners)): (usize, (_, &mut [Vec<Owner>]))| {
-            let rows = Pixels { colors, coverages, depths_m }.rows(width).zip((i * ROWS_AT_A_TIME) as u32..);
-            rows.zip(owners).fold(FrameStats::default(), |sum, ((row, y), owners)| add(sum, finish_one(y, row, owners)))
-        };
+        let pieces = colors.len().div_ceil(piece);
+        let depths = depth_pieces(depths_m, piece, pieces).zip(depth_pieces(inverse_depths, piece, pieces));
+        let rows = colors.par_chunks_mut(piece).zip(coverages.par_chunks_mut(piece)).zip(depths);
+        let owners = self.rows.par_chunks_mut(ROWS_AT_A_TIME);
+        let finish_piece =
+            |(i, (((colors, coverages), (depths_m, inverse_depths)), owners)): (usize, (_, &mut [Vec<Owner>]))| {
+                let rows = Pixels { colors, coverages, depths_m, inverse_depths }
+                    .rows(width)
+                    .zip((i * ROWS_AT_A_TIME) as u32..);
+                rows.zip(owners)
+                    .fold(FrameStats::default(), |sum, ((row, y), owners)| add(sum, finish_one(y, row, owners)))
+            };
         rows.zip(owners).enumerate().map(finish_piece).reduce(FrameStats::default, add)
     }
 }

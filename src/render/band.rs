@@ -2,12 +2,11 @@
 
 use super::clip::{self, Band, BlockClip};
 use super::epipolar::Spans;
+use super::fill;
 use super::finish::{Background, Pixels};
 use super::format::Format;
 use super::kernel::SegmentWarp;
-use super::look_up::LookUp;
-use super::traverse::{self, Batch, Cut, Part, Uncut};
-use super::visibility::Visibility;
+use super::traverse::{self, Batch, Cut, SegmentPart, Uncut};
 use super::{FramePlan, FrameStats, SegmentPlan, Source};
 use crate::capture::Camera;
 use crate::packed::{ExactDepthPixel, PackedCube, PackedDepthPixel, PackedSegment};
@@ -29,7 +28,6 @@ pub(super) struct Worker {
     pub(super) surfaces: SurfaceCanvas,
     pub(super) ellipses: EllipseCanvas,
     pub(super) depth: DepthCanvas,
-    visibility: Visibility,
     planes: PlaneCanvas,
 }
 
@@ -57,7 +55,6 @@ impl Default for Worker {
             surfaces: SurfaceCanvas::default(),
             ellipses: EllipseCanvas::default(),
             depth: DepthCanvas::default(),
-            visibility: Visibility::default(),
             planes: PlaneCanvas::default(),
         }
     }
@@ -66,38 +63,14 @@ impl Default for Worker {
 impl Worker {
     /// Draws a band on its pixels.
     pub(super) fn draw(&mut self, plan: &FramePlan, source: Source, camera: &Camera, band: &Band, pixels: Pixels) {
-        if plan.kernel == SplatKernel::Surface {
-            self.draw_surfaces(plan, source, camera, band, pixels);
-            return;
-        }
         self.prepare(plan);
-        let Self { stats, strokes, over, surfaces, ellipses, depth, planes, .. } = self;
+        let Self { stats, strokes, over, surfaces, ellipses, depth, planes } = self;
         let mut pass = Pass { plan, source, band, stats, strokes, depth, planes };
         match plan.kernel {
             SplatKernel::Tent => pass.draw(surfaces, camera, pixels),
             SplatKernel::Ellipse => pass.draw(ellipses, camera, pixels),
             _ => pass.draw(over, camera, pixels),
         }
-    }
-
-    /// Draws a band by [`SplatKernel::Surface`].
-    fn draw_surfaces(&mut self, plan: &FramePlan, source: Source, camera: &Camera, band: &Band, pixels: Pixels) {
-        let Self { stats, visibility, .. } = self;
-        let started = Instant::now();
-        let (sheets, view) = (source.cube.sheets(), &plan.in_view);
-        visibility.clear(band.width, band.rows.clone());
-        let cleared = Instant::now();
-        visibility.draw(sheets, view, band, plan.unclipped, [plan.tolerance, plan.bin], stats, plan.level);
-        let drawn = Instant::now();
-        let background = Background::new(plan, source.cube, camera);
-        let look_up = LookUp { sheets, view };
-        for (y, pixels) in band.rows.clone().zip(pixels.rows(band.width)) {
-            look_up.row(visibility, y, pixels.colors, pixels.depths_m, plan.level);
-            stats.hole_pixels += background.put_under(y, pixels);
-        }
-        stats.clear_ms += (cleared - started).as_secs_f64() * 1e3;
-        stats.warp_ms += (drawn - cleared).as_secs_f64() * 1e3;
-        stats.finish_ms += drawn.elapsed().as_secs_f64() * 1e3;
     }
 
     /// Draws what lies in a scope on a canvas of a whole frame (`band`), to be read in the columns `spans` of each row.
@@ -110,7 +83,7 @@ impl Worker {
         spans: impl Fn(u32) -> Spans,
     ) {
         self.prepare(plan);
-        let Self { stats, strokes, over, surfaces, ellipses, depth, planes, .. } = self;
+        let Self { stats, strokes, over, surfaces, ellipses, depth, planes } = self;
         let mut pass = Pass { plan, source, band, stats, strokes, depth, planes };
         match plan.kernel {
             SplatKernel::Tent => pass.draw_spans(surfaces, scope, spans),
@@ -186,7 +159,7 @@ struct Pass<'a> {
 }
 
 impl Pass<'_> {
-    fn draw(&mut self, canvas: &mut dyn Canvas, camera: &Camera, pixels: Pixels) {
+    fn draw(&mut self, canvas: &mut dyn Canvas, camera: &Camera, mut pixels: Pixels) {
         let started = Instant::now();
         let (band, plan) = (self.band, self.plan);
         canvas.clear(band.width, band.rows.clone());
@@ -199,13 +172,22 @@ impl Pass<'_> {
         }
         let cleared = Instant::now();
         self.draw_segments(canvas, &Clipped { unclipped: plan.unclipped });
+        if plan.kernel.compares_depths() {
+            canvas.add_rims(self.planes.rims());
+        }
+        if plan.depth {
+            self.depth.add_rims(self.planes.rims());
+        }
         let drawn = Instant::now();
         let background = Background::new(plan, self.source.cube, camera);
+        let (inverse_depths, holes_before) = (std::mem::take(&mut pixels.inverse_depths), self.stats.hole_pixels);
         for (row, (y, pixels)) in band.rows.clone().zip(pixels.rows(band.width)).enumerate() {
             canvas.resolve(row, 0, pixels.colors, plan.level);
             self.depth.resolve(row, 0, pixels.depths_m);
             self.stats.hole_pixels += background.put_under(y, pixels);
         }
+        let has_holes = self.stats.hole_pixels > holes_before || plan.tells_all;
+        fill::tell_rows(inverse_depths, band, has_holes, |row, to| canvas.tell_depths(row, 0, to));
         self.stats.clear_ms += (cleared - started).as_secs_f64() * 1e3;
         self.stats.warp_ms += (drawn - cleared).as_secs_f64() * 1e3;
         self.stats.finish_ms += drawn.elapsed().as_secs_f64() * 1e3;
@@ -221,6 +203,9 @@ impl Pass<'_> {
             if plan.depth {
                 self.depth.lay(row, colors, inverse_depths);
             }
+        }
+        if !plan.kernel.compares_depths() {
+            canvas.add_rims(self.planes.rims());
         }
     }
 
@@ -263,12 +248,12 @@ impl<Sc: Scope> ForSegment for Drawing<'_, '_, Sc> {
         match source.exact {
             None => {
                 let depth_pixels = &segment.depth_pixels;
-                strokes.draw(&Part { segment, depth_pixels, columns, rows, visible }, &cut, batch);
+                strokes.draw(&SegmentPart { segment, depth_pixels, columns, rows, visible }, &cut, batch);
             }
             Some(exact) => {
                 let depth_pixels = exact.get(of_frame.index).map_or(&[][..], Vec::as_slice);
                 let batch = exact_batch.get_or_insert_with(|| Box::new(Batch::new()));
-                strokes.draw(&Part { segment, depth_pixels, columns, rows, visible }, &cut, batch);
+                strokes.draw(&SegmentPart { segment, depth_pixels, columns, rows, visible }, &cut, batch);
             }
         }
     }
@@ -288,13 +273,13 @@ struct SegmentStrokes<'a, S> {
 }
 
 impl<S: Size> SegmentStrokes<'_, S> {
-    fn draw<P: Format>(&mut self, part: &Part<P>, cut: &impl Cut, batch: &mut Batch<P>) {
+    fn draw<P: Format>(&mut self, part: &SegmentPart<P>, cut: &impl Cut, batch: &mut Batch<P>) {
         let Self { plan, band, of_frame, size, splats, stats, depth, canvas, planes } = self;
         let (level, own) = (plan.level, plan.kernel.own_share());
         let warp = SegmentWarp::new(&of_frame.transfer, P::scale(part.segment), band, level);
         traverse::traverse(part, cut, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
             warp.warp(batch, *size, splats);
-            let compares = matches!(plan.kernel, SplatKernel::Tent | SplatKernel::Ellipse);
+            let compares = plan.kernel.compares_depths();
             let test_depth = |splats: &mut Splats| {
                 if !planes.is_empty() {
                     splats.retain_in_front(plan.tolerance, |x, y| planes.inverse_depth_at(x, y));

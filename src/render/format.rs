@@ -1,6 +1,5 @@
 //! The forms in which depth pixels can be kept: packed into 8 bytes, or as they were before that (S17, C10).
 
-use super::traverse::Batch;
 use crate::packed::{ExactDepthPixel, INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, PackedSegment};
 use crate::render::size::{LANES, Normals};
 use fearless_simd::{Simd, SimdCvtFloat, f32x16, prelude::*, u32x16};
@@ -16,8 +15,8 @@ pub(crate) trait Format: Copy {
     /// Inverse depth, 1/m.
     fn inverse_depth(&self, segment: &PackedSegment) -> f64;
 
-    /// The entries of a batch from `start` on, as many as there are lanes.
-    fn load<S: Simd>(simd: S, batch: &Batch<Self>, start: usize) -> Unpacked<S>;
+    /// The first [`LANES`] of some depth pixels; there must be as many.
+    fn load<S: Simd>(simd: S, depth_pixels: &[Self]) -> Unpacked<S>;
 }
 
 /// Depth pixels in registers.
@@ -42,8 +41,8 @@ impl Format for PackedDepthPixel {
     }
 
     #[inline(always)]
-    fn load<S: Simd>(simd: S, batch: &Batch<Self>, start: usize) -> Unpacked<S> {
-        let words: &[u32] = bytemuck::cast_slice(&batch.depth_pixels[start..start + LANES]);
+    fn load<S: Simd>(simd: S, depth_pixels: &[Self]) -> Unpacked<S> {
+        let words: &[u32] = bytemuck::cast_slice(&depth_pixels[..LANES]);
         let (first, second) = (u32x16::from_slice(simd, &words[..LANES]), u32x16::from_slice(simd, &words[LANES..]));
         let (geometry, color) = simd.deinterleave_u32x16(first, second);
         let code = f32x16::float_from(geometry & INVERSE_DEPTH_CODE_MAX);
@@ -64,11 +63,10 @@ impl Format for ExactDepthPixel {
     }
 
     #[inline(always)]
-    fn load<S: Simd>(simd: S, batch: &Batch<Self>, start: usize) -> Unpacked<S> {
-        let pixels = &batch.depth_pixels[start..start + LANES];
+    fn load<S: Simd>(simd: S, depth_pixels: &[Self]) -> Unpacked<S> {
         let (mut code, mut normal) = ([0.0; LANES], [[0.0; LANES]; 3]);
         let (mut index, mut color) = ([0; LANES], [0; LANES]);
-        for (i, pixel) in pixels.iter().enumerate() {
+        for (i, pixel) in depth_pixels[..LANES].iter().enumerate() {
             code[i] = pixel.inverse_depth;
             for (lanes, component) in normal.iter_mut().zip(pixel.normal) {
                 lanes[i] = component;

@@ -22,7 +22,7 @@
 //! read, clipping on one thread, and the depth pixels that are drawn twice. So
 //! bands are the default (docs/decisions.md: bands, and not fragments, by default).
 
-use super::assemble::Owner;
+use super::assemble::Owners;
 use super::band::{Clipped, ForSegment, Scope, Worker};
 use super::clip::{Band, BlockClip, W_NEAR};
 use super::epipolar::{Boundary, Epipolar, Rays, Spans, Weights, spans};
@@ -54,19 +54,18 @@ const LEAST_RADIUS_PX: f64 = 1.0;
 /// Draws frames in fragments; owns the buffers that this takes.
 #[derive(Default)]
 pub(super) struct Fragments {
-    segments: Vec<InView>,
+    segments: Vec<SegmentInView>,
     weights: Weights,
     turns: Vec<f64>,
-    pub(super) boundaries: Vec<Boundary>,
+    boundaries: Vec<Boundary>,
     /// One for each fragment, then one for each boundary.
     painters: Vec<Worker>,
-    /// Of each row of the frame, from left to right, who painted which columns.
-    pub(super) owners: Vec<Vec<Owner>>,
+    owners: Owners,
 }
 
 /// What of a segment the frame can show.
 #[derive(Default)]
-struct InView {
+struct SegmentInView {
     /// Columns and rows of the face.
     rectangle: Option<[Range<u32>; 2]>,
     /// Of the blocks that the rectangle touches, row-major.
@@ -75,7 +74,7 @@ struct InView {
     reach_px: Vec<f64>,
 }
 
-impl InView {
+impl SegmentInView {
     /// Its blocks: index, column and row.
     fn blocks(&self) -> impl Iterator<Item = (usize, u32, u32)> {
         let [columns, rows] = self.rectangle.clone().unwrap_or([0..0, 0..0]);
@@ -97,7 +96,7 @@ impl InView {
 
 /// Clips the segments, and weighs what is left.
 struct Clipping<'a> {
-    segments: &'a mut [InView],
+    segments: &'a mut [SegmentInView],
     weights: &'a mut Weights,
     epipolar: &'a Epipolar,
     plan: &'a FramePlan,
@@ -154,7 +153,7 @@ fn face_row(epipolar: &Epipolar, face: Face, y: u32, face_px: u32) -> Rays {
 
 /// The least radii with which the boundaries' masks hold the buffer zones.
 struct Widening<'a> {
-    segments: &'a [InView],
+    segments: &'a [SegmentInView],
     boundaries: &'a mut [Boundary],
     epipolar: &'a Epipolar,
     plan: &'a FramePlan,
@@ -235,7 +234,7 @@ struct Extended<'a> {
 /// An extended buffer zone, in one segment.
 struct ExtendedCut<'a> {
     zone: &'a Extended<'a>,
-    view: &'a InView,
+    view: &'a SegmentInView,
     clip: BlockClip<'a>,
 }
 
@@ -292,7 +291,7 @@ impl Fragments {
         source: Source,
         camera: &Camera,
         count: u32,
-        frame: &mut Frame,
+        (frame, inverse_depths): (&mut Frame, &mut [f32]),
     ) -> FrameStats {
         let (started, cube) = (Instant::now(), source.cube);
         let count = if count > 0 { count as usize } else { rayon::current_num_threads() };
@@ -339,14 +338,22 @@ impl Fragments {
         stats.clear_ms += prepared_ms;
         let background = Background::new(plan, cube, camera);
         let rays = |y| epipolar.frame_row(camera, y);
+        let Self { owners, boundaries, .. } = self;
         let finished = match plan.kernel {
-            SplatKernel::Tent => {
-                self.finish(plan, &background, frame, rays, |i| (&painters[i].surfaces, &painters[i].depth))
-            }
+            SplatKernel::Tent => owners.assemble(plan, boundaries, &background, (frame, inverse_depths), rays, |i| {
+                let Worker { surfaces, depth, .. } = &painters[i];
+                (surfaces, depth)
+            }),
             SplatKernel::Ellipse => {
-                self.finish(plan, &background, frame, rays, |i| (&painters[i].ellipses, &painters[i].depth))
+                owners.assemble(plan, boundaries, &background, (frame, inverse_depths), rays, |i| {
+                    let Worker { ellipses, depth, .. } = &painters[i];
+                    (ellipses, depth)
+                })
             }
-            _ => self.finish(plan, &background, frame, rays, |i| (&painters[i].over, &painters[i].depth)),
+            _ => owners.assemble(plan, boundaries, &background, (frame, inverse_depths), rays, |i| {
+                let Worker { over, depth, .. } = &painters[i];
+                (over, depth)
+            }),
         };
         self.painters = painters;
         stats.absorb(&finished);
@@ -365,7 +372,7 @@ impl Fragments {
     ) {
         let Self { segments, weights, turns, boundaries, .. } = self;
         weights.clear();
-        segments.resize_with(plan.segments.len().max(segments.len()), InView::default);
+        segments.resize_with(plan.segments.len().max(segments.len()), SegmentInView::default);
         plan.for_each_segment(cube, &mut Clipping { segments, weights, epipolar, plan, frame });
         weights.cut(count, turns);
         boundaries.clear();

@@ -67,7 +67,7 @@ impl<'a> SegmentWarp<'a> {
         for (column, byte) in columns.iter_mut().zip(&batch.columns[start..start + LANES]) {
             *column = f32::from(*byte);
         }
-        let Unpacked { code, normals, color } = P::load(simd, batch, start);
+        let Unpacked { code, normals, color } = P::load(simd, &batch.depth_pixels[start..start + LANES]);
         let k = f32x16::load_array(simd, columns);
 
         // As `RowTransfer::apply`.

@@ -15,7 +15,7 @@ pub(super) const ONE: u64 = 128;
 /// Weight in the middle of a splat, at least. The pixel that holds a sample of the least radius, 0.75 px, is at most half
 /// a pixel away in x and y and gets (1 - 0.5 / 0.75)^2 = 1/9 of it, which must not round to nothing however small the
 /// sample is: 9 / 2 / 128.
-const MIN_PEAK: f32 = 0.036;
+pub(super) const MIN_PEAK: f32 = 0.036;
 
 /// Where alpha lies in four bytes as they lie in memory.
 const ALPHA_SHIFT: u32 = u32::from_ne_bytes([0, 0, 0, 1]).trailing_zeros();

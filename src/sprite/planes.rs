@@ -1,7 +1,7 @@
 //! Patches of planes in the first pass: a plane moves whole, to a parallelogram.
 
-use super::forward::{Band, Encoding, NEAREST_DEPTH_SHARE, Parallax, Stored};
 use super::patches::{GROUP, PatchGroup};
+use super::pure_parallax::{CellBand, Encoding, NEAREST_DEPTH_SHARE, PureParallax, Stored};
 use super::sampling::LANE_NUMBERS;
 use fearless_simd::{Simd, f32x16, i32x16, prelude::*, u32x16};
 
@@ -37,7 +37,7 @@ impl Setups {
 /// `d3 = (a + b U + c V) / (1 + a e_z + b e_x + c e_y)`, e relative to the centre, and (U, V) comes from
 /// `(u, v) = ((U, V) - d3 (e_x, e_y)) / (1 - d3 e_z)`: all linear in (U, V) but for the last division, which a
 /// comparison does not need.
-pub(super) fn set_up<S: Simd>(simd: S, parallax: &Parallax, group: &PatchGroup, out: &mut Setups) -> u64 {
+pub(super) fn set_up<S: Simd>(simd: S, parallax: &PureParallax, group: &PatchGroup, out: &mut Setups) -> u64 {
     simd.vectorize(
         #[inline(always)]
         || set_up_at(simd, parallax, group, out),
@@ -45,7 +45,7 @@ pub(super) fn set_up<S: Simd>(simd: S, parallax: &Parallax, group: &PatchGroup, 
 }
 
 #[inline(always)]
-fn set_up_at<S: Simd>(simd: S, parallax: &Parallax, group: &PatchGroup, out: &mut Setups) -> u64 {
+fn set_up_at<S: Simd>(simd: S, parallax: &PureParallax, group: &PatchGroup, out: &mut Setups) -> u64 {
     let (x, y) = (f32x16::load_array_ref(simd, &group.x), f32x16::load_array_ref(simd, &group.y));
     let (half, a) = (f32x16::load_array_ref(simd, &group.half), f32x16::load_array_ref(simd, &group.d));
     let (b, c) = (f32x16::load_array_ref(simd, &group.slope_x), f32x16::load_array_ref(simd, &group.slope_y));
@@ -128,7 +128,7 @@ const MARGIN: f32 = 1e-3;
 const LEAST_STRETCH: f32 = 0.25;
 
 /// Puts a patch where it is nearer than what is there.
-pub(super) fn draw_patch<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &mut Band) {
+pub(super) fn draw_patch<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &mut CellBand) {
     simd.vectorize(
         #[inline(always)]
         || draw_patch_at(simd, setups, lane, band),
@@ -136,7 +136,7 @@ pub(super) fn draw_patch<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &
 }
 
 #[inline(always)]
-fn draw_patch_at<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &mut Band) {
+fn draw_patch_at<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &mut CellBand) {
     // One by one: `map` over arrays of arrays would copy all lanes of each.
     let boxes = &setups.boxes;
     let [column, row, columns, rows] = [boxes[0][lane], boxes[1][lane], boxes[2][lane], boxes[3][lane]];

@@ -2,7 +2,8 @@
 
 use super::backward::{Parallax, View, backward};
 use super::field::Field;
-use super::forward::{BandMemory, FirstPass, Stored, forward};
+use super::forward::{BandMemory, forward};
+use super::pure_parallax::{FirstPass, Stored};
 use super::sampling::Sampling;
 use super::shift::ShiftField;
 use super::splat::splat;

@@ -1,7 +1,7 @@
 //! The 2-D displacement field (S7): what the second pass adds to a position, stored instead of a displacement.
 
 use super::field::Field;
-use super::forward::NEAREST_DEPTH_SHARE;
+use super::pure_parallax::NEAREST_DEPTH_SHARE;
 use super::transfer::Transfer;
 use rayon::prelude::*;
 

@@ -14,10 +14,11 @@ use crate::{
     session::{Event, Finished, Session, SourceInfo},
     setting::SettingValues,
     source::Refinement,
+    steering::{Eye, Sets},
     tape::Tape,
     views::Stereo,
 };
-use egui::{CentralPanel, Context, Frame, Panel, TextureHandle, Ui, ViewportCommand};
+use egui::{CentralPanel, Context, Frame, TextureHandle, Ui, ViewportCommand};
 use headbox_capture::statistics::median;
 use std::{
     sync::{Arc, Mutex, PoisonError},
@@ -63,25 +64,6 @@ pub(crate) struct Viewer {
 
 /// A file and the result of writing it, once there is one.
 pub(crate) type PendingShot = (std::path::PathBuf, Arc<Mutex<Option<Result<(), String>>>>);
-
-/// The eye and how it is steered.
-pub(crate) struct Eye {
-    pub pose: Pose,
-    pub motion: Motion,
-    pub speed_m_per_s: f64,
-    pub grab_scene: bool,
-    /// When it last moved, on the window's clock.
-    pub moved_s: f64,
-}
-
-/// The values of the source's settings: A, and B to compare with.
-#[derive(Clone, Default)]
-pub(crate) struct Sets {
-    pub a: Arc<SettingValues>,
-    pub b: Arc<SettingValues>,
-    /// Which one the panel shows while both are on the screen.
-    pub edits_b: bool,
-}
 
 /// A view as it was last asked for.
 #[derive(Clone, PartialEq)]
@@ -186,16 +168,6 @@ impl Viewer {
             ctx.request_repaint_after(Duration::from_secs_f64(left_s.max(0.0)));
         }
         self.automate(&ctx);
-    }
-
-    fn panels(&mut self, ui: &mut Ui, now_s: f64) {
-        if !self.show_panels || self.info.is_none() {
-            return;
-        }
-        Panel::bottom("status").resizable(false).show(ui, |ui| panels::status::show(ui, self));
-        Panel::left("panel").resizable(true).default_size(panels::WIDTH_POINTS).show(ui, |ui| {
-            egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| panels::side(ui, self, now_s));
-        });
     }
 
     /// Takes in one piece of news from the render thread.

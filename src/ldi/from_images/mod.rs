@@ -15,7 +15,7 @@ use super::accumulate::DepthBins;
 use super::merge::MergeRule;
 use super::parameters::CaptureParameters;
 use super::{CaptureInfo, CubeLdi};
-use crate::capture::images::{ImageSet, ImagesError, Lens, View};
+use crate::capture::images::{ImageSet, ImagesError, Lens, SENSOR_NOISE, View};
 use crate::environment::Environment;
 use crate::progress::Progress;
 use footprint::Target;
@@ -40,10 +40,6 @@ pub struct ImagesJob {
 
 /// Views that are in memory at once.
 const BATCH: usize = 8;
-
-/// Standard deviation of inverse depth of consumer depth sensors, 1/m: structured light errs by some 1.5 mm at a metre and
-/// six at two (Khoshelham and Elberink 2012).
-pub const SENSOR_NOISE: f32 = 0.0015;
 
 impl ImagesJob {
     /// A cube about the eye nearest to the middle of a set's views (an original camera suits best: fewer pixels are resampled

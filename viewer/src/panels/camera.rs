@@ -1,7 +1,7 @@
 //! The eye in numbers.
 
 use super::button;
-use crate::{app::Eye, bounds::EyeBounds, keymap::Command, pose::Pose};
+use crate::{bounds::EyeBounds, keymap::Command, pose::Pose, steering::Eye};
 use egui::{Checkbox, DragValue, Slider, Ui};
 use glam::DVec3;
 

@@ -1,6 +1,6 @@
 //! How the frame is shown: resolution, stereo, comparison.
 
-use crate::{app::Sets, options::ViewerOptions, views::Stereo};
+use crate::{options::ViewerOptions, steering::Sets, views::Stereo};
 use egui::{Checkbox, Slider, Ui};
 use std::sync::Arc;
 

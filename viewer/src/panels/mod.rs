@@ -18,40 +18,8 @@ pub(crate) mod statistics;
 pub(crate) mod status;
 pub(crate) mod theme;
 
-use crate::{app::Viewer, keymap::Command};
+use crate::keymap::Command;
 use egui::{Align2, Button, CollapsingHeader, Context, RichText, Ui, Window};
-
-/// Width of the side panel at first, points.
-pub(crate) const WIDTH_POINTS: f32 = 290.0;
-
-/// The side panel, from top to bottom.
-pub(crate) fn side(ui: &mut Ui, viewer: &mut Viewer, now_s: f64) {
-    let Some(info) = &viewer.info else { return };
-    ui.add_space(6.0);
-    ui.label(RichText::new(&info.title).heading().strong()).on_hover_text("What is shown.");
-    ui.add_space(4.0);
-    source::show(ui, &info.settings, &mut viewer.sets, viewer.display.compare, &mut viewer.commands);
-    section(ui, "Statistics", true, |ui| statistics::show(ui, viewer.shown.as_ref(), &viewer.history));
-    section(ui, "Camera", true, |ui| {
-        camera::show(ui, &mut viewer.eye, info.bounds.as_ref(), now_s, &mut viewer.commands);
-    });
-    section(ui, "Display", true, |ui| {
-        display::show(ui, &mut viewer.display, &mut viewer.sets, viewer.policy.moving_scale());
-    });
-    section(ui, "Record", false, |ui| {
-        record::show(ui, &mut viewer.tape, viewer.exporting, &viewer.options.output_dir, now_s, &mut viewer.commands);
-    });
-    ui.add_space(6.0);
-    ui.horizontal(|ui| {
-        let open = viewer.start_page.has_library();
-        if open && ui.button("Open…").on_hover_text("Opens another file (O); files can also be dropped here.").clicked()
-        {
-            viewer.commands.push(Command::ShowOpen);
-        }
-        button(ui, "Keys", "Lists the keys (F1).", Command::ToggleKeys, &mut viewer.commands);
-        button(ui, "Hide", "Hides the panels (H brings them back).", Command::TogglePanels, &mut viewer.commands);
-    });
-}
 
 /// A window over the frame, at first in the middle of it.
 pub(crate) fn dialog<'a>(ctx: &Context, title: &'a str, open: &'a mut bool) -> Window<'a> {

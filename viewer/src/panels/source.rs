@@ -2,9 +2,9 @@
 
 use super::{button, section};
 use crate::{
-    app::Sets,
     keymap::Command,
     setting::{Control, Setting, SettingValue, SettingValues},
+    steering::Sets,
 };
 use egui::{Checkbox, ComboBox, Slider, Ui};
 use std::{ops::RangeInclusive, sync::Arc};

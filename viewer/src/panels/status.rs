@@ -1,12 +1,11 @@
 //! The line below the frame.
 
-use crate::app::Viewer;
+use crate::{pose::Pose, session::Finished, tape::Tape};
 use egui::{Align, Layout, Ui};
 
 /// Where the eye is, what is rendered, how fast.
-pub(crate) fn show(ui: &mut Ui, viewer: &Viewer) {
+pub(crate) fn show(ui: &mut Ui, pose: &Pose, shown: Option<&Finished>, tape: &Tape) {
     ui.horizontal(|ui| {
-        let pose = &viewer.eye.pose;
         let (eye, yaw, pitch) = (pose.eye, pose.yaw_rad.to_degrees(), pose.pitch_rad.to_degrees());
         ui.monospace(format!("eye {:8.3} {:8.3} {:8.3} m", eye.x, eye.y, eye.z))
             .on_hover_text("Position of the eye: right, up, back, in metres.");
@@ -14,7 +13,7 @@ pub(crate) fn show(ui: &mut Ui, viewer: &Viewer) {
         ui.monospace(format!("view {:.1}°", pose.fov_y_deg)).on_hover_text("Vertical field of view in degrees.");
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             ui.weak("F1: keys").on_hover_text("F1 lists the keys.");
-            if let Some(shown) = &viewer.shown {
+            if let Some(shown) = shown {
                 let (size, ms) = (shown.pictures[0].image.size, shown.render_ms);
                 let share = if shown.job.scale < 1.0 { format!(" ({:.0} %)", shown.job.scale * 100.0) } else { String::new() };
                 ui.monospace(format!("{}x{} px{share}  {ms:5.1} ms", size[0], size[1])).on_hover_text(
@@ -22,11 +21,11 @@ pub(crate) fn show(ui: &mut Ui, viewer: &Viewer) {
                      for the frame.",
                 );
             }
-            if let Some(poses) = viewer.tape.recorded() {
+            if let Some(poses) = tape.recorded() {
                 ui.colored_label(super::theme::WARNING, format!("recording, {poses} poses"))
                     .on_hover_text("The eye's path is being recorded (R stops).");
             }
-            if viewer.tape.is_playing() {
+            if tape.is_playing() {
                 ui.colored_label(super::theme::ACCENT, "replaying").on_hover_text("A path is replayed (Space stops).");
             }
         });

@@ -1,0 +1,58 @@
+#!/bin/sh
+# Exports a capture as a page, opens it in headless Chromium with software GL, and holds what it shows to frames of the CPU.
+#
+#     .ci/page.sh [OUT]
+#
+# OUT (default: target/page) receives the pictures. Skipped with a line where there is no Chromium and none can be installed.
+set -eu
+cd "$(dirname "$0")/.."
+out=${1:-target/page}
+mkdir -p "$out"
+
+if ! command -v chromium >/dev/null && command -v apt-get >/dev/null && [ "$(id -u)" = 0 ]; then
+    DEBIAN_FRONTEND=noninteractive timeout 900 apt-get install -y -qq chromium >/dev/null 2>&1 || true
+fi
+if ! command -v chromium >/dev/null || ! command -v python3 >/dev/null; then
+    echo "page: skipped, Chromium or Python could not be installed"
+    exit 0
+fi
+
+headbox=target/release/headbox
+here=$(cd "$out" && pwd)
+# The most that FLIP may say of the page against the CPU.
+most=0.05
+
+# hold NAME EYE LOOK_AT: the page against the CPU, seen from an eye.
+hold() {
+    "$headbox" render "$out/$1.ldi" -o "$out/$1.cpu.png" --size 320x240 --keep-holes --eye "$2" --look-at "$3" >/dev/null
+    .ci/page.py 320x240 "file://$here/$1.html#eye=$2&look-at=$3&fov=60&ui=0" "$out/$1.page.png"
+    "$headbox" compare "$out/$1.cpu.png" "$out/$1.page.png" --json >"$out/$1.json"
+    python3 -c "import json, sys; flip = json.load(open('$out/$1.json'))['flip']
+print(f'page: $1 from $2: FLIP {flip:.4f}'); sys.exit(flip > $most)"
+}
+
+capture="--face-size 96 --strata 10 --rays 4 --light-samples 2"
+# shellcheck disable=SC2086 # a list of words
+"$headbox" capture builtin:interior -o "$out/samples.ldi" $capture --error-px 0 >"$out/samples.txt"
+# shellcheck disable=SC2086
+"$headbox" capture builtin:interior -o "$out/planes.ldi" $capture >"$out/planes.txt"
+for name in samples planes; do
+    "$headbox" export "$out/$name.ldi" -o "$out/$name.html"
+    hold "$name" 0.2,1.45,0.9 0.2,1.45,-1.0
+    hold "$name" 0.4,1.55,0.7 1.0,1.30,-1.0
+done
+
+echo "page: damaged data and an old browser are told, and the poster stays"
+python3 - "$out" <<'PY'
+import sys
+out = sys.argv[1]
+page = open(f"{out}/samples.html", encoding="utf-8", newline="").read()
+at = page.index('id="part-1">') + 400
+open(f"{out}/damaged.html", "w", encoding="utf-8", newline="").write(page[:at] + ("a" if page[at] != "a" else "b") * 20 + page[at + 20:])
+open(f"{out}/old.js", "w").write("HTMLCanvasElement.prototype.getContext = () => null;")
+PY
+.ci/page.py 320x240 "file://$here/damaged.html" "$out/damaged.png" | tee "$out/damaged.txt"
+grep -q 'of this page is damaged' "$out/damaged.txt"
+.ci/page.py 320x240 --before "$out/old.js" "file://$here/samples.html" "$out/old.png" | tee "$out/old.txt"
+grep -q 'no WebGL 2' "$out/old.txt"
+echo "page: all is well; pictures are in $out"

@@ -1,0 +1,52 @@
+//! To where headbox is not installed: a page, an engine, a splat viewer, a film package.
+
+pub mod page;
+
+use crate::capture::{Camera, CameraError};
+use crate::packed::PackedCube;
+use crate::render::Renderer;
+use image::codecs::jpeg::JpegEncoder;
+use std::io;
+
+/// Why something could not be exported.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ExportError {
+    /// There is nothing to show.
+    #[error("there is nothing in it to export: no depth pixel, no picture on a plane and no environment")]
+    Empty,
+    /// It would be larger than what its readers can open.
+    #[error(
+        "the export would have at least {} MB, and such files may have {} MB; capture with a smaller --face-size, or with --error-px",
+        bytes >> 20, limit >> 20
+    )]
+    TooLarge {
+        /// Bytes that it would have.
+        bytes: u64,
+        /// Bytes that it may have.
+        limit: u64,
+    },
+    /// It could not be written.
+    #[error(transparent)]
+    Io(#[from] io::Error),
+    /// There is no camera for a picture of it.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// A picture could not be encoded.
+    #[error(transparent)]
+    Picture(#[from] image::ImageError),
+}
+
+/// A JPEG file of what the centre of the headbox sees where there is most to see.
+pub(crate) fn poster(cube: &PackedCube) -> Result<Vec<u8>, ExportError> {
+    const SIZE_PX: [u32; 2] = [800, 500];
+    const QUALITY: u8 = 75;
+    let ahead = cube.info.ahead.unwrap_or(glam::DVec3::NEG_Z);
+    let camera = Camera::look_at(cube.center(), cube.center() + ahead, glam::DVec3::Y, 60.0, SIZE_PX)?;
+    let mut renderer = Renderer::new();
+    let frame = renderer.render(cube, &camera, &Default::default());
+    let picture = frame.to_rgb().map_err(io::Error::other)?;
+    let mut file = Vec::new();
+    JpegEncoder::new_with_quality(&mut file, QUALITY).encode_image(&picture)?;
+    Ok(file)
+}

@@ -1,0 +1,298 @@
+// Draws a capture as the CPU does: samples are tents, those of one surface are averaged, surfaces are laid over one another.
+import { mayBeSeen, transfer, withMargin } from './camera.js';
+import { Program, target, texture } from './gl.js';
+import { ATLAS_PX, readPlanes, TILE_BYTES } from './planes.js';
+import { readSamples, SAMPLE_BYTES } from './samples.js';
+import * as shaders from './shaders.js';
+
+/** Pixels around a frame in which samples are drawn whose tents may reach into it. */
+const MARGIN_PX = 16;
+
+/** Surfaces in a pixel that are told apart. */
+const LAYERS = Array.from({ length: 4 }, (_, i) => i);
+
+/** GL's six faces of a cube map in the order of ours. GL looks at them from outside: z is turned round in the shader. */
+const CUBE_ORDER = [0, 1, 2, 3, 5, 4];
+
+export class Renderer {
+  constructor(canvas, header) {
+    const options = { alpha: false, antialias: false, depth: false, powerPreference: 'high-performance', xrCompatible: true };
+    const gl = canvas.getContext('webgl2', options);
+    if (!gl) throw new Error('This browser has no WebGL 2, which the view needs. Another one, or a newer one, will show it.');
+    if (!gl.getExtension('EXT_color_buffer_float') && !gl.getExtension('EXT_color_buffer_half_float')) {
+      throw new Error('This browser cannot add up light in WebGL 2 (no EXT_color_buffer_float), which the view needs.');
+    }
+    Object.assign(this, { gl, header, segments: [], targets: null, planes: null, environment: null });
+    this.normals = null;
+    this.makePrograms();
+    this.samples = gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.samples);
+    gl.bufferData(gl.ARRAY_BUFFER, Math.max(header.samples, 1) * SAMPLE_BYTES, gl.STATIC_DRAW);
+    this.sampleArray = gl.createVertexArray();
+    gl.bindVertexArray(this.sampleArray);
+    gl.vertexAttribIPointer(0, 1, gl.UNSIGNED_INT, SAMPLE_BYTES, 0);
+    gl.vertexAttribPointer(1, 4, gl.UNSIGNED_BYTE, true, SAMPLE_BYTES, 4);
+    gl.vertexAttribPointer(2, 2, gl.UNSIGNED_SHORT, false, SAMPLE_BYTES, 8);
+    for (const i of [0, 1, 2]) gl.enableVertexAttribArray(i);
+    this.nothing = gl.createVertexArray();
+    this.drawn = 0;
+  }
+
+  makePrograms() {
+    const { gl } = this;
+    this.sampleProgram = new Program(gl, shaders.SAMPLE_VERTEX, shaders.SAMPLE_FRAGMENT);
+    this.tileProgram = new Program(gl, shaders.TILE_VERTEX, shaders.TILE_FRAGMENT);
+    this.laidProgram = new Program(gl, shaders.WHOLE_VERTEX, shaders.LAID_FRAGMENT);
+    this.finishProgram = new Program(gl, shaders.WHOLE_VERTEX, shaders.finishFragment(LAYERS));
+    // For what has no texture (yet).
+    this.noTexture = texture(gl, gl.RGBA8, [1, 1]);
+    this.noCube = gl.createTexture();
+  }
+
+  /** Takes a part of the payload in. */
+  add(part, bytes) {
+    const kinds = { normals: 'addNormals', environment: 'addEnvironment', planes: 'addPlanes', samples: 'addSamples' };
+    this[kinds[part.kind]](part, bytes);
+  }
+
+  addNormals(part, bytes) {
+    const { gl } = this;
+    const values = new Int16Array(bytes.buffer, bytes.byteOffset, bytes.length / 2);
+    const texels = new Float32Array((values.length / 3) * 4);
+    values.forEach((v, i) => (texels[Math.floor(i / 3) * 4 + (i % 3)] = v / 32767));
+    this.normals = texture(gl, gl.RGBA32F, [values.length / 3, 1]);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, values.length / 3, 1, gl.RGBA, gl.FLOAT, texels);
+  }
+
+  /** Three arrays of a byte a texel, and a bit array of those that are known, all of them differences to the texel before. */
+  addEnvironment(part, bytes) {
+    const { gl } = this;
+    const size = part.size;
+    const count = size * size * 6;
+    const texels = new Uint8Array(count * 4);
+    for (let c = 0; c < 4; c++) {
+      for (let i = 0, value = 0; i < count; i++) texels[i * 4 + c] = value += bytes[c * count + i];
+    }
+    // What no miss has reached must not weigh.
+    for (let i = 0; i < texels.length; i += 4) if (texels[i + 3] === 0) texels.fill(0, i, i + 3);
+    this.environment = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_CUBE_MAP, this.environment);
+    gl.texStorage2D(gl.TEXTURE_CUBE_MAP, 1, gl.RGBA8, size, size);
+    CUBE_ORDER.forEach((face, ours) => {
+      const pixels = texels.subarray(ours * size * size * 4, (ours + 1) * size * size * 4);
+      const to = gl.TEXTURE_CUBE_MAP_POSITIVE_X + face;
+      gl.texSubImage2D(to, 0, 0, 0, size, size, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+    });
+    for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_CUBE_MAP, name, gl.LINEAR);
+  }
+
+  addPlanes(part, bytes) {
+    const { gl } = this;
+    const { vertices, pictures, layers, count } = readPlanes(bytes, part);
+    const atlas = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D_ARRAY, atlas);
+    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, gl.RGBA8, ATLAS_PX, ATLAS_PX, layers);
+    for (const { size: [width, height], picture, place: [x, y, layer] } of pictures) {
+      gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, x, y, layer, width, height, 1, gl.RGBA, gl.UNSIGNED_BYTE, picture);
+    }
+    for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D_ARRAY, name, gl.LINEAR);
+    const array = gl.createVertexArray();
+    gl.bindVertexArray(array);
+    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+    gl.bufferData(gl.ARRAY_BUFFER, vertices, gl.STATIC_DRAW);
+    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, TILE_BYTES, 0);
+    gl.vertexAttribPointer(1, 4, gl.SHORT, false, TILE_BYTES, 12);
+    gl.vertexAttribIPointer(2, 1, gl.UNSIGNED_INT, TILE_BYTES, 20);
+    gl.vertexAttribIPointer(3, 4, gl.UNSIGNED_INT, TILE_BYTES, 24);
+    for (const i of [0, 1, 2, 3]) {
+      gl.enableVertexAttribArray(i);
+      gl.vertexAttribDivisor(i, 1);
+    }
+    this.planes = { atlas, array, count };
+  }
+
+  addSamples(part, bytes) {
+    const { gl, header } = this;
+    const { vertices, blocks } = readSamples(bytes, part, header.blockPx);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.samples);
+    gl.bufferSubData(gl.ARRAY_BUFFER, this.drawn * SAMPLE_BYTES, new Uint8Array(vertices));
+    const { face, min, step } = header.segments[part.segment];
+    let first = this.drawn;
+    for (const block of blocks) {
+      block.first = first;
+      block.inverseDepths = [min + block.farthest * step, min + block.nearest * step];
+      first += block.count;
+    }
+    this.drawn = first;
+    this.segments.push({ face, range: [min, step], blocks });
+  }
+
+  /** Makes the textures for frames of a size, unless they are there. */
+  resize([width, height]) {
+    const { gl } = this;
+    if (this.targets?.width === width && this.targets.height === height) return;
+    if (this.targets) this.freeTargets();
+    const size = [width, height];
+    const pair = () => ({ color: texture(gl, gl.RGBA16F, size), depth: texture(gl, gl.DEPTH_COMPONENT24, size) });
+    const layer = () => {
+      const { color, depth } = pair();
+      return { color, depth, toDepth: target(gl, null, depth), toColor: target(gl, color, null) };
+    };
+    const planes = pair();
+    this.targets = {
+      width,
+      height,
+      layers: LAYERS.map(layer),
+      planes: { ...planes, to: target(gl, planes.color, planes.depth) },
+    };
+  }
+
+  freeTargets() {
+    const { gl } = this;
+    for (const { color, depth, toDepth, toColor, to } of [...this.targets.layers, this.targets.planes]) {
+      gl.deleteTexture(color);
+      gl.deleteTexture(depth);
+      for (const made of [toDepth, toColor, to]) if (made) gl.deleteFramebuffer(made);
+    }
+  }
+
+  /** Draws what a camera sees to a part of a framebuffer that begins at `origin`. `shade`: 1 for full light. */
+  draw(camera, framebuffer = null, origin = [0, 0], shade = 1) {
+    const { gl, header } = this;
+    const large = withMargin(camera, MARGIN_PX);
+    this.resize(large.size);
+    const nearM = header.halfSize * 0.005;
+    const transfers = header.faces.map((face) => transfer(large, face, header.facePx));
+    const shared = {
+      ...header.rules,
+      frame: large.size,
+      principal: large.principal,
+      normals: this.normals ?? this.noTexture,
+      nearM,
+    };
+    gl.viewport(0, 0, ...large.size);
+    gl.disable(gl.CULL_FACE);
+    const hasPlanes = this.planes !== null;
+    if (hasPlanes) this.drawPlanes(shared, transfers);
+    const draws = this.normals ? this.inView(large, transfers) : [];
+    this.targets.layers.forEach((_, i) => this.drawLayer(i, shared, draws, hasPlanes));
+    this.finish(camera, framebuffer, origin, shade);
+  }
+
+  /** What of the samples may be seen: of each part the runs of its blocks. */
+  inView(camera, transfers) {
+    const { header } = this;
+    return this.segments.map(({ face, range, blocks }) => {
+      const runs = [];
+      let end = -1;
+      for (const { x, y, first, count, inverseDepths } of blocks) {
+        const [columns, rows] = [[x, x + header.blockPx], [y, y + header.blockPx]];
+        if (!mayBeSeen(camera, transfers[face], columns, rows, inverseDepths, header.rules.wNear)) continue;
+        if (first === end) runs[runs.length - 1][1] += count;
+        else runs.push([first, count]);
+        end = first + count;
+      }
+      const { one, x, y, q } = transfers[face];
+      return { runs, uniforms: { one, xStep: x, yStep: y, perInverseDepth: q, range } };
+    }).filter(({ runs }) => runs.length > 0);
+  }
+
+  /** Pictures on planes: those that hide first, then what is more than half there, which hides too, then the rest. */
+  drawPlanes(shared, transfers) {
+    const { gl, header } = this;
+    const { array, count, atlas } = this.planes;
+    const all = (of) => transfers.flatMap(of);
+    const ofFaces = (of) => header.faces.flatMap(of);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.targets.planes.to);
+    gl.colorMask(true, true, true, true);
+    gl.depthMask(true);
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.enable(gl.DEPTH_TEST);
+    gl.depthFunc(gl.LESS);
+    gl.bindVertexArray(array);
+    for (const [alphas, blends, writes] of [[[0.998, 2], false, true], [[0.5, 0.998], true, true], [[0.002, 0.5], true, false]]) {
+      this.tileProgram.use({
+        ...shared,
+        one: all((t) => t.one),
+        xStep: all((t) => t.x),
+        yStep: all((t) => t.y),
+        right: ofFaces((face) => face.right),
+        up: ofFaces((face) => face.up),
+        normal: ofFaces((face) => face.normal),
+        perInverseDepth: transfers[0].q,
+        texels: atlas,
+        alphas,
+      });
+      if (blends) gl.enable(gl.BLEND);
+      else gl.disable(gl.BLEND);
+      gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+      gl.depthMask(writes);
+      gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
+    }
+  }
+
+  /** One surface of each pixel: first how far it is, then what lies on it. */
+  drawLayer(i, shared, draws, hasPlanes) {
+    const { gl } = this;
+    const { layers, planes } = this.targets;
+    const { color, depth, toDepth, toColor } = layers[i];
+    const before = i > 0 ? layers[i - 1] : { color: this.noTexture, depth: this.noTexture };
+    const uniforms = { ...shared, layer: i, before: before.depth, sumBefore: before.color };
+    const drawAll = (adds) => {
+      const passes = { ...uniforms, adds, nearest: adds ? depth : this.noTexture };
+      if (hasPlanes) {
+        gl.bindVertexArray(this.nothing);
+        this.laidProgram.use({ ...passes, planeColor: planes.color, planeDepth: planes.depth });
+        gl.drawArrays(gl.TRIANGLES, 0, 3);
+      }
+      gl.bindVertexArray(this.sampleArray);
+      this.sampleProgram.use(passes);
+      for (const { runs, uniforms } of draws) {
+        this.sampleProgram.use(uniforms);
+        for (const [first, count] of runs) gl.drawArrays(gl.POINTS, first, count);
+      }
+    };
+    gl.bindFramebuffer(gl.FRAMEBUFFER, toDepth);
+    gl.enable(gl.DEPTH_TEST);
+    gl.depthFunc(gl.LESS);
+    gl.depthMask(true);
+    gl.disable(gl.BLEND);
+    gl.clear(gl.DEPTH_BUFFER_BIT);
+    drawAll(false);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, toColor);
+    gl.disable(gl.DEPTH_TEST);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE);
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    drawAll(true);
+  }
+
+  /** Puts surfaces and environment together. */
+  finish({ right, up, back, focal, principal, size }, framebuffer, origin, shade) {
+    const { gl, header } = this;
+    const sums = this.targets.layers.map(({ color }, i) => [`sum${i}`, color]);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
+    gl.viewport(...origin, ...size);
+    gl.disable(gl.BLEND);
+    gl.bindVertexArray(this.nothing);
+    this.finishProgram.use({
+      ...header.rules,
+      ...Object.fromEntries(sums),
+      environment: this.environment ?? this.noCube,
+      hasEnvironment: this.environment !== null,
+      right,
+      up,
+      back,
+      focal,
+      principal,
+      size,
+      origin,
+      margin: MARGIN_PX,
+      hole: [0, 0, 0],
+      shade,
+    });
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+}

@@ -1,0 +1,138 @@
+//! The samples of a segment as bytes that deflate makes small and a page reads in one loop (`samples.js`, its mirror).
+//!
+//! A part holds some blocks of [`BLOCK_PX`] face pixels a side. One array after the other, each as long as it must be:
+//!
+//! ```text
+//! blocks   u16 column, u16 row of each block, in blocks, little-endian
+//! counts   of each pixel of each block, row by row: samples in the pixel; 255 is followed by the rest
+//! depth    three arrays of a byte a sample: low, middle and high byte of the zigzag of code - expected code
+//! splat    two arrays of a byte a sample: low and high byte of index - expected index, modulo 2^11
+//! colour   four arrays of a byte a sample: green, red - green, blue - green and alpha, each minus its expectation
+//! ```
+//!
+//! What is expected of a sample stands in a neighbouring pixel, on the left or else above, as many surfaces from the nearest. On a
+//! plane, inverse depth is affine in the pixels, so that left + above - above left is exact there.
+
+use crate::packed::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, PackedSegment};
+
+/// Pixels a side of a block.
+pub(super) const BLOCK_PX: u32 = 32;
+
+/// Samples after which a part ends with its block.
+const PART_SAMPLES: usize = 1 << 17;
+
+/// Some blocks of a segment.
+pub(super) struct SamplePart {
+    pub(super) bytes: Vec<u8>,
+    pub(super) blocks: usize,
+    pub(super) samples: usize,
+}
+
+/// All samples of a segment.
+pub(super) fn parts(segment: &PackedSegment) -> Vec<SamplePart> {
+    let (mut parts, mut part) = (Vec::new(), Part::default());
+    let blocks = |first: u32, length: u32| first / BLOCK_PX..(first + length).div_ceil(BLOCK_PX);
+    for row in blocks(segment.y0, segment.height) {
+        for column in blocks(segment.x0, segment.width) {
+            part.add(segment, column, row);
+            if part.codes.len() >= PART_SAMPLES {
+                parts.push(std::mem::take(&mut part).finish());
+            }
+        }
+    }
+    if !part.codes.is_empty() {
+        parts.push(part.finish());
+    }
+    parts
+}
+
+/// Where the samples of a pixel are.
+#[derive(Clone, Copy, Default)]
+struct Pixel {
+    start: usize,
+    count: usize,
+}
+
+impl Pixel {
+    /// The sample that is as many surfaces from the nearest as the `i`th of `count`.
+    fn beside(self, i: usize, count: usize) -> usize {
+        self.start + (self.count + i).saturating_sub(count)
+    }
+}
+
+#[derive(Default)]
+struct Part {
+    blocks: Vec<u8>,
+    counts: Vec<u8>,
+    codes: Vec<i32>,
+    samples: Vec<PackedDepthPixel>,
+    depth: [Vec<u8>; 3],
+    splat: [Vec<u8>; 2],
+    color: [Vec<u8>; 4],
+}
+
+impl Part {
+    fn add(&mut self, segment: &PackedSegment, column: u32, row: u32) {
+        let (counts, samples) = (self.counts.len(), self.samples.len());
+        let side = BLOCK_PX as usize;
+        let mut pixels = vec![Pixel::default(); side * side];
+        for i in 0..pixels.len() {
+            let (x, y) = (column * BLOCK_PX + (i % side) as u32, row * BLOCK_PX + (i / side) as u32);
+            let of_pixel = match (x.checked_sub(segment.x0), y.checked_sub(segment.y0)) {
+                (Some(x), Some(y)) => segment.pixel(x, y),
+                _ => &[],
+            };
+            pixels[i] = Pixel { start: self.samples.len(), count: of_pixel.len() };
+            let mut left = of_pixel.len();
+            while left >= 255 {
+                self.counts.push(255);
+                left -= 255;
+            }
+            self.counts.push(left as u8);
+            let neighbour = |exists: bool, back: usize| if exists { pixels[i - back] } else { Pixel::default() };
+            let (on_left, above) = (neighbour(i % side > 0, 1), neighbour(i >= side, side));
+            let above_left = neighbour(i % side > 0 && i >= side, side + 1);
+            for (k, sample) in of_pixel.iter().enumerate() {
+                self.put(*sample, k, of_pixel.len(), [on_left, above, above_left]);
+            }
+        }
+        if self.samples.len() == samples {
+            self.counts.truncate(counts);
+            return;
+        }
+        self.blocks.extend([column as u16, row as u16].into_iter().flat_map(u16::to_le_bytes));
+    }
+
+    fn put(&mut self, sample: PackedDepthPixel, i: usize, count: usize, [left, above, above_left]: [Pixel; 3]) {
+        let all = [left, above, above_left].iter().all(|pixel| pixel.count == count);
+        let beside = match (left.count, above.count) {
+            (1.., _) => Some(left.beside(i, count)),
+            (0, 1..) => Some(above.beside(i, count)),
+            (0, 0) => self.samples.len().checked_sub(1),
+        };
+        let expected = match (all, beside) {
+            (true, _) => self.codes[left.start + i] + self.codes[above.start + i] - self.codes[above_left.start + i],
+            (false, Some(at)) => self.codes[at],
+            (false, None) => 0,
+        };
+        let code = sample.inverse_depth_code() as i32;
+        let off = code - expected.clamp(0, INVERSE_DEPTH_CODE_MAX as i32);
+        let zigzag = (off << 1 ^ off >> 31).to_le_bytes();
+        self.depth.iter_mut().zip(zigzag).for_each(|(plane, byte)| plane.push(byte));
+        let beside = beside.map_or(PackedDepthPixel { geometry: 0, color_srgb: [0; 4] }, |at| self.samples[at]);
+        let splat = (sample.splat_index().wrapping_sub(beside.splat_index()) & 0x7ff).to_le_bytes();
+        self.splat.iter_mut().zip(splat).for_each(|(plane, byte)| plane.push(byte));
+        let ([r, g, b, a], [er, eg, eb, ea]) = (sample.color_srgb, beside.color_srgb);
+        let (dr, dg, db) = (r.wrapping_sub(er), g.wrapping_sub(eg), b.wrapping_sub(eb));
+        let color = [dg, dr.wrapping_sub(dg), db.wrapping_sub(dg), a.wrapping_sub(ea)];
+        self.color.iter_mut().zip(color).for_each(|(plane, byte)| plane.push(byte));
+        self.codes.push(code);
+        self.samples.push(sample);
+    }
+
+    fn finish(self) -> SamplePart {
+        let arrays = [self.blocks, self.counts].into_iter().chain(self.depth).chain(self.splat).chain(self.color);
+        let arrays: Vec<Vec<u8>> = arrays.collect();
+        SamplePart { blocks: arrays[0].len() / 4, samples: self.codes.len(), bytes: arrays.concat() }
+    }
+}

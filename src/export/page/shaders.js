@@ -1,0 +1,197 @@
+// The shaders. Rows of all targets but the last run downward, as those of pictures do.
+
+const HEAD = `#version 300 es
+precision highp float;
+precision highp int;
+precision highp sampler2D;
+precision highp sampler2DArray;
+precision highp samplerCube;
+`;
+
+/** sRGB's two curves. */
+const CURVES = `
+vec3 linear(vec3 c) { return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c)); }
+vec3 srgb(vec3 c) { return mix(c * 12.92, 1.055 * pow(c, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, c)); }
+`;
+
+/**
+ * Which surface of a pixel something is on. Of each pixel the nearest surface is found first, as 1 / eye depth, then what lies on
+ * it is added up; then the same for what lies behind that surface, and so on (surface.rs; Everitt's depth peeling, 2001).
+ */
+const PEELING = `
+uniform sampler2D nearest;   // of this surface; only while it is added up
+uniform sampler2D before;    // of the surface in front of this one
+uniform sampler2D sumBefore; // what that surface holds of the pixel
+uniform int layer;
+uniform bool adds;
+uniform float nearM;
+uniform float opaque;
+float inverseDepthAt(sampler2D depths) { return (1.0 - texelFetch(depths, ivec2(gl_FragCoord.xy), 0).r) / nearM; }
+/** Whether 1 / eye depth q is on this surface, or may be the nearest behind the one before it. */
+bool isHere(float q, float apart) {
+  if (layer > 0) {
+    if (q + apart >= inverseDepthAt(before)) return false;
+    if (texelFetch(sumBefore, ivec2(gl_FragCoord.xy), 0).a >= opaque) return false;
+  }
+  return !adds || q + apart >= inverseDepthAt(nearest);
+}
+`;
+
+/** A sample: its tent in the frame, from the plane on which it lies (size.rs, tent.rs). */
+export const SAMPLE_VERTEX = `${HEAD}
+uniform vec3 one, xStep, yStep, perInverseDepth;
+uniform vec2 range;      // inverse depth of code 0, and of a step
+uniform vec2 frame, principal;
+uniform sampler2D normals;
+uniform float pixel, maxSlope, minRadius, maxRadius, minPeak, wNear, nearM, tolerance, bin;
+layout(location = 0) in uint geometry;
+layout(location = 1) in vec4 color;
+layout(location = 2) in vec2 at;
+flat out vec3 tint;
+flat out vec4 tent;      // middle, 1 / radii
+flat out vec3 weighs;    // peak; 1 / eye depth; what another surface is apart
+void main() {
+  float q = range.x + float(geometry & 0xfffffu) * range.y;
+  vec2 p = at + 0.5;
+  vec3 h = one + xStep * p.x + yStep * p.y + perInverseDepth * q;
+  if (h.z < wNear) {
+    gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
+    return;
+  }
+  vec3 n = texelFetch(normals, ivec2(int(geometry >> 20u), 0), 0).xyz;
+  vec2 along = vec2(n.x, -n.y) * pixel;
+  float ray = dot(along, p) - n.x + n.y - n.z;
+  vec2 slope = clamp(along / (abs(ray) < 1e-12 ? 1e-12 : ray), -maxSlope * pixel, maxSlope * pixel) * q;
+  vec3 right = xStep + perInverseDepth * slope.x;
+  vec3 down = yStep + perInverseDepth * slope.y;
+  float reciprocal = 1.0 / h.z;
+  vec2 middle = h.xy * reciprocal;
+  vec2 ofRight = (right.xy - middle * right.z) * reciprocal;
+  vec2 ofDown = (down.xy - middle * down.z) * reciprocal;
+  vec2 radii = clamp(sqrt(ofRight * ofRight + ofDown * ofDown), minRadius, maxRadius);
+  float area = abs(ofRight.x * ofDown.y - ofRight.y * ofDown.x);
+  float peak = max(min(area / (radii.x * radii.y), 1.0), minPeak) * color.a;
+  float inverseDepth = q * reciprocal;
+  tint = color.rgb;
+  tent = vec4(middle + principal, 1.0 / radii);
+  weighs = vec3(peak, inverseDepth, max(inverseDepth * tolerance, bin));
+  gl_Position = vec4(tent.xy / frame * 2.0 - 1.0, 1.0 - 2.0 * min(inverseDepth * nearM, 1.0), 1.0);
+  gl_PointSize = 2.0 * max(radii.x, radii.y) + 1.0;
+}`;
+
+export const SAMPLE_FRAGMENT = `${HEAD}${PEELING}
+uniform float steps;     // weights are whole numbers of 1 / steps
+flat in vec3 tint;
+flat in vec4 tent;
+flat in vec3 weighs;
+out vec4 sum;
+void main() {
+  vec2 height = max(1.0 - abs(gl_FragCoord.xy - tent.xy) * tent.zw, 0.0);
+  float weight = floor(height.x * height.y * weighs.x * steps + 0.5) / steps;
+  if (weight <= 0.0 || !isHere(weighs.y, weighs.z)) discard;
+  sum = vec4(tint * weight, weight);
+}`;
+
+/** A picture on a plane, as large as fits its place in the frame (plan.rs). */
+export const TILE_VERTEX = `${HEAD}
+uniform vec3 one[6], xStep[6], yStep[6], right[6], up[6], normal[6];
+uniform vec3 perInverseDepth;
+uniform vec2 frame, principal;
+uniform float pixel, wNear, nearM;
+layout(location = 0) in vec3 plane;
+layout(location = 1) in vec4 place;      // left, top, width, height
+layout(location = 2) in uint face;
+layout(location = 3) in uvec4 atlas;
+out vec2 texel;
+flat out vec4 inAtlas;                   // column, row, layer
+flat out vec2 last;
+void main() {
+  uint f = min(face, 5u);
+  vec3 q = vec3(dot(plane, right[f]) * pixel, -dot(plane, up[f]) * pixel, dot(plane, normal[f] - right[f] + up[f]));
+  mat3 toFrame = mat3(xStep[f] + perInverseDepth * q.x, yStep[f] + perInverseDepth * q.y, one[f] + perInverseDepth * q.z);
+  vec2 extent = place.zw - 1.0;
+  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1);
+  vec2 within = corner * extent + (corner * 2.0 - 1.0) * 1e-3;
+  vec3 at = vec3(place.xy + 0.5 + within, 1.0);
+  vec3 h = toFrame * at;
+  int level = 0;
+  bool inFront = true;
+  for (int i = 0; i < 4; i++) inFront = inFront && (toFrame * vec3(place.xy + 0.5 + vec2(i & 1, i >> 1) * extent, 1.0)).z >= wNear;
+  if (inFront) {
+    vec3 middle = toFrame * vec3(place.xy + 0.5 + extent / 2.0, 1.0);
+    vec2 x = toFrame[0].xy - toFrame[0].z * middle.xy / middle.z;
+    vec2 y = toFrame[1].xy - toFrame[1].z * middle.xy / middle.z;
+    float areaPx = abs(x.x * y.y - x.y * y.x) / (middle.z * middle.z);
+    for (; level < 3 && areaPx < 0.25; level++) areaPx *= 4.0;
+  }
+  float smaller = float(1 << level);
+  texel = within / smaller;
+  last = ceil(extent / smaller);
+  uint from = level == 0 ? atlas.x : level == 1 ? atlas.y : level == 2 ? atlas.z : atlas.w;
+  inAtlas = vec4(float(from & 2047u), float((from >> 11u) & 2047u), float(from >> 22u), 0.0);
+  gl_Position = vec4((h.xy + principal * h.z) / frame * 2.0 - h.z, h.z - 2.0 * nearM * dot(q, at), h.z);
+}`;
+
+export const TILE_FRAGMENT = `${HEAD}${CURVES}
+uniform sampler2DArray texels;
+uniform vec2 alphas;                     // the least that is drawn, and the one above all that are
+in vec2 texel;
+flat in vec4 inAtlas;
+flat in vec2 last;
+out vec4 light;                          // linear, times alpha
+void main() {
+  vec2 at = (inAtlas.xy + clamp(texel, vec2(0.0), last) + 0.5) / 2048.0;
+  vec4 found = textureLod(texels, vec3(at, inAtlas.z), 0.0);
+  if (found.a < alphas.x || found.a >= alphas.y) discard;
+  light = vec4(linear(found.rgb / found.a) * found.a, found.a);
+}`;
+
+/** A triangle that covers the frame. */
+export const WHOLE_VERTEX = `${HEAD}
+void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0); }`;
+
+/** What planes show, on its way to the surfaces of samples. */
+export const LAID_FRAGMENT = `${HEAD}${PEELING}${CURVES}
+uniform sampler2D planeColor, planeDepth;
+uniform float steps, tolerance, bin;
+out vec4 sum;
+void main() {
+  ivec2 at = ivec2(gl_FragCoord.xy);
+  vec4 light = texelFetch(planeColor, at, 0);
+  float weight = floor(light.a * steps + 0.5) / steps;
+  float q = max(inverseDepthAt(planeDepth), 0.0);
+  if (weight <= 0.0 || !isHere(q, max(q * tolerance, bin))) discard;
+  gl_FragDepth = texelFetch(planeDepth, at, 0).r;
+  sum = vec4(srgb(light.rgb / light.a) * weight, weight);
+}`;
+
+/** Surfaces over one another and over the environment, in linear light (surface.rs, finish.rs). */
+export const finishFragment = (layers) => `${HEAD}${CURVES}
+${layers.map((i) => `uniform sampler2D sum${i};`).join('\n')}
+uniform samplerCube environment;
+uniform bool hasEnvironment;
+uniform vec3 right, up, back, hole;
+uniform vec2 focal, principal, size, origin;
+uniform float margin, opaque, minShare, shade;
+out vec4 color;
+/** A surface over what is behind it, which fills what it leaves open as it fills the pixel. */
+vec4 over(vec4 sum, vec4 behind) {
+  if (sum.a <= 0.0) return behind;
+  float share = clamp(sum.a / opaque, minShare, 1.0);
+  float rest = (1.0 - share) * (share < 1.0 ? min(behind.a / (1.0 - share), 1.0) : 0.0);
+  return vec4((linear(sum.rgb / sum.a) * share + behind.rgb * rest) / (share + rest), share + rest);
+}
+void main() {
+  vec2 pixel = vec2(gl_FragCoord.x - origin.x, size.y - (gl_FragCoord.y - origin.y));
+  ivec2 at = ivec2(pixel + margin);
+  vec4 seen = vec4(0.0);
+${layers.map((i) => `  seen = over(texelFetch(sum${i}, at, 0), seen);`).reverse().join('\n')}
+  if (seen.a < 1.0) {
+    vec2 off = (pixel - principal) / focal;
+    vec3 direction = right * off.x - up * off.y - back;
+    vec4 far = hasEnvironment ? texture(environment, direction * vec3(1.0, 1.0, -1.0)) : vec4(0.0);
+    if (far.a > 0.0) seen.rgb = linear(far.rgb / far.a) * (1.0 - seen.a) + seen.rgb * seen.a;
+    else if (seen.a <= 0.0) seen.rgb = hole;
+  }
+  color = vec4(srgb(seen.rgb) * shade, 1.0);
+}`;

@@ -1,0 +1,83 @@
+//! Bytes as text of a page: seven bits a character, which costs 8/7 and a little, whatever charset a server claims.
+//!
+//! A script element keeps every character of ASCII but three: NUL, carriage return, and `<`, which might end it. U+0080, U+0081
+//! and U+0082 stand for these. Base64 costs 4/3.
+
+/// The three that a script element does not keep.
+const KEPT_OUT: [u8; 3] = [0, b'\r', b'<'];
+
+/// The text of some bytes: seven bits after the other, from the lowest of the first byte on.
+pub(super) fn encode(bytes: &[u8]) -> String {
+    let mut text = String::with_capacity(bytes.len() * 7 / 6);
+    let (mut bits, mut held) = (0u32, 0);
+    for byte in bytes {
+        bits |= u32::from(*byte) << held;
+        held += 8;
+        while held >= 7 {
+            text.push(character(bits as u8 & 127));
+            (bits, held) = (bits >> 7, held - 7);
+        }
+    }
+    if held > 0 {
+        text.push(character(bits as u8 & 127));
+    }
+    text
+}
+
+fn character(seven: u8) -> char {
+    match KEPT_OUT.iter().position(|kept_out| *kept_out == seven) {
+        Some(i) => char::from(128 + i as u8),
+        None => char::from(seven),
+    }
+}
+
+/// Base64, for the one picture that has to be there before any script.
+pub(super) fn base64(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for three in bytes.chunks(3) {
+        let word = three.iter().enumerate().fold(0u32, |word, (i, byte)| word | u32::from(*byte) << (16 - 8 * i));
+        for i in 0..4 {
+            let digit = char::from(DIGITS[(word >> (18 - 6 * i)) as usize & 63]);
+            text.push(if i <= three.len() { digit } else { '=' });
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As `payload.js` reads it.
+    fn decode(text: &str, count: usize) -> Vec<u8> {
+        let (mut bits, mut held, mut bytes) = (0u32, 0, Vec::new());
+        for c in text.chars() {
+            let c = c as usize;
+            bits |= u32::from(if c < 128 { c as u8 } else { KEPT_OUT[c - 128] }) << held;
+            held += 7;
+            if held >= 8 && bytes.len() < count {
+                bytes.push(bits as u8);
+                (bits, held) = (bits >> 8, held - 8);
+            }
+        }
+        bytes
+    }
+
+    #[test]
+    fn base64_is_that_of_rfc_4648() {
+        for (bytes, expected) in [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foobar", "Zm9vYmFy")] {
+            assert_eq!(base64(bytes.as_bytes()), expected);
+        }
+    }
+
+    #[test]
+    fn bytes_survive_as_text_that_a_page_keeps() {
+        for length in [0, 1, 6, 7, 8, 1000] {
+            let bytes: Vec<u8> = (0..length).map(|i: u32| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
+            let text = encode(&bytes);
+            assert_eq!(decode(&text, bytes.len()), bytes);
+            assert!(!text.contains(['\0', '\r', '<']) && text.len() <= bytes.len() * 6 / 5 + 4, "{length}");
+        }
+    }
+}

@@ -1,0 +1,76 @@
+// Where the eye is and where it looks, and the words for that in a link: file axes and units, as on the command line.
+import { stepInside } from './camera.js';
+import { add, clamp, cross, normalize, scale, subtract } from './vectors.js';
+
+const UP = [0, 1, 0];
+const MAX_PITCH = (89 * Math.PI) / 180;
+
+/** World metres of a position in the scene's file, and back. */
+const worldFromFile = ({ unit, zUp }, p) => scale(zUp ? [p[0], p[2], -p[1]] : p, unit);
+const fileFromWorld = ({ unit, zUp }, p) => scale(zUp ? [p[0], -p[2], p[1]] : p, 1 / unit);
+
+function numbers(text) {
+  const found = (text ?? '').split(',').map(Number);
+  return found.length === 3 && found.every(Number.isFinite) ? found : null;
+}
+
+export class View {
+  constructor(header) {
+    this.header = header;
+    this.reset();
+  }
+
+  reset() {
+    this.eye = [0, 0, 0];
+    this.forward = normalize(this.header.ahead);
+    this.up = UP;
+    this.fov = 60;
+  }
+
+  /** Takes over what a link says, as far as it says it. */
+  restore(hash) {
+    const words = new URLSearchParams(hash.replace(/^#/, ''));
+    const { centre, frame, halfSize } = this.header;
+    const eye = numbers(words.get('eye'));
+    if (eye) {
+      const from = subtract(worldFromFile(frame, eye), centre);
+      this.eye = from.map((c) => clamp(c, -halfSize, halfSize));
+    }
+    const target = numbers(words.get('look-at'));
+    if (target) {
+      const forward = subtract(subtract(worldFromFile(frame, target), centre), this.eye);
+      if (Math.hypot(...forward) > 0) this.forward = normalize(forward);
+    }
+    const fov = Number(words.get('fov') || NaN);
+    if (fov >= 1 && fov <= 170) this.fov = fov;
+    return { ui: words.get('ui') !== '0' };
+  }
+
+  /** What a link must say to show this view. */
+  link() {
+    const { centre, frame } = this.header;
+    const text = (p) => fileFromWorld(frame, p).map((c) => Number(c.toPrecision(9))).join(',');
+    const eye = add(centre, this.eye);
+    return `#eye=${text(eye)}&look-at=${text(add(eye, this.forward))}&fov=${Number(this.fov.toFixed(2))}`;
+  }
+
+  /** Turns to the right and upward, radians. */
+  turn(yaw, pitch) {
+    const [x, y, z] = this.forward;
+    const direction = Math.atan2(x, -z) + yaw;
+    const height = clamp(Math.asin(clamp(y, -1, 1)) + pitch, -MAX_PITCH, MAX_PITCH);
+    this.forward = [Math.sin(direction) * Math.cos(height), Math.sin(height), -Math.cos(direction) * Math.cos(height)];
+    this.up = UP;
+  }
+
+  /** Moves by metres to the right, up and ahead, as far as the headbox allows. */
+  move(right, up, ahead) {
+    const toRight = normalize(cross(this.forward, this.up));
+    const step = add(add(scale(toRight, right), scale(UP, up)), scale(this.forward, ahead));
+    this.eye = stepInside(this.eye, step, this.header.halfSize);
+  }
+
+  zoom(factor) {
+    this.fov = clamp(this.fov * factor, 15, 110);
+  }
+}
