@@ -24,7 +24,7 @@ most=0.05
 
 # hold NAME EYE LOOK_AT: the page against the CPU, seen from an eye.
 hold() {
-    "$headbox" render "$out/$1.ldi" -o "$out/$1.cpu.png" --size 320x240 --eye "$2" --look-at "$3" >/dev/null
+    "$headbox" render "$out/$1.ldi" -o "$out/$1.cpu.png" --size 320x240 --keep-holes --eye "$2" --look-at "$3" >/dev/null
     .ci/page.py 320x240 "file://$here/$1.html#eye=$2&look-at=$3&fov=60&ui=0" "$out/$1.page.png"
     "$headbox" compare "$out/$1.cpu.png" "$out/$1.page.png" --json >"$out/$1.json"
     python3 -c "import json, sys; flip = json.load(open('$out/$1.json'))['flip']

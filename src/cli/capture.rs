@@ -10,6 +10,8 @@ use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;
 use crate::capture::trace::Tracer;
 use crate::capture::{Scene, files, viewpoint};
+use crate::gaps;
+use crate::ldi::Holes;
 use crate::ldi::build;
 use crate::ldi::from_images::ImagesJob;
 use crate::ldi::job::CaptureJob;
@@ -249,14 +251,16 @@ impl Capture {
             triple(scene.frame.file_from_world(centre)),
             rounded(job.half_size_m / scene.frame.unit_m)
         );
-        eprintln!("will take: {}", Estimate::of(&job, &tracer, self.shard.map_or(1, |(_, parts)| parts)));
+        let estimate = Estimate::of(&job, &tracer, self.shard.map_or(1, |(_, parts)| parts));
+        eprintln!("will take: {estimate}");
         let resources = Resources { budget: budget(self.memory, &self.output) };
-        let bar = Bar::new();
+        let bar = Bar::planned(estimate.plan(), true);
         if let Some(part) = self.shard {
             return self.run_shard(job, part, &tracer, &resources, &bar, start);
         }
         let lighting = Lighting::measure(&tracer, job.parameters.bounces);
-        let (ldi, trace_time) = job.run(&tracer, &lighting, &resources, &bar).context("the capture failed")?;
+        let (ldi, trace_time) =
+            gaps::capture(&job, &tracer, &lighting, &resources, &bar).context("the capture failed")?;
         drop((tracer, scene));
         let packed = self.packing.pack(ldi)?;
         if packed.depth_pixel_count() == 0 && packed.planes.tiles.is_empty() {
@@ -265,7 +269,8 @@ impl Capture {
         packed.write(&self.output)?;
         bar.finish();
         warn_if_blocked(packed.info.blocked_share);
-        self.report(&packed, trace_time.as_secs_f64(), start.elapsed().as_secs_f64(), &bar.times());
+        let took_s = [trace_time.as_secs_f64(), start.elapsed().as_secs_f64(), estimate.seconds()];
+        self.report(&packed, took_s, &bar.times());
         Ok(())
     }
 
@@ -336,7 +341,7 @@ impl Capture {
         Ok(())
     }
 
-    fn report(&self, cube: &PackedCube, trace_s: f64, total_s: f64, times: &str) {
+    fn report(&self, cube: &PackedCube, [trace_s, total_s, estimated_s]: [f64; 3], times: &str) {
         let rays = cube.info.rays_traced;
         let missing: Vec<f64> = cube.info.missing_estimate.iter().flatten().copied().collect();
         let mean = (!missing.is_empty()).then(|| missing.iter().sum::<f64>() / missing.len() as f64);
@@ -346,6 +351,7 @@ impl Capture {
                 "peak_rss_mb": peak_rss_mb(), "depth_pixels": cube.depth_pixel_count(), "samples_on_planes": cube.planes.samples,
                 "missing_estimate": mean, "missing_estimate_per_face": cube.info.missing_estimate,
                 "bytes": cube.bytes(), "blocked_share": cube.info.blocked_share,
+                "estimated_s": estimated_s, "holes": cube.info.holes,
             }));
             return;
         }
@@ -354,6 +360,24 @@ impl Capture {
         if let Some(mean) = mean {
             println!("  the next ray would find something new with a probability of {:.1} %", mean * 100.0);
         }
+        if let Some(holes) = cube.info.holes {
+            println!("  holes: {}", words_of(&holes, self.quality.parameters.holes));
+        }
         println!("look at it: headbox render {} -o frame.png", self.output.display());
+    }
+}
+
+/// What became of the search for holes.
+fn words_of(holes: &Holes, limit: f64) -> String {
+    let [share, error, before] = [holes.share, holes.standard_error, holes.share_before].map(|share| share * 100.0);
+    let found = format!(
+        "{share:.4} % of frames' pixels (+- {error:.4} %), {before:.3} % before {} rays were aimed",
+        holes.aimed_rays
+    );
+    let is_met = holes.share + holes.standard_error <= limit;
+    if is_met {
+        found
+    } else {
+        format!("{found}; that is all that {} rounds reach of {} %", holes.rounds, limit * 100.0)
     }
 }

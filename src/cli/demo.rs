@@ -10,6 +10,7 @@ use crate::capture::trace::Tracer;
 use crate::capture::{Camera, CameraError};
 use crate::drawing::sheet::{Sheet, SheetCell, SheetRow};
 use crate::frame::Coverage;
+use crate::gaps;
 use crate::ldi::job::CaptureJob;
 use crate::ldi::parameters::{CaptureParameters, Resources};
 use crate::measure::cube_map::CubeMap;
@@ -125,7 +126,7 @@ impl Demo {
     fn capture(&self, job: &CaptureJob, tracer: &Tracer, lighting: &Lighting) -> anyhow::Result<PackedCube> {
         let start = Instant::now();
         let bar = Bar::new();
-        let (ldi, trace_time) = job.run(tracer, lighting, &Resources::default(), &bar)?;
+        let (ldi, trace_time) = gaps::capture(job, tracer, lighting, &Resources::default(), &bar)?;
         bar.finish();
         let cube = primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, primitives::DEFAULT_ERROR_PX)?;
         let path = self.out.join("demo.ldi");

@@ -5,6 +5,7 @@ use super::output::{CUBE, Outputs, peak_rss_mb, print_json};
 use super::progress::Bar;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
+use crate::gaps;
 use crate::ldi::parameters::Resources;
 use crate::ldi::shard;
 use crate::scene_source::fingerprint;
@@ -63,6 +64,7 @@ impl Merge {
             shard::absorb(path, info, &mut tracing)?;
         }
         let bar = Bar::new();
+        gaps::close(&first.job, &mut tracing, &tracer, &lighting, &bar)?;
         let ldi = first.job.finish(&tracing, &tracer, &lighting, &resources, &bar)?;
         drop((tracing, tracer));
         let packed = self.packing.pack(ldi)?;

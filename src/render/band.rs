@@ -2,6 +2,7 @@
 
 use super::clip::{self, Band, BlockClip};
 use super::epipolar::Spans;
+use super::fill;
 use super::finish::{Background, Pixels};
 use super::format::Format;
 use super::kernel::SegmentWarp;
@@ -158,7 +159,7 @@ struct Pass<'a> {
 }
 
 impl Pass<'_> {
-    fn draw(&mut self, canvas: &mut dyn Canvas, camera: &Camera, pixels: Pixels) {
+    fn draw(&mut self, canvas: &mut dyn Canvas, camera: &Camera, mut pixels: Pixels) {
         let started = Instant::now();
         let (band, plan) = (self.band, self.plan);
         canvas.clear(band.width, band.rows.clone());
@@ -179,11 +180,14 @@ impl Pass<'_> {
         }
         let drawn = Instant::now();
         let background = Background::new(plan, self.source.cube, camera);
+        let (inverse_depths, holes_before) = (std::mem::take(&mut pixels.inverse_depths), self.stats.hole_pixels);
         for (row, (y, pixels)) in band.rows.clone().zip(pixels.rows(band.width)).enumerate() {
             canvas.resolve(row, 0, pixels.colors, plan.level);
             self.depth.resolve(row, 0, pixels.depths_m);
             self.stats.hole_pixels += background.put_under(y, pixels);
         }
+        let has_holes = self.stats.hole_pixels > holes_before || plan.tells_all;
+        fill::tell_rows(inverse_depths, band, has_holes, |row, to| canvas.tell_depths(row, 0, to));
         self.stats.clear_ms += (cleared - started).as_secs_f64() * 1e3;
         self.stats.warp_ms += (drawn - cleared).as_secs_f64() * 1e3;
         self.stats.finish_ms += drawn.elapsed().as_secs_f64() * 1e3;

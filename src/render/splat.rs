@@ -65,6 +65,11 @@ impl SplatKernel {
         }
     }
 
+    /// Whether its canvas knows how far what it shows is.
+    pub(crate) fn knows_depths(self) -> bool {
+        matches!(self, Self::Tent | Self::Ellipse)
+    }
+
     /// The part of a footprint's radius that is the sample's share of its surface alone.
     pub(crate) fn own_share(self) -> f32 {
         match self {
@@ -187,6 +192,10 @@ pub(crate) trait Canvas {
     /// Writes the pixels of a row, counted from its first row on, from a column on: straight colour, and the share of 255
     /// that splats cover; 0 if none touched it.
     fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level);
+
+    /// Writes 1 / eye depth of what is in front in the same pixels, 0 where nothing is. A canvas that does not know it writes
+    /// nothing.
+    fn tell_depths(&self, _row: usize, _column: usize, _to: &mut [f32]) {}
 }
 
 /// 2^32 / divisor, rounded up, for the divisors below `N`; 0 for 0. `n * reciprocal >> 32` is `n / divisor` for all n below

@@ -290,6 +290,12 @@ impl Canvas for SurfaceCanvas {
         dispatch!(level, simd => self.draw_all(simd, splats));
     }
 
+    fn tell_depths(&self, row: usize, column: usize, to: &mut [f32]) {
+        let start = row * self.width as usize + column;
+        let from = self.cells.get(start..start + to.len()).unwrap_or(&[]);
+        to.iter_mut().zip(from).for_each(|(to, cell)| *to = cell.inverse_depth);
+    }
+
     fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level) {
         let start = row * self.width as usize + column;
         let from = self.cells.get(start..start + to.len()).unwrap_or(&[]);
