@@ -113,6 +113,6 @@ impl fmt::Display for Estimate {
         let rays = self.rays / 1e6;
         let time = super::progress::duration(self.seconds());
         let (file, memory) = (self.file_bytes / 1e6, self.memory_bytes / 1e6);
-        write!(f, "{rays:.1} M rays, about {time}, a file of about {file:.0} MB, about {memory:.0} MB of memory")
+        write!(f, "{rays:.1} M rays, about {time}, a file of at most {file:.0} MB, about {memory:.0} MB of memory")
     }
 }
