@@ -80,6 +80,8 @@ pub mod export;
 #[doc(hidden)]
 pub mod frame;
 #[doc(hidden)]
+pub mod gaps;
+#[doc(hidden)]
 pub mod ldi;
 #[cfg(feature = "cli")]
 #[doc(hidden)]

@@ -1,6 +1,6 @@
 //! `headbox demo`: the main job, end to end.
 
-use super::capture::place_headbox;
+use super::capture::{place_headbox, what_is_kept};
 use super::demo_sprites::print_sprite_rows;
 use super::output::{Outputs, peak_rss_mb, save_picture, write_text};
 use super::progress::Bar;
@@ -10,11 +10,13 @@ use crate::capture::trace::Tracer;
 use crate::capture::{Camera, CameraError};
 use crate::drawing::sheet::{Sheet, SheetCell, SheetRow};
 use crate::frame::Coverage;
+use crate::gaps;
 use crate::ldi::job::CaptureJob;
 use crate::ldi::parameters::{CaptureParameters, Resources};
 use crate::measure::cube_map::CubeMap;
 use crate::metrics::{self, Comparison};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::primitives;
 use crate::progress::Silent;
 use crate::render::{RenderSettings, Renderer};
 use crate::scene_source::SceneSource;
@@ -124,14 +126,14 @@ impl Demo {
     fn capture(&self, job: &CaptureJob, tracer: &Tracer, lighting: &Lighting) -> anyhow::Result<PackedCube> {
         let start = Instant::now();
         let bar = Bar::new();
-        let (ldi, trace_time) = job.run(tracer, lighting, &Resources::default(), &bar)?;
+        let (ldi, trace_time) = gaps::capture(job, tracer, lighting, &Resources::default(), &bar)?;
         bar.finish();
-        let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto)?;
+        let cube = primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, primitives::DEFAULT_ERROR_PX)?;
         let path = self.out.join("demo.ldi");
         cube.write(&path)?;
-        let (rays, count) = (cube.info.rays_traced, cube.depth_pixel_count());
+        let (rays, kept) = (cube.info.rays_traced, what_is_kept(&cube));
         println!(
-            "captured {count} depth pixels from {rays} rays: {:.1} s, of which tracing {:.1} s ({:.1} Mrays/s){}",
+            "captured {kept} from {rays} rays: {:.1} s, of which tracing {:.1} s ({:.1} Mrays/s){}",
             start.elapsed().as_secs_f64(),
             trace_time.as_secs_f64(),
             rays as f64 / trace_time.as_secs_f64() / 1e6,

@@ -46,6 +46,9 @@ pub(super) struct Render {
     /// Pixels by which gaps inside sprites are filled; 3 if absent
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     fill_steps: Option<u32>,
+    /// Leave small holes open, which are otherwise filled from what lies behind their rims
+    #[arg(long)]
+    keep_holes: bool,
     /// EXR to write the eye depth of each pixel to, metres, infinite where nothing is drawn; for a single frame of one .ldi
     #[arg(long, value_name = "FILE.exr", conflicts_with = "path")]
     depth: Option<PathBuf>,
@@ -187,6 +190,10 @@ impl Render {
         if !cubes && self.parallel.is_some() {
             return Err(UsageError("--parallel is for .ldi files".into()).into());
         }
+        if !cubes && self.keep_holes {
+            return Err(UsageError("--keep-holes is for .ldi files".into()).into());
+        }
+        settings.cubes.keep_holes = self.keep_holes;
         settings.cubes.parallel = self.parallel.unwrap_or_default();
         let Some(wanted) = &self.variant else { return Ok(settings) };
         let kernel = SplatKernel::ALL.iter().find(|(name, _)| name == wanted).filter(|_| cubes);

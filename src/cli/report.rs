@@ -5,7 +5,7 @@ use super::args::{FrameArgs, UNITS, parse_length, parse_up, parse_vector};
 use super::capture::place_headbox;
 use super::images::{SetArgs, is_image_set};
 use super::output::{NO_INPUTS, Outputs, PAGE, save_picture, write_text};
-use super::progress::Bar;
+use super::progress::{Bar, Planned};
 use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;
 use crate::capture::scene::UpAxis;
@@ -15,7 +15,7 @@ use crate::ldi::from_images::ImagesJob;
 use crate::measure::images::{self, Shown};
 use crate::measure::machine::{Machine, commit};
 use crate::measure::plan::{Plan, Quality, most_to_see};
-use crate::measure::report::figures::figures;
+use crate::measure::report::figures::{figures, short};
 use crate::measure::report::row::Report;
 use crate::measure::report::subject::Subject;
 use crate::measure::report::{promises, results, scene, summary};
@@ -203,8 +203,9 @@ impl ReportCommand {
         if self.resume {
             report.resume(read_report(&json).ok());
         }
-        let bar = Bar::new();
-        for named in &self.subjects {
+        let bar = Bar::planned(plan_of_a_scene(), false);
+        for (number, named) in self.subjects.iter().enumerate() {
+            bar.part(short(&named.name), number, self.subjects.len());
             if report.scenes.iter().any(|facts| facts.scene == named.name) {
                 continue;
             }
@@ -216,6 +217,7 @@ impl ReportCommand {
             write_text(&json, &(serde_json::to_string_pretty(&report)? + "\n"))?;
         }
         bar.finish();
+        eprintln!("time: {}", bar.times());
         write_text(&output.join("report.csv"), &report.to_csv())?;
         let summary = summary::summary(&report);
         write_text(&output.join("summary.md"), &summary)?;
@@ -320,6 +322,16 @@ impl ReportCommand {
         let plan = plan.map_err(|error| UsageError(error.to_string()))?;
         Ok((Subject { name: name.to_owned(), tracer, lighting, lit, cube, sprites }, plan))
     }
+}
+
+/// The stages of a scene's measurement, with shares of its time as they are in the middle: captures that differ in one thing each,
+/// frames in turns, and truth for each eye, for some more than once.
+fn plan_of_a_scene() -> Vec<Planned> {
+    vec![
+        Planned { stages: &["pilot", "trace", "look for holes", "light and merge", "sprites"], times: 40, weight: 0.4 },
+        Planned { stages: &["frames"], times: 1, weight: 0.2 },
+        Planned { stages: &["truth"], times: 24, weight: 0.4 },
+    ]
 }
 
 fn read_text(path: &Path) -> anyhow::Result<String> {

@@ -153,7 +153,7 @@ impl Composition {
         let width = (frame.width as usize).max(1);
         let rows = frame.color.par_chunks_mut(width).zip(frame.coverage.par_chunks_mut(width)).enumerate();
         let put_under = |(y, (colors, coverages)): (usize, (_, _))| {
-            background.put_under(y as u32, Pixels { colors, coverages, depths_m: &mut [] })
+            background.put_under(y as u32, Pixels { colors, coverages, depths_m: &mut [], inverse_depths: &mut [] })
         };
         stats.hole_pixels = rows.map(put_under).sum();
         stats.compose_ms = started.elapsed().as_secs_f64() * 1e3 - stats.sprites_ms - stats.cubes_ms;

@@ -34,22 +34,52 @@ pub fn finish(
         let missing = run.plan.missing_estimate(&run.store)?;
         info.missing_estimate.iter_mut().zip(missing).for_each(|(slot, estimate)| *slot = Some(estimate));
     }
-    info.rays_traced = run.rays;
+    (info.rays_traced, info.holes) = (run.rays, run.holes);
     if settings.resources.budget.is_some() {
         run.store.spill_all()?; // the LDI that now grows needs the memory
     }
-    let shader =
-        Shader { tracer, lighting, samples: settings.parameters.light_samples, face_size_px: settings.face_size_px };
-    let bins = DepthBins::new(settings.half_size_m, settings.face_size_px);
     progress.begin("light and merge", "tiles", run.store.tile_count() as u64);
+    let samples = settings.parameters.light_samples;
+    let shader = Shader { tracer, lighting, samples, shape_only: false, face_size_px: settings.face_size_px };
+    merge(run, info, &shader, settings, progress)
+}
+
+/// The same without light and colours, and without an end: more rays may be traced after it. For a look at what the rays so
+/// far have found.
+///
+/// # Errors
+/// If spilled accumulators cannot be read.
+pub fn shape(
+    run: &Tracing,
+    info: CaptureInfo,
+    tracer: &Tracer,
+    lighting: &Lighting,
+    settings: &CaptureSettings,
+    progress: &dyn Progress,
+) -> io::Result<CubeLdi> {
+    let shader = Shader { tracer, lighting, samples: 0, shape_only: true, face_size_px: settings.face_size_px };
+    merge(run, info, &shader, settings, progress)
+}
+
+fn merge(
+    run: &Tracing,
+    info: CaptureInfo,
+    shader: &Shader,
+    settings: &CaptureSettings,
+    progress: &dyn Progress,
+) -> io::Result<CubeLdi> {
+    let Shader { tracer, lighting, .. } = *shader;
+    let bins = DepthBins::new(settings.half_size_m, settings.face_size_px);
     let mut faces = Vec::with_capacity(6);
     for face in Face::ALL {
-        let mut parts = lit_face(run, face, &shader, progress)?;
+        let mut parts = lit_face(run, face, shader, progress)?;
         if settings.parameters.sampler != Sampler::CentreRays {
             let half_size_m = settings.half_size_m as f32;
-            Mender { face, shader: &shader, bins: &bins, half_size_m }.mend(&mut parts);
+            Mender { face, shader, bins: &bins, half_size_m }.mend(&mut parts);
         }
-        parts.pool_soft_light(pool::radius_for(settings.parameters.light_samples));
+        if !shader.shape_only {
+            parts.pool_soft_light(pool::radius_for(settings.parameters.light_samples));
+        }
         let (mut merged, spans) = merge_face(face, &parts, settings, &bins);
         drop(parts);
         let half_size_m = settings.half_size_m;
@@ -68,7 +98,7 @@ struct LitTile {
     parts: VecDeque<LitPart>,
 }
 
-/// Lights all accumulators of a face, and forgets them: a row of tiles at a time, so that the parts of a face are in
+/// Lights all accumulators of a face, and forgets them unless only their shape is looked at: a row of tiles at a time, so that the parts of a face are in
 /// memory only once.
 fn lit_face(run: &Tracing, face: Face, shader: &Shader, progress: &dyn Progress) -> io::Result<FaceParts> {
     let size_px = shader.face_size_px;
@@ -92,7 +122,9 @@ fn lit_face(run: &Tracing, face: Face, shader: &Shader, progress: &dyn Progress)
 fn lit_tile(run: &Tracing, tile: usize, shader: &Shader) -> io::Result<LitTile> {
     let (face, x0, y0) = run.store.tile_place(tile);
     let accumulators = run.store.tile_run(tile)?;
-    run.store.clear_tile(tile);
+    if !shader.shape_only {
+        run.store.clear_tile(tile);
+    }
     let mut lit = LitTile::default();
     for pixel in accumulators.chunk_by(|a, b| a.link == b.link) {
         let (x, y) = (x0 + pixel[0].link % TILE_PX, y0 + pixel[0].link / TILE_PX);

@@ -24,6 +24,8 @@ pub struct Shader<'a> {
     pub lighting: &'a Lighting,
     /// Light samples per depth pixel (K); 0 leaves surfaces unlit: their colour is albedo plus emission.
     pub samples: u32,
+    /// Leaves out colours too.
+    pub shape_only: bool,
     /// Pixels a side of a face.
     pub face_size_px: u32,
 }
@@ -92,7 +94,7 @@ impl Shader<'_> {
         }
         let (sun, soft) =
             if samples == 0 { (Vec3::ZERO, Vec3::ONE) } else { (sun / samples as f32, soft / samples as f32) };
-        let albedo = self.filtered_albedo(acc, face, x, y, triangle);
+        let albedo = if self.shape_only { [0; 3] } else { self.filtered_albedo(acc, face, x, y, triangle) };
         let exposure = self.lighting.exposure;
         let lit = Vec3::from_array(albedo.map(|c| f32::from(c) / 65_535.0)) * sun;
         LitPart {

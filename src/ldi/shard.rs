@@ -196,6 +196,7 @@ impl ShardInfo {
             misses: MissMap::new(self.job.face_size_px),
             plan: RayPlan::full(settings.parameters.strata(), 6),
             rays: 0,
+            holes: None,
         })
     }
 }

@@ -194,7 +194,7 @@ impl Bench<'_> {
     }
 
     fn draw(&mut self, cube: &PackedCube, camera: &Camera) -> Drawn {
-        let settings = RenderSettings { hole_color_srgb: HOLE, ..RenderSettings::default() };
+        let settings = RenderSettings { hole_color_srgb: HOLE, keep_holes: true, ..RenderSettings::default() };
         self.renderer.render(cube, camera, &settings);
         self.renderer.render(cube, camera, &settings);
         let (frame, stats) = self.renderer.render_with_stats(cube, camera, &settings);

@@ -17,6 +17,8 @@ pub(crate) struct Pixels<'a> {
     pub(crate) coverages: &'a mut [Coverage],
     /// Eye depth, m, infinite where no splat is. Empty if nobody wants it.
     pub(crate) depths_m: &'a mut [f32],
+    /// 1 / eye depth, for whoever fills holes. Empty if nobody does.
+    pub(crate) inverse_depths: &'a mut [f32],
 }
 
 impl<'a> Pixels<'a> {
@@ -24,8 +26,13 @@ impl<'a> Pixels<'a> {
     pub(super) fn rows(self, width: u32) -> impl Iterator<Item = Pixels<'a>> {
         let width = width as usize;
         let mut depths_m = self.depths_m.chunks_mut(width);
+        let mut inverse_depths = self.inverse_depths.chunks_mut(width);
         let rows = self.colors.chunks_mut(width).zip(self.coverages.chunks_mut(width));
-        rows.map(move |(colors, coverages)| Pixels { colors, coverages, depths_m: depths_m.next().unwrap_or(&mut []) })
+        rows.map(move |(colors, coverages)| {
+            let (depths_m, inverse_depths) = (depths_m.next(), inverse_depths.next());
+            let [depths_m, inverse_depths] = [depths_m, inverse_depths].map(Option::unwrap_or_default);
+            Pixels { colors, coverages, depths_m, inverse_depths }
+        })
     }
 }
 
@@ -68,7 +75,7 @@ impl<'a> Background<'a> {
     #[inline(always)]
     fn put_under_row<S: Simd>(&self, simd: S, [start, step]: [DVec3; 2], pixels: Pixels) -> u64 {
         let mut holes = 0;
-        let Pixels { colors, coverages, depths_m } = pixels;
+        let Pixels { colors, coverages, depths_m, .. } = pixels;
         let chunks = colors.chunks_mut(CHUNK).zip(coverages.chunks_mut(CHUNK));
         for (i, (colors, coverages)) in chunks.enumerate() {
             let from = (start + step * (i * CHUNK) as f64).as_vec3();

@@ -291,7 +291,7 @@ impl Fragments {
         source: Source,
         camera: &Camera,
         count: u32,
-        frame: &mut Frame,
+        (frame, inverse_depths): (&mut Frame, &mut [f32]),
     ) -> FrameStats {
         let (started, cube) = (Instant::now(), source.cube);
         let count = if count > 0 { count as usize } else { rayon::current_num_threads() };
@@ -340,15 +340,17 @@ impl Fragments {
         let rays = |y| epipolar.frame_row(camera, y);
         let Self { owners, boundaries, .. } = self;
         let finished = match plan.kernel {
-            SplatKernel::Tent => owners.assemble(plan, boundaries, &background, frame, rays, |i| {
+            SplatKernel::Tent => owners.assemble(plan, boundaries, &background, (frame, inverse_depths), rays, |i| {
                 let Worker { surfaces, depth, .. } = &painters[i];
                 (surfaces, depth)
             }),
-            SplatKernel::Ellipse => owners.assemble(plan, boundaries, &background, frame, rays, |i| {
-                let Worker { ellipses, depth, .. } = &painters[i];
-                (ellipses, depth)
-            }),
-            _ => owners.assemble(plan, boundaries, &background, frame, rays, |i| {
+            SplatKernel::Ellipse => {
+                owners.assemble(plan, boundaries, &background, (frame, inverse_depths), rays, |i| {
+                    let Worker { ellipses, depth, .. } = &painters[i];
+                    (ellipses, depth)
+                })
+            }
+            _ => owners.assemble(plan, boundaries, &background, (frame, inverse_depths), rays, |i| {
                 let Worker { over, depth, .. } = &painters[i];
                 (over, depth)
             }),

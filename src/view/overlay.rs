@@ -114,7 +114,7 @@ pub(super) fn paint_coverage(frame: &Frame, pixels: &mut [[u8; 4]]) {
     for (pixel, &coverage) in pixels.iter_mut().zip(&frame.coverage) {
         let share = coverage.splat_share();
         *pixel = match coverage {
-            Coverage::HOLE => HOLE_COLOR,
+            Coverage::HOLE | Coverage::FILLED => HOLE_COLOR,
             Coverage::ENVIRONMENT => [ENVIRONMENT_RGB[0], ENVIRONMENT_RGB[1], ENVIRONMENT_RGB[2], OPAQUE],
             _ => [share, share, share, OPAQUE],
         };

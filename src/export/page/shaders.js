@@ -122,7 +122,7 @@ void main() {
     vec2 x = toFrame[0].xy - toFrame[0].z * middle.xy / middle.z;
     vec2 y = toFrame[1].xy - toFrame[1].z * middle.xy / middle.z;
     float areaPx = abs(x.x * y.y - x.y * y.x) / (middle.z * middle.z);
-    for (; level < 3 && areaPx < 0.5; level++) areaPx *= 4.0;
+    for (; level < 3 && areaPx < 0.25; level++) areaPx *= 4.0;
   }
   float smaller = float(1 << level);
   texel = within / smaller;
