@@ -213,7 +213,7 @@ mod tests {
             ldi.offsets[6..].fill(samples);
             faces.push(ldi);
         }
-        let info = crate::ldi::CaptureInfo { half_size_m: 0.5, ..Default::default() };
+        let info = crate::ldi::CaptureInfo { half_size_m: 0.5, exposure: 1.0, ..Default::default() };
         let ldi = CubeLdi { info, faces, environment: Environment::default() };
         let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::None).expect("packs");
         let back = cube.unpack();

@@ -54,6 +54,11 @@ impl Cell {
     }
 
     /// The front surface over what is behind it.
+    ///
+    /// The surface behind often ends here only because nobody could see it go on behind the front one, and the weights of
+    /// its tents fade toward that border. It is therefore taken to fill the part of the pixel that the front surface
+    /// leaves open as it fills the pixel, up to wholly: without this the sky shines through every crown of leaves along its
+    /// branches (docs/decisions.md: surfaces are averaged before they are blended).
     #[inline(always)]
     fn flattened(&self, light: &LinearLight) -> [u8; 4] {
         let weight = self.weight();
@@ -65,7 +70,9 @@ impl Cell {
         if share == 255 {
             return [r, g, b, share];
         }
-        beside([r, g, b, share], self.behind, light)
+        let [br, bg, bb, behind] = self.behind;
+        let behind = (u32::from(behind) * 255 / u32::from(255 - share)).min(255) as u8;
+        light.over([r, g, b, share], [br, bg, bb, behind])
     }
 
     /// Mean colour of the front surface, if there is one.
@@ -101,8 +108,8 @@ impl Cell {
     #[inline(never)]
     fn add_behind(&mut self, color: u64, weight: u64, light: &LinearLight) {
         let lane = |lane: u32| (color >> (16 * lane)) as u8;
-        let share = (weight * 255 / OPAQUE).min(255) as u8;
-        self.behind = beside([lane(0), lane(1), lane(2), share], self.behind, light);
+        let share = (weight * 255 / ONE) as u8;
+        self.behind = light.over([lane(0), lane(1), lane(2), share], self.behind);
     }
 
     /// Adds a splat by a weight, which may be 0.
@@ -127,23 +134,6 @@ impl Cell {
             self.add_behind(added.color, weight, light);
         }
     }
-}
-
-/// A straight colour over another, each with the share of 255 of a pixel that it has: what is behind shows beside what is in front,
-/// as far as there is room.
-///
-/// The surface behind often ends here only because nobody could see it go on behind the front one, and the weights of
-/// its tents fade toward that border. It is therefore taken to lie in the part of the pixel that the front surface
-/// leaves open: without this the sky shines through every crown of leaves along its branches (docs/decisions.md: surfaces are averaged
-/// before they are blended). Shares of splats of one surface add up so, behind another one as in front of it: a frame does not
-/// change much where the order of neighbours turns round.
-#[inline(always)]
-fn beside(front: [u8; 4], behind: [u8; 4], light: &LinearLight) -> [u8; 4] {
-    let share = front[3];
-    let rest = behind[3].min(255 - share);
-    let rgb = |[r, g, b, _]: [u8; 4]| [r, g, b];
-    let [r, g, b] = light.mix([rgb(front), rgb(behind)], [u32::from(share), u32::from(rest)]);
-    [r, g, b, share + rest]
 }
 
 /// What of a splat is added to every cell that it touches.
@@ -228,10 +218,8 @@ impl SurfaceCanvas {
     #[inline(always)]
     fn one_surface<S: Simd>(&self, simd: S, splats: &Splats, start: usize) -> [[f32; LANES]; 2] {
         let inverse_depth = load(simd, &splats.inverse_depth, start);
-        // Two splats are of one surface whichever comes first: the tolerance is of the nearer one.
-        let behind = (inverse_depth * self.tolerance).max(self.bin);
-        let in_front = (inverse_depth * (self.tolerance / (1.0 - self.tolerance))).max(self.bin);
-        [(inverse_depth - behind).to_array(), (inverse_depth + in_front).to_array()]
+        let apart = (inverse_depth * self.tolerance).max(self.bin);
+        [(inverse_depth - apart).to_array(), (inverse_depth + apart).to_array()]
     }
 }
 
