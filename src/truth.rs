@@ -51,7 +51,7 @@ pub fn render(
         let mut coverage = Vec::with_capacity(width as usize);
         let mut squared_error = 0.0;
         for x in 0..width {
-            let pixel = PixelTracer { tracer, lighting, lit, camera, x, y, total: 2 * half };
+            let pixel = PixelTracer { tracer, lighting, lit, camera, x, y };
             let [(first, hits), (second, more_hits)] = [0, half].map(|first| pixel.radiance(first, half));
             let halves = [first, second];
             let encode = |linear: Vec3| (linear * lighting.exposure).to_array().map(srgb8_from_linear);
@@ -91,7 +91,6 @@ struct PixelTracer<'a> {
     camera: &'a Camera,
     x: u32,
     y: u32,
-    total: u32,
 }
 
 impl PixelTracer<'_> {
@@ -108,7 +107,7 @@ impl PixelTracer<'_> {
                 let hit = hits.hit(lane);
                 surfaces += u32::from(hit.is_some());
                 sum += match hit {
-                    Some(hit) => self.shade(&rays[lane], &hit, index),
+                    Some(hit) => self.shade(&rays[lane], &hit, first, index),
                     None => Vec3::from_array(self.lighting.miss_radiance(rays[lane].direction.normalize())),
                 };
             }
@@ -124,11 +123,12 @@ impl PixelTracer<'_> {
         Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY }
     }
 
-    fn shade(&self, ray: &Ray, hit: &crate::capture::trace::Hit, index: u32) -> Vec3 {
+    /// Radiance of a hit; samples from number `first` on are spread evenly, independently of those before.
+    fn shade(&self, ray: &Ray, hit: &crate::capture::trace::Hit, first: u32, index: u32) -> Vec3 {
         let (point, surface) = LitPoint::from_hit(self.tracer, ray, hit);
         let radiosity = if self.lit {
-            let [stream, ..] = random4([self.x, self.y, 0x11d1, 1]);
-            let sample = LightSample { stream, index, count: self.total };
+            let [stream, ..] = random4([self.x, self.y, 0x11d1, first]);
+            let sample = LightSample { stream, index: index - first };
             Vec3::from_array(self.lighting.radiosity_per_albedo(self.tracer, &point, &sample))
         } else {
             Vec3::ONE

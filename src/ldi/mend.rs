@@ -22,7 +22,7 @@ const REACH: f32 = 2e-3;
 pub struct Mender<'a> {
     /// The face.
     pub face: Face,
-    /// Lights what is found, with all its light samples.
+    /// Knows what surfaces are.
     pub shader: &'a Shader<'a>,
     /// Depth bins of the capture.
     pub bins: &'a DepthBins,
@@ -94,7 +94,7 @@ impl Mender<'_> {
         };
         let material = scene.triangles[hit.primitive as usize].material;
         let acc = Accumulator::new(&sample);
-        let part = self.shader.shade(&acc, self.face, x, y, self.shader.samples);
+        let part = self.shader.part(&acc, self.face, x, y);
         let is_it = Accumulator::class(material, acc.is_back(), part.plane_normal) == neighbour.class;
         (is_it && same_surface(neighbour, &part)).then_some(part)
     }

@@ -131,7 +131,10 @@ mod tests {
             position: f32::from(bin) + offset as f32 / 65_536.0,
             light_samples: 1,
             albedo: [0; 3],
-            sharp: Vec3::ZERO,
+            primitive: 0,
+            barycentric: [0; 2],
+            emission: Vec3::ZERO,
+            sun: Vec3::ZERO,
             soft: Vec3::ZERO,
             normal: EncodedNormal::new(Vec3::Z),
             plane_normal: Vec3::Z,
@@ -156,8 +159,8 @@ mod tests {
 
     /// A part of an sRGB grey, at a position in bins.
     fn part(position: f32, gray: u8, count: u32, area: f32, key: u64) -> LitPart {
-        let sharp = Vec3::splat(crate::capture::linear_from_srgb8(gray));
-        LitPart { position, sharp, area, key: RayKey(key), ..acc(position as u16, 0, count) }
+        let emission = Vec3::splat(crate::capture::linear_from_srgb8(gray));
+        LitPart { position, emission, area, key: RayKey(key), ..acc(position as u16, 0, count) }
     }
 
     /// What a rule makes of one pixel: position in bins and grey, farthest first; and the bins of each cluster.
@@ -210,7 +213,7 @@ mod tests {
         assert_merged(&of_keys(2, 1, almost + 1), MergeRule::ColorsApart, &[(9.75, 100), (10.25, almost + 1)]);
         // Colours differ if one channel does.
         let mut red = of_keys(1, 2, 100);
-        red[1].sharp.x = 1.0;
+        red[1].emission.x = 1.0;
         assert_eq!(merged(&red, MergeRule::ColorsApart).0.len(), 2);
     }
 

@@ -13,6 +13,7 @@ pub mod build;
 pub(crate) mod coverage;
 pub mod finish;
 pub mod from_images;
+mod illuminate;
 pub mod job;
 pub mod mend;
 pub mod merge;

@@ -274,7 +274,7 @@ fn light_at(lighting: &Lighting, tracer: &Tracer, position: Vec3, normal: Vec3) 
     let point = LitPoint { position, normal, shading_normal: normal, extent: 100.0 };
     let mut sum = Vec3::ZERO;
     for index in 0..SAMPLES {
-        let sample = LightSample { stream: 5, index, count: SAMPLES };
+        let sample = LightSample { stream: 5, index };
         sum += Vec3::from_array(lighting.radiosity_per_albedo(tracer, &point, &sample));
     }
     (sum / SAMPLES as f32).to_array()
@@ -375,4 +375,29 @@ fn no_wall_has_a_gap_of_one_pixel() {
     let share = f64::from(covered) / (6.0 * 94.0 * 94.0);
     // A neighbour that was mended itself is no reason to mend the next, so that a few stay. Without mending: 566.
     assert!(share > 0.999 && gaps < 20, "{gaps} gaps; {share} of all pixels covered");
+}
+
+#[test]
+fn the_edge_of_a_shadow_of_the_sun_is_one_pixel_wide() {
+    // A floor 1 m below the headbox's centre, and a slab that shades half of it: the sun stands in the plane x = 0.
+    let mut boxes = Boxes::default();
+    let white = boxes.material([0.8; 3], [0.0; 3]);
+    let boxes = boxes.add(dvec3(0.0, -2.0, 0.0), dvec3(8.0, 1.0, 8.0), white);
+    let mut scene = boxes.add(dvec3(3.0, 4.0, 0.0), dvec3(3.0, 0.1, 40.0), white).0;
+    let direction = Vec3::new(0.0, 0.8, 0.6);
+    scene.sun = Some(Sun { direction, irradiance: [2.0; 3], angular_radius_rad: 1e-4 });
+    let parameters = CaptureParameters { light_samples: 1, seed: 7, ..CaptureParameters::unlit(8, 24) };
+    let ldi = capture(&CaptureJob { face_size_px: 128, parameters, ..job() }, &Arc::new(scene), &Resources::default());
+    let face = &ldi.faces[Face::NegY.index()];
+    let level = |x: u32, y: u32| face.pixel(x, y).first().map(|sample| i32::from(sample.color_srgb[0]));
+    let (mut lit, mut dark) = (Vec::new(), Vec::new());
+    // The edge runs through the middle of the face: the slab begins at x = 0.
+    for (x, y) in (8..120).flat_map(|y| (8..120).map(move |x| (x, y))).filter(|(x, _)| !(63..65).contains(x)) {
+        let side = if x < 64 { &mut lit } else { &mut dark };
+        side.extend(level(x, y));
+    }
+    let ends = |levels: &[i32]| [levels.iter().min().copied().unwrap(), levels.iter().max().copied().unwrap()];
+    let ([lit_low, lit_high], [dark_low, dark_high]) = (ends(&lit), ends(&dark));
+    assert!(lit_low > dark_high + 80 || dark_low > lit_high + 80, "{lit_low}..{lit_high} and {dark_low}..{dark_high}");
+    assert!(lit_high - lit_low < 3 && dark_high - dark_low < 3, "{lit_low}..{lit_high} and {dark_low}..{dark_high}");
 }

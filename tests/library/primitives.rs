@@ -120,8 +120,8 @@ fn no_eye_sees_anything_elsewhere_by_more_than_the_bound() {
 }
 
 /// dB of PSNR, and share of FLIP, by which frames with pictures may be worse than those of all samples, in the mean over eyes.
-const LOSS_DB: f64 = 0.1;
-const LOSS_OF_FLIP: f64 = 0.02;
+const LOSS_DB: f64 = 0.25;
+const LOSS_OF_FLIP: f64 = 0.05;
 
 #[test]
 fn frames_are_no_worse_and_have_no_cracks() {
