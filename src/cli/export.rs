@@ -2,7 +2,7 @@
 
 use super::output::{EXPORT, Outputs, print_json};
 use crate::capture::files;
-use crate::container::{Container, Kind};
+use crate::container::{Container, FileKind};
 use crate::export::page::Page;
 use crate::packed::PackedCube;
 use anyhow::{Context, bail};
@@ -47,9 +47,9 @@ impl Export {
 /// A cube LDI; of other files of ours it is said what can be exported.
 pub(super) fn open(path: &Path) -> anyhow::Result<PackedCube> {
     let found = Container::peek_kind(path).ok().flatten();
-    let kind = found.and_then(|tag| Kind::ALL.iter().find(|kind| kind.tag == tag));
+    let kind = found.and_then(|tag| FileKind::ALL.iter().find(|kind| kind.tag == tag));
     match kind {
-        Some(kind) if kind.tag != Kind::CUBE_LDI.tag => {
+        Some(kind) if kind.tag != FileKind::CUBE_LDI.tag => {
             bail!("{} is a {}, which cannot be exported yet; a cube LDI (.ldi) can", path.display(), kind.name)
         }
         _ => Ok(PackedCube::read(path)?),

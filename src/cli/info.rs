@@ -81,6 +81,12 @@ impl Info {
                 println!("  {}          next ray new with probability {missing:.4}", face.name());
             }
         }
+        if let Some(holes) = info.holes {
+            let [share, error, before] = [holes.share, holes.standard_error, holes.share_before].map(|v| v * 100.0);
+            println!("  holes       {share:.4} % of frames' pixels, +- {error:.4} % (standard error)");
+            let (aimed, rounds) = (holes.aimed_rays, holes.rounds);
+            println!("              {before:.3} % before {aimed} rays were aimed at them, in {rounds} rounds");
+        }
         for s in &cube.segments {
             let side = if s.side == SegmentSide::Near { "near" } else { "far " };
             let (from, to) = (1.0 / s.inverse_depth_max, 1.0 / s.inverse_depth_min);

@@ -215,7 +215,7 @@ impl Bench<'_> {
 
     /// Draws a cube, each channel's levels times its gain.
     fn draw(&mut self, (cube, build_ms): &Built, camera: &Camera, gain: [f32; 3]) -> Drawn {
-        let settings = RenderSettings { hole_color_srgb: HOLE, ..RenderSettings::default() };
+        let settings = RenderSettings { hole_color_srgb: HOLE, keep_holes: true, ..RenderSettings::default() };
         self.renderer.render(cube, camera, &settings);
         self.renderer.render(cube, camera, &settings);
         let (frame, stats) = self.renderer.render_with_stats(cube, camera, &settings);

@@ -7,6 +7,7 @@
 //! Cell by cell, with branches: docs/decisions.md: surfaces are averaged before they are blended.
 
 use super::linear::LinearLight;
+use super::planes::Rim;
 use super::size::LANES;
 use super::splat::{self, Canvas, Splats, load};
 use super::tent::{ONE, SIDE, SmallWeights, Tents};
@@ -265,15 +266,34 @@ impl Canvas for SurfaceCanvas {
         let start = row * self.width as usize;
         let cells = self.cells.get_mut(start..start + colors.len()).unwrap_or(&mut []);
         for ((cell, color), inverse_depth) in cells.iter_mut().zip(colors).zip(inverse_depths) {
-            let weight = (u64::from(color[3]) * ONE + 127) / 255;
-            if weight > 0 {
-                (cell.sum, cell.inverse_depth) = (lanes(*color) * weight, inverse_depth.max(0.0));
+            if color[3] == 255 {
+                (cell.sum, cell.inverse_depth) = (lanes(*color) * ONE, inverse_depth.max(0.0));
+            }
+        }
+    }
+
+    fn add_rims(&mut self, rims: &[Rim]) {
+        let light = LinearLight::tables();
+        for rim in rims {
+            let q = rim.inverse_depth.max(0.0);
+            let apart = (q * self.tolerance).max(self.bin);
+            let (nearest_behind, farthest_in_front) = (q - apart, q + apart);
+            let added = Added { color: lanes(rim.color), inverse_depth: q, nearest_behind, farthest_in_front };
+            let [column, row] = rim.pixel.map(|v| v as usize);
+            if let Some(cell) = self.cells.get_mut(row * self.width as usize + column) {
+                cell.add(&added, (u64::from(rim.color[3]) * ONE + 127) / 255, light);
             }
         }
     }
 
     fn draw(&mut self, splats: &Splats, level: Level) {
         dispatch!(level, simd => self.draw_all(simd, splats));
+    }
+
+    fn tell_depths(&self, row: usize, column: usize, to: &mut [f32]) {
+        let start = row * self.width as usize + column;
+        let from = self.cells.get(start..start + to.len()).unwrap_or(&[]);
+        to.iter_mut().zip(from).for_each(|(to, cell)| *to = cell.inverse_depth);
     }
 
     fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level) {
