@@ -53,6 +53,15 @@ fn prepare(folder: &Path) {
     write("flipped.ldi", &flipped);
 }
 
+/// Lengths and checksums belong to the files at hand, and not to the words.
+fn without_figures(sentence: &str) -> String {
+    let is_figure = |word: &&str| {
+        let word = word.trim_end_matches([',', ':']);
+        word.len() > 2 && word.contains(|c: char| c.is_ascii_digit()) && word.chars().all(|c| c.is_ascii_hexdigit())
+    };
+    sentence.split(' ').map(|word| if is_figure(&word) { "N" } else { word }).collect::<Vec<_>>().join(" ")
+}
+
 #[test]
 fn what_is_said_to_150_bad_inputs() {
     let dir = tempfile::tempdir().unwrap();
@@ -80,7 +89,9 @@ fn what_is_said_to_150_bad_inputs() {
         // Usage and where to find help follow each mistake of usage, the same each time.
         let sentence: Vec<&str> =
             said.lines().take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more")).collect();
-        writeln!(page, "$ headbox {line}\n[{code}] {}\n", sentence.join("\n").trim_end()).unwrap();
+        let sentence = sentence.join("\n");
+        let sentence = if sentence.contains("is damaged: ") { without_figures(&sentence) } else { sentence };
+        writeln!(page, "$ headbox {line}\n[{code}] {}\n", sentence.trim_end()).unwrap();
     }
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), before, "nothing was written");
     insta::assert_snapshot!(page);
