@@ -110,7 +110,8 @@ impl PortalModel {
             .iter()
             .enumerate()
             .filter_map(|(index, polygon)| Some((polygon.as_ref()?.hit(origin, direction, EDGE_M)?, index)))
-            .filter(|&(t, _)| t < reach)
+            // A surface in a portal's plane closes it.
+            .filter(|&(t, _)| t + EDGE_M < reach)
             .collect();
         crossings.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut current = cell;
