@@ -6,15 +6,17 @@ use super::images::{self, SetArgs, is_image_set};
 use super::output::print_json;
 use super::progress::Bar;
 use crate::view::{SceneLibrary, open, open_source, show_cube};
+use anyhow::Context;
 use clap::Args;
-use headbox_viewer::{Exit, FrameSource, ReplayMode, Stereo, ViewerOptions};
+use headbox_viewer::{Coming, Exit, FrameSource, ReplayMode, Stereo, ViewerOptions};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
 
 #[derive(Args)]
 pub(super) struct View {
-    /// A .ldi, .sprite or .house file, a folder of images with depth, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the
-    /// start page if absent
+    /// A .ldi, .sprite or .house file, a home (Home.xml, .sh3d, .toml) to walk in, a folder of images with depth, or a scene
+    /// (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the start page if absent
     file: Option<String>,
     #[command(flatten)]
     frame: FrameArgs,
@@ -85,8 +87,14 @@ const FRAMES_BEFORE_PICTURE: u64 = 3;
 
 impl View {
     pub(super) fn run(&self) -> anyhow::Result<()> {
-        let options = self.options()?;
-        let source = self.file.as_deref().map(|file| self.source(file)).transpose()?;
+        let mut options = self.options()?;
+        let mut source = None;
+        if let Some(file) = &self.file {
+            match open_soon(file, self.opener(file))? {
+                Opened::Already(it) => source = Some(it),
+                Opened::Later(coming) => options.coming = Some(coming),
+            }
+        }
         let summary = headbox_viewer::run(source, options)?;
         if self.json {
             print_json(&serde_json::to_value(summary)?);
@@ -94,14 +102,19 @@ impl View {
         Ok(())
     }
 
-    fn source(&self, file: &str) -> anyhow::Result<Box<dyn FrameSource>> {
-        if !is_image_set(file) {
-            return Ok(open_source(self.frame.source(file), &self.out)?);
+    /// How a file is opened.
+    fn opener(&self, file: &str) -> impl FnOnce() -> anyhow::Result<Box<dyn FrameSource>> + Send + 'static {
+        let (source, out) = (self.frame.source(file), self.out.clone());
+        move || {
+            if !is_image_set(&source.name) {
+                return Ok(open_source(source, &out)?);
+            }
+            let folder = Path::new(&source.name);
+            let bar = Bar::new();
+            let cube = images::cube(folder, &SetArgs::default(), &bar)?;
+            bar.finish();
+            Ok(show_cube(cube, folder))
         }
-        let bar = Bar::new();
-        let cube = images::cube(Path::new(file), &SetArgs::default(), &bar)?;
-        bar.finish();
-        Ok(show_cube(cube, Path::new(file)))
     }
 
     fn options(&self) -> Result<ViewerOptions, UsageError> {
@@ -122,6 +135,8 @@ impl View {
         Ok(ViewerOptions {
             started: Instant::now(),
             library: Some(Box::new(SceneLibrary { output_dir: self.out.clone() })),
+            file: self.file.as_ref().map(PathBuf::from).filter(|file| file.is_file()),
+            recent_file: recent_file(),
             window_size_points: [width as f32, height as f32],
             panels: !self.no_panels,
             settings: self.set.clone(),
@@ -136,6 +151,46 @@ impl View {
             ..ViewerOptions::default()
         })
     }
+}
+
+/// What is to be shown, or who will bring it.
+enum Opened {
+    Already(Box<dyn FrameSource>),
+    Later(Coming),
+}
+
+/// Opens something; if that takes longer than a person waits for a window, elsewhere, and the window comes first.
+fn open_soon(
+    name: &str,
+    open: impl FnOnce() -> anyhow::Result<Box<dyn FrameSource>> + Send + 'static,
+) -> anyhow::Result<Opened> {
+    /// Whatever opens within this needs no window that says so, and its errors none to be read in.
+    const PATIENCE: Duration = Duration::from_millis(100);
+    // Without room in between, what nobody waits for here any more comes back to its sender.
+    let (soon_sender, soon) = mpsc::sync_channel(0);
+    let (later_sender, later) = mpsc::sync_channel(1);
+    let work = move || {
+        if let Err(mpsc::SendError(opened)) = soon_sender.send(open()) {
+            // The window may be gone too.
+            let _ = later_sender.send(opened.map_err(|error| format!("{error:#}")));
+        }
+    };
+    std::thread::Builder::new().name("open".into()).spawn(work).context("cannot start a thread")?;
+    match soon.recv_timeout(PATIENCE) {
+        Ok(opened) => Ok(Opened::Already(opened?)),
+        Err(_) => Ok(Opened::Later(Coming { name: name.to_owned(), source: later })),
+    }
+}
+
+/// Where the names of the files opened last are kept, by the system's custom; none if it has none.
+fn recent_file() -> Option<PathBuf> {
+    let folder = |key: &str| std::env::var_os(key).map(PathBuf::from).filter(|path| path.is_absolute());
+    let state = if cfg!(windows) {
+        folder("LOCALAPPDATA")
+    } else {
+        folder("XDG_STATE_HOME").or_else(|| Some(folder("HOME")?.join(".local/state")))
+    };
+    Some(state?.join("headbox/recent.json"))
 }
 
 /// Opens the window on a file, and returns when it is closed.

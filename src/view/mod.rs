@@ -6,12 +6,14 @@
 //! | `library` | which source opens what; the start page |
 //! | `cube` | a cube LDI, from a file or growing; its overlays |
 //! | `growth` | the progressive capture of a scene, in rounds on a thread of low priority |
+//! | `points` | a scene as points, until its first round is captured |
 //! | `reference` | ray-traced truth of the current view, refined in the background |
 //! | `variation` | the LDI with some of its segments, or recoloured by depth, layer, face, segment |
 //! | `overlay` | what is painted instead of colours |
 //! | `effort` | overlays of how a frame was made: footprints, overdraw, clipping |
 //! | `house` | a house, walked; its backdrops are built in the background |
 //! | `sprite` | a set of sprites with depth |
+//! | `terms` | a sentence for each term of the panel |
 //! | `background` | thread pools: of low priority for work nobody waits for, of fewer threads for frames |
 
 mod background;
@@ -22,8 +24,10 @@ mod growth;
 mod house;
 mod library;
 mod overlay;
+mod points;
 mod reference;
 mod sprite;
+mod terms;
 #[cfg(test)]
 mod tests;
 mod variation;
