@@ -12,6 +12,7 @@ use crate::capture::{Camera, simd};
 use crate::compose::{ComposeSettings, Composer, Composition};
 use crate::container::Container;
 use crate::frame::Frame;
+use crate::lumigraph::{Blend, LUMI_FILE, Lumigraph, LumigraphRenderer, LumigraphSettings};
 use crate::packed::PackedCube;
 use crate::path;
 use crate::portal::file::HOUSE_FILE;
@@ -28,7 +29,7 @@ use std::time::Instant;
 #[derive(Args)]
 pub(super) struct Render {
     /// A .ldi or .sprite file or a folder of images with depth, or several of one world, laid over each other back to front; or
-    /// one .house file
+    /// one .house or .lumi file
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Picture to write (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output, PNG), or with --path the folder for
@@ -58,6 +59,9 @@ pub(super) struct Render {
     /// Picture of the share of each pixel to that depth pixels cover, 0 to 255, to write; for a single frame of one .ldi
     #[arg(long, value_name = "FILE.png", conflicts_with = "path")]
     coverage: Option<PathBuf>,
+    /// How far two cameras of a .lumi file may disagree where its layers are merged, pixels; 1 if absent, 0 merges none
+    #[arg(long, value_name = "PX", value_parser = parse_merge)]
+    merge: Option<f64>,
     /// How threads share a cube LDI's frame, which is the same in any case; bands if absent
     #[arg(long, value_name = "WAY", value_parser = by_name(WAYS))]
     parallel: Option<Parallel>,
@@ -67,6 +71,10 @@ pub(super) struct Render {
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
+}
+
+fn parse_merge(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|px| (0.0..=1e6).contains(px)).ok_or("give pixels, 0 or more".into())
 }
 
 /// How threads can share a frame.
@@ -99,6 +107,7 @@ impl Rendered {
 /// What the files hold, with all that drawing it needs.
 enum Content {
     House(Box<HouseContent>),
+    Lumigraph { lumigraph: Box<Lumigraph>, renderer: Box<LumigraphRenderer>, settings: LumigraphSettings },
     Cube { cube: Box<PackedCube>, renderer: Box<Renderer>, settings: RenderSettings },
     Layers { layers: Box<Composition>, composer: Box<Composer>, settings: ComposeSettings, frame: Frame },
 }
@@ -132,6 +141,12 @@ impl Render {
     fn open(&self) -> anyhow::Result<(Content, FileFrame, DefaultCamera)> {
         if let Some(content) = self.open_house()? {
             return Ok(content);
+        }
+        if let Some(content) = self.open_lumigraph()? {
+            return Ok(content);
+        }
+        if self.merge.is_some() {
+            return Err(UsageError("--merge is for .lumi files".into()).into());
         }
         let (mut cubes, mut sprites) = (Vec::new(), None::<SpriteSet>);
         let mut world = None;
@@ -188,6 +203,33 @@ impl Render {
         }
         let (content, frame, camera) = HouseContent::open(file, self.variant.as_deref())?;
         Ok(Some((Content::House(Box::new(content)), frame, camera)))
+    }
+
+    /// A `.lumi` file, which comes alone; `None` if there is none among the files.
+    fn open_lumigraph(&self) -> anyhow::Result<Option<(Content, FileFrame, DefaultCamera)>> {
+        let is_lumigraph = |file: &PathBuf| Container::peek_kind(file).ok().flatten() == Some(LUMI_FILE.tag);
+        let Some(file) = self.files.iter().find(|file| is_lumigraph(file)) else { return Ok(None) };
+        if self.files.len() > 1 || self.sampling.is_some() || self.fill_steps.is_some() || self.parallel.is_some() {
+            let message = "a .lumi file is rendered alone, without --sampling, --fill-steps and --parallel";
+            return Err(UsageError(message.into()).into());
+        }
+        let mut settings = LumigraphSettings::default();
+        settings.tolerance_px = self.merge.unwrap_or(settings.tolerance_px);
+        settings.merge = settings.tolerance_px > 0.0;
+        if let Some(wanted) = &self.variant {
+            let found = Blend::ALL.iter().find(|(name, _)| name == wanted);
+            settings.blend = found.map(|(_, blend)| *blend).ok_or_else(|| {
+                let names = Blend::ALL.map(|(name, _)| name).join(", ");
+                UsageError(format!("there is no variant \"{wanted}\"; there are: {names}"))
+            })?;
+        }
+        let lumigraph = Box::new(Lumigraph::read(file)?);
+        let grid = lumigraph.grid();
+        let [column, row] = [grid.columns().len() / 2, grid.rows().len() / 2];
+        let camera =
+            DefaultCamera { eye: grid.origin(), size: (1024, 768), ..DefaultCamera::like(&grid.camera(column, row)) };
+        let frame = lumigraph.info.frame;
+        Ok(Some((Content::Lumigraph { lumigraph, renderer: Box::default(), settings }, frame, camera)))
     }
 
     fn settings(&self, cubes: bool, sprites: bool) -> anyhow::Result<ComposeSettings> {
@@ -294,6 +336,9 @@ impl Content {
     fn render(&mut self, camera: &Camera, repeat: u32) -> anyhow::Result<Rendered> {
         match self {
             Self::House(house) => render_house(house, camera, repeat),
+            Self::Lumigraph { lumigraph, renderer, settings } => {
+                render_lumigraph(renderer, lumigraph, camera, settings, repeat)
+            }
             Self::Cube { cube, renderer, settings } => render_cube(renderer, cube, camera, settings, repeat),
             Self::Layers { layers, composer, settings, frame } => {
                 render_layers(composer, layers, camera, settings, frame, repeat)
@@ -324,6 +369,7 @@ impl Content {
     fn variant(&self) -> &'static str {
         match self {
             Self::House(house) => house.variant(),
+            Self::Lumigraph { settings, .. } => settings.blend.name(),
             Self::Cube { settings, .. } => settings.kernel.name(),
             Self::Layers { layers, settings, .. } if layers.sprites().sprites().is_empty() => {
                 settings.cubes.kernel.name()
@@ -335,6 +381,10 @@ impl Content {
     fn summary(&self, rendered: &Rendered) -> String {
         match self {
             Self::House(house) => format!("{}, {} splats", house.variant(), rendered.splatted),
+            Self::Lumigraph { lumigraph, .. } => {
+                let (layers, all) = (&rendered.statistics["layers"], lumigraph.layers().len());
+                format!("{layers} layers of {all}")
+            }
             Self::Cube { cube, .. } => {
                 // One depth pixel may be splatted in several bands of rows.
                 format!("{} splats of {} depth pixels", rendered.splatted, cube.depth_pixel_count())
@@ -359,6 +409,31 @@ fn render_house(house: &mut HouseContent, camera: &Camera, repeat: u32) -> anyho
         hole_pixels: stats.hole_pixels,
         statistics: serde_json::to_value(stats)?,
     })
+}
+
+fn render_lumigraph(
+    renderer: &mut LumigraphRenderer,
+    lumigraph: &Lumigraph,
+    camera: &Camera,
+    settings: &LumigraphSettings,
+    repeat: u32,
+) -> anyhow::Result<Rendered> {
+    let mut ms = Vec::with_capacity(repeat as usize);
+    loop {
+        let (frame, stats) = renderer.render(lumigraph, camera, settings);
+        ms.push(stats.frame_ms);
+        if ms.len() >= repeat as usize {
+            return Ok(Rendered {
+                image: frame.to_rgb()?,
+                ms,
+                stages: json!({"plan_ms": stats.plan_ms, "draw_ms": stats.frame_ms - stats.plan_ms}),
+                statistics: serde_json::to_value(stats)?,
+                depth_pixels_in: 0,
+                splatted: 0,
+                hole_pixels: stats.hole_pixels,
+            });
+        }
+    }
 }
 
 fn render_cube(

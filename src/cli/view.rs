@@ -13,7 +13,7 @@ use std::time::Instant;
 
 #[derive(Args)]
 pub(super) struct View {
-    /// A .ldi, .sprite or .house file, a folder of images with depth, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the
+    /// A .ldi, .sprite, .lumi or .house file, a folder of images with depth, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the
     /// start page if absent
     file: Option<String>,
     #[command(flatten)]

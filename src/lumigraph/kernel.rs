@@ -1,0 +1,386 @@
+//! The pixels of a block, sixteen at a time: which layer each ray meets, and the blend of its four cameras (L9, C21).
+//!
+//! Of a ray the slopes say all: texels in every camera's image are linear in them, layer by layer ([`LayerInView`]), and so is the
+//! crossing of the camera plane, which decides the cell and the bilinear weights. The index of a layer is looked up in the nearest
+//! texel; colours are bilinear over those texels that show the layer, and normalised over the cameras that show it, in linear light.
+//!
+//! One code for every SIMD level, without fused multiply-adds and approximate reciprocals, so that all give the same bits.
+
+use super::grid::LEAST_FORWARD;
+use super::pyramid::{Level, Pyramid, Texel};
+use super::render::{Blend, FramePlan, LayerInView, Paint};
+use super::show::Show;
+use crate::render::linear::LinearLight;
+use fearless_simd::{ExtractToken, Level as SimdLevel, Simd, dispatch, f32x16, i32x16, mask32x16, prelude::*, u32x16};
+use std::ops::Range;
+
+/// Pixels at a time.
+pub(super) const LANES: usize = 16;
+
+const LANE_NUMBERS: [f32; LANES] = [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
+
+/// What is left to see behind a pixel, at least, for anyone to look there.
+const LEAST_OPEN: f32 = 1.0 / 256.0;
+
+/// A part of a frame.
+pub(super) struct Block<'a> {
+    pub(super) plan: &'a FramePlan,
+    pub(super) pyramid: &'a Pyramid,
+    /// Those that may show in it, near ones first.
+    pub(super) layers: &'a [LayerInView],
+    pub(super) columns: Range<usize>,
+    pub(super) rows: Range<usize>,
+    /// Of the frame.
+    pub(super) width: usize,
+}
+
+/// Which of the places' gaps a position lies in; the outermost beyond them.
+#[inline(always)]
+pub(super) fn cell(places: &[f32], position: f32) -> usize {
+    match places {
+        [_, inner @ .., _] => inner.partition_point(|place| *place <= position),
+        _ => 0,
+    }
+}
+
+/// Draws a block on rows of the frame, of which the first is the block's: straight colours, with alpha 255 where anything is, else 0.
+pub(super) fn draw(block: &Block, colors: &mut [[u8; 4]], level: SimdLevel) {
+    dispatch!(level, simd => draw_block(simd, block, colors));
+}
+
+#[inline(always)]
+fn draw_block<S: Simd>(simd: S, block: &Block, colors: &mut [[u8; 4]]) {
+    let view = &block.plan.view;
+    for (row, y) in block.rows.clone().enumerate() {
+        let start = (view.start + view.step[0] * 0.5 + view.step[1] * (y as f64 + 0.5)).as_vec3();
+        let mut x = block.columns.start;
+        while x < block.columns.end {
+            let pixels = sixteen(simd, block, start.to_array(), x as f32);
+            let count = LANES.min(block.columns.end - x);
+            let at = row * block.width + x;
+            if let Some(to) = colors.get_mut(at..at + count) {
+                to.copy_from_slice(&pixels[..count]);
+            }
+            x += LANES;
+        }
+    }
+}
+
+/// The cameras to either side of some rays, along one axis of the grid.
+struct Sides<S: Simd> {
+    /// Their places.
+    place: [f32x16<S>; 2],
+    /// Their bilinear weights.
+    weight: [f32x16<S>; 2],
+    /// Their numbers.
+    number: [[u32; LANES]; 2],
+}
+
+#[inline(always)]
+fn sides<S: Simd>(simd: S, places: &[f32], position: f32x16<S>) -> Sides<S> {
+    let positions = position.to_array();
+    let (mut place, mut number) = ([[0.0; LANES]; 2], [[0; LANES]; 2]);
+    let (first, last) = (cell(places, positions[0]), cell(places, positions[LANES - 1]));
+    for i in 0..LANES {
+        // Along a row crossings are monotonous.
+        let low = if first == last { first } else { cell(places, positions[i]) };
+        let high = (low + 1).min(places.len() - 1);
+        (number[0][i], number[1][i]) = (low as u32, high as u32);
+        (place[0][i], place[1][i]) = (places[low], places[high]);
+    }
+    let place = [f32x16::load_array(simd, place[0]), f32x16::load_array(simd, place[1])];
+    // A single camera is both.
+    let gap = (place[1] - place[0]).max(f32::MIN_POSITIVE);
+    let of_high = ((position - place[0]) / gap).max(0.0).min(1.0);
+    Sides { place, weight: [f32x16::splat(simd, 1.0) - of_high, of_high], number }
+}
+
+/// The rays of sixteen pixels.
+struct Rays<S: Simd> {
+    slopes: [f32x16<S>; 2],
+    across: Sides<S>,
+    up: Sides<S>,
+    /// Of the four cameras: low and high columns of the low row, then of the high one.
+    weight: [f32x16<S>; 4],
+    /// Where the cameras' texels begin.
+    base: [[u32; LANES]; 4],
+}
+
+/// Where the four cameras' texels for a layer are.
+struct Places<S: Simd> {
+    u: [f32x16<S>; 2],
+    v: [f32x16<S>; 2],
+}
+
+/// What has been found for sixteen pixels.
+struct Found<S: Simd> {
+    color: [f32x16<S>; 3],
+    /// Share of the pixel that is not taken yet.
+    open: f32x16<S>,
+}
+
+#[inline(always)]
+fn sixteen<S: Simd>(simd: S, block: &Block, start: [f32; 3], x: f32) -> [[u8; 4]; LANES] {
+    let step = block.plan.view.step[0].as_vec3().to_array();
+    let number = f32x16::load_array(simd, LANE_NUMBERS) + x;
+    let forward = number * step[2] + start[2];
+    let ahead = forward.simd_gt(LEAST_FORWARD as f32);
+    let (zero, one) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
+    let mut found = Found { color: [zero; 3], open: ahead.select(one, zero) };
+    if ahead.any_true() {
+        let per_forward = one / ahead.select(forward, one);
+        let slopes = [(number * step[0] + start[0]) * per_forward, (number * step[1] + start[1]) * per_forward];
+        let rays = rays(simd, block, slopes);
+        for layer in block.layers {
+            if !draw_layer(simd, block, layer, &rays, &mut found) {
+                break;
+            }
+        }
+    }
+    resolve(simd, &found, ahead)
+}
+
+#[inline(always)]
+fn rays<S: Simd>(simd: S, block: &Block, slopes: [f32x16<S>; 2]) -> Rays<S> {
+    let eye = block.plan.view.eye.as_vec3();
+    let (columns, rows) = (&block.plan.columns, &block.plan.rows);
+    let across = sides(simd, columns, slopes[0] * -eye.z + eye.x);
+    let up = sides(simd, rows, slopes[1] * -eye.z + eye.y);
+    let weight = [
+        across.weight[0] * up.weight[0],
+        across.weight[1] * up.weight[0],
+        across.weight[0] * up.weight[1],
+        across.weight[1] * up.weight[1],
+    ];
+    let mut base = [[0; LANES]; 4];
+    let (count, stride) = (columns.len() as u32, block.pyramid.stride as u32);
+    for k in 0..4 {
+        for i in 0..LANES {
+            base[k][i] = (up.number[k / 2][i] * count + across.number[k % 2][i]) * stride;
+        }
+    }
+    Rays { slopes, across, up, weight, base }
+}
+
+/// Adds what the rays meet in a layer; false if nothing is left to see behind it.
+#[inline(always)]
+fn draw_layer<S: Simd>(simd: S, block: &Block, layer: &LayerInView, rays: &Rays<S>, found: &mut Found<S>) -> bool {
+    let level = block.pyramid.levels[layer.level];
+    let texels = block.pyramid.texels.as_slice();
+    let u = rays.slopes[0] * layer.scale + layer.add[0];
+    let v = rays.slopes[1] * -layer.scale + layer.add[1];
+    let places = Places {
+        u: [u - rays.across.place[0] * layer.shift, u - rays.across.place[1] * layer.shift],
+        v: [v + rays.up.place[0] * layer.shift, v + rays.up.place[1] * layer.shift],
+    };
+    let open = found.open.simd_ge(LEAST_OPEN);
+    let none = mask32x16::from_bitmask(simd, 0);
+    let (mut shows, mut through) = ([none; 4], [none; 4]);
+    let (first, last) = (i32::from(layer.indices[0]), i32::from(layer.indices[1]));
+    for k in 0..4 {
+        let (u, v) = (places.u[k % 2], places.v[k / 2]);
+        let inside = open
+            & rays.weight[k].simd_gt(0.0)
+            & u.simd_ge(0.0)
+            & v.simd_ge(0.0)
+            & u.simd_lt(level.width as f32)
+            & v.simd_lt(level.height as f32);
+        if inside.any_true() {
+            let index = nearest(simd, texels, level, &rays.base[k], [u, v], inside);
+            shows[k] = inside & index.simd_ge(first) & index.simd_le(last);
+            through[k] = inside & index.simd_lt(first);
+        }
+    }
+    if !(shows[0] | shows[1] | shows[2] | shows[3]).any_true() {
+        return true;
+    }
+    blend(simd, block, layer, rays, &places, [shows, through], found)
+}
+
+/// Blends the cameras that show a layer into what was found; false if nothing is left to see behind it.
+#[inline(always)]
+fn blend<S: Simd>(
+    simd: S,
+    block: &Block,
+    layer: &LayerInView,
+    rays: &Rays<S>,
+    places: &Places<S>,
+    [shows, through]: [[mask32x16<S>; 4]; 2],
+    found: &mut Found<S>,
+) -> bool {
+    let level = block.pyramid.levels[layer.level];
+    let (zero, one) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
+    let mut sum = [zero; 4];
+    let (mut showing, mut passing) = (zero, zero);
+    for k in 0..4 {
+        if shows[k].any_true() {
+            let weight = shows[k].select(rays.weight[k], zero);
+            showing += weight;
+            let at = [places.u[k % 2], places.v[k / 2]];
+            match &block.plan.paint {
+                None => {
+                    add_taps(simd, &block.pyramid.texels, level, &rays.base[k], at, layer.indices, weight, &mut sum);
+                }
+                Some(paint) => {
+                    let numbers = match paint.show {
+                        Show::Cameras => camera_numbers(&rays.base[k], block.pyramid.stride),
+                        Show::Merged => [u32::from(layer.indices[1]); LANES],
+                        _ => {
+                            let texels = block.pyramid.texels.as_slice();
+                            nearest(simd, texels, level, &rays.base[k], at, shows[k]).bitcast::<u32x16<S>>().to_array()
+                        }
+                    };
+                    add_paint(simd, paint, &numbers, weight, &mut sum);
+                }
+            }
+        }
+        passing += through[k].select(rays.weight[k], zero);
+    }
+    let shown = showing.simd_gt(0.0) & sum[3].simd_gt(0.0);
+    let share = match block.plan.blend {
+        Blend::Whole => one,
+        Blend::Shared => showing / shown.select(showing + passing, one),
+    };
+    let taken = shown.select(found.open * share, zero);
+    let scale = taken / shown.select(sum[3], one);
+    for c in 0..3 {
+        found.color[c] += sum[c] * scale;
+    }
+    found.open -= taken;
+    found.open.simd_ge(LEAST_OPEN).any_true()
+}
+
+/// Which cameras' texels begin there.
+fn camera_numbers(base: &[u32; LANES], stride: usize) -> [u32; LANES] {
+    base.map(|base| base / stride.max(1) as u32)
+}
+
+/// Adds colours by number times weight, and weight.
+#[inline(always)]
+fn add_paint<S: Simd>(simd: S, paint: &Paint, numbers: &[u32; LANES], weight: f32x16<S>, sum: &mut [f32x16<S>; 4]) {
+    let mut colors = [[0.0; LANES]; 3];
+    for i in 0..LANES {
+        let color = paint.colors.get(numbers[i] as usize).copied().unwrap_or_default();
+        (colors[0][i], colors[1][i], colors[2][i]) = (color[0], color[1], color[2]);
+    }
+    for c in 0..3 {
+        sum[c] += f32x16::load_array(simd, colors[c]) * weight;
+    }
+    sum[3] += weight;
+}
+
+/// The indices of the nearest texels at positions that lie `inside` the image.
+#[inline(always)]
+fn nearest<S: Simd>(
+    simd: S,
+    texels: &[Texel],
+    level: Level,
+    base: &[u32; LANES],
+    [u, v]: [f32x16<S>; 2],
+    inside: mask32x16<S>,
+) -> i32x16<S> {
+    let zero = f32x16::splat(simd, 0.0);
+    // Positions are not negative: truncation is the floor.
+    let column = inside.select(u, zero).to_int::<i32x16<S>>();
+    let row = inside.select(v, zero).to_int::<i32x16<S>>();
+    let at = (row * level.width as i32 + column).to_array();
+    let mut indices = [0; LANES];
+    for i in 0..LANES {
+        let place = base[i] as usize + level.first + at[i] as usize;
+        indices[i] = texels.get(place).map_or(0, |texel| i32::from(texel[3]));
+    }
+    i32x16::load_array(simd, indices)
+}
+
+/// Adds colour times weight, and weight, of those of the four texels around positions that show one of the layers `indices`.
+#[inline(always)]
+fn add_taps<S: Simd>(
+    simd: S,
+    texels: &[Texel],
+    level: Level,
+    base: &[u32; LANES],
+    [u, v]: [f32x16<S>; 2],
+    indices: [u16; 2],
+    weight: f32x16<S>,
+    sum: &mut [f32x16<S>; 4],
+) {
+    let one = f32x16::splat(simd, 1.0);
+    let (right, lower) = (level.width as f32 - 1.0, level.height as f32 - 1.0);
+    let (u, v) = ((u - 0.5).max(0.0).min(right), (v - 0.5).max(0.0).min(lower));
+    let (column, row) = (u.floor().min(right - 1.0), v.floor().min(lower - 1.0));
+    let (to_right, down) = (u - column, v - row);
+    let at = row.to_int::<i32x16<S>>() * level.width as i32 + column.to_int::<i32x16<S>>();
+    let at = at.to_array();
+    let weights = [weight * (one - down), weight * down];
+    for below in 0..2 {
+        let mut four = [[0u32; 4]; LANES];
+        for i in 0..LANES {
+            let place = base[i] as usize + level.first + below * level.width + at[i] as usize;
+            if let Some(pair) = texels.get(place..place + 2) {
+                four[i] = bytemuck::cast([pair[0], pair[1]]);
+            }
+        }
+        let [left, right] = words(simd, &four);
+        add_tap(left, indices, weights[below] * (one - to_right), sum);
+        add_tap(right, indices, weights[below] * to_right, sum);
+    }
+}
+
+/// Two texels of each lane, as two words each: red and green, blue and index.
+#[inline(always)]
+fn words<S: Simd>(simd: S, four: &[[u32; 4]; LANES]) -> [[u32x16<S>; 2]; 2] {
+    let all: &[u32] = four.as_flattened();
+    let part = [
+        u32x16::from_slice(simd, &all[..16]),
+        u32x16::from_slice(simd, &all[16..32]),
+        u32x16::from_slice(simd, &all[32..48]),
+        u32x16::from_slice(simd, &all[48..]),
+    ];
+    let (even, odd) = simd.deinterleave_u32x16(part[0], part[1]);
+    let (more_even, more_odd) = simd.deinterleave_u32x16(part[2], part[3]);
+    let (left_rg, right_rg) = simd.deinterleave_u32x16(even, more_even);
+    let (left_bi, right_bi) = simd.deinterleave_u32x16(odd, more_odd);
+    [[left_rg, left_bi], [right_rg, right_bi]]
+}
+
+#[inline(always)]
+fn add_tap<S: Simd>([rg, bi]: [u32x16<S>; 2], indices: [u16; 2], weight: f32x16<S>, sum: &mut [f32x16<S>; 4]) {
+    let index = (bi >> 16).bitcast::<i32x16<S>>();
+    let shows = index.simd_ge(i32::from(indices[0])) & index.simd_le(i32::from(indices[1]));
+    let weight = shows.select(weight, f32x16::splat(weight.token(), 0.0));
+    sum[0] += float(rg & 0xffff) * weight;
+    sum[1] += float(rg >> 16) * weight;
+    sum[2] += float(bi & 0xffff) * weight;
+    sum[3] += weight;
+}
+
+/// Of numbers below 2^31.
+#[inline(always)]
+fn float<S: Simd>(of: u32x16<S>) -> f32x16<S> {
+    of.bitcast::<i32x16<S>>().to_float::<f32x16<S>>()
+}
+
+/// Straight sRGB colours, with alpha 255 where anything was found, else 0.
+#[inline(always)]
+fn resolve<S: Simd>(simd: S, found: &Found<S>, ahead: mask32x16<S>) -> [[u8; 4]; LANES] {
+    let one = f32x16::splat(simd, 1.0);
+    let share = one - found.open;
+    let any = ahead & share.simd_gt(0.0);
+    let scale = f32x16::splat(simd, f32::from(LinearLight::MAX) / 65535.0) / any.select(share, one);
+    let mut linear = [[0; LANES]; 3];
+    for c in 0..3 {
+        let rounded = (found.color[c] * scale + 0.5).min(f32::from(LinearLight::MAX));
+        linear[c] = rounded.to_int::<i32x16<S>>().to_array();
+    }
+    let mut bits = any.to_bitmask();
+    let mut pixels = [[0; 4]; LANES];
+    let tables = LinearLight::tables();
+    while bits != 0 {
+        let i = bits.trailing_zeros() as usize;
+        bits &= bits - 1;
+        let [r, g, b] =
+            [tables.srgb(linear[0][i] as u32), tables.srgb(linear[1][i] as u32), tables.srgb(linear[2][i] as u32)];
+        pixels[i] = [r, g, b, 255];
+    }
+    pixels
+}
