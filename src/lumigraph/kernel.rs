@@ -11,7 +11,9 @@ use super::pyramid::{Level, Pyramid, Texel};
 use super::render::{Blend, FramePlan, LayerInView, Paint};
 use super::show::Show;
 use crate::render::linear::LinearLight;
-use fearless_simd::{ExtractToken, Level as SimdLevel, Simd, dispatch, f32x16, i32x16, mask32x16, prelude::*, u32x16};
+use fearless_simd::{
+    ExtractToken, Level as SimdLevel, Simd, dispatch, f32x16, i32x16, mask32x16, prelude::*, u32x4, u32x16,
+};
 use std::ops::Range;
 
 /// Pixels at a time.
@@ -73,22 +75,34 @@ struct Sides<S: Simd> {
     /// Their bilinear weights.
     weight: [f32x16<S>; 2],
     /// Their numbers.
-    number: [[u32; LANES]; 2],
+    number: [u32x16<S>; 2],
 }
 
 #[inline(always)]
 fn sides<S: Simd>(simd: S, places: &[f32], position: f32x16<S>) -> Sides<S> {
     let positions = position.to_array();
-    let (mut place, mut number) = ([[0.0; LANES]; 2], [[0; LANES]; 2]);
     let (first, last) = (cell(places, positions[0]), cell(places, positions[LANES - 1]));
-    for i in 0..LANES {
-        // Along a row crossings are monotonous.
-        let low = if first == last { first } else { cell(places, positions[i]) };
-        let high = (low + 1).min(places.len() - 1);
-        (number[0][i], number[1][i]) = (low as u32, high as u32);
-        (place[0][i], place[1][i]) = (places[low], places[high]);
-    }
-    let place = [f32x16::load_array(simd, place[0]), f32x16::load_array(simd, place[1])];
+    let above = |low: usize| (low + 1).min(places.len() - 1);
+    // Along a row crossings are monotonous.
+    let (place, number) = if first == last {
+        let (low, high) = (first, above(first));
+        (
+            [f32x16::splat(simd, places[low]), f32x16::splat(simd, places[high])],
+            [u32x16::splat(simd, low as u32), u32x16::splat(simd, high as u32)],
+        )
+    } else {
+        let (mut place, mut number) = ([[0.0; LANES]; 2], [[0; LANES]; 2]);
+        for i in 0..LANES {
+            let low = cell(places, positions[i]);
+            let high = above(low);
+            (number[0][i], number[1][i]) = (low as u32, high as u32);
+            (place[0][i], place[1][i]) = (places[low], places[high]);
+        }
+        (
+            [f32x16::load_array(simd, place[0]), f32x16::load_array(simd, place[1])],
+            [u32x16::load_array(simd, number[0]), u32x16::load_array(simd, number[1])],
+        )
+    };
     // A single camera is both.
     let gap = (place[1] - place[0]).max(f32::MIN_POSITIVE);
     let of_high = ((position - place[0]) / gap).max(0.0).min(1.0);
@@ -103,7 +117,7 @@ struct Rays<S: Simd> {
     /// Of the four cameras: low and high columns of the low row, then of the high one.
     weight: [f32x16<S>; 4],
     /// Where the cameras' texels begin.
-    base: [[u32; LANES]; 4],
+    base: [u32x16<S>; 4],
 }
 
 /// Where the four cameras' texels for a layer are.
@@ -152,13 +166,14 @@ fn rays<S: Simd>(simd: S, block: &Block, slopes: [f32x16<S>; 2]) -> Rays<S> {
         across.weight[0] * up.weight[1],
         across.weight[1] * up.weight[1],
     ];
-    let mut base = [[0; LANES]; 4];
     let (count, stride) = (columns.len() as u32, block.pyramid.stride as u32);
-    for k in 0..4 {
-        for i in 0..LANES {
-            base[k][i] = (up.number[k / 2][i] * count + across.number[k % 2][i]) * stride;
-        }
-    }
+    let row = [up.number[0] * count, up.number[1] * count];
+    let base = [
+        (row[0] + across.number[0]) * stride,
+        (row[0] + across.number[1]) * stride,
+        (row[1] + across.number[0]) * stride,
+        (row[1] + across.number[1]) * stride,
+    ];
     Rays { slopes, across, up, weight, base }
 }
 
@@ -186,7 +201,7 @@ fn draw_layer<S: Simd>(simd: S, block: &Block, layer: &LayerInView, rays: &Rays<
             & u.simd_lt(level.width as f32)
             & v.simd_lt(level.height as f32);
         if inside.any_true() {
-            let index = nearest(simd, texels, level, &rays.base[k], [u, v], inside);
+            let index = nearest(simd, texels, level, rays.base[k], [u, v], inside);
             shows[k] = inside & index.simd_ge(first) & index.simd_le(last);
             through[k] = inside & index.simd_lt(first);
         }
@@ -219,15 +234,15 @@ fn blend<S: Simd>(
             let at = [places.u[k % 2], places.v[k / 2]];
             match &block.plan.paint {
                 None => {
-                    add_taps(simd, &block.pyramid.texels, level, &rays.base[k], at, layer.indices, weight, &mut sum);
+                    add_taps(simd, &block.pyramid.texels, level, rays.base[k], at, layer.indices, weight, &mut sum);
                 }
                 Some(paint) => {
                     let numbers = match paint.show {
-                        Show::Cameras => camera_numbers(&rays.base[k], block.pyramid.stride),
+                        Show::Cameras => camera_numbers(rays.base[k].to_array(), block.pyramid.stride),
                         Show::Merged => [u32::from(layer.indices[1]); LANES],
                         _ => {
                             let texels = block.pyramid.texels.as_slice();
-                            nearest(simd, texels, level, &rays.base[k], at, shows[k]).bitcast::<u32x16<S>>().to_array()
+                            nearest(simd, texels, level, rays.base[k], at, shows[k]).bitcast::<u32x16<S>>().to_array()
                         }
                     };
                     add_paint(simd, paint, &numbers, weight, &mut sum);
@@ -251,7 +266,7 @@ fn blend<S: Simd>(
 }
 
 /// Which cameras' texels begin there.
-fn camera_numbers(base: &[u32; LANES], stride: usize) -> [u32; LANES] {
+fn camera_numbers(base: [u32; LANES], stride: usize) -> [u32; LANES] {
     base.map(|base| base / stride.max(1) as u32)
 }
 
@@ -275,7 +290,7 @@ fn nearest<S: Simd>(
     simd: S,
     texels: &[Texel],
     level: Level,
-    base: &[u32; LANES],
+    base: u32x16<S>,
     [u, v]: [f32x16<S>; 2],
     inside: mask32x16<S>,
 ) -> i32x16<S> {
@@ -283,13 +298,18 @@ fn nearest<S: Simd>(
     // Positions are not negative: truncation is the floor.
     let column = inside.select(u, zero).to_int::<i32x16<S>>();
     let row = inside.select(v, zero).to_int::<i32x16<S>>();
-    let at = (row * level.width as i32 + column).to_array();
-    let mut indices = [0; LANES];
-    for i in 0..LANES {
-        let place = base[i] as usize + level.first + at[i] as usize;
-        indices[i] = texels.get(place).map_or(0, |texel| i32::from(texel[3]));
-    }
-    i32x16::load_array(simd, indices)
+    let at = (row * level.width as i32 + column).bitcast::<u32x16<S>>() + base + level.first as u32;
+    let at = at.to_array();
+    let index = |i: usize| texels.get(at[i] as usize).map_or(0, |texel| u32::from(texel[3]));
+    // Registers put together from loads, as wide stores before a wider load would stall.
+    let four = [
+        u32x4::load_array(simd, [index(0), index(1), index(2), index(3)]),
+        u32x4::load_array(simd, [index(4), index(5), index(6), index(7)]),
+        u32x4::load_array(simd, [index(8), index(9), index(10), index(11)]),
+        u32x4::load_array(simd, [index(12), index(13), index(14), index(15)]),
+    ];
+    let eight = [simd.combine_u32x4(four[0], four[1]), simd.combine_u32x4(four[2], four[3])];
+    simd.combine_u32x8(eight[0], eight[1]).bitcast::<i32x16<S>>()
 }
 
 /// Adds colour times weight, and weight, of those of the four texels around positions that show one of the layers `indices`.
@@ -298,7 +318,7 @@ fn add_taps<S: Simd>(
     simd: S,
     texels: &[Texel],
     level: Level,
-    base: &[u32; LANES],
+    base: u32x16<S>,
     [u, v]: [f32x16<S>; 2],
     indices: [u16; 2],
     weight: f32x16<S>,
@@ -310,37 +330,48 @@ fn add_taps<S: Simd>(
     let (column, row) = (u.floor().min(right - 1.0), v.floor().min(lower - 1.0));
     let (to_right, down) = (u - column, v - row);
     let at = row.to_int::<i32x16<S>>() * level.width as i32 + column.to_int::<i32x16<S>>();
-    let at = at.to_array();
+    let at = at.bitcast::<u32x16<S>>() + base + level.first as u32;
+    let (upper, lower) = (at.to_array(), (at + level.width as u32).to_array());
     let weights = [weight * (one - down), weight * down];
-    for below in 0..2 {
-        let mut four = [[0u32; 4]; LANES];
-        for i in 0..LANES {
-            let place = base[i] as usize + level.first + below * level.width + at[i] as usize;
-            if let Some(pair) = texels.get(place..place + 2) {
-                four[i] = bytemuck::cast([pair[0], pair[1]]);
-            }
-        }
-        let [left, right] = words(simd, &four);
-        add_tap(left, indices, weights[below] * (one - to_right), sum);
-        add_tap(right, indices, weights[below] * to_right, sum);
+    for (at, weight) in [(upper, weights[0]), (lower, weights[1])] {
+        let [left, right] = pairs(simd, texels, &at);
+        add_tap(left, indices, weight * (one - to_right), sum);
+        add_tap(right, indices, weight * to_right, sum);
     }
 }
 
-/// Two texels of each lane, as two words each: red and green, blue and index.
+/// The texels at some places and right of them, as two words each: red and green, blue and index.
 #[inline(always)]
-fn words<S: Simd>(simd: S, four: &[[u32; 4]; LANES]) -> [[u32x16<S>; 2]; 2] {
-    let all: &[u32] = four.as_flattened();
+fn pairs<S: Simd>(simd: S, texels: &[Texel], at: &[u32; LANES]) -> [[u32x16<S>; 2]; 2] {
     let part = [
-        u32x16::from_slice(simd, &all[..16]),
-        u32x16::from_slice(simd, &all[16..32]),
-        u32x16::from_slice(simd, &all[32..48]),
-        u32x16::from_slice(simd, &all[48..]),
+        four_pairs(simd, texels, [at[0], at[1], at[2], at[3]]),
+        four_pairs(simd, texels, [at[4], at[5], at[6], at[7]]),
+        four_pairs(simd, texels, [at[8], at[9], at[10], at[11]]),
+        four_pairs(simd, texels, [at[12], at[13], at[14], at[15]]),
     ];
     let (even, odd) = simd.deinterleave_u32x16(part[0], part[1]);
     let (more_even, more_odd) = simd.deinterleave_u32x16(part[2], part[3]);
     let (left_rg, right_rg) = simd.deinterleave_u32x16(even, more_even);
     let (left_bi, right_bi) = simd.deinterleave_u32x16(odd, more_odd);
     [[left_rg, left_bi], [right_rg, right_bi]]
+}
+
+#[inline(always)]
+fn four_pairs<S: Simd>(simd: S, texels: &[Texel], at: [u32; 4]) -> u32x16<S> {
+    let halves = [
+        simd.combine_u32x4(pair(simd, texels, at[0]), pair(simd, texels, at[1])),
+        simd.combine_u32x4(pair(simd, texels, at[2]), pair(simd, texels, at[3])),
+    ];
+    simd.combine_u32x8(halves[0], halves[1])
+}
+
+#[inline(always)]
+fn pair<S: Simd>(simd: S, texels: &[Texel], at: u32) -> u32x4<S> {
+    let at = at as usize;
+    match texels.get(at..at + 2) {
+        Some(two) => u32x4::load_array(simd, bytemuck::cast([two[0], two[1]])),
+        None => u32x4::splat(simd, 0),
+    }
 }
 
 #[inline(always)]

@@ -49,10 +49,10 @@ impl Rectangles {
     /// lie outside.
     pub(super) fn any(&self, camera: usize, set: u64, [left, right]: [f32; 2], [top, bottom]: [f32; 2]) -> bool {
         let span = |from: f32, to: f32, count: usize| {
-            let edge = EDGE_PX as f32;
-            // Saturates; NaN is 0.
-            let (first, end) = ((from / edge).floor().max(0.0) as usize, (to / edge).floor() + 1.0);
-            first..(end.max(0.0) as usize).min(count)
+            // Casts saturate; what lies before the image is cut off first.
+            let first = (from * (1.0 / EDGE_PX as f32)) as usize;
+            let end = if to < 0.0 { 0 } else { ((to * (1.0 / EDGE_PX as f32)) as usize).saturating_add(1) };
+            first..end.min(count)
         };
         let (columns, rows) = (span(left, right, self.columns), span(top, bottom, self.rows));
         if columns.is_empty() {

@@ -66,7 +66,7 @@ fn a_scene_becomes_a_lumigraph_that_shows_it() {
 
     // Where nothing is said, as a camera amid the others sees it.
     assert!(succeeds(dir.path(), &["render", "a.lumi", "-o", "d.png"]).contains("layers of"));
-    let path = r#"{"poses": [{"eye": [0, 0, 3], "look_at": [0, 0, 0], "fov_deg": 50, "size": [16, 12]}]}"#;
+    let path = r#"{"poses": [{"eye": [0, 0, 3], "look_at": [0, 0, 0], "fov": 50}], "size": [16, 12]}"#;
     std::fs::write(dir.path().join("path.json"), path).unwrap();
     let frames = headbox(dir.path(), &["render", "a.lumi", "--path", "path.json", "-o", "frames"]);
     assert!(frames.status.success(), "{}", String::from_utf8_lossy(&frames.stderr));
@@ -91,7 +91,7 @@ fn mistakes_are_said_in_a_sentence() {
     let dir = tempfile::tempdir().unwrap();
     let with = |more: &[&'static str]| [SMALL.as_slice(), more].concat();
     fails(dir.path(), 2, &with(&["--normal", "0,0,0"]), "--normal has no direction");
-    fails(dir.path(), 2, &with(&["--cameras", "0x4"]), "COLUMNSxROWS");
+    fails(dir.path(), 2, &["lumigraph", "builtin:bump", "-o", "a.lumi", "--cameras", "0x4"], "COLUMNSxROWS");
     fails(dir.path(), 2, &with(&["--extent", "0"]), "greater than 0");
     fails(dir.path(), 2, &with(&["--layers", "70000"]), "65535");
     fails(dir.path(), 2, &with(&["--focus", "2", "--parallel"]), "cannot be used with");
