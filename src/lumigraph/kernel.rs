@@ -24,6 +24,10 @@ const LANE_NUMBERS: [f32; LANES] = [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10.,
 /// What is left to see behind a pixel, at least, for anyone to look there.
 const LEAST_OPEN: f32 = 1.0 / 256.0;
 
+/// The share of a cell's camera along each axis, at least: where it alone sees what a ray meets, beside the grid or just where another
+/// cell begins, it is asked.
+pub(super) const LEAST_WEIGHT: f32 = 1.0 / 1024.0;
+
 /// A part of a frame.
 pub(super) struct Block<'a> {
     pub(super) plan: &'a FramePlan,
@@ -105,7 +109,7 @@ fn sides<S: Simd>(simd: S, places: &[f32], position: f32x16<S>) -> Sides<S> {
     };
     // A single camera is both.
     let gap = (place[1] - place[0]).max(f32::MIN_POSITIVE);
-    let of_high = ((position - place[0]) / gap).max(0.0).min(1.0);
+    let of_high = ((position - place[0]) / gap).max(LEAST_WEIGHT).min(1.0 - LEAST_WEIGHT);
     Sides { place, weight: [f32x16::splat(simd, 1.0) - of_high, of_high], number }
 }
 
@@ -194,12 +198,8 @@ fn draw_layer<S: Simd>(simd: S, block: &Block, layer: &LayerInView, rays: &Rays<
     let (first, last) = (i32::from(layer.indices[0]), i32::from(layer.indices[1]));
     for k in 0..4 {
         let (u, v) = (places.u[k % 2], places.v[k / 2]);
-        let inside = open
-            & rays.weight[k].simd_gt(0.0)
-            & u.simd_ge(0.0)
-            & v.simd_ge(0.0)
-            & u.simd_lt(level.width as f32)
-            & v.simd_lt(level.height as f32);
+        let inside =
+            open & u.simd_ge(0.0) & v.simd_ge(0.0) & u.simd_lt(level.width as f32) & v.simd_lt(level.height as f32);
         if inside.any_true() {
             let index = nearest(simd, texels, level, rays.base[k], [u, v], inside);
             shows[k] = inside & index.simd_ge(first) & index.simd_le(last);

@@ -61,7 +61,7 @@ impl Ray<'_> {
             };
             let mut sum = [0.0; 4];
             let (mut showing, mut through) = (0.0, 0.0);
-            for neighbour in neighbours.iter().filter(|neighbour| neighbour.weight > 0.0) {
+            for neighbour in &neighbours {
                 let Some(image) = self.image(neighbour, point, layer.level) else { continue };
                 let index = image.nearest()[3];
                 if index < layer.indices[0] {
@@ -89,12 +89,13 @@ impl Ray<'_> {
     /// The four cameras about a crossing of the plane.
     fn neighbours(&self, crossing: DVec3) -> Vec<Neighbour> {
         let grid = self.lumigraph.grid();
+        let least = f64::from(super::kernel::LEAST_WEIGHT);
         let sides = |places: &[f64], position: f64| {
             let high = places.iter().position(|place| *place > position).unwrap_or(places.len() - 1).max(1);
             let high = high.min(places.len() - 1);
             let low = high.saturating_sub(1);
             let gap = places[high] - places[low];
-            let share = if gap > 0.0 { ((position - places[low]) / gap).clamp(0.0, 1.0) } else { 1.0 };
+            let share = if gap > 0.0 { ((position - places[low]) / gap).clamp(least, 1.0 - least) } else { 0.5 };
             [(low, 1.0 - share), (high, share)]
         };
         let (columns, rows) = (sides(grid.columns(), crossing.x), sides(grid.rows(), crossing.y));
