@@ -67,7 +67,6 @@ impl PackedCube {
             layout,
             segments,
             environment: ldi.environment.clone(),
-            sheets: Default::default(),
             planes: PlaneSet::default(),
         })
     }

@@ -166,7 +166,7 @@ impl PackedCube {
         section: &Section,
     ) -> Result<Self, FileError> {
         let Header { info, face_size_px, layout, .. } = header;
-        let mut cube = Self { info, face_size_px, layout, segments, environment, planes, sheets: Default::default() };
+        let mut cube = Self { info, face_size_px, layout, segments, environment, planes };
         cube.validate().map_err(|error| section.damaged("a consistent cube LDI", error.to_string()))?;
         cube.segments.iter_mut().for_each(|segment| segment.blocks = BlockIndex::of(segment));
         Ok(cube)

@@ -9,7 +9,6 @@
 
 use super::blocks::BlockIndex;
 use super::planes::PlaneSet;
-use super::sheets::LazySheets;
 use crate::capture::rig::Face;
 use crate::environment::Environment;
 use crate::ldi::CaptureInfo;
@@ -96,8 +95,6 @@ pub struct PackedCube {
     pub segments: Vec<PackedSegment>,
     /// Drawn first, behind everything.
     pub environment: Environment,
-    /// Made from the rest when it is first needed, for drawing. Who changes the rest replaces it by `Default::default()`.
-    pub sheets: LazySheets,
     /// What is shown as pictures on planes; the segments hold the rest.
     pub planes: PlaneSet,
 }

@@ -9,7 +9,6 @@ pub mod layout;
 pub(crate) mod mips;
 pub mod planes;
 pub(crate) mod runs;
-pub mod sheets;
 pub mod splat_index;
 pub mod validate;
 

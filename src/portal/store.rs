@@ -254,7 +254,6 @@ mod tests {
                 layout,
                 segments,
                 environment,
-                sheets: Default::default(),
                 planes: crate::packed::PlaneSet::default(),
             }]))
         };

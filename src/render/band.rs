@@ -5,9 +5,7 @@ use super::epipolar::Spans;
 use super::finish::{Background, Pixels};
 use super::format::Format;
 use super::kernel::SegmentWarp;
-use super::look_up::LookUp;
 use super::traverse::{self, Batch, Cut, Part, Uncut};
-use super::visibility::Visibility;
 use super::{FramePlan, FrameStats, SegmentPlan, Source};
 use crate::capture::Camera;
 use crate::packed::{ExactDepthPixel, PackedCube, PackedDepthPixel, PackedSegment};
@@ -29,7 +27,6 @@ pub(super) struct Worker {
     pub(super) surfaces: SurfaceCanvas,
     pub(super) ellipses: EllipseCanvas,
     pub(super) depth: DepthCanvas,
-    visibility: Visibility,
     planes: PlaneCanvas,
 }
 
@@ -57,7 +54,6 @@ impl Default for Worker {
             surfaces: SurfaceCanvas::default(),
             ellipses: EllipseCanvas::default(),
             depth: DepthCanvas::default(),
-            visibility: Visibility::default(),
             planes: PlaneCanvas::default(),
         }
     }
@@ -66,38 +62,14 @@ impl Default for Worker {
 impl Worker {
     /// Draws a band on its pixels.
     pub(super) fn draw(&mut self, plan: &FramePlan, source: Source, camera: &Camera, band: &Band, pixels: Pixels) {
-        if plan.kernel == SplatKernel::Surface {
-            self.draw_surfaces(plan, source, camera, band, pixels);
-            return;
-        }
         self.prepare(plan);
-        let Self { stats, strokes, over, surfaces, ellipses, depth, planes, .. } = self;
+        let Self { stats, strokes, over, surfaces, ellipses, depth, planes } = self;
         let mut pass = Pass { plan, source, band, stats, strokes, depth, planes };
         match plan.kernel {
             SplatKernel::Tent => pass.draw(surfaces, camera, pixels),
             SplatKernel::Ellipse => pass.draw(ellipses, camera, pixels),
             _ => pass.draw(over, camera, pixels),
         }
-    }
-
-    /// Draws a band by [`SplatKernel::Surface`].
-    fn draw_surfaces(&mut self, plan: &FramePlan, source: Source, camera: &Camera, band: &Band, pixels: Pixels) {
-        let Self { stats, visibility, .. } = self;
-        let started = Instant::now();
-        let (sheets, view) = (source.cube.sheets(), &plan.in_view);
-        visibility.clear(band.width, band.rows.clone());
-        let cleared = Instant::now();
-        visibility.draw(sheets, view, band, plan.unclipped, [plan.tolerance, plan.bin], stats, plan.level);
-        let drawn = Instant::now();
-        let background = Background::new(plan, source.cube, camera);
-        let look_up = LookUp { sheets, view };
-        for (y, pixels) in band.rows.clone().zip(pixels.rows(band.width)) {
-            look_up.row(visibility, y, pixels.colors, pixels.depths_m, plan.level);
-            stats.hole_pixels += background.put_under(y, pixels);
-        }
-        stats.clear_ms += (cleared - started).as_secs_f64() * 1e3;
-        stats.warp_ms += (drawn - cleared).as_secs_f64() * 1e3;
-        stats.finish_ms += drawn.elapsed().as_secs_f64() * 1e3;
     }
 
     /// Draws what lies in a scope on a canvas of a whole frame (`band`), to be read in the columns `spans` of each row.
@@ -110,7 +82,7 @@ impl Worker {
         spans: impl Fn(u32) -> Spans,
     ) {
         self.prepare(plan);
-        let Self { stats, strokes, over, surfaces, ellipses, depth, planes, .. } = self;
+        let Self { stats, strokes, over, surfaces, ellipses, depth, planes } = self;
         let mut pass = Pass { plan, source, band, stats, strokes, depth, planes };
         match plan.kernel {
             SplatKernel::Tent => pass.draw_spans(surfaces, scope, spans),

@@ -33,12 +33,10 @@ mod epipolar;
 mod finish;
 mod format;
 mod fragments;
-mod in_view;
 #[cfg(feature = "viewer")] // whose overlays alone ask for it
 pub(crate) mod inspect;
 mod kernel;
 pub(crate) mod linear;
-mod look_up;
 pub mod oracle;
 pub(crate) mod order;
 pub(crate) mod over;
@@ -52,7 +50,6 @@ mod tent;
 pub(crate) mod touched;
 pub(crate) mod transfer;
 pub(crate) mod traverse;
-mod visibility;
 
 pub use count::ClipCounts;
 pub(crate) use epipolar::Spans;
@@ -72,7 +69,6 @@ use clip::Band;
 use fearless_simd::Level;
 use finish::{Pixels, depth_pieces};
 use fragments::Fragments;
-use in_view::InView;
 use order::{EyeInFace, LayerOrder};
 use planes::PlanesInView;
 use rayon::prelude::*;
@@ -119,8 +115,6 @@ pub struct FrameStats {
     pub behind_or_outside: u64,
     /// Of these, drawn.
     pub splatted: u64,
-    /// Depth pixels that were left out because others hide them, once for each band; only where visibility comes first.
-    pub hidden: u64,
     /// Drawn with footprints of about 1, 3, 5, and 7 or more pixels.
     pub by_footprint: [u64; 4],
     /// Pixels of which nothing is known.
@@ -150,7 +144,6 @@ impl FrameStats {
         self.depth_pixels_in += other.depth_pixels_in;
         self.behind_or_outside += other.behind_or_outside;
         self.splatted += other.splatted;
-        self.hidden += other.hidden;
         self.by_footprint.iter_mut().zip(other.by_footprint).for_each(|(sum, count)| *sum += count);
         self.hole_pixels += other.hole_pixels;
         self.clear_ms += other.clear_ms;
@@ -206,7 +199,6 @@ pub(crate) struct FramePlan {
     tangent_table: TangentTable,
     tolerance: f32,
     bin: f32,
-    in_view: InView,
     planes: PlanesInView,
 }
 
@@ -283,7 +275,6 @@ impl Renderer {
         self.plan.prepare(cube, camera, settings, &self.order);
         let prepared_ms = started.elapsed().as_secs_f64() * 1e3;
         self.stats = match settings.parallel {
-            _ if settings.kernel == SplatKernel::Surface => self.draw_bands(source, camera, settings.band_rows),
             // Pictures on planes do not belong to fragments.
             _ if self.plan.planes.len() > 0 => self.draw_bands(source, camera, settings.band_rows),
             Parallel::Bands => self.draw_bands(source, camera, settings.band_rows),
@@ -365,7 +356,6 @@ impl FramePlan {
             tangent_table: TangentTable::default(),
             tolerance: 0.0,
             bin: 0.0,
-            in_view: InView::default(),
             planes: PlanesInView::default(),
         }
     }
@@ -373,10 +363,7 @@ impl FramePlan {
     fn prepare(&mut self, cube: &PackedCube, camera: &Camera, settings: &RenderSettings, order: &[usize]) {
         let face_px = cube.face_size_px.min(MAX_FACE_SIZE_PX);
         let eye_from_centre = camera.eye() - cube.info.centre;
-        // Surfaces are looked up among samples alone: beside pictures on planes, tents.
-        let with_planes = !cube.planes.tiles.is_empty();
-        let kernel =
-            if with_planes && settings.kernel == SplatKernel::Surface { SplatKernel::Tent } else { settings.kernel };
+        let kernel = settings.kernel;
         (self.kernel, self.unclipped, self.face_px) = (kernel, settings.unclipped, face_px);
         (self.depth, self.hole_color_srgb) = (settings.depth, settings.hole_color_srgb);
         self.segments.clear();
@@ -392,7 +379,6 @@ impl FramePlan {
         match kernel {
             SplatKernel::Tent => self.tangent_table.refill(cube.layout, face_px, 1.0, TENT_MIN_RADIUS_PX),
             SplatKernel::Ellipse => self.tangent_table.refill(cube.layout, face_px, EllipseSize::SCALE, 0.0),
-            SplatKernel::Surface => self.in_view.prepare(cube, camera, settings.unclipped),
             SplatKernel::Point | SplatKernel::Plus | SplatKernel::Square2 | SplatKernel::Square3 => {}
             // A rectangle is as wide as the spacing; 15 % more closes the cracks that quantised normals open.
             SplatKernel::Opaque => self.tangent_table.refill(cube.layout, face_px, 0.575, 0.5),

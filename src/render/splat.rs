@@ -26,8 +26,6 @@ pub enum SplatKernel {
     /// Gaussians that are ellipses, as wide as the sample's share of its surface, averaged by weight per surface in floating
     /// point and linear light: what one would draw if time were no matter. Three times the time of [`Self::Tent`].
     Ellipse,
-    /// No footprints: first which sample shows in each pixel, then the colour of its surface there.
-    Surface,
     /// One opaque pixel for every sample.
     Point,
     /// An opaque plus of five pixels for every sample, the one that holds it and its four neighbours: the fixed stamp that
@@ -41,12 +39,11 @@ pub enum SplatKernel {
 
 impl SplatKernel {
     /// All kernels with the names under which the command line knows them; the default first.
-    pub const ALL: [(&'static str, Self); 9] = [
+    pub const ALL: [(&'static str, Self); 8] = [
         ("tent", Self::Tent),
         ("paper", Self::Paper),
         ("opaque", Self::Opaque),
         ("ellipse", Self::Ellipse),
-        ("surface", Self::Surface),
         ("1x1", Self::Point),
         ("plus", Self::Plus),
         ("2x2", Self::Square2),
@@ -60,7 +57,6 @@ impl SplatKernel {
             Self::Paper => "paper",
             Self::Opaque => "opaque",
             Self::Ellipse => "ellipse",
-            Self::Surface => "surface",
             Self::Point => "1x1",
             Self::Plus => "plus",
             Self::Square2 => "2x2",
@@ -73,9 +69,7 @@ impl SplatKernel {
         match self {
             Self::Tent => 0.5,
             Self::Ellipse => 0.5 / EllipseSize::SCALE,
-            Self::Paper | Self::Opaque | Self::Surface | Self::Point | Self::Plus | Self::Square2 | Self::Square3 => {
-                1.0
-            }
+            Self::Paper | Self::Opaque | Self::Point | Self::Plus | Self::Square2 | Self::Square3 => 1.0,
         }
     }
 
@@ -85,7 +79,7 @@ impl SplatKernel {
             Self::Point => Some(0.5),
             Self::Square2 => Some(1.0),
             Self::Plus | Self::Square3 => Some(1.5),
-            Self::Tent | Self::Paper | Self::Opaque | Self::Ellipse | Self::Surface => None,
+            Self::Tent | Self::Paper | Self::Opaque | Self::Ellipse => None,
         }
     }
 }

@@ -90,7 +90,6 @@ impl Variation {
             layout: cube.layout,
             segments,
             environment: cube.environment.clone(),
-            sheets: Default::default(),
             planes: self.pictures(cube),
         }
     }

@@ -36,4 +36,3 @@ mod warp_fragments;
 mod warp_hard_cases;
 mod warp_oracle;
 mod warp_stamps;
-mod warp_surface;

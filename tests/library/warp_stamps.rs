@@ -37,9 +37,7 @@ fn stamp(kernel: SplatKernel, x: f64, y: f64) -> Vec<[i64; 2]> {
         }
         SplatKernel::Square2 => around(two(x), two(y)),
         SplatKernel::Square3 => around(-1..=1, -1..=1),
-        SplatKernel::Paper | SplatKernel::Opaque | SplatKernel::Tent | SplatKernel::Ellipse | SplatKernel::Surface => {
-            unreachable!()
-        }
+        SplatKernel::Paper | SplatKernel::Opaque | SplatKernel::Tent | SplatKernel::Ellipse => unreachable!(),
     }
 }
 

@@ -251,7 +251,6 @@ mod tests {
             layout: crate::packed::SplatIndexLayout::Normal,
             segments: Vec::new(),
             environment: Environment::default(),
-            sheets: Default::default(),
             planes: PlaneSet::default(),
         };
         assert!(matches!(Page::new(&cube, "nothing"), Err(ExportError::Empty)));
