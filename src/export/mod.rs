@@ -1,6 +1,8 @@
 //! To where headbox is not installed: a page, an engine, a splat viewer, a film package.
 
 mod atlas;
+#[cfg(test)]
+mod by_hand;
 pub mod film;
 pub mod glb;
 mod mesh;
@@ -9,8 +11,6 @@ pub mod panorama;
 pub mod ply;
 mod sheets;
 mod surfels;
-#[cfg(test)]
-mod by_hand;
 
 use crate::capture::picture::PictureError;
 use crate::capture::{Camera, CameraError};

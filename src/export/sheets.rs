@@ -96,7 +96,8 @@ fn entries<'a>(
     pixel.iter().map(move |pixel| {
         let found = segment.decode(cube.layout, *pixel);
         let (n, q) = (found.normal, found.inverse_depth);
-        let slopes = [segment.face.right(), -segment.face.up()].map(|to| (n.dot(to) * step / n.dot(d)).min(most).max(-most) * q);
+        let slopes =
+            [segment.face.right(), -segment.face.up()].map(|to| (n.dot(to) * step / n.dot(d)).min(most).max(-most) * q);
         Entry { inverse_depth: q, slopes, color_srgb: found.color_srgb }
     })
 }
