@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use std::io::Write;
 
 /// Error, face pixels, with which quadrilaterals begin; it grows until they are within the budget.
-const FIRST_ERROR_PX: f64 = 0.5;
+const FIRST_ERROR_PX: f64 = 0.1;
 const GROWTH: f64 = 1.6;
 const LAST_ERROR_PX: f64 = 64.0;
 /// Error, px, of the pictures on planes that are made of a capture without.
@@ -201,7 +201,8 @@ impl File {
     fn environment(&mut self, cube: &PackedCube) -> Result<(), ExportError> {
         let size = cube.environment.size_px;
         let per_face = size as usize * size as usize;
-        let distance = 1.0 / surfels::infinity(cube);
+        // Behind what is at infinity and not environment, or they would fight for the same depth.
+        let distance = 2.0 / surfels::infinity(cube);
         for (face, texels) in Face::ALL.into_iter().zip(cube.environment.texels.chunks_exact(per_face.max(1))) {
             if texels.iter().all(|texel| texel[3] == 0) {
                 continue;

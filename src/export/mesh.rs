@@ -91,22 +91,31 @@ fn planes(cube: &PackedCube, tolerance: Tolerance) -> Vec<Chart> {
     let (set, face_px) = (&cube.planes, cube.face_size_px);
     let infinity = super::surfels::infinity(cube);
     let chart = |tile: &crate::packed::PlaneTile| {
-        let texels = set.texels.get(tile.texel_range())?.iter().map(|&[r, g, b, a]| {
-            let straight = |c: u8| (u32::from(c) * 255 / u32::from(a).max(1)).min(255) as u8;
-            [straight(r), straight(g), straight(b), a]
-        });
         let (width, height) = (usize::from(tile.width), usize::from(tile.height));
-        let picture = Picture { width, height, texels: texels.collect() };
+        let picture = framed(set.texels.get(tile.texel_range())?, width, height);
         let face = Face::ALL[usize::from(tile.face) % 6];
         let inverse_depth = Affine::from(set.planes.get(tile.plane as usize)?.inverse_depth(face, face_px));
         let (x0, y0) = (f64::from(tile.x0), f64::from(tile.y0));
-        let (right, bottom) = (x0 + width as f64 - 0.5, y0 + height as f64 - 0.5);
+        let (right, bottom) = (x0 + width as f64, y0 + height as f64);
         let mut quads = Vec::new();
-        let whole = Rectangle { face, face_px, sides: [x0 + 0.5, y0 + 0.5, right, bottom], picture: [x0, y0] };
+let whole = Rectangle { face, face_px, sides: [x0, y0, right, bottom], picture: [x0 - 1.0, y0 - 1.0] };
         cut_plane(whole, inverse_depth, infinity, tolerance, &mut quads);
         Some(Chart { picture, quads, opaque: tile.opaque == 1, samples: tile.texel_count() as u32 })
     };
     set.tiles.par_iter().filter_map(chart).collect()
+}
+
+/// A picture on a plane with straight colours, and around it once more its outermost texels: the renderer's tents reach beyond them
+/// to what comes next, here half a texel has to do.
+fn framed(texels: &[[u8; 4]], width: usize, height: usize) -> Picture {
+    let straight = |[r, g, b, a]: [u8; 4]| {
+        let of = |c: u8| (u32::from(c) * 255 / u32::from(a).max(1)).min(255) as u8;
+        [of(r), of(g), of(b), a]
+    };
+    let inside = |i: usize, length: usize| i.saturating_sub(1).min(length.saturating_sub(1));
+    let rows = (0..height + 2).map(|row| inside(row, height) * width);
+    let framed = rows.flat_map(|start| (0..width + 2).map(move |column| straight(texels[start + inside(column, width)])));
+    Picture { width: width + 2, height: height + 2, texels: framed.collect() }
 }
 
 /// Cuts a rectangle until its texels are where they belong.
@@ -274,7 +283,7 @@ mod tests {
             ldi
         });
         let mut info = crate::ldi::CaptureInfo::default();
-        info.half_size_m = 0.4;
+        (info.half_size_m, info.exposure) = (0.4, 1.0);
         let ldi = CubeLdi { info, faces: faces.to_vec(), environment: Default::default() };
         PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::None).unwrap()
     }

@@ -99,7 +99,8 @@ fn texels(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io
 }
 
 fn environment(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
-    let (size_px, q) = (cube.environment.size_px, infinity(cube));
+    // Behind what is at infinity and not environment.
+    let (size_px, q) = (cube.environment.size_px, infinity(cube) / 2.0);
     let per_face = size_px as usize * size_px as usize;
     let known = cube.environment.texels.iter().enumerate().filter(|(_, texel)| texel[3] > 0);
     for (i, color_srgb) in known {
