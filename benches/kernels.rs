@@ -3,7 +3,8 @@
 //! `HEADBOX_EMBREE` names the program of `benches/rivals/embree.cpp`.
 //!
 //! `HEADBOX_BENCH_LDI=a.ldi:b.ldi HEADBOX_BENCH_KERNELS=tent,opaque HEADBOX_BENCH_SAMPLES=64 cargo bench --bench kernels`; the
-//! scenes of the files must still be where they were. `HEADBOX_BENCH_SAMPLES=0` leaves errors out.
+//! scenes of the files must still be where they were. `HEADBOX_BENCH_SAMPLES=0` leaves errors out, `HEADBOX_BENCH_BAND_ROWS=128`
+//! chooses the height of bands.
 
 use headbox::capture::Camera;
 use headbox::capture::light::Lighting;
@@ -74,7 +75,7 @@ fn main() {
         let truths = Truths::new(&tracer, &lighting, cube.info.parameters.light_samples > 0, folder);
         let truth: Vec<RgbImage> = match samples {
             0 => Vec::new(),
-            _ => plan.eyes.iter().map(|eye| truths.frame(&middle(&eye.camera), samples, &Silent).color).collect(),
+            _ => plan.eyes.iter().map(|eye| truths.frame(&middle(&eye.camera), samples, &Silent).rgb()).collect(),
         };
         let rays = rays(&tracer, &plan);
         println!(
@@ -83,7 +84,7 @@ fn main() {
             rays.map_or("-".into(), |ms| format!("{ms:.2} ms"))
         );
         println!(
-            "kernel | ms | one thread | gain | clear | warp | finish | in k | splatted k | holes | PSNR, each | PSNR | FLIP | over rays"
+            "kernel | ms | one thread | gain | clear | warp | finish | in k | splatted k | holes | in k, two threads | imbalance | PSNR, each | PSNR | FLIP | over rays"
         );
         let pools = [pool(1), pool(2)];
         for kernel in kernels() {
@@ -111,7 +112,8 @@ fn row(
     rays: Option<f64>,
     [one, two]: &[rayon::ThreadPool; 2],
 ) {
-    let settings = RenderSettings { kernel, ..RenderSettings::default() };
+    let band_rows = variable("HEADBOX_BENCH_BAND_ROWS", "0").parse().expect("a number");
+    let settings = RenderSettings { kernel, band_rows, ..RenderSettings::default() };
     let mut renderer = Renderer::new();
     let (mut of_one, mut of_two, mut errors) = (Vec::new(), Vec::new(), Vec::new());
     for (i, eye) in plan.eyes.iter().enumerate() {
@@ -136,7 +138,7 @@ fn row(
         .unwrap_or(0.0);
     let each: Vec<String> = errors.iter().map(|e| format!("{:.2}", e.psnr_db)).collect();
     println!(
-        "{} | {ms:.2} | {ms_of_one:.2} | {gain:.2} | {:.2} | {:.2} | {:.2} | {:.0} | {:.0} | {:.0} | {} | {:.2} | {:.4} | {:.2}",
+        "{} | {ms:.2} | {ms_of_one:.2} | {gain:.2} | {:.2} | {:.2} | {:.2} | {:.0} | {:.0} | {:.0} | {:.0} | {:.2} | {} | {:.2} | {:.4} | {:.2}",
         kernel.name(),
         of(&of_one, |s| s.clear_ms),
         of(&of_one, |s| s.warp_ms),
@@ -144,6 +146,8 @@ fn row(
         of(&of_one, |s| s.depth_pixels_in as f64 / 1e3),
         of(&of_one, |s| s.splatted as f64 / 1e3),
         of(&of_one, |s| s.hole_pixels as f64),
+        of(&of_two, |s| s.depth_pixels_in as f64 / 1e3),
+        of(&of_two, |s| s.imbalance),
         each.join(" "),
         pooled_psnr_db(errors.iter().map(|e| e.psnr_db)),
         mean(errors.iter().map(|e| e.flip)),

@@ -6,10 +6,12 @@ use crate::capture::trace::Tracer;
 use crate::capture::viewpoint::place_headbox;
 use crate::capture::{Camera, scene::Headbox};
 use crate::environment::Environment;
+use crate::gaps;
 use crate::ldi::MAX_FACE_SIZE_PX;
 use crate::ldi::job::CaptureJob;
 use crate::ldi::parameters::{CaptureParameters, Resources};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::primitives::{self, DEFAULT_ERROR_PX, MAX_ERROR_PX};
 use crate::progress::{Progress, Silent};
 use crate::sprite::{DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, capture_slabs, slabs_at_gaps};
 use crate::{Error, Scene};
@@ -38,6 +40,7 @@ pub struct Capture<'a> {
     half_size_m: Option<f64>,
     face_size_px: u32,
     parameters: CaptureParameters,
+    error_px: f64,
     resources: Resources,
     progress: &'a dyn Progress,
 }
@@ -51,6 +54,7 @@ impl<'a> Capture<'a> {
             half_size_m: None,
             face_size_px: CaptureJob::DEFAULT_FACE_SIZE_PX,
             parameters: CaptureParameters::DEFAULT,
+            error_px: DEFAULT_ERROR_PX,
             resources: Resources::default(),
             progress: &Silent,
         }
@@ -98,6 +102,19 @@ impl<'a> Capture<'a> {
         self
     }
 
+    /// Aims rays at what frames lack until its share of their pixels, with its standard error, is at most this; 1 aims none.
+    pub fn holes(mut self, share: f64) -> Self {
+        self.parameters.holes = share;
+        self
+    }
+
+    /// What is flat is shown as pictures on planes where nobody in the headbox sees it elsewhere by more than so many pixels of
+    /// a frame as fine as the faces; 0 keeps every sample.
+    pub fn error_px(mut self, error_px: f64) -> Self {
+        self.error_px = error_px;
+        self
+    }
+
     /// All parameters at once.
     pub fn parameters(mut self, parameters: CaptureParameters) -> Self {
         self.parameters = parameters;
@@ -132,12 +149,12 @@ impl<'a> Capture<'a> {
         };
         let tracer = Tracer::new(Arc::clone(self.scene.loaded()), centre);
         let lighting = Lighting::measure(&tracer, job.parameters.bounces);
-        let (ldi, _) = job.run(&tracer, &lighting, &self.resources, self.progress)?;
-        Ok(PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto)?)
+        let (ldi, _) = gaps::capture(&job, &tracer, &lighting, &self.resources, self.progress)?;
+        Ok(primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, self.error_px)?)
     }
 
     fn check(&self) -> Result<(), Error> {
-        let CaptureParameters { strata, rays_per_stratum, novelty, .. } = self.parameters;
+        let CaptureParameters { strata, rays_per_stratum, novelty, holes, .. } = self.parameters;
         let within = |name, value: f64, allowed: [f64; 2]| match (allowed[0]..=allowed[1]).contains(&value) {
             true => Ok(()),
             false => Err(Error::Parameter { name, value, allowed }),
@@ -145,7 +162,9 @@ impl<'a> Capture<'a> {
         within("the face size", self.face_size_px.into(), [1.0, MAX_FACE_SIZE_PX.into()])?;
         within("the number of strata", strata.into(), [1.0, Strata::MAX_PER_DIMENSION.into()])?;
         within("the number of rays in a stratum", rays_per_stratum.into(), [1.0, Strata::MAX_RAYS.into()])?;
-        within("novelty", novelty, [0.0, 1.0])
+        within("the error of primitives", self.error_px, [0.0, MAX_ERROR_PX])?;
+        within("novelty", novelty, [0.0, 1.0])?;
+        within("the share of holes", holes, [0.0, 1.0])
     }
 }
 

@@ -31,7 +31,7 @@ const MAX_SECTIONS: usize = 4096;
 
 /// What kind of content a file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Kind {
+pub struct FileKind {
     /// Four characters in the header.
     pub tag: [u8; 4],
     /// What the user calls it.
@@ -42,7 +42,7 @@ pub struct Kind {
     pub oldest: u32,
 }
 
-impl Kind {
+impl FileKind {
     /// `.ldi`
     pub const CUBE_LDI: Self = Self { tag: *b"cldi", name: "cube LDI", version: 2, oldest: 1 };
     /// `.shard`
@@ -135,13 +135,13 @@ type SectionBytes<'a> = Box<dyn FnOnce() -> io::Result<Vec<u8>> + 'a>;
 
 /// A file being put together.
 pub struct ContainerWriter<'a> {
-    kind: Kind,
+    kind: FileKind,
     sections: Vec<(&'a str, SectionBytes<'a>)>,
 }
 
 impl<'a> ContainerWriter<'a> {
     /// An empty file of a kind.
-    pub fn new(kind: Kind) -> Self {
+    pub fn new(kind: FileKind) -> Self {
         Self { kind, sections: Vec::new() }
     }
 
@@ -211,7 +211,7 @@ impl Container {
     ///
     /// # Errors
     /// See [`FileError`].
-    pub fn open(path: &Path, kind: Kind) -> Result<Self, FileError> {
+    pub fn open(path: &Path, kind: FileKind) -> Result<Self, FileError> {
         let io = |source| FileError::Io { path: path.into(), source };
         let mut file = File::open(path).map_err(io)?;
         let length = file.metadata().map_err(io)?.len();
@@ -286,7 +286,7 @@ fn header_damaged(path: &Path, expected: impl Into<String>, found: impl Into<Str
 }
 
 /// Checks magic, kind and version; the number of sections.
-fn check_header(path: &Path, header: &[u8], kind: Kind) -> Result<usize, FileError> {
+fn check_header(path: &Path, header: &[u8], kind: FileKind) -> Result<usize, FileError> {
     if !header.starts_with(&MAGIC) {
         return Err(FileError::NotOurs { path: path.into() });
     }
@@ -295,7 +295,7 @@ fn check_header(path: &Path, header: &[u8], kind: Kind) -> Result<usize, FileErr
     }
     if header[8..12] != kind.tag {
         let tag = [header[8], header[9], header[10], header[11]];
-        let found = Kind::ALL.iter().find(|kind| kind.tag == tag).map_or_else(
+        let found = FileKind::ALL.iter().find(|kind| kind.tag == tag).map_or_else(
             || format!("a headbox file of a kind that this program does not know (\"{}\")", tag.escape_ascii()),
             |kind| format!("a {}", kind.name),
         );
@@ -394,7 +394,7 @@ impl Section {
 mod tests {
     use super::*;
 
-    const KIND: Kind = Kind { tag: *b"test", name: "test file", version: 3, oldest: 3 };
+    const KIND: FileKind = FileKind { tag: *b"test", name: "test file", version: 3, oldest: 3 };
 
     fn write(dir: &Path) -> PathBuf {
         let mut writer = ContainerWriter::new(KIND);
@@ -447,12 +447,12 @@ mod tests {
     fn errors_name_the_file_and_the_expectation() {
         let dir = tempfile::tempdir().unwrap();
         let path = write(dir.path());
-        let other = Kind { version: 4, oldest: 4, ..KIND };
+        let other = FileKind { version: 4, oldest: 4, ..KIND };
         let message = Container::open(&path, other).err().unwrap().to_string();
         assert!(message.contains("a.test") && message.contains("version 3") && message.contains("reads version 4"));
-        let newer = Kind { version: 4, oldest: 3, ..KIND };
+        let newer = FileKind { version: 4, oldest: 3, ..KIND };
         assert!(Container::open(&path, newer).is_ok(), "an older version is still read");
-        let other = Kind { tag: *b"cldi", name: "cube LDI", ..KIND };
+        let other = FileKind { tag: *b"cldi", name: "cube LDI", ..KIND };
         let message = Container::open(&path, other).err().unwrap().to_string();
         assert!(message.contains("a cube LDI is expected") && message.contains("\"test\""), "{message}");
         assert_eq!(Container::peek_kind(&path).unwrap(), Some(*b"test"));

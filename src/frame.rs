@@ -17,13 +17,15 @@ impl Coverage {
     pub const HOLE: Self = Self(0);
     /// The environment alone.
     pub const ENVIRONMENT: Self = Self(1);
+    /// A small hole that was given the colour of what lies beside and behind it.
+    pub const FILLED: Self = Self(2);
     /// Splats cover the pixel wholly.
     pub const FULL: Self = Self(255);
 
     /// A pixel of which splats cover `share` of 255; at least the smallest value that is not
-    /// [`Self::ENVIRONMENT`].
+    /// one of those.
     pub fn of_splats(share: u8) -> Self {
-        Self(share.max(2))
+        Self(share.max(3))
     }
 
     /// The coverage of a [`Self::byte`].
@@ -38,14 +40,14 @@ impl Coverage {
         self.0
     }
 
-    /// True if nothing is known of the pixel.
+    /// True if nothing is known of the pixel, filled or not.
     pub fn is_hole(self) -> bool {
-        self == Self::HOLE
+        self == Self::HOLE || self == Self::FILLED
     }
 
     /// Share of the pixel that splats cover, of 255; 0 for a hole and for the environment alone.
     pub fn splat_share(self) -> u8 {
-        if self <= Self::ENVIRONMENT { 0 } else { self.0 }
+        if self <= Self::FILLED { 0 } else { self.0 }
     }
 }
 

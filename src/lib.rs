@@ -43,7 +43,7 @@ pub use headbox_capture::scene::{FileFrame, Headbox, UpAxis};
 pub use headbox_capture::{Camera, DepthKind};
 pub use ldi::parameters::CaptureParameters;
 pub use packed::PackedCube as CubeLdi;
-pub use portal::backdrop::{Kind as BackdropKind, Quality as BackdropQuality};
+pub use portal::backdrop::{BackdropKind, BackdropQuality};
 pub use portal::house::House;
 pub use portal::settings::WalkSettings;
 pub use portal::store::Store as Backdrops;
@@ -79,6 +79,8 @@ pub mod environment;
 pub mod export;
 #[doc(hidden)]
 pub mod frame;
+#[doc(hidden)]
+pub mod gaps;
 #[doc(hidden)]
 pub mod ldi;
 #[cfg(feature = "cli")]

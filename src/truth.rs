@@ -5,21 +5,28 @@ use crate::capture::light::{LightSample, Lighting, LitPoint, pixel_jitter};
 use crate::capture::sampler::random4;
 use crate::capture::srgb8_from_linear;
 use crate::capture::trace::{HitPacket, PACKET, Ray, RayPacket, Tracer};
+use crate::frame::{Coverage, Frame};
 use crate::progress::Progress;
 use glam::Vec3;
-use image::{Rgb, RgbImage};
+use image::RgbImage;
 use rayon::prelude::*;
 
-/// A ray-traced frame.
+/// A ray-traced frame, and what it is worth.
 #[derive(Clone, Debug, PartialEq)]
-pub struct TruthFrame {
-    /// The picture, 8-bit sRGB.
-    pub color: RgbImage,
+pub struct Truth {
+    /// Coverage is the share of a pixel's rays that met a surface: full if all did, the environment alone if none.
+    pub frame: Frame,
     /// How far the picture is from its own limit, as a PSNR in dB: from the difference between two independent halves
     /// of the samples. Infinite if they agree to the last bit.
     pub standard_error_psnr_db: f64,
-    /// Per pixel, row-major: share of the camera rays that met a surface.
-    pub surface_share: Vec<f32>,
+}
+
+impl Truth {
+    /// The colours as a picture.
+    pub fn rgb(&self) -> RgbImage {
+        // A traced frame has as many pixels as its size says.
+        self.frame.to_rgb().unwrap_or_default()
+    }
 }
 
 /// Traces a frame with `samples` camera rays per pixel (rounded up to a multiple of 2), jittered over the pixel, one
@@ -32,19 +39,19 @@ pub fn render(
     camera: &Camera,
     samples: u32,
     progress: &dyn Progress,
-) -> TruthFrame {
+) -> Truth {
     let (width, height) = (camera.width(), camera.height());
     let half = samples.div_ceil(2).max(1);
     progress.begin("truth", "rows", u64::from(height));
     let row = |y: u32| {
         if progress.is_cancelled() {
-            return (vec![[0; 3]; width as usize], vec![0.0; width as usize], 0.0);
+            return (vec![[0, 0, 0, 255]; width as usize], vec![Coverage::ENVIRONMENT; width as usize], 0.0);
         }
         let mut pixels = Vec::with_capacity(width as usize);
-        let mut surface_share = Vec::with_capacity(width as usize);
+        let mut coverage = Vec::with_capacity(width as usize);
         let mut squared_error = 0.0;
         for x in 0..width {
-            let pixel = PixelTracer { tracer, lighting, lit, camera, x, y, total: 2 * half };
+            let pixel = PixelTracer { tracer, lighting, lit, camera, x, y };
             let [(first, hits), (second, more_hits)] = [0, half].map(|first| pixel.radiance(first, half));
             let halves = [first, second];
             let encode = |linear: Vec3| (linear * lighting.exposure).to_array().map(srgb8_from_linear);
@@ -53,17 +60,27 @@ pub fn render(
                 // The mean of two halves has half the standard deviation of their difference.
                 squared_error += (f64::from(a[c].abs_diff(b[c])) / 2.0).powi(2);
             }
-            pixels.push(encode((halves[0] + halves[1]) / 2.0));
-            surface_share.push((hits + more_hits) as f32 / (2 * half) as f32);
+            let [r, g, b] = encode((halves[0] + halves[1]) / 2.0);
+            pixels.push([r, g, b, 255]);
+            coverage.push(surfaces_of(hits + more_hits, 2 * half));
         }
         progress.advance(1);
-        (pixels, surface_share, squared_error)
+        (pixels, coverage, squared_error)
     };
     let rows: Vec<_> = (0..height).into_par_iter().map(row).collect();
     let mean_square = rows.iter().map(|row| row.2).sum::<f64>() / (f64::from(width) * f64::from(height) * 3.0);
-    let color = RgbImage::from_fn(width, height, |x, y| Rgb(rows[y as usize].0[x as usize]));
-    let surface_share = rows.into_iter().flat_map(|row| row.1).collect();
-    TruthFrame { color, surface_share, standard_error_psnr_db: 10.0 * (255.0f64.powi(2) / mean_square).log10() }
+    let (color, coverage): (Vec<_>, Vec<_>) = rows.into_iter().map(|row| (row.0, row.1)).unzip();
+    let (color, coverage) = (color.concat(), coverage.concat());
+    let frame = Frame { width, height, color, coverage, depth_m: Vec::new() };
+    Truth { frame, standard_error_psnr_db: 10.0 * (255.0f64.powi(2) / mean_square).log10() }
+}
+
+/// Coverage of a pixel of which `hits` of `rays` rays met a surface: full for all of them only.
+fn surfaces_of(hits: u32, rays: u32) -> Coverage {
+    match u64::from(hits) * 255 / u64::from(rays.max(1)) {
+        0 if hits == 0 => Coverage::ENVIRONMENT,
+        share => Coverage::of_splats(share as u8),
+    }
 }
 
 /// Samples one pixel.
@@ -74,7 +91,6 @@ struct PixelTracer<'a> {
     camera: &'a Camera,
     x: u32,
     y: u32,
-    total: u32,
 }
 
 impl PixelTracer<'_> {
@@ -91,7 +107,7 @@ impl PixelTracer<'_> {
                 let hit = hits.hit(lane);
                 surfaces += u32::from(hit.is_some());
                 sum += match hit {
-                    Some(hit) => self.shade(&rays[lane], &hit, index),
+                    Some(hit) => self.shade(&rays[lane], &hit, first, index),
                     None => Vec3::from_array(self.lighting.miss_radiance(rays[lane].direction.normalize())),
                 };
             }
@@ -107,11 +123,12 @@ impl PixelTracer<'_> {
         Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY }
     }
 
-    fn shade(&self, ray: &Ray, hit: &crate::capture::trace::Hit, index: u32) -> Vec3 {
+    /// Radiance of a hit; samples from number `first` on are spread evenly, independently of those before.
+    fn shade(&self, ray: &Ray, hit: &crate::capture::trace::Hit, first: u32, index: u32) -> Vec3 {
         let (point, surface) = LitPoint::from_hit(self.tracer, ray, hit);
         let radiosity = if self.lit {
-            let [stream, ..] = random4([self.x, self.y, 0x11d1, 1]);
-            let sample = LightSample { stream, index, count: self.total };
+            let [stream, ..] = random4([self.x, self.y, 0x11d1, first]);
+            let sample = LightSample { stream, index: index - first };
             Vec3::from_array(self.lighting.radiosity_per_albedo(self.tracer, &point, &sample))
         } else {
             Vec3::ONE

@@ -28,6 +28,7 @@
 
 pub mod bake;
 mod camera;
+pub mod deep_exr;
 mod depth_image;
 pub mod files;
 pub mod images;

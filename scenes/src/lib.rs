@@ -18,6 +18,7 @@ mod mesh;
 mod sprites;
 mod texture;
 mod tree;
+mod ward;
 
 use headbox_capture::Scene;
 
@@ -49,6 +50,11 @@ pub fn all() -> &'static [BuiltinScene] {
         scene("tree", tree::build, "broad-leaved tree with 440,000 leaf triangles on a meadow"),
         scene("interior", interior::build, "furnished room with textures, lamps, and sun through its windows"),
         scene("house", house::build_scene, "furnished one-storey house of 18 rooms with 52 doors and windows"),
+        scene(
+            "ward",
+            ward::build,
+            "storey of a hospital: 40 rooms with 500 panels of light, most of them out of sight",
+        ),
         scene("bump", bump::build, "textured plane with a hemisphere and a pyramid, for sprites"),
         scene("sprites", sprites::build, "mountains, hills, balloons and boulders: four layers for sprites with depth"),
         scene("poles", hard::poles, "hard case: 240 poles, 1 mm to 4 cm thick, at 2 to 90 m"),

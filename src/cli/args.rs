@@ -8,7 +8,8 @@ use crate::capture::trace::Tracer;
 use crate::capture::viewpoint;
 use crate::ldi::CaptureInfo;
 use crate::scene_source::SceneSource;
-use clap::{Args, ValueEnum};
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 
 /// Three finite numbers, `X,Y,Z`.
@@ -47,14 +48,23 @@ pub(super) fn parse_up(text: &str) -> Result<UpAxis, String> {
     }
 }
 
-/// The unit of the file's lengths.
-#[derive(Clone, Copy, ValueEnum)]
-pub(super) enum Unit {
-    M,
-    Cm,
-    Mm,
-    In,
+/// Values with the names by which they are given, and what help says of them.
+pub(super) type Names<T> = &'static [(&'static str, &'static str, T)];
+
+/// One of some values, by its name.
+pub(super) fn by_name<T: Copy + Send + Sync + 'static>(names: Names<T>) -> impl TypedValueParser<Value = T> {
+    let possible =
+        names.iter().map(
+            |(name, help, _)| {
+                if help.is_empty() { PossibleValue::new(name) } else { PossibleValue::new(name).help(help) }
+            },
+        );
+    let value_of = |name: String| names.iter().find(|(known, ..)| *known == name).map(|(.., value)| *value);
+    PossibleValuesParser::new(possible).try_map(move |name| value_of(name).ok_or("not one of them"))
 }
+
+/// Units of a file's lengths, metres.
+pub(super) const UNITS: Names<f64> = &[("m", "", 1.0), ("cm", "", 0.01), ("mm", "", 0.001), ("in", "", 0.0254)];
 
 /// A scene.
 #[derive(Args)]
@@ -72,8 +82,8 @@ pub(super) struct FrameArgs {
     #[arg(long, value_parser = parse_up)]
     up: Option<UpAxis>,
     /// Unit of lengths in the file; metres in a glTF, guessed from evidence in an OBJ if absent
-    #[arg(long)]
-    unit: Option<Unit>,
+    #[arg(long, value_parser = by_name(UNITS))]
+    unit: Option<f64>,
 }
 
 impl SceneArgs {
@@ -90,27 +100,17 @@ impl SceneArgs {
 impl FrameArgs {
     /// The axes and the unit; Y up and metres where nothing is said.
     pub(super) fn file_frame(&self) -> FileFrame {
-        FileFrame { up: self.up.unwrap_or_default(), unit_m: self.unit_m().unwrap_or(1.0) }
-    }
-
-    /// Metres per unit, if said.
-    fn unit_m(&self) -> Option<f64> {
-        self.unit.map(|unit| match unit {
-            Unit::M => 1.0,
-            Unit::Cm => 0.01,
-            Unit::Mm => 0.001,
-            Unit::In => 0.0254,
-        })
+        FileFrame { up: self.up.unwrap_or_default(), unit_m: self.unit.unwrap_or(1.0) }
     }
 
     /// The same, but for what is given.
-    pub(super) fn with(&self, up: Option<UpAxis>, unit: Option<Unit>) -> Self {
+    pub(super) fn with(&self, up: Option<UpAxis>, unit: Option<f64>) -> Self {
         Self { up: up.or(self.up), unit: unit.or(self.unit) }
     }
 
     /// A scene in these axes and this unit.
     pub(super) fn source(&self, scene: &str) -> SceneSource {
-        SceneSource { name: scene.to_owned(), options: LoadOptions { up: self.up, unit_m: self.unit_m() } }
+        SceneSource { name: scene.to_owned(), options: LoadOptions { up: self.up, unit_m: self.unit } }
     }
 }
 

@@ -3,13 +3,15 @@
 use super::UsageError;
 use super::args::{SceneArgs, parse_length, parse_vector};
 use super::estimate::{Estimate, rays_of};
-use super::images::{SetArgs, is_image_set};
+use super::images::{SetArgs, is_image_set, with_depth};
 use super::output::{CUBE, Outputs, SHARD, memory_bytes, peak_rss_mb, print_json};
 use super::progress::{Bar, duration};
 use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;
 use crate::capture::trace::Tracer;
 use crate::capture::{Scene, files, viewpoint};
+use crate::gaps;
+use crate::ldi::Holes;
 use crate::ldi::build;
 use crate::ldi::from_images::ImagesJob;
 use crate::ldi::job::CaptureJob;
@@ -84,7 +86,7 @@ pub(super) struct PackingArgs {
     split: Split,
     /// Show what is flat as pictures on planes, where nobody in the headbox sees it elsewhere by more than E frame pixels; 0
     /// keeps every sample
-    #[arg(long, value_name = "E", default_value_t = 0.0, value_parser = parse_error_px, allow_hyphen_values = true)]
+    #[arg(long, value_name = "E", default_value_t = primitives::DEFAULT_ERROR_PX, value_parser = parse_error_px, allow_hyphen_values = true)]
     error_px: f64,
 }
 
@@ -135,18 +137,12 @@ fn parse_shard(text: &str) -> Result<(u32, u32), String> {
 }
 
 impl PackingArgs {
-    pub(super) fn pack(&self, mut ldi: crate::ldi::CubeLdi) -> anyhow::Result<PackedCube> {
+    pub(super) fn pack(&self, ldi: crate::ldi::CubeLdi) -> anyhow::Result<PackedCube> {
         let split = match self.split {
-            // What pictures leave is little, and a second table of pixels would be larger than what a split saves.
-            Split::Auto if self.error_px > 0.0 => Split::None,
             Split::AtDepth(depth) => Split::AtDepth(depth * ldi.info.frame.unit_m),
             split => split,
         };
-        ldi.validate()?;
-        let planes = primitives::choose(&mut ldi, self.error_px);
-        let mut cube = PackedCube::pack(&ldi, self.layout, split)?;
-        cube.planes = planes;
-        Ok(cube)
+        Ok(primitives::pack(ldi, self.layout, split, self.error_px)?)
     }
 }
 
@@ -210,6 +206,17 @@ fn triple(position: DVec3) -> String {
     position.to_array().map(|x| rounded(x).to_string()).join(",")
 }
 
+/// Depth pixels, and what else there is.
+pub(super) fn what_is_kept(cube: &PackedCube) -> String {
+    let (count, planes) = (cube.depth_pixel_count(), &cube.planes);
+    match planes.tiles.is_empty() {
+        true => format!("{count} depth pixels"),
+        false => {
+            format!("{count} depth pixels and, for {} more, pictures on {} planes", planes.samples, planes.planes.len())
+        }
+    }
+}
+
 /// Warns if geometry hides part of the headbox from its centre.
 pub(super) fn warn_if_blocked(blocked_share: f64) {
     if blocked_share > 0.0 {
@@ -244,14 +251,16 @@ impl Capture {
             triple(scene.frame.file_from_world(centre)),
             rounded(job.half_size_m / scene.frame.unit_m)
         );
-        eprintln!("will take: {}", Estimate::of(&job, &tracer, self.shard.map_or(1, |(_, parts)| parts)));
+        let estimate = Estimate::of(&job, &tracer, self.shard.map_or(1, |(_, parts)| parts));
+        eprintln!("will take: {estimate}");
         let resources = Resources { budget: budget(self.memory, &self.output) };
-        let bar = Bar::new();
+        let bar = Bar::planned(estimate.plan(), true);
         if let Some(part) = self.shard {
             return self.run_shard(job, part, &tracer, &resources, &bar, start);
         }
         let lighting = Lighting::measure(&tracer, job.parameters.bounces);
-        let (ldi, trace_time) = job.run(&tracer, &lighting, &resources, &bar).context("the capture failed")?;
+        let (ldi, trace_time) =
+            gaps::capture(&job, &tracer, &lighting, &resources, &bar).context("the capture failed")?;
         drop((tracer, scene));
         let packed = self.packing.pack(ldi)?;
         if packed.depth_pixel_count() == 0 && packed.planes.tiles.is_empty() {
@@ -260,7 +269,8 @@ impl Capture {
         packed.write(&self.output)?;
         bar.finish();
         warn_if_blocked(packed.info.blocked_share);
-        self.report(&packed, trace_time.as_secs_f64(), start.elapsed().as_secs_f64(), &bar.times());
+        let took_s = [trace_time.as_secs_f64(), start.elapsed().as_secs_f64(), estimate.seconds()];
+        self.report(&packed, took_s, &bar.times());
         Ok(())
     }
 
@@ -268,11 +278,8 @@ impl Capture {
     fn run_images(&self) -> anyhow::Result<()> {
         let start = Instant::now();
         Outputs::new(self.json, [self.scene.name()]).file(&self.output, &CUBE)?;
-        let set = self.images.open(Path::new(self.scene.name()))?;
-        let views: Vec<_> = set.with_depth().collect();
-        if views.is_empty() {
-            anyhow::bail!("{}: none of its {} views has depth", set.folder.display(), set.views.len());
-        }
+        let set = self.images.open_registered(Path::new(self.scene.name()))?;
+        let views = with_depth(&set)?;
         let mut job = ImagesJob::suggest(&set);
         job.merge_rule = self.quality.parameters.merge_rule;
         if let Some(center) = self.center {
@@ -298,8 +305,8 @@ impl Capture {
             }));
             return Ok(());
         }
-        let count = packed.depth_pixel_count();
-        println!("{}: {count} depth pixels from {} images, {total_s:.2} s", self.output.display(), views.len());
+        let (output, kept) = (self.output.display(), what_is_kept(&packed));
+        println!("{output}: {kept} from {} images, {total_s:.2} s", views.len());
         println!("look at it: headbox render {} -o frame.png", self.output.display());
         Ok(())
     }
@@ -331,24 +338,43 @@ impl Capture {
         Ok(())
     }
 
-    fn report(&self, cube: &PackedCube, trace_s: f64, total_s: f64, times: &str) {
+    fn report(&self, cube: &PackedCube, [trace_s, total_s, estimated_s]: [f64; 3], times: &str) {
         let rays = cube.info.rays_traced;
         let missing: Vec<f64> = cube.info.missing_estimate.iter().flatten().copied().collect();
         let mean = (!missing.is_empty()).then(|| missing.iter().sum::<f64>() / missing.len() as f64);
         if self.json {
             print_json(&json!({
                 "rays": rays, "rays_per_s": rays as f64 / trace_s, "trace_s": trace_s, "total_s": total_s,
-                "peak_rss_mb": peak_rss_mb(), "depth_pixels": cube.depth_pixel_count(),
+                "peak_rss_mb": peak_rss_mb(), "depth_pixels": cube.depth_pixel_count(), "samples_on_planes": cube.planes.samples,
                 "missing_estimate": mean, "missing_estimate_per_face": cube.info.missing_estimate,
                 "bytes": cube.bytes(), "blocked_share": cube.info.blocked_share,
+                "estimated_s": estimated_s, "holes": cube.info.holes,
             }));
             return;
         }
-        println!("{}: {} depth pixels from {rays} rays", self.output.display(), cube.depth_pixel_count());
+        println!("{}: {} from {rays} rays", self.output.display(), what_is_kept(cube));
         println!("  {} in all: {times}; {:.1} Mrays/s while tracing", duration(total_s), rays as f64 / trace_s / 1e6);
         if let Some(mean) = mean {
             println!("  the next ray would find something new with a probability of {:.1} %", mean * 100.0);
         }
+        if let Some(holes) = cube.info.holes {
+            println!("  holes: {}", words_of(&holes, self.quality.parameters.holes));
+        }
         println!("look at it: headbox render {} -o frame.png", self.output.display());
+    }
+}
+
+/// What became of the search for holes.
+fn words_of(holes: &Holes, limit: f64) -> String {
+    let [share, error, before] = [holes.share, holes.standard_error, holes.share_before].map(|share| share * 100.0);
+    let found = format!(
+        "{share:.4} % of frames' pixels (+- {error:.4} %), {before:.3} % before {} rays were aimed",
+        holes.aimed_rays
+    );
+    let is_met = holes.share + holes.standard_error <= limit;
+    if is_met {
+        found
+    } else {
+        format!("{found}; that is all that {} rounds reach of {} %", holes.rounds, limit * 100.0)
     }
 }

@@ -1,6 +1,6 @@
 //! `headbox demo`: the main job, end to end.
 
-use super::capture::place_headbox;
+use super::capture::{place_headbox, what_is_kept};
 use super::demo_sprites::print_sprite_rows;
 use super::output::{Outputs, peak_rss_mb, save_picture, write_text};
 use super::progress::Bar;
@@ -9,15 +9,18 @@ use crate::capture::scene::Headbox;
 use crate::capture::trace::Tracer;
 use crate::capture::{Camera, CameraError};
 use crate::drawing::sheet::{Sheet, SheetCell, SheetRow};
+use crate::frame::Coverage;
+use crate::gaps;
 use crate::ldi::job::CaptureJob;
 use crate::ldi::parameters::{CaptureParameters, Resources};
 use crate::measure::cube_map::CubeMap;
 use crate::metrics::{self, Comparison};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::primitives;
 use crate::progress::Silent;
 use crate::render::{RenderSettings, Renderer};
 use crate::scene_source::SceneSource;
-use crate::truth::{self, TruthFrame};
+use crate::truth::{self, Truth};
 use clap::Args;
 use glam::{DVec3, dvec3};
 use image::RgbImage;
@@ -70,7 +73,7 @@ const EYES: [(&str, [f64; 3]); 6] = [
 struct Row {
     label: &'static str,
     frame: RgbImage,
-    truth: TruthFrame,
+    truth: Truth,
     map: RgbImage,
     ms: f64,
     hole_fraction: f64,
@@ -96,7 +99,7 @@ impl Demo {
         print_cube_map_row(&tracer, &lighting, &cube, &sizes, &rows)?;
         let cameras: Vec<Camera> =
             EYES.iter().map(|(_, offset)| camera(&cube, *offset, &sizes)).collect::<Result<_, _>>()?;
-        let truths: Vec<&RgbImage> = rows.iter().map(|row| &row.truth.color).collect();
+        let truths: Vec<RgbImage> = rows.iter().map(|row| row.truth.rgb()).collect();
         print_sprite_rows(&self.out, &tracer, &lighting, &cameras, &truths)?;
         self.say_what_next();
         self.open_window();
@@ -123,14 +126,14 @@ impl Demo {
     fn capture(&self, job: &CaptureJob, tracer: &Tracer, lighting: &Lighting) -> anyhow::Result<PackedCube> {
         let start = Instant::now();
         let bar = Bar::new();
-        let (ldi, trace_time) = job.run(tracer, lighting, &Resources::default(), &bar)?;
+        let (ldi, trace_time) = gaps::capture(job, tracer, lighting, &Resources::default(), &bar)?;
         bar.finish();
-        let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto)?;
+        let cube = primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, primitives::DEFAULT_ERROR_PX)?;
         let path = self.out.join("demo.ldi");
         cube.write(&path)?;
-        let (rays, count) = (cube.info.rays_traced, cube.depth_pixel_count());
+        let (rays, kept) = (cube.info.rays_traced, what_is_kept(&cube));
         println!(
-            "captured {count} depth pixels from {rays} rays: {:.1} s, of which tracing {:.1} s ({:.1} Mrays/s){}",
+            "captured {kept} from {rays} rays: {:.1} s, of which tracing {:.1} s ({:.1} Mrays/s){}",
             start.elapsed().as_secs_f64(),
             trace_time.as_secs_f64(),
             rays as f64 / trace_time.as_secs_f64() / 1e6,
@@ -143,7 +146,7 @@ impl Demo {
     fn save(&self, rows: &[Row]) -> anyhow::Result<()> {
         for (i, row) in rows.iter().enumerate() {
             save_picture(&self.out.join(format!("frame_{i}.png")), &row.frame)?;
-            save_picture(&self.out.join(format!("truth_{i}.png")), &row.truth.color)?;
+            save_picture(&self.out.join(format!("truth_{i}.png")), &row.truth.rgb())?;
         }
         let sheet = Sheet {
             title: format!("headbox demo: {}", self.scene),
@@ -171,7 +174,7 @@ fn sheet_row(row: &Row) -> SheetRow {
         format!("standard error {:.1} dB", row.truth.standard_error_psnr_db),
         format!("FLIP {:.3}  PSNR {:.1} dB", c.flip, c.psnr_db),
     ];
-    let images = [&row.frame, &row.truth.color, &row.map];
+    let images = [&row.frame, &row.truth.rgb(), &row.map];
     let cells = images.into_iter().zip(captions).map(|(image, caption)| SheetCell { image: image.clone(), caption });
     SheetRow { label: row.label.to_owned(), cells: cells.collect() }
 }
@@ -223,13 +226,13 @@ fn render_rows(cube: &PackedCube, tracer: &Tracer, lighting: &Lighting, sizes: &
         let (frame, _) = renderer.render_with_stats(cube, &camera, &settings);
         let truth = truth::render(tracer, lighting, true, &camera, sizes.truth_samples, &bar);
         // A hole shows nothing, or shows the environment where truth shows geometry only.
-        let hole = |(pixel, share): (&crate::frame::Coverage, &f32)| {
-            pixel.splat_share() == 0 && (*share == 1.0 || pixel.is_hole())
+        let hole = |(pixel, truth): (&Coverage, &Coverage)| {
+            pixel.splat_share() == 0 && (*truth == Coverage::FULL || pixel.is_hole())
         };
-        let holes = frame.coverage.iter().zip(&truth.surface_share).filter(|&pair| hole(pair)).count();
+        let holes = frame.coverage.iter().zip(&truth.frame.coverage).filter(|&pair| hole(pair)).count();
         let hole_fraction = holes as f64 / frame.color.len() as f64;
         let frame = frame.to_rgb()?;
-        let (comparison, map) = metrics::compare_with_map(&truth.color, &frame)?;
+        let (comparison, map) = metrics::compare_with_map(&truth.rgb(), &frame)?;
         rows.push(Row { label, frame, truth, map: map.to_magma(), ms: ms[REPEATS / 2], hole_fraction, comparison });
     }
     bar.finish();
@@ -266,7 +269,7 @@ fn print_cube_map_row(
     let camera = camera(cube, EYES[0].1, sizes)?;
     let (centre, face_px) = (cube.info.centre, cube.face_size_px);
     let map = CubeMap::trace_for(tracer, lighting, centre, &[camera], face_px, sizes.light_samples, &Silent);
-    let c = metrics::compare(&rows[0].truth.color, &map.resample(&camera))?;
+    let c = metrics::compare(&rows[0].truth.rgb(), &map.resample(&camera))?;
     println!("cube map of equal face size, bilinear, from the centre: FLIP {:.4}, PSNR {:.2} dB", c.flip, c.psnr_db);
     Ok(())
 }

@@ -30,7 +30,7 @@ pub(super) fn print_sprite_rows(
     tracer: &Tracer,
     lighting: &Lighting,
     cameras: &[Camera],
-    truths: &[&RgbImage],
+    truths: &[RgbImage],
 ) -> anyhow::Result<()> {
     let [first, ..] = cameras else { return Ok(()) };
     let start = Instant::now();
@@ -64,7 +64,7 @@ fn draw(
     layers: &Composition,
     variant: Variant,
     cameras: &[Camera],
-    truths: &[&RgbImage],
+    truths: &[RgbImage],
 ) -> anyhow::Result<(f64, Vec<f64>)> {
     const REPEATS: usize = 3;
     let settings = ComposeSettings {

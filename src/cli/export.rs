@@ -3,7 +3,7 @@
 use super::UsageError;
 use super::output::{EXPORT, Outputs, print_json};
 use crate::capture::files;
-use crate::container::{Container, Kind};
+use crate::container::{Container, FileKind};
 use crate::export::{ExportError, glb, page::Page, ply};
 use crate::packed::PackedCube;
 use anyhow::{Context, bail};
@@ -34,7 +34,7 @@ pub(super) struct Export {
     json: bool,
 }
 
-/// Triangles that phones and headsets draw without effort; Seurat's samples had 72,000 (of a smaller headbox).
+/// Triangles of a .glb unless something else is said.
 const TRIANGLES: u64 = 200_000;
 
 impl Export {
@@ -108,9 +108,9 @@ impl Export {
 /// A cube LDI; of other files of ours it is said what can be exported.
 pub(super) fn open(path: &Path) -> anyhow::Result<PackedCube> {
     let found = Container::peek_kind(path).ok().flatten();
-    let kind = found.and_then(|tag| Kind::ALL.iter().find(|kind| kind.tag == tag));
+    let kind = found.and_then(|tag| FileKind::ALL.iter().find(|kind| kind.tag == tag));
     match kind {
-        Some(kind) if kind.tag != Kind::CUBE_LDI.tag => {
+        Some(kind) if kind.tag != FileKind::CUBE_LDI.tag => {
             bail!("{} is a {}, which cannot be exported yet; a cube LDI (.ldi) can", path.display(), kind.name)
         }
         _ => Ok(PackedCube::read(path)?),

@@ -91,7 +91,7 @@ fn names_for(command: &str) -> String {
         }
         "walk" => format!("\n\nVariants:\n  {houses}"),
         "house" => {
-            let kinds: Vec<&str> = crate::portal::backdrop::Kind::ALL.iter().map(|(name, _)| *name).collect();
+            let kinds: Vec<&str> = crate::portal::backdrop::BackdropKind::ALL.iter().map(|(name, _)| *name).collect();
             format!("\n\nBackdrops:\n  {}, none", kinds.join(", "))
         }
         _ => String::new(),

@@ -9,7 +9,7 @@ use crate::capture::bake::{BakeOptions, bake_model};
 use crate::capture::path::{CameraRecord, PathRecord};
 use crate::capture::portal_model::PortalModel;
 use crate::capture::scene::FileFrame;
-use crate::portal::backdrop::{Backdrop, Kind, PortalSide, Quality};
+use crate::portal::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide};
 use crate::portal::file;
 use crate::portal::house::House;
 use crate::portal::settings::{WalkSettings, WalkStats};
@@ -75,7 +75,7 @@ impl HouseFileArgs {
         outputs.maybe_file(self.output.as_ref(), &HOUSE)?.maybe_file(self.walk.as_ref(), &PATH)
     }
 
-    fn kinds(&self) -> Result<Vec<Kind>, UsageError> {
+    fn kinds(&self) -> Result<Vec<BackdropKind>, UsageError> {
         let named = self.backdrops.iter().map(String::as_str).filter(|name| *name != "none");
         named.map(kind_by_name).collect()
     }
@@ -87,7 +87,7 @@ impl HouseFileArgs {
             self.write_walk(&house, path)?;
         }
         let Some(path) = &self.output else { return Ok(json!({"walk": self.walk})) };
-        let (store, quality, started) = (Store::new(BUDGET), Quality::default(), Instant::now());
+        let (store, quality, started) = (Store::new(BUDGET), BackdropQuality::default(), Instant::now());
         let sides =
             (0..house.plan().portals.len() as u32).flat_map(|portal| [0, 1].map(|side| PortalSide { portal, side }));
         let keys: Vec<_> = self.kinds()?.into_iter().flat_map(|kind| sides.clone().map(move |at| (at, kind))).collect();
@@ -157,10 +157,10 @@ impl HouseFileArgs {
     }
 }
 
-fn kind_by_name(name: &str) -> Result<Kind, UsageError> {
-    let known = Kind::ALL.iter().find(|(known, _)| *known == name);
+fn kind_by_name(name: &str) -> Result<BackdropKind, UsageError> {
+    let known = BackdropKind::ALL.iter().find(|(known, _)| *known == name);
     known.map(|(_, kind)| *kind).ok_or_else(|| {
-        let names: Vec<&str> = Kind::ALL.iter().map(|(name, _)| *name).collect();
+        let names: Vec<&str> = BackdropKind::ALL.iter().map(|(name, _)| *name).collect();
         UsageError(format!("there is no backdrop \"{name}\"; there are: {}", names.join(", ")))
     })
 }
@@ -175,7 +175,7 @@ pub(super) fn variant_by_name(name: &str) -> Result<Variant, UsageError> {
 pub(super) struct HouseContent {
     house: House,
     store: Store,
-    quality: Quality,
+    quality: BackdropQuality,
     walker: Walker,
     variant: Variant,
     settings: WalkSettings,
@@ -233,7 +233,7 @@ pub(super) fn info(path: &Path, check: bool, as_json: bool) -> anyhow::Result<()
     let (house, store, _) = file::read(path, u64::MAX)?;
     let bytes = std::fs::metadata(path).with_context(|| format!("{}", path.display()))?.len();
     let (plan, captures) = (house.plan(), store.all());
-    let of_kind = |kind: Kind| {
+    let of_kind = |kind: BackdropKind| {
         let of_kind = captures.iter().filter(|((_, of), _)| *of == kind);
         of_kind.fold((0u64, 0u64, 0u64), |(n, samples, bytes), (_, backdrop)| {
             (n + 1, samples + backdrop.sample_count(), bytes + backdrop.bytes())
@@ -241,7 +241,7 @@ pub(super) fn info(path: &Path, check: bool, as_json: bool) -> anyhow::Result<()
     };
     let depth_pixels: u64 = captures.iter().map(|(_, backdrop)| backdrop.sample_count()).sum();
     if as_json {
-        let kinds: Vec<_> = Kind::ALL
+        let kinds: Vec<_> = BackdropKind::ALL
             .iter()
             .map(|(name, kind)| {
                 let (count, samples, bytes) = of_kind(*kind);
@@ -259,7 +259,7 @@ pub(super) fn info(path: &Path, check: bool, as_json: bool) -> anyhow::Result<()
     println!("  scene       {}", house.scene().name);
     println!("  model       {} cells, {} portals", plan.cells.len(), plan.portals.len());
     println!("  geometry    {} triangles", house.scene().triangles.len());
-    for (name, kind) in Kind::ALL {
+    for (name, kind) in BackdropKind::ALL {
         let (count, samples, bytes) = of_kind(kind);
         if count > 0 {
             println!("  {name:11} {count} captures, {samples} samples, {bytes} bytes");

@@ -2,8 +2,11 @@
 
 use super::output::print_json;
 use super::progress::Bar;
-use crate::capture::images::{CheckReport, ImageSet, ImageSetOptions, Lens, check};
+use crate::capture::images::{CheckReport, ImageSet, ImageSetOptions, Kept, Lens, RegistrationReport, View, check};
+use crate::ldi::from_images::ImagesJob;
+use crate::packed::{PackedCube, SplatIndexLayout, Split};
 use crate::progress::Progress;
+use anyhow::bail;
 use clap::Args;
 use glam::DVec3;
 use serde_json::json;
@@ -17,19 +20,25 @@ pub(super) struct Images {
     #[command(flatten)]
     set: SetArgs,
     /// Pairs of neighbours whose pictures are compared; 0 for none
-    #[arg(long, value_name = "N", default_value_t = 16)]
+    #[arg(long, value_name = "N", default_value_t = PAIRS)]
     pairs: usize,
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
 }
 
+/// Pairs of neighbours that are compared.
+const PAIRS: usize = 16;
+
 /// How image sets are opened.
-#[derive(Args)]
+#[derive(Args, Default)]
 pub(super) struct SetArgs {
     /// Follow paths in a manifest that lead out of its folder
     #[arg(long)]
     pub(super) allow_outside: bool,
+    /// Take colours as registered with depth and equally exposed, as the files say, without asking the pictures
+    #[arg(long)]
+    no_registration: bool,
 }
 
 impl SetArgs {
@@ -41,6 +50,58 @@ impl SetArgs {
         }
         Ok(set)
     }
+
+    /// Opens a set and finds out where its colours were taken from.
+    pub(super) fn open_registered(&self, folder: &Path) -> anyhow::Result<ImageSet> {
+        let mut set = self.open(folder)?;
+        if !self.no_registration {
+            let bar = Bar::new();
+            bar.begin("registering colour with depth", "views", set.with_depth().count() as u64);
+            let report = set.register(&|_| bar.advance(1))?;
+            bar.finish();
+            if let Some(report) = report {
+                eprintln!("{}", registration_words(&report));
+            }
+        }
+        Ok(set)
+    }
+}
+
+/// The cube of a set's depth images, with all that is suggested for it.
+pub(super) fn cube(folder: &Path, set: &SetArgs, bar: &Bar) -> anyhow::Result<PackedCube> {
+    let set = set.open_registered(folder)?;
+    let views = with_depth(&set)?;
+    let ldi = ImagesJob::suggest(&set).run(&set, &views, bar)?;
+    Ok(PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto)?)
+}
+
+/// The views that a cube can be made from.
+pub(super) fn with_depth(set: &ImageSet) -> anyhow::Result<Vec<&View>> {
+    let views: Vec<&View> = set.with_depth().collect();
+    if views.is_empty() {
+        bail!("{}: none of its {} views has depth", set.folder.display(), set.views.len());
+    }
+    Ok(views)
+}
+
+/// What was found of a set's colour cameras, in a sentence or two.
+fn registration_words(report: &RegistrationReport) -> String {
+    let [given, one, each] = report.levels;
+    let exposure = format!("exposures are evened out, from {:.2} to {:.2} of the mean", report.gain[0], report.gain[1]);
+    let tried = format!(
+        "views differ by {given:.2} levels as given, {one:.2} with one colour camera, {each:.2} with one for each view"
+    );
+    match report.kept {
+        Kept::AsGiven => format!("registration: colour and depth are kept as given ({tried}); {exposure}"),
+        Kept::OneForAll | Kept::EachView => format!(
+            "registration: colours were taken by another camera than depth: {tried}. Its focal length is {:.1} px, not {:.1}, \
+             and it is turned by {:.2} degrees and moved by {:.1} cm on average; {exposure}. --no-registration leaves all as given",
+            report.focal_px[1],
+            report.focal_px[0],
+            report.moved[0],
+            report.moved[1] * 100.0
+        ),
+    }
 }
 
 /// Whether a command's argument names an image set instead of a scene.
@@ -51,6 +112,11 @@ pub(super) fn is_image_set(name: &str) -> bool {
 }
 
 impl Images {
+    /// As `headbox images FOLDER`.
+    pub(super) fn of(folder: &Path, json: bool) -> Self {
+        Self { folder: folder.into(), set: SetArgs::default(), pairs: PAIRS, json }
+    }
+
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let set = self.set.open(&self.folder)?;
         let pairs = self.pairs.min(set.with_depth().count().saturating_sub(1));

@@ -2,6 +2,7 @@
 
 use super::args::vertical_fov_deg;
 use super::house_file;
+use super::images::{Images, is_image_set};
 use super::output::print_json;
 use crate::container::Container;
 use crate::ldi::shard::{self, SHARD};
@@ -16,7 +17,7 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(super) struct Info {
-    /// A .ldi, .sprite or .house file, or a shard
+    /// A .ldi, .sprite or .house file, a shard, or a folder of images
     file: PathBuf,
     /// Check every promise of the layout, sample by sample
     #[arg(long)]
@@ -28,6 +29,9 @@ pub(super) struct Info {
 
 impl Info {
     pub(super) fn run(&self) -> anyhow::Result<()> {
+        if is_image_set(&self.file.to_string_lossy()) {
+            return Images::of(&self.file, self.json).run();
+        }
         let kind = Container::peek_kind(&self.file).with_context(|| format!("{}", self.file.display()))?;
         match kind {
             Some(tag) if tag == CUBE_LDI.tag => self.cube(),
@@ -76,6 +80,12 @@ impl Info {
             if let Some(missing) = missing {
                 println!("  {}          next ray new with probability {missing:.4}", face.name());
             }
+        }
+        if let Some(holes) = info.holes {
+            let [share, error, before] = [holes.share, holes.standard_error, holes.share_before].map(|v| v * 100.0);
+            println!("  holes       {share:.4} % of frames' pixels, +- {error:.4} % (standard error)");
+            let (aimed, rounds) = (holes.aimed_rays, holes.rounds);
+            println!("              {before:.3} % before {aimed} rays were aimed at them, in {rounds} rounds");
         }
         for s in &cube.segments {
             let side = if s.side == SegmentSide::Near { "near" } else { "far " };

@@ -1,10 +1,11 @@
 //! `headbox merge`.
 
-use super::capture::{PackingArgs, budget, warn_if_blocked};
+use super::capture::{PackingArgs, budget, warn_if_blocked, what_is_kept};
 use super::output::{CUBE, Outputs, peak_rss_mb, print_json};
 use super::progress::Bar;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
+use crate::gaps;
 use crate::ldi::parameters::Resources;
 use crate::ldi::shard;
 use crate::scene_source::fingerprint;
@@ -63,6 +64,7 @@ impl Merge {
             shard::absorb(path, info, &mut tracing)?;
         }
         let bar = Bar::new();
+        gaps::close(&first.job, &mut tracing, &tracer, &lighting, &bar)?;
         let ldi = first.job.finish(&tracing, &tracer, &lighting, &resources, &bar)?;
         drop((tracing, tracer));
         let packed = self.packing.pack(ldi)?;
@@ -72,11 +74,13 @@ impl Merge {
         let (count, rays) = (packed.depth_pixel_count(), packed.info.rays_traced);
         if self.json {
             print_json(&json!({
-                "shards": infos.len(), "rays": rays, "depth_pixels": count, "bytes": packed.bytes(),
+                "shards": infos.len(), "rays": rays, "depth_pixels": count,
+                "samples_on_planes": packed.planes.samples, "bytes": packed.bytes(),
                 "peak_rss_mb": peak_rss_mb(),
             }));
         } else {
-            println!("{}: {count} depth pixels from {rays} rays in {} shards", self.output.display(), infos.len());
+            let (output, kept) = (self.output.display(), what_is_kept(&packed));
+            println!("{output}: {kept} from {rays} rays in {} shards", infos.len());
         }
         Ok(())
     }

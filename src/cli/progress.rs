@@ -1,47 +1,101 @@
-//! How far long work is: a bar with its stages and the time left on a terminal, a line every ten seconds elsewhere.
+//! How far long work is: one bar over all its stages, with the time left, on a terminal; a line every ten seconds elsewhere.
 
 use crate::progress::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Time between two lines where there is no terminal.
 const BETWEEN_LINES: Duration = Duration::from_secs(10);
+/// Time between two looks at a bar.
+const BETWEEN_LOOKS: Duration = Duration::from_millis(100);
+/// A bar's length: overall progress has no unit.
+const LENGTH: u64 = 1000;
+/// Before this share is done, nobody knows what is left but who planned it.
+const TOO_EARLY: f64 = 0.03;
 
-/// Progress on standard error, one stage after the other.
+/// What a bar can expect: a stage, or several that take turns, which begin so many times and take a share of the time.
+pub(super) struct Planned {
+    pub(super) stages: &'static [&'static str],
+    pub(super) times: u32,
+    /// Seconds; or anything, where only the shares are known.
+    pub(super) weight: f64,
+}
+
+/// Progress on standard error: one bar over all stages that were planned, or one for each stage.
 pub(super) struct Bar {
     bar: ProgressBar,
     started: Instant,
+    plan: Vec<Planned>,
+    /// Whether weights of the plan are seconds.
+    in_seconds: bool,
+    /// Steps of the present stage that are done.
+    done: AtomicU64,
+    /// When it is time for another look, ms since the start.
+    next_look_ms: AtomicU64,
     stage: Mutex<Stage>,
     /// Whether nobody would see a bar move.
     in_lines: bool,
 }
 
-/// The stage that is under way.
+/// Where the work stands.
 struct Stage {
-    /// How many there have been, with this one.
-    number: u32,
     name: String,
     total: u64,
-    done: u64,
     began: Instant,
     told: Instant,
+    /// Parts of the work, such as scenes, that the plan is for one of: how many are done, and of how many.
+    parts: [usize; 2],
+    /// The part's name.
+    part: String,
+    /// The entry of the plan that is under way, and how many of its stages have ended.
+    planned: Option<(usize, u32)>,
     /// Seconds of those that have ended, by their names.
     ended: Vec<(String, f64)>,
 }
 
 impl Bar {
+    /// A bar for stages that nobody foresees.
     pub(super) fn new() -> Self {
-        let bar = ProgressBar::new(0);
-        let template = "{msg:>28} [{bar:30}] {percent:>3} %  {elapsed} so far, {eta} left";
-        if let Ok(style) = ProgressStyle::with_template(template) {
+        Self::planned(Vec::new(), false)
+    }
+
+    /// A bar over stages that come in this order.
+    pub(super) fn planned(plan: Vec<Planned>, in_seconds: bool) -> Self {
+        let bar = ProgressBar::new(LENGTH);
+        if let Ok(style) = ProgressStyle::with_template("{prefix} [{bar:30}] {percent:>3} %  {msg}") {
             bar.set_style(style.progress_chars("=> "));
         }
         let now = Instant::now();
-        let stage =
-            Stage { number: 0, name: String::new(), total: 0, done: 0, began: now, told: now, ended: Vec::new() };
-        Self { bar, started: now, stage: Mutex::new(stage), in_lines: !std::io::stderr().is_terminal() }
+        let stage = Stage {
+            name: String::new(),
+            total: 0,
+            began: now,
+            told: now,
+            parts: [0, 1],
+            part: String::new(),
+            planned: None,
+            ended: Vec::new(),
+        };
+        Self {
+            bar,
+            started: now,
+            plan,
+            in_seconds,
+            done: AtomicU64::new(0),
+            next_look_ms: AtomicU64::new(0),
+            stage: Mutex::new(stage),
+            in_lines: !std::io::stderr().is_terminal(),
+        }
+    }
+
+    /// Part `number` (from 0) of `count` begins, for which the plan holds anew.
+    pub(super) fn part(&self, name: &str, number: usize, count: usize) {
+        let mut stage = self.stage();
+        stage.end();
+        (stage.part, stage.parts, stage.planned) = (format!("{name}: "), [number, count], None);
     }
 
     pub(super) fn finish(&self) {
@@ -60,6 +114,47 @@ impl Bar {
     fn stage(&self) -> std::sync::MutexGuard<'_, Stage> {
         self.stage.lock().unwrap_or_else(PoisonError::into_inner)
     }
+
+    /// Share of all that is planned that is done; of the stage where it was not planned.
+    fn share_done(&self, stage: &Stage) -> f64 {
+        let of_stage = (self.done.load(Ordering::Relaxed) as f64 / stage.total.max(1) as f64).min(1.0);
+        if self.plan.is_empty() {
+            return of_stage;
+        }
+        let total: f64 = self.plan.iter().map(|planned| planned.weight).sum();
+        let in_part = stage.planned.map_or(0.0, |(i, ended)| {
+            let before: f64 = self.plan[..i].iter().map(|planned| planned.weight).sum();
+            let Planned { times, weight, .. } = self.plan[i];
+            before + weight * ((f64::from(ended) + of_stage) / f64::from(times.max(1))).min(1.0)
+        });
+        let [part, parts] = stage.parts;
+        ((part as f64 + in_part / total.max(f64::MIN_POSITIVE)) / parts.max(1) as f64).min(1.0)
+    }
+
+    /// Seconds left of what [`Self::share_done`] speaks of.
+    fn left(&self, stage: &Stage, share: f64) -> Option<f64> {
+        let since = if self.plan.is_empty() { stage.began } else { self.started };
+        if share >= TOO_EARLY {
+            return Some(since.elapsed().as_secs_f64() * (1.0 - share) / share);
+        }
+        let planned = || self.plan.iter().map(|planned| planned.weight).sum::<f64>();
+        self.in_seconds.then(|| (planned() - since.elapsed().as_secs_f64()).max(0.0))
+    }
+
+    /// Shows where the work stands.
+    fn show(&self, stage: &mut Stage) {
+        let share = self.share_done(stage);
+        let left = self.left(stage, share).map_or(String::new(), |left| format!(", {} left", duration(left)));
+        let so_far = duration(self.started.elapsed().as_secs_f64());
+        if !self.in_lines {
+            self.bar.set_prefix(so_far);
+            self.bar.set_position((share * LENGTH as f64) as u64);
+            self.bar.set_message(format!("{}{}{left}", stage.part, stage.name));
+        } else if stage.told.elapsed() >= BETWEEN_LINES {
+            stage.told = Instant::now();
+            eprintln!("{so_far}: {:.0} %, {}{}{left}", share * 100.0, stage.part, stage.name);
+        }
+    }
 }
 
 impl Stage {
@@ -75,40 +170,33 @@ impl Stage {
             None => self.ended.push((name, seconds)),
         }
     }
-
-    /// Time left, from what has been done of this stage.
-    fn left(&self) -> Option<f64> {
-        let done = self.done as f64 / self.total.max(1) as f64;
-        (done > 0.0).then(|| self.began.elapsed().as_secs_f64() * (1.0 - done).max(0.0) / done)
-    }
 }
 
 impl Progress for Bar {
     fn begin(&self, stage: &str, _unit: &str, total: u64) {
         let mut current = self.stage();
         current.end();
-        current.number += 1;
-        let began = Instant::now();
-        (current.name, current.total, current.done, current.began) = (stage.to_owned(), total, 0, began);
-        self.bar.reset_eta();
-        self.bar.set_length(total);
-        self.bar.set_position(0);
-        self.bar.set_message(format!("{}. {stage}", current.number));
+        (current.name, current.total, current.began) = (stage.to_owned(), total, Instant::now());
+        self.done.store(0, Ordering::Relaxed);
+        if let Some(i) = self.plan.iter().position(|planned| planned.stages.contains(&stage)) {
+            current.planned = match current.planned {
+                Some((before, ended)) if before == i => Some((i, ended + 1)),
+                _ => Some((i, 0)),
+            };
+        }
+        self.show(&mut current);
     }
 
     fn advance(&self, steps: u64) {
-        self.bar.inc(steps);
-        if !self.in_lines {
-            return;
-        }
-        let mut stage = self.stage();
-        stage.done += steps;
-        if stage.told.elapsed() >= BETWEEN_LINES {
-            stage.told = Instant::now();
-            let percent = 100 * stage.done / stage.total.max(1);
-            let left = stage.left().map_or(String::new(), |left| format!(", {} left in it", duration(left)));
-            let so_far = duration(self.started.elapsed().as_secs_f64());
-            eprintln!("{so_far}: stage {}, {}, {percent} %{left}", stage.number, stage.name);
+        self.done.fetch_add(steps, Ordering::Relaxed);
+        let now_ms = self.started.elapsed().as_millis() as u64;
+        let due_ms = self.next_look_ms.load(Ordering::Relaxed);
+        let next_ms = now_ms + BETWEEN_LOOKS.as_millis() as u64;
+        // One of the threads for which it is due shows it.
+        let mine = now_ms >= due_ms
+            && self.next_look_ms.compare_exchange(due_ms, next_ms, Ordering::Relaxed, Ordering::Relaxed).is_ok();
+        if mine {
+            self.show(&mut self.stage());
         }
     }
 }
@@ -154,5 +242,32 @@ mod tests {
         bar.finish();
         let times = bar.times();
         assert!(times.starts_with("rays 0.") && !times.contains(','), "{times}");
+    }
+
+    #[test]
+    fn a_planned_bar_goes_from_beginning_to_end() {
+        let plan = vec![
+            Planned { stages: &["pilot", "trace"], times: 2, weight: 1.0 },
+            Planned { stages: &["look"], times: 4, weight: 2.0 },
+            Planned { stages: &["light"], times: 1, weight: 1.0 },
+        ];
+        let bar = Bar::planned(plan, true);
+        let share = || bar.share_done(&bar.stage());
+        let mut shares = vec![share()];
+        for part in 0..2 {
+            bar.part("scene", part, 2);
+            // Fewer looks than were planned: the bar goes on with what comes after.
+            for stage in ["pilot", "trace", "look", "light"] {
+                bar.begin(stage, "steps", 4);
+                shares.push(share());
+                bar.advance(2);
+                shares.push(share());
+                bar.advance(2);
+            }
+        }
+        shares.push(share());
+        assert!(shares.is_sorted(), "{shares:?}");
+        assert!(shares.contains(&0.5), "half of the parts: {shares:?}");
+        assert_eq!(shares.last(), Some(&1.0));
     }
 }

@@ -1,8 +1,9 @@
 //! `headbox render`.
 
 use super::UsageError;
-use super::args::{CameraArgs, DefaultCamera, parse_length};
+use super::args::{CameraArgs, DefaultCamera, Names, by_name, parse_length};
 use super::house_file::HouseContent;
+use super::images::{self, SetArgs, is_image_set};
 use super::output::{DEPTH, FILM, Outputs, PICTURE, print_json, save_picture, write_text};
 use super::progress::Bar;
 use crate::capture::scene::FileFrame;
@@ -20,7 +21,7 @@ use crate::render::splat::SplatKernel;
 use crate::render::{Parallel, RenderSettings, Renderer};
 use crate::sprite::{DepthPicture, RenderOptions, SPRITE_FILE, Sampling, SpriteSet, Variant, write_depth_exr};
 use anyhow::{Context, bail};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use image::RgbImage;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -28,7 +29,8 @@ use std::time::Instant;
 
 #[derive(Args)]
 pub(super) struct Render {
-    /// A .ldi or .sprite file, or several of one world, laid over each other back to front; or one .house file
+    /// A .ldi or .sprite file or a folder of images with depth, or several of one world, laid over each other back to front; or
+    /// one .house file
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Picture to write (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output, PNG); with --path the folder for frames
@@ -55,10 +57,13 @@ pub(super) struct Render {
     variant: Option<String>,
     /// How colours of sprites are looked up; bilinear if absent
     #[arg(long)]
-    sampling: Option<SamplingArg>,
+    sampling: Option<Sampling>,
     /// Pixels by which gaps inside sprites are filled; 3 if absent
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     fill_steps: Option<u32>,
+    /// Leave small holes open, which are otherwise filled from what lies behind their rims
+    #[arg(long)]
+    keep_holes: bool,
     /// EXR to write the eye depth of each pixel to, metres, infinite where nothing is drawn; for a single frame of one .ldi
     #[arg(long, value_name = "FILE.exr", conflicts_with = "path")]
     depth: Option<PathBuf>,
@@ -66,8 +71,8 @@ pub(super) struct Render {
     #[arg(long, value_name = "FILE.png", conflicts_with = "path")]
     coverage: Option<PathBuf>,
     /// How threads share a cube LDI's frame, which is the same in any case; bands if absent
-    #[arg(long, value_name = "WAY")]
-    parallel: Option<ParallelArg>,
+    #[arg(long, value_name = "WAY", value_parser = by_name(WAYS))]
+    parallel: Option<Parallel>,
     /// Render each frame so many times and report the median
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     repeat: u32,
@@ -76,19 +81,11 @@ pub(super) struct Render {
     json: bool,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum SamplingArg {
-    Nearest,
-    Bilinear,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum ParallelArg {
-    /// Bands of rows of the frame
-    Bands,
-    /// Fragments of the LDI between epipolar lines, one a thread
-    Fragments,
-}
+/// How threads can share a frame.
+const WAYS: Names<Parallel> = &[
+    ("bands", "Bands of rows of the frame", Parallel::Bands),
+    ("fragments", "Fragments of the LDI between epipolar lines, one a thread", Parallel::Fragments(0)),
+];
 
 /// One rendered pose.
 struct Rendered {
@@ -166,7 +163,15 @@ impl Render {
                     Some(sprites) => sprites.append(set),
                 }
             } else {
-                let cube = PackedCube::read(file)?;
+                let cube = match is_image_set(&file.to_string_lossy()) {
+                    true => {
+                        let bar = Bar::new();
+                        let cube = images::cube(file, &SetArgs::default(), &bar)?;
+                        bar.finish();
+                        cube
+                    }
+                    false => PackedCube::read(file)?,
+                };
                 world.get_or_insert((cube.info.frame, DefaultCamera::of_cube(&cube.info)));
                 cubes.push(cube);
             }
@@ -207,18 +212,16 @@ impl Render {
             return Err(UsageError("--sampling and --fill-steps are for .sprite files".into()).into());
         }
         let RenderOptions { sampling, fill_steps, .. } = settings.sprites;
-        settings.sprites.sampling = match self.sampling {
-            Some(SamplingArg::Nearest) => Sampling::Nearest,
-            Some(SamplingArg::Bilinear) => Sampling::Bilinear,
-            None => sampling,
-        };
+        settings.sprites.sampling = self.sampling.unwrap_or(sampling);
         settings.sprites.fill_steps = self.fill_steps.unwrap_or(fill_steps);
         if !cubes && self.parallel.is_some() {
             return Err(UsageError("--parallel is for .ldi files".into()).into());
         }
-        if let Some(ParallelArg::Fragments) = self.parallel {
-            settings.cubes.parallel = Parallel::Fragments(0);
+        if !cubes && self.keep_holes {
+            return Err(UsageError("--keep-holes is for .ldi files".into()).into());
         }
+        settings.cubes.keep_holes = self.keep_holes;
+        settings.cubes.parallel = self.parallel.unwrap_or_default();
         let Some(wanted) = &self.variant else { return Ok(settings) };
         let kernel = SplatKernel::ALL.iter().find(|(name, _)| name == wanted).filter(|_| cubes);
         match (Variant::from_name(wanted).filter(|_| sprites), kernel) {

@@ -1,11 +1,11 @@
 //! `headbox report`.
 
 use super::UsageError;
-use super::args::{FrameArgs, Unit, parse_length, parse_up, parse_vector};
+use super::args::{FrameArgs, UNITS, parse_length, parse_up, parse_vector};
 use super::capture::place_headbox;
 use super::images::{SetArgs, is_image_set};
 use super::output::{NO_INPUTS, Outputs, PAGE, save_picture, write_text};
-use super::progress::Bar;
+use super::progress::{Bar, Planned};
 use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;
 use crate::capture::scene::UpAxis;
@@ -15,7 +15,7 @@ use crate::ldi::from_images::ImagesJob;
 use crate::measure::images::{self, Shown};
 use crate::measure::machine::{Machine, commit};
 use crate::measure::plan::{Plan, Quality, most_to_see};
-use crate::measure::report::figures::figures;
+use crate::measure::report::figures::{figures, short};
 use crate::measure::report::row::Report;
 use crate::measure::report::subject::Subject;
 use crate::measure::report::{promises, results, scene, summary};
@@ -26,8 +26,8 @@ use crate::packed::file::CUBE_LDI;
 use crate::scene_source::SceneSource;
 use crate::sprite::{SPRITE_FILE, SpriteSet};
 use anyhow::{Context, bail};
+use clap::Args;
 use clap::builder::TypedValueParser;
-use clap::{Args, ValueEnum};
 use glam::DVec3;
 use image::RgbImage;
 use std::path::{Path, PathBuf};
@@ -95,7 +95,7 @@ struct Named {
     center: Option<DVec3>,
     half_size: Option<f64>,
     up: Option<UpAxis>,
-    unit: Option<Unit>,
+    unit: Option<f64>,
 }
 
 impl Named {
@@ -116,7 +116,11 @@ fn parse_named(text: &str) -> Result<Named, String> {
             "center" => named.center = Some(parse_vector(value)?),
             "half" => named.half_size = Some(parse_length(value)?),
             "up" => named.up = Some(parse_up(value)?),
-            "unit" => named.unit = Some(Unit::from_str(value, true)?),
+            "unit" => {
+                let unit = UNITS.iter().find(|(name, ..)| *name == value);
+                let names = || UNITS.iter().map(|(name, ..)| *name).collect::<Vec<_>>().join(", ");
+                named.unit = Some(unit.ok_or_else(|| format!("unit={value}: give one of {}", names()))?.2);
+            }
             _ => return Err(format!("{key}: give one of {}", KEYS.join("=, "))),
         }
     }
@@ -199,8 +203,9 @@ impl ReportCommand {
         if self.resume {
             report.resume(read_report(&json).ok());
         }
-        let bar = Bar::new();
-        for named in &self.subjects {
+        let bar = Bar::planned(plan_of_a_scene(), false);
+        for (number, named) in self.subjects.iter().enumerate() {
+            bar.part(short(&named.name), number, self.subjects.len());
             if report.scenes.iter().any(|facts| facts.scene == named.name) {
                 continue;
             }
@@ -212,6 +217,7 @@ impl ReportCommand {
             write_text(&json, &(serde_json::to_string_pretty(&report)? + "\n"))?;
         }
         bar.finish();
+        eprintln!("time: {}", bar.times());
         write_text(&output.join("report.csv"), &report.to_csv())?;
         let summary = summary::summary(&report);
         write_text(&output.join("summary.md"), &summary)?;
@@ -230,15 +236,16 @@ impl ReportCommand {
 
     /// Leaves views of an image set out and shows them from the others.
     fn measure_images(&self, folder: &Path) -> anyhow::Result<()> {
-        let set = self.images.open(folder)?;
+        let set = self.images.open_registered(folder)?;
         let output = self.output_or("headbox-report");
         Outputs::new(false, [folder]).folder(output)?;
         let bar = Bar::new();
         let mut failed = None;
         let mut save = |shown: Shown| {
-            let [nearest, ldi] = &shown.frames;
+            let [nearest, near, ldi] = &shown.frames;
             let path = output.join(format!("{}.png", shown.view.replace(['/', '.'], "_")));
-            failed = failed.take().or(save_picture(&path, &side_by_side(&[&shown.photograph, nearest, ldi])).err());
+            failed =
+                failed.take().or(save_picture(&path, &side_by_side(&[&shown.photograph, nearest, near, ldi])).err());
         };
         let report = images::measure(&set, &ImagesJob::suggest(&set), self.hold_out, &bar, &mut save)?;
         bar.finish();
@@ -318,6 +325,16 @@ impl ReportCommand {
     }
 }
 
+/// The stages of a scene's measurement, with shares of its time as they are in the middle: captures that differ in one thing each,
+/// frames in turns, and truth for each eye, for some more than once.
+fn plan_of_a_scene() -> Vec<Planned> {
+    vec![
+        Planned { stages: &["pilot", "trace", "look for holes", "light and merge", "sprites"], times: 40, weight: 0.4 },
+        Planned { stages: &["frames"], times: 1, weight: 0.2 },
+        Planned { stages: &["truth"], times: 24, weight: 0.4 },
+    ]
+}
+
 fn read_text(path: &Path) -> anyhow::Result<String> {
     std::fs::read_to_string(path).with_context(|| format!("{} could not be read", path.display()))
 }
@@ -356,7 +373,7 @@ mod tests {
         let named = parse_named("a@home/house.obj@up=z@center=0,-1,1.5@half=0.4@unit=cm").unwrap();
         assert_eq!((named.name.as_str(), named.center), ("a@home/house.obj", Some(DVec3::new(0.0, -1.0, 1.5))));
         assert!(named.half_size == Some(0.4) && named.is_placed());
-        assert!(matches!((named.up, named.unit), (Some(UpAxis::Z), Some(Unit::Cm))));
+        assert!(matches!((named.up, named.unit), (Some(UpAxis::Z), Some(0.01))));
         let plain = parse_named("a@home/house.obj").unwrap();
         assert!(plain.name == "a@home/house.obj" && !plain.is_placed());
         for wrong in ["a.obj@center=1,2", "a.obj@half=0", "a.obj@half=1@size=3", "a.obj@up=x", "a.obj@unit=m@z"] {

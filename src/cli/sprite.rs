@@ -1,7 +1,7 @@
 //! `headbox sprite`.
 
 use super::UsageError;
-use super::args::{CameraArgs, DefaultCamera, FrameArgs, parse_length};
+use super::args::{CameraArgs, DefaultCamera, FrameArgs, Names, by_name, parse_length};
 use super::capture::place_headbox;
 use super::info::sprite_json;
 use super::output::{Outputs, SPRITES, peak_rss_mb, print_json, save_picture, write_text};
@@ -17,7 +17,7 @@ use crate::sprite::{
     slabs_at_gaps,
 };
 use anyhow::{Context, bail};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use glam::DVec3;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -41,7 +41,7 @@ pub(super) struct SpriteCommand {
     import: ImportArgs,
     /// How displacements are stored
     #[arg(long, default_value = "i8")]
-    displacement: FormatArg,
+    displacement: DisplacementFormat,
     /// Displacements at a resolution lower by this factor than the colours
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     displacement_divisor: u32,
@@ -84,8 +84,8 @@ struct ImportArgs {
     #[arg(long, value_name = "DEPTH", requires = "color")]
     depth: Option<PathBuf>,
     /// What a depth means
-    #[arg(long, requires = "color")]
-    depth_kind: Option<DepthKindArg>,
+    #[arg(long, requires = "color", value_parser = by_name(DEPTH_KINDS))]
+    depth_kind: Option<DepthKind>,
     /// Metres per stored depth value; 1 for EXR, 0.001 for PNG if absent. For window depth the value of 1: 1 or 1/65535
     #[arg(long, value_name = "METRES", requires = "color", value_parser = parse_length)]
     depth_unit: Option<f64>,
@@ -97,24 +97,17 @@ struct ImportArgs {
     far: Option<f64>,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum FormatArg {
-    I8,
-    I16,
-    F32,
-}
-
-#[derive(Clone, Copy, PartialEq, ValueEnum)]
-enum DepthKindArg {
-    /// Along the viewing axis
-    Eye,
-    /// From the eye
-    Ray,
-    /// A depth buffer's value, 0 at the near plane and 1 at the far plane
-    Window,
-    /// The same of a reversed buffer, 1 at the near plane and 0 at the far plane
-    ReversedWindow,
-}
+/// What depths of a picture can mean.
+const DEPTH_KINDS: Names<DepthKind> = &[
+    ("eye", "Along the viewing axis", DepthKind::EyeDepth),
+    ("ray", "From the eye", DepthKind::RayDistance),
+    ("window", "A depth buffer's value, 0 at the near plane and 1 at the far plane", DepthKind::WindowDepth),
+    (
+        "reversed-window",
+        "The same of a reversed buffer, 1 at the near plane and 0 at the far plane",
+        DepthKind::ReversedWindowDepth,
+    ),
+];
 
 impl SpriteCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
@@ -190,7 +183,7 @@ impl SpriteCommand {
             lighting: &lighting,
             lit: !self.quality.unlit,
             samples: self.quality.samples,
-            format: self.format(),
+            format: self.displacement,
         };
         let slabs = slabs_at_gaps(&tracer, &camera, usize::from(self.quality.slabs));
         let sprites = capture_slabs(&capture, &camera, &slabs, &bar)?;
@@ -232,15 +225,10 @@ impl SpriteCommand {
             camera: self.camera.camera(&frame, &DefaultCamera { size, ..DefaultCamera::at(DVec3::ZERO) })?,
             color,
             depth: &depth.values,
-            depth_kind: match kind {
-                DepthKindArg::Eye => DepthKind::EyeDepth,
-                DepthKindArg::Ray => DepthKind::RayDistance,
-                DepthKindArg::Window => DepthKind::WindowDepth,
-                DepthKindArg::ReversedWindow => DepthKind::ReversedWindowDepth,
-            },
+            depth_kind: kind,
             window_range_m: self.import.window_range(kind)?,
             plane: None,
-            format: self.format(),
+            format: self.displacement,
         };
         let sprite =
             import.build().with_context(|| format!("{} and {}", color_path.display(), depth_path.display()))?;
@@ -260,31 +248,23 @@ impl SpriteCommand {
         };
         Ok(SpriteSet::new(sprites.into_iter().map(reduced).collect::<Result<_, _>>()?))
     }
-
-    fn format(&self) -> DisplacementFormat {
-        match self.displacement {
-            FormatArg::I8 => DisplacementFormat::I8,
-            FormatArg::I16 => DisplacementFormat::I16,
-            FormatArg::F32 => DisplacementFormat::F32,
-        }
-    }
 }
 
 impl ImportArgs {
     /// What a stored depth of 1 means.
-    fn unit(&self, path: &Path, kind: DepthKindArg) -> f32 {
+    fn unit(&self, path: &Path, kind: DepthKind) -> f32 {
         let is_exr = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
         let usual = match kind {
             _ if is_exr => 1.0,
-            DepthKindArg::Window | DepthKindArg::ReversedWindow => 1.0 / 65_535.0,
-            DepthKindArg::Eye | DepthKindArg::Ray => 1e-3,
+            DepthKind::WindowDepth | DepthKind::ReversedWindowDepth => 1.0 / 65_535.0,
+            DepthKind::EyeDepth | DepthKind::RayDistance => 1e-3,
         };
         self.depth_unit.unwrap_or(usual) as f32
     }
 
-    fn window_range(&self, kind: DepthKindArg) -> anyhow::Result<(f64, f64)> {
+    fn window_range(&self, kind: DepthKind) -> anyhow::Result<(f64, f64)> {
         match (kind, self.near) {
-            (DepthKindArg::Eye | DepthKindArg::Ray, _) => Ok((0.0, 0.0)),
+            (DepthKind::EyeDepth | DepthKind::RayDistance, _) => Ok((0.0, 0.0)),
             (_, Some(near)) => Ok((near, self.far.unwrap_or(f64::INFINITY))),
             (_, None) => Err(UsageError("window depth needs --near METRES (and --far METRES)".into()).into()),
         }

@@ -49,11 +49,11 @@ impl Truth {
         let lighting = Lighting::measure(&tracer, self.bounces);
         let bar = Bar::new();
         let start = Instant::now();
-        let frame = truth::render(&tracer, &lighting, !self.unlit, &camera, self.samples, &bar);
+        let truth = truth::render(&tracer, &lighting, !self.unlit, &camera, self.samples, &bar);
         bar.finish();
         let seconds = start.elapsed().as_secs_f64();
-        save_picture(&self.output, &frame.color)?;
-        let error_db = frame.standard_error_psnr_db;
+        save_picture(&self.output, &truth.rgb())?;
+        let error_db = truth.standard_error_psnr_db;
         if self.json {
             print_json(&json!({
                 "seconds": seconds, "samples": self.samples, "peak_rss_mb": peak_rss_mb(),

@@ -1,17 +1,19 @@
 //! `headbox view`.
 
 use super::UsageError;
-use super::args::{FrameArgs, parse_size};
+use super::args::{FrameArgs, Names, by_name, parse_size};
+use super::images::{self, SetArgs, is_image_set};
 use super::output::print_json;
-use crate::view::{SceneLibrary, open, open_source};
-use clap::{Args, ValueEnum};
-use headbox_viewer::{Exit, ReplayMode, Stereo, ViewerOptions};
+use super::progress::Bar;
+use crate::view::{SceneLibrary, open, open_source, show_cube};
+use clap::Args;
+use headbox_viewer::{Exit, FrameSource, ReplayMode, Stereo, ViewerOptions};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 #[derive(Args)]
 pub(super) struct View {
-    /// A .ldi, .sprite or .house file, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the
+    /// A .ldi, .sprite or .house file, a folder of images with depth, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the
     /// start page if absent
     file: Option<String>,
     #[command(flatten)]
@@ -44,8 +46,8 @@ pub(super) struct View {
     #[arg(long, value_name = "ID=VALUE", value_parser = parse_pair)]
     compare: Vec<(String, String)>,
     /// Two eyes side by side
-    #[arg(long)]
-    stereo: Option<StereoArg>,
+    #[arg(long, value_parser = by_name(STEREO))]
+    stereo: Option<Stereo>,
     /// Render fewer pixels while the eye moves, if a frame would take longer than so many milliseconds; 0 for all pixels always
     #[arg(long, value_name = "MS", default_value_t = ViewerOptions::MOVING_LIMIT_MS, value_parser = parse_limit)]
     moving_limit: f64,
@@ -60,13 +62,11 @@ pub(super) struct View {
     json: bool,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum StereoArg {
-    /// The right eye's view on the left
-    Cross,
-    /// The left eye's view on the left
-    Parallel,
-}
+/// How two eyes stand beside each other.
+const STEREO: Names<Stereo> = &[
+    ("cross", "The right eye's view on the left", Stereo::CrossEyed),
+    ("parallel", "The left eye's view on the left", Stereo::Parallel),
+];
 
 fn parse_pair(text: &str) -> Result<(String, String), String> {
     let (id, value) = text.split_once('=').ok_or("give ID=VALUE")?;
@@ -86,12 +86,22 @@ const FRAMES_BEFORE_PICTURE: u64 = 3;
 impl View {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let options = self.options()?;
-        let source = self.file.as_deref().map(|file| open_source(self.frame.source(file), &self.out)).transpose()?;
+        let source = self.file.as_deref().map(|file| self.source(file)).transpose()?;
         let summary = headbox_viewer::run(source, options)?;
         if self.json {
             print_json(&serde_json::to_value(summary)?);
         }
         Ok(())
+    }
+
+    fn source(&self, file: &str) -> anyhow::Result<Box<dyn FrameSource>> {
+        if !is_image_set(file) {
+            return Ok(open_source(self.frame.source(file), &self.out)?);
+        }
+        let bar = Bar::new();
+        let cube = images::cube(Path::new(file), &SetArgs::default(), &bar)?;
+        bar.finish();
+        Ok(show_cube(cube, Path::new(file)))
     }
 
     fn options(&self) -> Result<ViewerOptions, UsageError> {
@@ -116,11 +126,7 @@ impl View {
             panels: !self.no_panels,
             settings: self.set.clone(),
             compare: (!self.compare.is_empty()).then(|| self.compare.clone()),
-            stereo: match self.stereo {
-                None => Stereo::Off,
-                Some(StereoArg::Cross) => Stereo::CrossEyed,
-                Some(StereoArg::Parallel) => Stereo::Parallel,
-            },
+            stereo: self.stereo.unwrap_or_default(),
             moving_limit_ms: (self.moving_limit > 0.0).then_some(self.moving_limit),
             path: self.path.clone(),
             replay: if self.every_pose { ReplayMode::EveryPose } else { ReplayMode::InTime },

@@ -1,18 +1,22 @@
 //! Sprites with depth and cube LDIs in one frame (S25): each layer is drawn by its own renderer, and the layers are
 //! laid over each other back to front, over the environment.
 //!
-//! A layer is drawn whole: layers that reach through each other come out in the order of their larger parts.
+//! Layers blend in linear light, as splats do: a cube LDI alone is, but for its thinnest rims, the frame that it would be without the
+//! others. A layer is drawn whole: layers that reach through each other come out in the order of their larger parts.
 
 mod order;
 
-use crate::capture::Camera;
+use crate::capture::{Camera, simd};
 use crate::environment::Environment;
 use crate::frame::Frame;
 use crate::packed::PackedCube;
+use crate::render::finish::{Background, Pixels};
+use crate::render::linear::LinearLight;
 use crate::render::{RenderSettings, Renderer};
-use crate::sprite::{Outcome, RenderOptions, SpriteLayer, SpriteRenderer, SpriteSet};
+use crate::sprite::{Outcome, RenderOptions, SpriteLayer, SpriteRenderer, SpriteSet, straight};
 use glam::DVec3;
 use order::CubePoints;
+use rayon::prelude::*;
 use serde::Serialize;
 use std::time::Instant;
 
@@ -70,8 +74,6 @@ pub struct Composer {
     cubes: Renderer,
     /// One sprite.
     layer: SpriteLayer,
-    /// The layers drawn so far, over each other.
-    composed: SpriteLayer,
 }
 
 impl Composition {
@@ -118,7 +120,9 @@ impl Composition {
         frame: &mut Frame,
     ) -> ComposeStats {
         let started = Instant::now();
-        composer.composed.reset(camera.width(), camera.height());
+        frame.resize(camera.width(), camera.height(), false);
+        // Until the environment is put under it: straight colours, with the share that layers cover as their alpha.
+        frame.color.fill([0; 4]);
         let mut stats = ComposeStats {
             outcomes: vec![Outcome::Drawn; self.sprites.sprites().len()],
             order: self.back_to_front(camera.eye()),
@@ -131,36 +135,99 @@ impl Composition {
                     let sprite = &self.sprites.sprites()[index];
                     let outcome = composer.sprites.render(sprite, camera, &settings.sprites, &mut composer.layer);
                     stats.outcomes[index] = outcome;
-                    composer.composed.draw_over(&composer.layer);
+                    lay_over(&mut frame.color, composer.layer.pixels().par_iter().map(|pixel| straight(*pixel)));
                     stats.sprites_ms += layer_started.elapsed().as_secs_f64() * 1e3;
                 }
                 Layer::Cube(index) => {
-                    draw_cube(composer, &self.cubes[index], camera, &settings.cubes, &mut stats);
+                    draw_cube(&mut composer.cubes, &self.cubes[index], camera, &settings.cubes, frame, &mut stats);
                     stats.cubes_ms += layer_started.elapsed().as_secs_f64() * 1e3;
                 }
             }
         }
-        let environment = |x: u32, y: u32| {
-            let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
-            self.environment.sample(direction.as_vec3())
+        let background = Background {
+            environment: &self.environment,
+            camera,
+            hole_color_srgb: settings.cubes.hole_color_srgb,
+            level: simd::level(),
         };
-        composer.composed.finish(environment, settings.cubes.hole_color_srgb, frame);
-        stats.hole_pixels = frame.hole_count();
+        let width = (frame.width as usize).max(1);
+        let rows = frame.color.par_chunks_mut(width).zip(frame.coverage.par_chunks_mut(width)).enumerate();
+        let put_under = |(y, (colors, coverages)): (usize, (_, _))| {
+            background.put_under(y as u32, Pixels { colors, coverages, depths_m: &mut [], inverse_depths: &mut [] })
+        };
+        stats.hole_pixels = rows.map(put_under).sum();
         stats.compose_ms = started.elapsed().as_secs_f64() * 1e3 - stats.sprites_ms - stats.cubes_ms;
         stats
     }
 }
 
+/// Lays a layer over what is there: straight colours, each with the share of 255 that it covers.
+fn lay_over(behind: &mut [[u8; 4]], front: impl IndexedParallelIterator<Item = [u8; 4]>) {
+    /// Pixels that a thread takes at least.
+    const AT_LEAST: usize = 1 << 14;
+    let linear = LinearLight::tables();
+    behind.par_iter_mut().zip(front).with_min_len(AT_LEAST).for_each(|(behind, front)| {
+        *behind = match (front[3], behind[3]) {
+            (0, _) => *behind,
+            (255, _) | (_, 0) => front,
+            _ => linear.over(front, *behind),
+        };
+    });
+}
+
 /// Draws a cube LDI without an environment over the layers before it.
 fn draw_cube(
-    composer: &mut Composer,
+    renderer: &mut Renderer,
     cube: &PackedCube,
     camera: &Camera,
     settings: &RenderSettings,
+    frame: &mut Frame,
     stats: &mut ComposeStats,
 ) {
-    let (drawn, cube_stats) = composer.cubes.render_with_stats(cube, camera, settings);
-    composer.composed.draw_frame_over(drawn);
+    let (drawn, cube_stats) = renderer.render_with_stats(cube, camera, settings);
+    let pixels = drawn.color.par_iter().zip(&drawn.coverage);
+    lay_over(&mut frame.color, pixels.map(|(&[r, g, b, _], coverage)| [r, g, b, coverage.splat_share()]));
     stats.depth_pixels_in += cube_stats.depth_pixels_in;
     stats.splatted += cube_stats.splatted;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capture::random::Rng;
+    use crate::capture::{linear_from_srgb8, srgb8_from_linear};
+
+    /// Two roundings to 8 bits, each of half a level and, in the darkest colours, of 12 bits of linear light.
+    const LAID_LEVELS: f32 = 2.0;
+
+    #[test]
+    fn layers_blend_as_light_does() {
+        let mut random = Rng::keyed(5);
+        for _ in 0..10_000 {
+            let mut pixel =
+                |share: u8| [random.below(256) as u8, random.below(256) as u8, random.below(256) as u8, share];
+            let (front, middle, back) = (pixel(77), pixel(200), pixel(255));
+            let mut two = [middle];
+            lay_over(&mut two, [front].into_par_iter());
+            let mut laid = [back];
+            lay_over(&mut laid, two.into_par_iter());
+            for c in 0..3 {
+                let mix = |front: [u8; 4], behind: f32| {
+                    let share = f32::from(front[3]) / 255.0;
+                    linear_from_srgb8(front[c]) * share + behind * (1.0 - share)
+                };
+                let exact = srgb8_from_linear(mix(front, mix(middle, linear_from_srgb8(back[c]))));
+                let off = f32::from(laid[0][c].abs_diff(exact));
+                assert!(off <= LAID_LEVELS, "{front:?} over {middle:?} over {back:?}: {laid:?}, not {exact}");
+            }
+            assert_eq!(laid[0][3], 255);
+        }
+        let (opaque, clear, thin) = ([1, 2, 3, 255], [9, 9, 9, 0], [40, 50, 60, 7]);
+        let laid = |behind: [u8; 4], front: [u8; 4]| {
+            let mut pixel = [behind];
+            lay_over(&mut pixel, [front].into_par_iter());
+            pixel[0]
+        };
+        assert_eq!([laid(thin, opaque), laid(opaque, clear), laid(clear, thin)], [opaque, opaque, thin]);
+    }
 }

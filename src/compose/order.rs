@@ -1,6 +1,7 @@
 //! The order in which an eye sees sprites and cube LDIs.
 
 use super::Layer;
+use crate::capture::rig::Face;
 use crate::packed::{PackedCube, PackedSegment};
 use crate::sprite::{SpriteSet, SpriteWithDepth};
 use glam::DVec3;
@@ -16,7 +17,7 @@ const POINTS: usize = 4096;
 
 impl CubePoints {
     pub(super) fn new(cube: &PackedCube) -> Self {
-        let every = cube.depth_pixel_count().div_ceil(POINTS).max(1);
+        let every = (cube.depth_pixel_count() + cube.planes.texels.len()).div_ceil(POINTS).max(1);
         let mut seen = 0;
         let mut points = Vec::with_capacity(POINTS);
         let rows = cube.segments.iter().flat_map(|segment| (0..segment.height).map(move |y| (segment, y)));
@@ -29,6 +30,11 @@ impl CubePoints {
                     points.push(cube.info.centre + direction / inverse_depth);
                 }
                 seen += 1;
+            }
+        }
+        for (i, point) in points_on_planes(cube) {
+            if (seen + i) % every == 0 {
+                points.push(point);
             }
         }
         points.retain(|point| point.is_finite());
@@ -63,6 +69,23 @@ impl CubePoints {
         }
         (balance != 0).then_some(balance > 0)
     }
+}
+
+/// The middles of all texels of pictures on planes that are not open, with their numbers.
+fn points_on_planes(cube: &PackedCube) -> impl Iterator<Item = (usize, DVec3)> {
+    cube.planes.tiles.iter().flat_map(move |tile| {
+        let face = Face::ALL[usize::from(tile.face) % Face::ALL.len()];
+        let plane = cube.planes.planes.get(tile.plane as usize).copied().unwrap_or_default();
+        let [q, along_x, along_y] = plane.inverse_depth(face, cube.face_size_px);
+        let texels = cube.planes.texels.get(tile.texel_range()).unwrap_or(&[]);
+        texels.iter().enumerate().filter(|(_, texel)| texel[3] > 127).map(move |(i, _)| {
+            let [column, row] = [i % usize::from(tile.width), i / usize::from(tile.width)];
+            let x = f64::from(tile.x0) + 0.5 + column as f64;
+            let y = f64::from(tile.y0) + 0.5 + row as f64;
+            let direction = face.direction(x, y, cube.face_size_px);
+            (tile.first_texel as usize + i, cube.info.centre + direction / (q + along_x * x + along_y * y))
+        })
+    })
 }
 
 /// The depth pixels of a row and their columns.

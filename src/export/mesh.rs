@@ -98,7 +98,7 @@ fn planes(cube: &PackedCube, tolerance: Tolerance) -> Vec<Chart> {
         let (x0, y0) = (f64::from(tile.x0), f64::from(tile.y0));
         let (right, bottom) = (x0 + width as f64, y0 + height as f64);
         let mut quads = Vec::new();
-let whole = Rectangle { face, face_px, sides: [x0, y0, right, bottom], picture: [x0 - 1.0, y0 - 1.0] };
+        let whole = Rectangle { face, face_px, sides: [x0, y0, right, bottom], picture: [x0 - 1.0, y0 - 1.0] };
         cut_plane(whole, inverse_depth, infinity, tolerance, &mut quads);
         Some(Chart { picture, quads, opaque: tile.opaque == 1, samples: tile.texel_count() as u32 })
     };
@@ -114,7 +114,8 @@ fn framed(texels: &[[u8; 4]], width: usize, height: usize) -> Picture {
     };
     let inside = |i: usize, length: usize| i.saturating_sub(1).min(length.saturating_sub(1));
     let rows = (0..height + 2).map(|row| inside(row, height) * width);
-    let framed = rows.flat_map(|start| (0..width + 2).map(move |column| straight(texels[start + inside(column, width)])));
+    let framed =
+        rows.flat_map(|start| (0..width + 2).map(move |column| straight(texels[start + inside(column, width)])));
     Picture { width: width + 2, height: height + 2, texels: framed.collect() }
 }
 

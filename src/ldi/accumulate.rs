@@ -176,6 +176,36 @@ mod tests {
     }
 
     #[test]
+    fn shares_use_all_sixteen_bits_and_round_to_the_nearest() {
+        let step = 1.0 / 65_535.0;
+        let found = [0.0, 0.4 * step, 0.6 * step, 0.5, 1.0 - 0.6 * step, 1.0].map(sixteen_bits);
+        assert_eq!(found, [0, 0, 1, 32_768, 65_534, 65_535]);
+    }
+
+    #[test]
+    fn a_class_holds_material_side_and_octant() {
+        use glam::vec3;
+        assert_eq!(Accumulator::class(5, true, vec3(-0.1, 0.5, -0.2)), 5 << 4 | 8 | 0b101);
+        assert_eq!(Accumulator::class(3, false, vec3(0.0, -1.0, 0.0)), 3 << 4 | 0b010);
+        let sample = |class: u16| Sample {
+            face: Face::PosX,
+            x: 0,
+            y: 0,
+            bin: 0,
+            offset: 0,
+            class,
+            albedo: [0; 3],
+            primitive: 0,
+            barycentric: [0; 2],
+            area: 1.0,
+            key: RayKey::new(0, 0, 0),
+        };
+        let is_back =
+            |back: bool| Accumulator::new(&sample(Accumulator::class(7, back, vec3(1.0, 1.0, 1.0)))).is_back();
+        assert!(is_back(true) && !is_back(false));
+    }
+
+    #[test]
     fn absorbing_does_not_depend_on_order() {
         let sample = |i: u32| Sample {
             face: Face::PosX,

@@ -3,6 +3,7 @@
 //! The rounds are: a pilot over all strata, the plan that follows from it, the planned rays. All six faces are traced in
 //! one run; a hit goes to the face whose frustum contains it, whichever face its ray left (C13).
 
+use super::Holes;
 use super::accumulate::{Accumulator, DepthBins, Sample, sixteen_bits};
 use super::misses::MissMap;
 use super::parameters::{CaptureSettings, Sampler};
@@ -27,6 +28,8 @@ pub struct Tracing {
     pub plan: RayPlan,
     /// Rays traced (in a shard: by this shard, its repetition of the pilot not counted).
     pub rays: u64,
+    /// What frames were found to lack, where they were looked at.
+    pub holes: Option<Holes>,
 }
 
 /// Traces the rays of `settings` (or of its shard).
@@ -45,6 +48,7 @@ pub fn trace(tracer: &Tracer, settings: &CaptureSettings, progress: &dyn Progres
         misses: MissMap::new(settings.face_size_px),
         plan: RayPlan::full(strata, 6),
         rays: 0,
+        holes: None,
     };
     if settings.parameters.sampler == Sampler::CentreRays {
         run.rays = pierce_from_centre(tracer, settings, &run, progress)?;
@@ -148,17 +152,18 @@ impl JobBuffers {
 }
 
 /// Turns hits into samples of the face that contains them.
-struct Router<'a> {
-    tracer: &'a Tracer,
-    bins: DepthBins,
-    size_px: u32,
-    misses: &'a MissMap,
+pub(crate) struct Router<'a> {
+    pub(crate) tracer: &'a Tracer,
+    pub(crate) bins: DepthBins,
+    /// Pixels a side of a face.
+    pub(crate) size_px: u32,
+    pub(crate) misses: &'a MissMap,
 }
 
 impl Router<'_> {
-    /// The sample of a hit; a miss (`t` infinite) is marked in the environment instead.
+    /// The sample of a hit; a miss (`t` infinite) is marked in the environment instead. The ray's direction has unit length.
     #[inline]
-    fn sample(&self, ray: &Ray, hit: &Hit, key: RayKey) -> Option<Sample> {
+    pub(crate) fn sample(&self, ray: &Ray, hit: &Hit, key: RayKey) -> Option<Sample> {
         if hit.t == f32::INFINITY {
             self.misses.mark(ray.direction);
             return None;

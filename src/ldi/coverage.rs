@@ -22,7 +22,7 @@ use rayon::prelude::*;
 pub(crate) type BinSpan = [u16; 2];
 
 /// A face whose alphas are to be measured.
-pub(crate) struct Coverage<'a> {
+pub(crate) struct AlphaMeasure<'a> {
     pub(crate) tracer: &'a Tracer,
     pub(crate) bins: &'a DepthBins,
     /// Half of the headbox's edge, metres: rays start where it ends.
@@ -41,7 +41,7 @@ const DEPTH_RUN_GAP: u16 = 2;
 /// least of this.
 const LEAST_REACHABLE: f64 = 0.05;
 
-impl Coverage<'_> {
+impl AlphaMeasure<'_> {
     /// The alphas of all samples, in their order.
     pub(crate) fn alphas(&self) -> Vec<u8> {
         let row = |y: u32| (0..self.face.size_px).flat_map(|x| self.pixel(x, y)).collect();

@@ -1,12 +1,13 @@
 //! The end of a capture: light at kept hits, pooled over surfaces, merged into depth pixels, face by face.
 
-use super::accumulate::{Accumulator, DepthBins};
+use super::accumulate::DepthBins;
 use super::build::Tracing;
-use super::coverage::{BinSpan, Coverage};
+use super::coverage::{AlphaMeasure, BinSpan};
+use super::illuminate::illuminate;
 use super::mend::Mender;
 use super::merge::depth_pixels_of;
-use super::pool::{self, FaceParts};
-use super::shade::{Part, Shader};
+use super::pool::FaceParts;
+use super::shade::{LitPart, Shader};
 use super::store::TILE_PX;
 use super::{CaptureInfo, CubeLdi, LayeredDepthImage};
 use crate::capture::light::Lighting;
@@ -34,78 +35,109 @@ pub fn finish(
         let missing = run.plan.missing_estimate(&run.store)?;
         info.missing_estimate.iter_mut().zip(missing).for_each(|(slot, estimate)| *slot = Some(estimate));
     }
-    info.rays_traced = run.rays;
+    (info.rays_traced, info.holes) = (run.rays, run.holes);
     if settings.resources.budget.is_some() {
         run.store.spill_all()?; // the LDI that now grows needs the memory
     }
-    let shader =
-        Shader { tracer, lighting, samples: settings.parameters.light_samples, face_size_px: settings.face_size_px };
+    progress.begin("light and merge", "rows", 6 * u64::from(settings.face_size_px));
+    let samples = settings.parameters.light_samples;
+    let shader = Shader { tracer, lighting, samples, shape_only: false, face_size_px: settings.face_size_px };
+    merge(run, info, &shader, settings, progress)
+}
+
+/// The same without light and colours, and without an end: more rays may be traced after it. For a look at what the rays so
+/// far have found.
+///
+/// # Errors
+/// If spilled accumulators cannot be read.
+pub fn shape(
+    run: &Tracing,
+    info: CaptureInfo,
+    tracer: &Tracer,
+    lighting: &Lighting,
+    settings: &CaptureSettings,
+    progress: &dyn Progress,
+) -> io::Result<CubeLdi> {
+    let shader = Shader { tracer, lighting, samples: 0, shape_only: true, face_size_px: settings.face_size_px };
+    merge(run, info, &shader, settings, progress)
+}
+
+fn merge(
+    run: &Tracing,
+    info: CaptureInfo,
+    shader: &Shader,
+    settings: &CaptureSettings,
+    progress: &dyn Progress,
+) -> io::Result<CubeLdi> {
+    let Shader { tracer, lighting, .. } = *shader;
     let bins = DepthBins::new(settings.half_size_m, settings.face_size_px);
-    progress.begin("light and merge", "tiles", run.store.tile_count() as u64);
     let mut faces = Vec::with_capacity(6);
     for face in Face::ALL {
-        let mut parts = lit_face(run, face, &shader, progress)?;
+        let mut parts = dark_face(run, face, shader, progress)?;
         if settings.parameters.sampler != Sampler::CentreRays {
             let half_size_m = settings.half_size_m as f32;
-            Mender { face, shader: &shader, bins: &bins, half_size_m }.mend(&mut parts);
+            Mender { face, shader, bins: &bins, half_size_m }.mend(&mut parts);
         }
-        parts.pool_soft_light(pool::radius_for(settings.parameters.light_samples));
+        if !shader.shape_only {
+            illuminate(&mut parts, face, shader, progress);
+            check_cancelled(progress)?;
+        }
         let (mut merged, spans) = merge_face(face, &parts, settings, &bins);
         drop(parts);
         let half_size_m = settings.half_size_m;
-        let alphas = Coverage { tracer, bins: &bins, half_size_m, face: &merged, spans: &spans }.alphas();
+        let alphas = AlphaMeasure { tracer, bins: &bins, half_size_m, face: &merged, spans: &spans }.alphas();
         merged.samples.iter_mut().zip(alphas).for_each(|(sample, alpha)| sample.color_srgb[3] = alpha);
         faces.push(merged);
     }
     Ok(CubeLdi { info, faces, environment: run.misses.environment(lighting) })
 }
 
-/// The lit parts of one tile, row-major.
+/// The parts of one tile, row-major.
 #[derive(Default)]
-struct LitTile {
+struct TileParts {
     /// Column, row and number of parts of each occupied pixel.
     pixels: VecDeque<(u32, u32, u32)>,
-    parts: VecDeque<Part>,
+    parts: VecDeque<LitPart>,
 }
 
-/// Lights all accumulators of a face, and forgets them: a row of tiles at a time, so that the parts of a face are in
-/// memory only once.
-fn lit_face(run: &Tracing, face: Face, shader: &Shader, progress: &dyn Progress) -> io::Result<FaceParts> {
+/// Makes parts of all accumulators of a face, and forgets them unless only their shape is looked at: a row of tiles at a time, so that
+/// the parts of a face are in memory only once.
+fn dark_face(run: &Tracing, face: Face, shader: &Shader, progress: &dyn Progress) -> io::Result<FaceParts> {
     let size_px = shader.face_size_px;
     let per_row = run.store.tiles_per_side() as usize;
     let first = face.index() * per_row * per_row;
-    let mut lit = FaceParts { size_px, offsets: vec![0], parts: Vec::new() };
+    let mut made = FaceParts { size_px, offsets: vec![0], parts: Vec::new() };
     for tile_row in 0..per_row {
         check_cancelled(progress)?;
         let tiles = first + tile_row * per_row..first + (tile_row + 1) * per_row;
-        let tiles: io::Result<Vec<LitTile>> = tiles.into_par_iter().map(|tile| lit_tile(run, tile, shader)).collect();
+        let tiles: io::Result<Vec<TileParts>> =
+            tiles.into_par_iter().map(|tile| tile_parts(run, tile, shader)).collect();
         let mut tiles = tiles?;
         let y0 = tile_row as u32 * TILE_PX;
         for y in y0..(y0 + TILE_PX).min(size_px) {
-            append_row(&mut lit, &mut tiles, y);
+            append_row(&mut made, &mut tiles, y);
         }
-        progress.advance(per_row as u64);
     }
-    Ok(lit)
+    Ok(made)
 }
 
-fn lit_tile(run: &Tracing, tile: usize, shader: &Shader) -> io::Result<LitTile> {
+fn tile_parts(run: &Tracing, tile: usize, shader: &Shader) -> io::Result<TileParts> {
     let (face, x0, y0) = run.store.tile_place(tile);
     let accumulators = run.store.tile_run(tile)?;
-    run.store.clear_tile(tile);
-    let mut lit = LitTile::default();
+    if !shader.shape_only {
+        run.store.clear_tile(tile);
+    }
+    let mut made = TileParts::default();
     for pixel in accumulators.chunk_by(|a, b| a.link == b.link) {
         let (x, y) = (x0 + pixel[0].link % TILE_PX, y0 + pixel[0].link / TILE_PX);
-        lit.pixels.push_back((x, y, pixel.len() as u32));
-        for bin in pixel.chunk_by(|a, b| a.bin == b.bin) {
-            lit.parts.extend(bin.iter().map(|acc| shader.shade(acc, face, x, y, share_of_samples(acc, bin, shader))));
-        }
+        made.pixels.push_back((x, y, pixel.len() as u32));
+        made.parts.extend(pixel.iter().map(|acc| shader.part(acc, face, x, y)));
     }
-    Ok(lit)
+    Ok(made)
 }
 
 /// Moves row `y` of a row of tiles, from left to right, to the end of the face.
-fn append_row(face: &mut FaceParts, tiles: &mut [LitTile], y: u32) {
+fn append_row(face: &mut FaceParts, tiles: &mut [TileParts], y: u32) {
     let start = face.offsets.len();
     face.offsets.resize(start + face.size_px as usize, 0);
     for tile in tiles {
@@ -117,12 +149,6 @@ fn append_row(face: &mut FaceParts, tiles: &mut [LitTile], y: u32) {
     for p in start..face.offsets.len() {
         face.offsets[p] += face.offsets[p - 1];
     }
-}
-
-/// A depth pixel's light samples, shared out over its parts by the rays that saw them, at least one each.
-fn share_of_samples(acc: &Accumulator, bin: &[Accumulator], shader: &Shader) -> u32 {
-    let rays: u64 = bin.iter().map(|other| u64::from(other.count)).sum();
-    (u64::from(shader.samples) * u64::from(acc.count)).div_ceil(rays.max(1)) as u32
 }
 
 /// Merges the parts of every pixel into depth pixels.

@@ -80,6 +80,28 @@ impl CaptureJob {
         finish::finish(tracing, self.info(tracer, lighting), tracer, lighting, &settings, progress)
     }
 
+    /// What the rays so far have found, without light; more may be traced after it.
+    ///
+    /// # Errors
+    /// If spilled accumulators cannot be read.
+    pub fn shape(
+        &self,
+        tracing: &Tracing,
+        tracer: &Tracer,
+        lighting: &Lighting,
+        progress: &dyn Progress,
+    ) -> io::Result<CubeLdi> {
+        let settings = self.settings(&Resources::default(), (0, 1));
+        let info = CaptureInfo {
+            centre: self.centre,
+            half_size_m: self.half_size_m,
+            frame: tracer.scene().frame,
+            exposure: lighting.exposure,
+            ..CaptureInfo::default()
+        };
+        finish::shape(tracing, info, tracer, lighting, &settings, progress)
+    }
+
     fn info(&self, tracer: &Tracer, lighting: &Lighting) -> CaptureInfo {
         CaptureInfo {
             scene: self.scene.name.clone(),

@@ -7,7 +7,7 @@
 
 use super::accumulate::{Accumulator, DepthBins, Sample, sixteen_bits};
 use super::pool::{FaceParts, same_surface};
-use super::shade::{Part, Shader};
+use super::shade::{LitPart, Shader};
 use crate::capture::rig::Face;
 use crate::capture::sampler::RayKey;
 use crate::capture::trace::Ray;
@@ -22,7 +22,7 @@ const REACH: f32 = 2e-3;
 pub struct Mender<'a> {
     /// The face.
     pub face: Face,
-    /// Lights what is found, with all its light samples.
+    /// Knows what surfaces are.
     pub shader: &'a Shader<'a>,
     /// Depth bins of the capture.
     pub bins: &'a DepthBins,
@@ -34,21 +34,21 @@ impl Mender<'_> {
     /// Adds the missing parts of a face.
     pub fn mend(&self, parts: &mut FaceParts) {
         let rows = (0..parts.size_px).into_par_iter().map(|y| self.missing_in_row(parts, y));
-        let found: Vec<(u32, u32, Part)> = rows.flatten_iter().collect();
+        let found: Vec<(u32, u32, LitPart)> = rows.flatten_iter().collect();
         insert(parts, &found);
     }
 
     /// The missing parts of row `y`, each with the row's pixel and the place in `parts` before which it belongs, in order.
-    fn missing_in_row(&self, parts: &FaceParts, y: u32) -> Vec<(u32, u32, Part)> {
+    fn missing_in_row(&self, parts: &FaceParts, y: u32) -> Vec<(u32, u32, LitPart)> {
         let last = parts.size_px - 1;
-        let mut found: Vec<(u32, u32, Part)> = Vec::new();
+        let mut found: Vec<(u32, u32, LitPart)> = Vec::new();
         for x in 0..parts.size_px {
             let (first_of_pixel, here) = (found.len(), parts.pixel(x, y));
             let across = (x > 0 && x < last).then(|| [parts.pixel(x - 1, y), parts.pixel(x + 1, y)]);
             let down = (y > 0 && y < last).then(|| [parts.pixel(x, y - 1), parts.pixel(x, y + 1)]);
             for [before, after] in across.into_iter().chain(down) {
                 for neighbour in before {
-                    let is_same = |other: &Part| same_surface(neighbour, other);
+                    let is_same = |other: &LitPart| same_surface(neighbour, other);
                     let is_gap = !here.iter().any(is_same) && after.iter().any(is_same);
                     if is_gap
                         && !found[first_of_pixel..].iter().any(|(.., part)| is_same(part))
@@ -65,7 +65,7 @@ impl Mender<'_> {
     }
 
     /// What lies on a neighbour's surface in the middle of pixel (x, y).
-    fn look_for(&self, neighbour: &Part, x: u32, y: u32) -> Option<Part> {
+    fn look_for(&self, neighbour: &LitPart, x: u32, y: u32) -> Option<LitPart> {
         let tracer = self.shader.tracer;
         let direction = self.face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, self.shader.face_size_px).as_vec3();
         // The direction has eye depth 1, so that `t` is an eye depth. Of an edge-on plane it is infinite or NaN.
@@ -94,7 +94,7 @@ impl Mender<'_> {
         };
         let material = scene.triangles[hit.primitive as usize].material;
         let acc = Accumulator::new(&sample);
-        let part = self.shader.shade(&acc, self.face, x, y, self.shader.samples);
+        let part = self.shader.part(&acc, self.face, x, y);
         let is_it = Accumulator::class(material, acc.is_back(), part.plane_normal) == neighbour.class;
         (is_it && same_surface(neighbour, &part)).then_some(part)
     }
@@ -102,7 +102,7 @@ impl Mender<'_> {
 
 /// Puts parts in their places, from the last to the first, so that each part moves once and a face's parts are in memory
 /// only once.
-fn insert(parts: &mut FaceParts, found: &[(u32, u32, Part)]) {
+fn insert(parts: &mut FaceParts, found: &[(u32, u32, LitPart)]) {
     let Some((_, _, any)) = found.first() else { return };
     let mut from = parts.parts.len();
     parts.parts.resize(from + found.len(), *any);

@@ -5,7 +5,7 @@
 
 use super::accumulate::DepthBins;
 use super::coverage::BinSpan;
-use super::shade::Part;
+use super::shade::LitPart;
 use super::{DepthPixel, EncodedNormal};
 use crate::capture::srgb8_from_linear;
 use glam::Vec3;
@@ -31,7 +31,12 @@ const SAME_COLOR_LEVELS: u8 = 16;
 
 /// Turns the lit parts of one pixel (sorted by bin and class) into depth pixels, farthest first, appended to `out`, each
 /// with the bins of its cluster. Their alpha is still to be measured ([`super::coverage`]).
-pub(crate) fn depth_pixels_of(pixel: &[Part], rule: MergeRule, bins: &DepthBins, out: &mut Vec<(DepthPixel, BinSpan)>) {
+pub(crate) fn depth_pixels_of(
+    pixel: &[LitPart],
+    rule: MergeRule,
+    bins: &DepthBins,
+    out: &mut Vec<(DepthPixel, BinSpan)>,
+) {
     let first = out.len();
     for cluster in (Clusters { rest: pixel }) {
         let [head, .., tail] = cluster else {
@@ -53,11 +58,11 @@ pub(crate) fn depth_pixels_of(pixel: &[Part], rule: MergeRule, bins: &DepthBins,
 
 /// Iterates over the clusters of a pixel, farthest first.
 struct Clusters<'a> {
-    rest: &'a [Part],
+    rest: &'a [LitPart],
 }
 
 impl<'a> Iterator for Clusters<'a> {
-    type Item = &'a [Part];
+    type Item = &'a [LitPart];
 
     fn next(&mut self) -> Option<Self::Item> {
         let bin = self.rest.first()?.bin;
@@ -65,7 +70,7 @@ impl<'a> Iterator for Clusters<'a> {
         let mut end = in_bin(bin);
         if let Some(next_bin) = bin.checked_add(1) {
             let next_end = in_bin(next_bin);
-            let close = |next: &[Part]| mean_position(next) - mean_position(&self.rest[..end]) < 1.0;
+            let close = |next: &[LitPart]| mean_position(next) - mean_position(&self.rest[..end]) < 1.0;
             if next_end > end && close(&self.rest[end..next_end]) {
                 end = next_end;
             }
@@ -77,14 +82,14 @@ impl<'a> Iterator for Clusters<'a> {
 }
 
 /// Mean position in bins over all samples.
-fn mean_position(cluster: &[Part]) -> f64 {
+fn mean_position(cluster: &[LitPart]) -> f64 {
     let samples: u64 = cluster.iter().map(|part| u64::from(part.count)).sum();
     let sum: f64 = cluster.iter().map(|part| f64::from(part.position) * f64::from(part.count)).sum();
     sum / samples as f64
 }
 
 /// One depth pixel with the mean depth and colour, and the normal of the part that most rays saw.
-fn average(cluster: &[Part], bins: &DepthBins) -> DepthPixel {
+fn average(cluster: &[LitPart], bins: &DepthBins) -> DepthPixel {
     let samples: u64 = cluster.iter().map(|part| u64::from(part.count)).sum();
     let color: Vec3 = cluster.iter().map(|part| part.color() * (part.count as f32 / samples as f32)).sum();
     let most_seen = cluster.iter().min_by_key(|part| (std::cmp::Reverse(part.count), part.key));
@@ -95,9 +100,9 @@ fn average(cluster: &[Part], bins: &DepthBins) -> DepthPixel {
     DepthPixel { inverse_depth: bins.inverse_depth(position) as f32, normal, color_srgb: [r, g, b, 255] }
 }
 
-fn colors_apart(cluster: &[Part], bins: &DepthBins) -> Vec<DepthPixel> {
+fn colors_apart(cluster: &[LitPart], bins: &DepthBins) -> Vec<DepthPixel> {
     let mut out: Vec<DepthPixel> = Vec::new();
-    let mut in_key_order: Vec<&Part> = cluster.iter().collect();
+    let mut in_key_order: Vec<&LitPart> = cluster.iter().collect();
     in_key_order.sort_unstable_by_key(|part| part.key);
     for part in in_key_order {
         let candidate = average(std::slice::from_ref(part), bins);
@@ -116,8 +121,8 @@ mod tests {
     use super::*;
     use crate::capture::sampler::RayKey;
 
-    fn acc(bin: u16, offset: u32, count: u32) -> Part {
-        Part {
+    fn acc(bin: u16, offset: u32, count: u32) -> LitPart {
+        LitPart {
             key: RayKey(0),
             count,
             area: 1.0,
@@ -126,7 +131,10 @@ mod tests {
             position: f32::from(bin) + offset as f32 / 65_536.0,
             light_samples: 1,
             albedo: [0; 3],
-            sharp: Vec3::ZERO,
+            primitive: 0,
+            barycentric: [0; 2],
+            emission: Vec3::ZERO,
+            sun: Vec3::ZERO,
             soft: Vec3::ZERO,
             normal: EncodedNormal::new(Vec3::Z),
             plane_normal: Vec3::Z,
@@ -134,7 +142,7 @@ mod tests {
         }
     }
 
-    fn cluster_sizes(pixel: &[Part]) -> Vec<usize> {
+    fn cluster_sizes(pixel: &[LitPart]) -> Vec<usize> {
         Clusters { rest: pixel }.map(<[_]>::len).collect()
     }
 
@@ -150,13 +158,13 @@ mod tests {
     }
 
     /// A part of an sRGB grey, at a position in bins.
-    fn part(position: f32, gray: u8, count: u32, area: f32, key: u64) -> Part {
-        let sharp = Vec3::splat(crate::capture::linear_from_srgb8(gray));
-        Part { position, sharp, area, key: RayKey(key), ..acc(position as u16, 0, count) }
+    fn part(position: f32, gray: u8, count: u32, area: f32, key: u64) -> LitPart {
+        let emission = Vec3::splat(crate::capture::linear_from_srgb8(gray));
+        LitPart { position, emission, area, key: RayKey(key), ..acc(position as u16, 0, count) }
     }
 
     /// What a rule makes of one pixel: position in bins and grey, farthest first; and the bins of each cluster.
-    fn merged(pixel: &[Part], rule: MergeRule) -> (Vec<(f64, u8)>, Vec<BinSpan>) {
+    fn merged(pixel: &[LitPart], rule: MergeRule) -> (Vec<(f64, u8)>, Vec<BinSpan>) {
         let bins = DepthBins::new(0.5, 64);
         let mut out = Vec::new();
         depth_pixels_of(pixel, rule, &bins, &mut out);
@@ -165,7 +173,7 @@ mod tests {
         (pixels, out.iter().map(|(_, span)| *span).collect())
     }
 
-    fn assert_merged(pixel: &[Part], rule: MergeRule, expected: &[(f64, u8)]) {
+    fn assert_merged(pixel: &[LitPart], rule: MergeRule, expected: &[(f64, u8)]) {
         let (found, spans) = merged(pixel, rule);
         assert_eq!(found.len(), expected.len(), "{rule:?}: {found:?}");
         for ((position, gray), (expected_position, expected_gray)) in found.iter().zip(expected) {
@@ -205,7 +213,7 @@ mod tests {
         assert_merged(&of_keys(2, 1, almost + 1), MergeRule::ColorsApart, &[(9.75, 100), (10.25, almost + 1)]);
         // Colours differ if one channel does.
         let mut red = of_keys(1, 2, 100);
-        red[1].sharp.x = 1.0;
+        red[1].emission.x = 1.0;
         assert_eq!(merged(&red, MergeRule::ColorsApart).0.len(), 2);
     }
 

@@ -13,6 +13,7 @@ pub mod build;
 pub(crate) mod coverage;
 pub mod finish;
 pub mod from_images;
+mod illuminate;
 pub mod job;
 pub mod mend;
 pub mod merge;
@@ -127,6 +128,24 @@ pub struct CaptureInfo {
     /// Per face of the ray domain: the estimated probability that one more ray would find a depth pixel that is not in
     /// the LDI (Good 1953: share of samples seen once); `None` where rays were not random.
     pub missing_estimate: [Option<f64>; 6],
+    /// What frames lack; `None` where nobody looked.
+    #[serde(default)]
+    pub holes: Option<Holes>,
+}
+
+/// What frames of a capture lack, as found by frames from all over the headbox held against rays ([`crate::gaps`]).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Holes {
+    /// Share of the frames' pixels that show less than rays find there, when they were last looked at.
+    pub share: f64,
+    /// Its standard error.
+    pub standard_error: f64,
+    /// The same share before any ray was aimed.
+    pub share_before: f64,
+    /// Rays that were aimed at what was lacking, and kept.
+    pub aimed_rays: u64,
+    /// How often frames were looked at.
+    pub rounds: u32,
 }
 
 /// Six layered depth images about one centre, and the environment behind them.

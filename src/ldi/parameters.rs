@@ -49,6 +49,12 @@ pub struct CaptureParameters {
     #[cfg_attr(feature = "cli", arg(long, value_name = "X", default_value_t = Self::DEFAULT.novelty,
         value_parser = parse_share, allow_hyphen_values = true))]
     pub novelty: f64,
+    /// Aim rays at what frames lack until its share, with its standard error, is below X (a share, or a percentage such as
+    /// 0.01%); 1 looks for nothing
+    #[serde(rename = "most_holes", default = "all")]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "X", default_value_t = Self::DEFAULT.holes,
+        value_parser = parse_holes, allow_hyphen_values = true))]
+    pub holes: f64,
     /// Which rays
     #[cfg_attr(feature = "cli", arg(long, default_value = "stratified"))]
     pub sampler: Sampler,
@@ -63,6 +69,20 @@ fn parse_share(text: &str) -> Result<f64, String> {
         Ok(share) if (0.0..=1.0).contains(&share) => Ok(share),
         _ => Err("give a probability from 0 to 1".into()),
     }
+}
+
+#[cfg(feature = "cli")]
+fn parse_holes(text: &str) -> Result<f64, String> {
+    let (number, unit) = text.strip_suffix('%').map_or((text, 1.0), |number| (number, 0.01));
+    match number.parse::<f64>().map(|number| number * unit) {
+        Ok(share) if (0.0..=1.0).contains(&share) => Ok(share),
+        _ => Err("give a share from 0 to 1, or a percentage such as 0.01%".into()),
+    }
+}
+
+/// What captures were asked for that could not look for holes.
+fn all() -> f64 {
+    1.0
 }
 
 impl Default for CaptureParameters {
@@ -80,13 +100,14 @@ impl CaptureParameters {
         light_samples: 4,
         seed: 0,
         novelty: Self::DEFAULT_NOVELTY,
+        holes: 1e-4,
         sampler: Sampler::Stratified,
         merge_rule: MergeRule::Average,
     };
 
-    /// All of so many rays, and no light: what is asked for where geometry is looked at.
+    /// All of so many rays, no aimed ones, and no light: what is asked for where geometry is looked at.
     pub const fn unlit(strata: u32, rays_per_stratum: u32) -> Self {
-        Self { strata, rays_per_stratum, novelty: 0.0, bounces: 0, light_samples: 0, ..Self::DEFAULT }
+        Self { strata, rays_per_stratum, novelty: 0.0, holes: 1.0, bounces: 0, light_samples: 0, ..Self::DEFAULT }
     }
 
     /// Default of [`Self::novelty`]: half of the rays for less than 0.1 dB (docs/decisions.md: novelty 0.18).

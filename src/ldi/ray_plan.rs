@@ -143,12 +143,14 @@ fn group_rays(groups: &Groups, per_stratum: impl Fn(usize) -> u32) -> Vec<u64> {
     (0..groups.count()).map(|g| strata_in_block[g % strata_in_block.len()] * u64::from(per_stratum(g))).collect()
 }
 
-/// Number of depth bins met by exactly one ray, by the group of that ray; counts rays numbered `first` and up.
+/// Number of depth bins met by exactly one ray, by the group of that ray; counts rays numbered `first` and up, and only those of
+/// the plan: rays that were aimed say nothing of others.
 fn count_singles(groups: &Groups, first: u32, store: &TileStore) -> io::Result<Vec<u32>> {
     let count_tile = |mut counts: Vec<u32>, tile: usize| {
         for bin in store.tile_run(tile)?.chunk_by(|a, b| (a.link, a.bin) == (b.link, b.bin)) {
             if let [Accumulator { count: 1, key, .. }] = bin
                 && key.ray() >= first
+                && u32::from(key.domain()) < groups.domains
             {
                 counts[groups.of_key(*key)] += 1;
             }

@@ -12,7 +12,7 @@ use super::EncodedNormal;
 use super::accumulate::{Accumulator, sixteen_bits};
 use crate::capture::light::{LightSample, Lighting, LitPoint, extent_of};
 use crate::capture::rig::Face;
-use crate::capture::sampler::{RayKey, random4, unit_float};
+use crate::capture::sampler::RayKey;
 use crate::capture::trace::Tracer;
 use glam::{DVec3, Vec3};
 
@@ -24,13 +24,15 @@ pub struct Shader<'a> {
     pub lighting: &'a Lighting,
     /// Light samples per depth pixel (K); 0 leaves surfaces unlit: their colour is albedo plus emission.
     pub samples: u32,
+    /// Leaves out colours too.
+    pub shape_only: bool,
     /// Pixels a side of a face.
     pub face_size_px: u32,
 }
 
 /// A lit accumulator: one kind of surface in one depth bin of one pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Part {
+pub struct LitPart {
     /// As [`Accumulator::key`].
     pub key: RayKey,
     /// As [`Accumulator::count`].
@@ -43,12 +45,18 @@ pub struct Part {
     pub class: u16,
     /// Mean position in bins.
     pub position: f32,
+    /// As [`Accumulator::primitive`].
+    pub primitive: u32,
+    /// As [`Accumulator::barycentric`].
+    pub barycentric: [u16; 2],
     /// Light samples behind `soft`.
     pub light_samples: u16,
     /// Mean albedo, linear, 16 bits a channel.
     pub albedo: [u16; 3],
-    /// Radiance that is sharp in space: the sun's, and emission. Linear, exposed.
-    pub sharp: Vec3,
+    /// Radiance that the surface emits. Linear, exposed.
+    pub emission: Vec3,
+    /// Radiosity per albedo straight from the sun, whose shadows have edges. Linear, exposed.
+    pub sun: Vec3,
     /// Radiosity per albedo from everything else, which varies slowly over a surface. Linear, exposed.
     pub soft: Vec3,
     /// Unit shading normal on the seen side.
@@ -59,56 +67,56 @@ pub struct Part {
     pub plane_distance: f32,
 }
 
-impl Part {
+impl LitPart {
     /// Radiance toward any viewer, linear, exposed.
     pub fn color(&self) -> Vec3 {
-        self.sharp + Vec3::from_array(self.albedo.map(|c| f32::from(c) / 65_535.0)) * self.soft
+        self.emission + Vec3::from_array(self.albedo.map(|c| f32::from(c) / 65_535.0)) * (self.sun + self.soft)
     }
 }
 
 impl Shader<'_> {
-    /// Lights one accumulator in pixel (x, y) of a face with `samples` light samples, spread over the part of its
-    /// triangle that the pixel shows (as seen from the centre), so that edges of shadows are smooth.
-    pub fn shade(&self, acc: &Accumulator, face: Face, x: u32, y: u32, samples: u32) -> Part {
+    /// The part that an accumulator in pixel (x, y) of a face becomes, still dark; without light samples, evenly lit.
+    pub fn part(&self, acc: &Accumulator, face: Face, x: u32, y: u32) -> LitPart {
         let [u, v] = acc.barycentric.map(|c| f32::from(c) / 65_535.0);
         let scene = self.tracer.scene();
         let side = if acc.is_back() { -1.0 } else { 1.0 };
         let front = scene.geometric_normal(acc.primitive);
         let (normal, shading_normal) = (front * side, scene.shading_normal(acc.primitive, front, u, v) * side);
-        let triangle @ [a, b, c] = self.tracer.triangle(acc.primitive);
-        let representative = a + (b - a) * u + (c - a) * v;
-        let extent = extent_of(triangle);
-        let [stream, ..] = random4([face.index() as u32 | u32::from(acc.class) << 8, x, y, u32::from(acc.bin)]);
-        let (mut sun, mut soft) = (Vec3::ZERO, Vec3::ZERO);
-        for index in 0..samples {
-            let [jx, jy, ..] = random4([stream, index, 0x5eed, 0]).map(unit_float);
-            let through = face.direction(f64::from(x) + f64::from(jx), f64::from(y) + f64::from(jy), self.face_size_px);
-            let position =
-                on_triangle(through.as_vec3(), triangle).map_or(representative, |[u, v]| a + (b - a) * u + (c - a) * v);
-            let point = LitPoint { position, normal, shading_normal, extent };
-            let sample = LightSample { stream, index, count: samples };
-            sun += self.lighting.sun_radiosity(self.tracer, &point, &sample);
-            soft += self.lighting.soft_radiosity(self.tracer, &point, &sample);
-        }
-        let (sun, soft) =
-            if samples == 0 { (Vec3::ZERO, Vec3::ONE) } else { (sun / samples as f32, soft / samples as f32) };
-        let albedo = self.filtered_albedo(acc, face, x, y, triangle);
+        let triangle = self.tracer.triangle(acc.primitive);
         let exposure = self.lighting.exposure;
-        let lit = Vec3::from_array(albedo.map(|c| f32::from(c) / 65_535.0)) * sun;
-        Part {
+        LitPart {
             key: acc.key,
             count: acc.count,
             area: acc.area,
             bin: acc.bin,
             class: acc.class,
             position: (f64::from(acc.bin) + acc.offset_sum as f64 / 65_536.0 / f64::from(acc.count)) as f32,
-            light_samples: samples as u16,
-            albedo,
-            sharp: (lit + Vec3::from_array(scene.emission(acc.primitive, u, v))) * exposure,
-            soft: soft * exposure,
+            primitive: acc.primitive,
+            barycentric: acc.barycentric,
+            light_samples: 0,
+            albedo: if self.shape_only { [0; 3] } else { self.filtered_albedo(acc, face, x, y, triangle) },
+            emission: Vec3::from_array(scene.emission(acc.primitive, u, v)) * exposure,
+            sun: Vec3::ZERO,
+            soft: if self.samples == 0 { Vec3::splat(exposure) } else { Vec3::ZERO },
             normal: EncodedNormal::new(shading_normal),
             plane_normal: normal,
-            plane_distance: normal.dot(a),
+            plane_distance: normal.dot(triangle[0]),
+        }
+    }
+
+    /// Where light samples of a part are to be taken.
+    pub fn spot(&self, part: &LitPart) -> Spot {
+        let [u, v] = part.barycentric.map(|c| f32::from(c) / 65_535.0);
+        let scene = self.tracer.scene();
+        let triangle @ [a, b, c] = self.tracer.triangle(part.primitive);
+        let smooth = scene.shading_normal(part.primitive, part.plane_normal, u, v);
+        let representative = a + (b - a) * u + (c - a) * v;
+        Spot {
+            triangle,
+            representative,
+            normal: part.plane_normal,
+            shading_normal: smooth,
+            extent: extent_of(triangle),
         }
     }
 
@@ -132,6 +140,29 @@ impl Shader<'_> {
             sum.iter_mut().zip(albedo).for_each(|(sum, c)| *sum += WORTH_OF_GRID * u32::from(c));
         }
         sum.map(|sum| (sum / (SIDE * SIDE * (acc.count + WORTH_OF_GRID))) as u16)
+    }
+}
+
+/// Where light samples of a part are taken: over the part of its triangle that the pixel shows (as seen from the centre), so that
+/// edges of shadows are smooth.
+pub struct Spot {
+    triangle: [Vec3; 3],
+    /// A point of the surface, for where the pixel shows something beside the triangle.
+    representative: Vec3,
+    normal: Vec3,
+    shading_normal: Vec3,
+    extent: f32,
+}
+
+impl Spot {
+    /// The point for a sample in pixel (x, y) of a face.
+    pub fn point(&self, sample: &LightSample, face: Face, [x, y]: [u32; 2], size_px: u32) -> LitPoint {
+        let [jx, jy] = sample.jitter();
+        let through = face.direction(f64::from(x) + f64::from(jx), f64::from(y) + f64::from(jy), size_px).as_vec3();
+        let [a, b, c] = self.triangle;
+        let position =
+            on_triangle(through, self.triangle).map_or(self.representative, |[u, v]| a + (b - a) * u + (c - a) * v);
+        LitPoint { position, normal: self.normal, shading_normal: self.shading_normal, extent: self.extent }
     }
 }
 

@@ -10,13 +10,13 @@ use super::misses::MissMap;
 use super::ray_plan::RayPlan;
 use super::store::TileStore;
 use crate::capture::rig::Face;
-use crate::container::{Container, ContainerWriter, FileError, Kind};
+use crate::container::{Container, ContainerWriter, FileError, FileKind};
 use serde::{Deserialize, Serialize};
 use std::io;
 use std::path::{Path, PathBuf};
 
 /// A part of a capture.
-pub const SHARD: Kind = Kind::SHARD;
+pub const SHARD: FileKind = FileKind::SHARD;
 
 /// What a shard says of itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -196,6 +196,7 @@ impl ShardInfo {
             misses: MissMap::new(self.job.face_size_px),
             plan: RayPlan::full(settings.parameters.strata(), 6),
             rays: 0,
+            holes: None,
         })
     }
 }

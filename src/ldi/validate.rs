@@ -3,7 +3,7 @@
 //! `headbox info --check` and [`crate::packed::PackedCube::pack`] run it: what passes can be packed and drawn without
 //! further checks.
 
-use super::{CaptureInfo, CubeLdi, LayeredDepthImage};
+use super::{CaptureInfo, CubeLdi, Holes, LayeredDepthImage};
 use crate::capture::rig::Face;
 use crate::environment::Environment;
 
@@ -220,6 +220,12 @@ impl CaptureInfo {
         }
         for value in self.missing_estimate.into_iter().flatten() {
             check("missing_estimate", value, (0.0..=1.0).contains(&value), "a probability")?;
+        }
+        if let Some(Holes { share, standard_error, share_before, .. }) = self.holes {
+            for (field, value) in [("share", share), ("standard_error", standard_error), ("share_before", share_before)]
+            {
+                check(field, value, (0.0..=1.0).contains(&value), "a share")?;
+            }
         }
         Ok(())
     }

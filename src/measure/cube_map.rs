@@ -36,7 +36,7 @@ impl CubeMap {
         let face = |face: Face| {
             let focal_px = f64::from(size_px) / 2.0;
             let camera = Camera::from_parts(centre, face.world_from_eye(), focal_px, size_px, size_px).ok()?;
-            needed[face.index()].then(|| truth::render(tracer, lighting, true, &camera, samples, progress).color)
+            needed[face.index()].then(|| truth::render(tracer, lighting, true, &camera, samples, progress).rgb())
         };
         Self { size_px, faces: Face::ALL.map(face) }
     }

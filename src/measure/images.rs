@@ -1,11 +1,12 @@
 //! Frames left out of an image set, judged against their photographs (E12's protocol, for S12).
 //!
-//! Every N-th view is left out. It is then shown from the others: by `nearest`, the one view nearest to it warped alone, and by `ldi`, all
-//! of them merged into one cube. Errors are taken where both show something, so that neither gains by leaving out what is
-//! hard; the share that each covers stands beside them.
+//! Every N-th view is left out. It is then shown from the others: by `nearest`, the one view nearest to it warped alone, by `near`, the
+//! three nearest merged (what S24 builds while one moves), and by `ldi`, all of them merged into one cube. Errors are taken where all show something, so that
+//! none gains by leaving out what is hard; the share that each covers stands beside them. Frames are exposed as the
+//! photograph was. Where its camera stood is estimated with that of the others, as is usual for sets without surveyed cameras.
 
 use crate::capture::Camera;
-use crate::capture::images::{ImageSet, ImagesError, Lens, LoadedView, View};
+use crate::capture::images::{ImageSet, ImagesError, Lens, LoadedView, Registration, View};
 use crate::ldi::CubeLdi;
 use crate::ldi::from_images::ImagesJob;
 use crate::measure::machine::{Machine, commit};
@@ -15,6 +16,7 @@ use crate::metrics;
 use crate::packed::{PackError, PackedCube, SplatIndexLayout, Split};
 use crate::progress::Progress;
 use crate::render::{RenderSettings, Renderer};
+use glam::DVec3;
 use image::{Rgb, RgbImage};
 use serde::Serialize;
 
@@ -37,11 +39,11 @@ pub enum ImagesReportError {
 pub struct HeldOut {
     /// The set.
     pub scene: String,
-    /// `nearest` or `ldi`.
+    /// One of [`VARIANTS`].
     pub variant: &'static str,
     /// The view that was left out.
     pub view: String,
-    /// Against the photograph, where both variants and the photograph show something, dB.
+    /// Against the photograph, where all variants and the photograph show something, dB.
     pub psnr_db: f64,
     /// Mean FLIP there.
     pub flip: f64,
@@ -49,6 +51,8 @@ pub struct HeldOut {
     pub covered: f64,
     /// Of the frame, by the clock, ms.
     pub frame_ms: f64,
+    /// From files to the cube, by the clock, ms.
+    pub build_ms: f64,
     /// Of the cube, bytes.
     pub bytes: u64,
 }
@@ -62,9 +66,7 @@ pub struct ImagesReport {
     pub commit: String,
     /// A view in so many was left out.
     pub hold_out: usize,
-    /// Seconds to build the cube of all views but those left out (of the last one that was built).
-    pub build_s: f64,
-    /// Two rows a view.
+    /// A row for each view and variant.
     pub rows: Vec<HeldOut>,
 }
 
@@ -74,9 +76,15 @@ pub struct Shown {
     pub view: String,
     /// The photograph.
     pub photograph: RgbImage,
-    /// `nearest`, `ldi`; magenta where nothing is known.
-    pub frames: [RgbImage; 2],
+    /// Of [`VARIANTS`]; magenta where nothing is known.
+    pub frames: [RgbImage; 3],
 }
+
+/// Ways to show a view: the nearest other one alone, the [`NEAR`] nearest, all.
+pub const VARIANTS: [&str; 3] = ["nearest", "near", "ldi"];
+
+/// Views that a cube is built of while one moves (S24).
+const NEAR: usize = 3;
 
 /// Where nothing is known of a pixel.
 const HOLE: [u8; 3] = [255, 0, 255];
@@ -106,17 +114,14 @@ pub fn measure(
         n => vec![(n / 2..views.len()).step_by(n).collect()],
     };
     let mut bench = Bench { set, job, views: &views, progress, renderer: Renderer::new(), rows: Vec::new() };
-    let mut build_s = 0.0;
     for left_out in &rounds {
-        let started = std::time::Instant::now();
         let kept: Vec<&View> = (0..views.len()).filter(|i| !left_out.contains(i)).map(|i| views[i]).collect();
-        let all = bench.cube(job, &kept)?;
-        build_s = started.elapsed().as_secs_f64();
+        let all = bench.cube(job.centre, &kept)?;
         for &i in left_out {
             bench.judge(i, left_out, &all, show)?;
         }
     }
-    Ok(ImagesReport { machine: Machine::here(), commit: commit(), hold_out, build_s, rows: bench.rows })
+    Ok(ImagesReport { machine: Machine::here(), commit: commit(), hold_out, rows: bench.rows })
 }
 
 struct Bench<'a> {
@@ -133,33 +138,44 @@ struct Drawn {
     picture: RgbImage,
     covered: Vec<bool>,
     frame_ms: f64,
+    build_ms: f64,
     bytes: u64,
 }
 
+/// A cube, and how long it took from files, ms.
+type Built = (PackedCube, f64);
+
 impl Bench<'_> {
-    fn cube(&self, job: &ImagesJob, views: &[&View]) -> Result<PackedCube, ImagesReportError> {
+    fn cube(&self, centre: DVec3, views: &[&View]) -> Result<Built, ImagesReportError> {
+        let started = std::time::Instant::now();
+        let job = ImagesJob { centre, ..self.job.clone() };
         let cube: CubeLdi = job.run(self.set, views, self.progress)?;
-        Ok(PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto)?)
+        let packed = PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto)?;
+        Ok((packed, started.elapsed().as_secs_f64() * 1e3))
     }
 
     fn judge(
         &mut self,
         i: usize,
         left_out: &[usize],
-        all: &PackedCube,
+        all: &Built,
         show: &mut dyn FnMut(Shown),
     ) -> Result<(), ImagesReportError> {
         let view = self.views[i];
-        let held = view.load()?;
+        let gain = view.registration.map_or([1.0; 3], |registration| registration.gain);
+        // As it was exposed: frames are then exposed alike.
+        let registration = view.registration.map(|registration| Registration { gain: [1.0; 3], ..registration });
+        let held = View { registration, ..view.clone() }.load()?;
         let Some(camera) = camera_of(&held) else { return Ok(()) };
         let (photograph, visible) = photograph(&held, &camera);
-        let Some(nearest) = self.nearest(&held, i, left_out) else { return Ok(()) };
-        let alone = ImagesJob { centre: nearest.pose.eye, ..self.job.clone() };
-        let alone = self.cube(&alone, &[nearest])?;
-        let drawn = [self.draw(&alone, &camera), self.draw(all, &camera)];
+        let near = self.nearest(&held, i, left_out);
+        let Some(nearest) = near.first() else { return Ok(()) };
+        let centre = nearest.color_pose().eye;
+        let [alone, few] = [self.cube(centre, &near[..1])?, self.cube(centre, &near)?];
+        let drawn = [&alone, &few, all].map(|cube| self.draw(cube, &camera, gain));
         let judged: Vec<bool> =
             (0..visible.len()).map(|p| visible[p] && drawn.iter().all(|drawn| drawn.covered[p])).collect();
-        for (variant, drawn) in ["nearest", "ldi"].into_iter().zip(&drawn) {
+        for (variant, drawn) in VARIANTS.into_iter().zip(&drawn) {
             let (psnr_db, flip) = errors(&photograph, &drawn.picture, &judged);
             let covered =
                 drawn.covered.iter().zip(&visible).filter(|(covered, visible)| **covered && **visible).count();
@@ -171,6 +187,7 @@ impl Bench<'_> {
                 flip,
                 covered: covered as f64 / visible.iter().filter(|visible| **visible).count().max(1) as f64,
                 frame_ms: drawn.frame_ms,
+                build_ms: drawn.build_ms,
                 bytes: drawn.bytes,
             });
         }
@@ -179,33 +196,43 @@ impl Bench<'_> {
         Ok(())
     }
 
-    /// The view from which a held-out view's points move least in the picture, of those that are kept.
-    fn nearest(&self, held: &LoadedView, i: usize, left_out: &[usize]) -> Option<&View> {
+    /// The views from which a held-out view's points move least in the picture, of those that are kept, the nearest first.
+    fn nearest(&self, held: &LoadedView, i: usize, left_out: &[usize]) -> Vec<&View> {
         let mut depths: Vec<f32> = held.depth.iter().copied().filter(|depth| depth.is_finite()).collect();
         depths.sort_by(f32::total_cmp);
         let depth = f64::from(depths.get(depths.len() / 2).copied().unwrap_or(1.0));
-        let moved = |view: &&&View| {
-            let turn = view.pose.world_from_eye.z_axis.angle_between(held.pose.world_from_eye.z_axis);
-            view.pose.eye.distance(held.pose.eye) / depth + turn
+        let moved = |view: &View| {
+            let pose = view.color_pose();
+            pose.eye.distance(held.pose.eye) / depth
+                + pose.world_from_eye.z_axis.angle_between(held.pose.world_from_eye.z_axis)
         };
-        let kept =
-            self.views.iter().enumerate().filter(|(j, _)| *j != i && !left_out.contains(j)).map(|(_, view)| view);
-        kept.min_by(|a, b| moved(a).total_cmp(&moved(b))).copied()
+        let kept = |j: &usize| *j != i && !left_out.contains(j);
+        let mut views: Vec<&View> = (0..self.views.len()).filter(kept).map(|j| self.views[j]).collect();
+        views.sort_by(|a, b| moved(a).total_cmp(&moved(b)));
+        views.truncate(NEAR);
+        views
     }
 
-    fn draw(&mut self, cube: &PackedCube, camera: &Camera) -> Drawn {
-        let settings = RenderSettings { hole_color_srgb: HOLE, ..RenderSettings::default() };
+    /// Draws a cube, each channel's levels times its gain.
+    fn draw(&mut self, (cube, build_ms): &Built, camera: &Camera, gain: [f32; 3]) -> Drawn {
+        let settings = RenderSettings { hole_color_srgb: HOLE, keep_holes: true, ..RenderSettings::default() };
         self.renderer.render(cube, camera, &settings);
         self.renderer.render(cube, camera, &settings);
         let (frame, stats) = self.renderer.render_with_stats(cube, camera, &settings);
         let pixel = |x: u32, y: u32| {
-            let [r, g, b, _] = frame.color[(y * frame.width + x) as usize];
-            Rgb([r, g, b])
+            let color = frame.color[(y * frame.width + x) as usize];
+            let exposed = |c: usize| (f32::from(color[c]) * gain[c] + 0.5).min(255.0) as u8;
+            if frame.coverage[(y * frame.width + x) as usize].splat_share() < COVERED {
+                Rgb(HOLE)
+            } else {
+                Rgb([0, 1, 2].map(exposed))
+            }
         };
         Drawn {
             picture: RgbImage::from_fn(frame.width, frame.height, pixel),
             covered: frame.coverage.iter().map(|coverage| coverage.splat_share() >= COVERED).collect(),
             frame_ms: stats.frame_ms,
+            build_ms: *build_ms,
             bytes: cube.bytes() as u64,
         }
     }
@@ -256,34 +283,35 @@ fn errors(photograph: &RgbImage, frame: &RgbImage, judged: &[bool]) -> (f64, f64
 }
 
 impl ImagesReport {
-    /// Five lines and a table.
+    /// Some lines and a table.
     pub fn summary(&self) -> String {
         let of = |variant: &'static str| self.rows.iter().filter(move |row| row.variant == variant);
         let psnr = |variant: &'static str| pooled_psnr_db(of(variant).map(|row| row.psnr_db));
         let mean = |variant: &'static str, value: fn(&HeldOut) -> f64| {
             Spread::of(&of(variant).map(value).collect::<Vec<_>>()).map_or(f64::NAN, |spread| spread.mean)
         };
-        let mut table = Table::new(["variant", "PSNR dB", "FLIP", "covered", "frame ms", "MB"]);
-        for variant in ["nearest", "ldi"] {
+        let mut table = Table::new(["variant", "PSNR dB", "FLIP", "covered", "frame ms", "build ms", "MB"]);
+        for variant in VARIANTS {
             table.row([
                 variant.into(),
                 format!("{:.2}", psnr(variant)),
                 format!("{:.4}", mean(variant, |row| row.flip)),
                 percent(mean(variant, |row| row.covered)),
                 figure(mean(variant, |row| row.frame_ms)),
+                figure(mean(variant, |row| row.build_ms)),
                 figure(mean(variant, |row| row.bytes as f64 / 1e6)),
             ]);
         }
         let held = of("ldi").count();
         format!(
             "# Views left out of an image set\n\n{held} views left out (1 in {}), shown from the others and judged against their \
-             photographs where both ways show something.\nThe LDI of all images is {:.2} dB nearer to the photograph than the \
-             nearest image alone, and covers {} of it instead of {}.\nIt was built in {} s. Commit {}, {}, {} threads, {}.\n\n{table}",
+             photographs where all ways show something.\nBeside the nearest image alone, the LDI of the {NEAR} nearest is {:.2} dB nearer to \
+             the photograph, that of all images {:.2} dB; it covers {} of it instead of {}.\nCommit {}, {}, {} threads, {}.\n\n{table}",
             self.hold_out,
+            psnr("near") - psnr("nearest"),
             psnr("ldi") - psnr("nearest"),
             percent(mean("ldi", |row| row.covered)),
             percent(mean("nearest", |row| row.covered)),
-            figure(self.build_s),
             self.commit,
             self.machine.processor,
             self.machine.threads,

@@ -56,7 +56,7 @@ impl SpriteRange {
             let eye = reference.eye() + (right + up * 0.3) * displacement_m;
             let target = Camera::look_at(eye, look_at, up, fov_deg, [width, height])?;
             let SlabCapture { tracer, lighting, lit, samples, .. } = *capture;
-            let truth = truth::render(tracer, lighting, lit, &target, samples, &Silent).color;
+            let truth = truth::render(tracer, lighting, lit, &target, samples, &Silent).rgb();
             let mut flips = [0.0; Variant::ALL.len()];
             for (flip, variant) in flips.iter_mut().zip(Variant::ALL) {
                 let sprites = RenderOptions { variant, ..RenderOptions::default() };

@@ -4,17 +4,17 @@ use crate::capture::light::Lighting;
 use crate::capture::scene::UpAxis;
 use crate::capture::trace::Tracer;
 use crate::capture::{Camera, Scene};
-use crate::container::{Container, ContainerWriter, FileError, Kind};
+use crate::container::{Container, ContainerWriter, FileError, FileKind};
+use crate::frame::{Coverage, Frame};
 use crate::progress::Progress;
-use crate::truth::{self, TruthFrame};
+use crate::truth::{self, Truth};
 use glam::Vec3;
-use image::RgbImage;
 use serde::{Deserialize, Serialize};
 use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
 
 /// A cached truth frame.
-const TRUTH_FILE: Kind = Kind::TRUTH;
+const TRUTH_FILE: FileKind = FileKind::TRUTH;
 
 /// What a cached frame says of itself.
 #[derive(Serialize, Deserialize)]
@@ -41,20 +41,23 @@ impl<'a> Truths<'a> {
     }
 
     /// The frame of a camera with `samples` rays per pixel.
-    pub fn frame(&self, camera: &Camera, samples: u32, progress: &dyn Progress) -> TruthFrame {
+    pub fn frame(&self, camera: &Camera, samples: u32, progress: &dyn Progress) -> Truth {
         let path = self.folder.as_ref().map(|folder| folder.join(self.name(camera, samples)));
         let size = (camera.width(), camera.height());
         // Of another size it is not this camera's, whatever its name says.
-        let kept = path.as_deref().and_then(|path| read(path).ok()).filter(|frame| frame.color.dimensions() == size);
-        if let Some(frame) = kept {
-            return frame;
+        let kept = path
+            .as_deref()
+            .and_then(|path| read(path).ok())
+            .filter(|truth| (truth.frame.width, truth.frame.height) == size);
+        if let Some(truth) = kept {
+            return truth;
         }
-        let frame = truth::render(self.tracer, self.lighting, self.lit, camera, samples, progress);
+        let truth = truth::render(self.tracer, self.lighting, self.lit, camera, samples, progress);
         if let Some(path) = path {
             // A cache that cannot be written costs time, and no more.
-            let _ = write(&path, &frame);
+            let _ = write(&path, &truth);
         }
-        frame
+        truth
     }
 
     /// The name of a frame's file: a digest of all that decides its pixels. A small frame of two rays per pixel is part of
@@ -62,7 +65,7 @@ impl<'a> Truths<'a> {
     fn name(&self, camera: &Camera, samples: u32) -> String {
         let small = Camera::from_parts(camera.eye(), camera.world_from_eye(), camera.focal_px() / 8.0, 16, 12);
         let witness = small.map(|small| {
-            truth::render(self.tracer, self.lighting, self.lit, &small, 2, &crate::progress::Silent).color
+            truth::render(self.tracer, self.lighting, self.lit, &small, 2, &crate::progress::Silent).rgb()
         });
         let parts = digest(|hash| {
             self.scene.iter().for_each(|part| hash.write_u64(*part));
@@ -77,26 +80,34 @@ impl<'a> Truths<'a> {
     }
 }
 
-fn write(path: &Path, frame: &TruthFrame) -> Result<(), FileError> {
-    let (width, height) = frame.color.dimensions();
-    let header = Header { width, height, standard_error_psnr_db: frame.standard_error_psnr_db };
+fn write(path: &Path, truth: &Truth) -> Result<(), FileError> {
+    let Frame { width, height, coverage, .. } = &truth.frame;
+    let header = Header { width: *width, height: *height, standard_error_psnr_db: truth.standard_error_psnr_db };
+    let shares: Vec<f32> = coverage.iter().map(|pixel| f32::from(pixel.splat_share()) / 255.0).collect();
     let mut writer = ContainerWriter::new(TRUTH_FILE);
     writer.section("info", move || Ok(serde_json::to_vec(&header)?));
-    writer.section("color", || Ok(frame.color.as_raw().clone()));
-    writer.section("surface", || Ok(bytemuck::cast_slice(&frame.surface_share).to_vec()));
+    writer.section("color", || Ok(truth.rgb().into_raw()));
+    writer.section("surface", || Ok(bytemuck::cast_slice(&shares).to_vec()));
     writer.write(path)
 }
 
-fn read(path: &Path) -> Result<TruthFrame, FileError> {
+fn read(path: &Path) -> Result<Truth, FileError> {
     let file = Container::open(path, TRUTH_FILE)?;
     let info = file.section("info")?;
     let Header { width, height, standard_error_psnr_db } = info.json()?;
     let pixels = (width as usize).saturating_mul(height as usize);
-    let color = file.section("color")?.array(pixels.saturating_mul(3))?;
-    let surface_share = file.section("surface")?.array(pixels)?;
-    let color = RgbImage::from_raw(width, height, color);
-    let color = color.ok_or_else(|| info.damaged("a picture of its size", "another"))?;
-    Ok(TruthFrame { color, standard_error_psnr_db, surface_share })
+    let color: Vec<[u8; 3]> = file.section("color")?.array(pixels)?;
+    let shares: Vec<f32> = file.section("surface")?.array(pixels)?;
+    let color = color.into_iter().map(|[r, g, b]| [r, g, b, 255]).collect();
+    let coverage = shares.into_iter().map(coverage_of).collect();
+    let frame = Frame { width, height, color, coverage, depth_m: Vec::new() };
+    Ok(Truth { frame, standard_error_psnr_db })
+}
+
+/// The coverage whose share of 255 was written; less than all is never full.
+fn coverage_of(share: f32) -> Coverage {
+    const ROUNDING: f32 = 0.01;
+    if share > 0.0 { Coverage::of_splats((share * 255.0 + ROUNDING) as u8) } else { Coverage::ENVIRONMENT }
 }
 
 /// 128 bits of what `feed` writes.
@@ -178,7 +189,7 @@ mod tests {
         brighter.exposure *= 2.0;
         let other = Truths::new(&tracer, &brighter, true, Some(folder.path().into())).frame(&camera(0.0), 4, &Silent);
         assert_eq!(files(), 4);
-        assert_ne!(first.color, other.color);
+        assert_ne!(first.frame.color, other.frame.color);
         // A damaged file is no file.
         let damaged = std::fs::read_dir(folder.path()).expect("there").flatten();
         damaged.for_each(|file| std::fs::write(file.path(), b"HEADBOX\0trth").expect("written"));

@@ -136,3 +136,95 @@ impl PackedCube {
         segments + size_of_val(&self.environment.texels[..]) + self.planes.bytes()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::environment::Environment;
+    use crate::packed::{BlockIndex, SegmentSide, Split};
+
+    fn pixel(code: u32) -> PackedDepthPixel {
+        PackedDepthPixel { geometry: code, color_srgb: [1, 2, 3, 255] }
+    }
+
+    /// Two rows of three pixels: 1, 0 and 2 samples, then 0, 2 and 0.
+    fn segment() -> PackedSegment {
+        PackedSegment {
+            face: Face::NegY,
+            side: SegmentSide::Far,
+            x0: 5,
+            y0: 9,
+            width: 3,
+            height: 2,
+            inverse_depth_min: 0.25,
+            inverse_depth_max: 2.0,
+            row_offsets: vec![0, 3, 5],
+            row_counts: vec![0, 1, 1, 3, 0, 0, 2, 2],
+            depth_pixels: (10..15).map(pixel).collect(),
+            blocks: BlockIndex::default(),
+        }
+    }
+
+    #[test]
+    fn twenty_bits_are_the_depth_and_eleven_the_index() {
+        let found = |geometry: u32| (pixel(geometry).inverse_depth_code(), pixel(geometry).splat_index());
+        assert_eq!(found(0x5a5 << 20 | 0xab_cde), (0xab_cde, 0x5a5));
+        assert_eq!(found(0x7ff << 20), (0, 0x7ff));
+        assert_eq!(found(u32::MAX), (INVERSE_DEPTH_CODE_MAX, 0x7ff), "the last bit is nobody's");
+    }
+
+    #[test]
+    fn codes_run_evenly_from_the_least_inverse_depth_to_the_largest() {
+        let segment = segment();
+        for (share, exact) in [(0.0, 0.25), (0.25, 0.6875), (0.5, 1.125), (1.0, 2.0)] {
+            let code = (share * f64::from(INVERSE_DEPTH_CODE_MAX)) as u32;
+            // At most one code is rounded down.
+            assert!((segment.inverse_depth(code) - exact).abs() <= segment.inverse_depth_step(), "{share}");
+        }
+        assert!((segment.inverse_depth_step() * f64::from(INVERSE_DEPTH_CODE_MAX) - 1.75).abs() < 1e-12);
+    }
+
+    #[test]
+    fn pixels_have_their_own_samples_and_none_lies_outside() {
+        let segment = segment();
+        let codes = |x: u32, y: u32| -> Vec<u32> {
+            segment.pixel(x, y).iter().map(|sample| sample.inverse_depth_code()).collect()
+        };
+        let rows = [0, 1, 2].map(|y| [0, 1, 2, 3].map(|x| codes(x, y)));
+        let none = Vec::new;
+        assert_eq!(rows[0], [vec![10], none(), vec![11, 12], none()]);
+        assert_eq!(rows[1], [none(), vec![13, 14], none(), none()]);
+        assert_eq!(rows[2], [none(), none(), none(), none()]);
+        let wrong = PackedSegment { row_offsets: vec![0, 3, 99], ..segment.clone() };
+        assert_eq!((wrong.row(0).0.len(), wrong.row(1)), (3, (&[][..], &[][..])), "a table that points outside");
+    }
+
+    #[test]
+    fn faces_get_their_own_samples_back_and_bytes_are_counted_once() {
+        let (face_px, mut faces) = (4, Vec::new());
+        for (face, samples) in Face::ALL.into_iter().zip([1, 0, 2, 0, 0, 3]) {
+            let mut ldi = LayeredDepthImage::empty(face, face_px);
+            let sample = |i: u32| DepthPixel {
+                inverse_depth: 0.2 + 0.1 * i as f32,
+                normal: EncodedNormal::new(-face.normal().as_vec3()),
+                color_srgb: [9, 8, 7, 255],
+            };
+            ldi.samples = (0..samples).map(sample).collect();
+            ldi.offsets[6..].fill(samples);
+            faces.push(ldi);
+        }
+        let info = crate::ldi::CaptureInfo { half_size_m: 0.5, exposure: 1.0, ..Default::default() };
+        let ldi = CubeLdi { info, faces, environment: Environment::default() };
+        let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::None).expect("packs");
+        let back = cube.unpack();
+        for (face, back) in ldi.faces.iter().zip(&back.faces) {
+            assert_eq!((face.face, face.samples.len(), &face.offsets), (back.face, back.samples.len(), &back.offsets));
+        }
+        let tables = |s: &PackedSegment| 4 * (s.row_offsets.len() + s.row_counts.len());
+        assert_eq!(cube.bytes(), 6 * 8 + cube.segments.iter().map(tables).sum::<usize>());
+        assert_eq!((cube.depth_pixel_count(), cube.segments.len()), (6, 3));
+        let (mut with_sky, alone) = (cube.clone(), cube.bytes());
+        with_sky.environment.texels.resize(10, Default::default());
+        assert_eq!(with_sky.bytes(), alone + size_of_val(&with_sky.environment.texels[..]));
+    }
+}

@@ -11,14 +11,14 @@
 use super::planes::{Plane, PlaneSet, PlaneTile};
 use super::{BlockIndex, PackedCube, PackedSegment, SegmentSide, SplatIndexLayout, runs};
 use crate::capture::rig::Face;
-use crate::container::{Container, ContainerWriter, FileError, Kind, Section};
+use crate::container::{Container, ContainerWriter, FileError, FileKind, Section};
 use crate::environment::Environment;
 use crate::ldi::CaptureInfo;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// A cube LDI file.
-pub const CUBE_LDI: Kind = Kind::CUBE_LDI;
+pub const CUBE_LDI: FileKind = FileKind::CUBE_LDI;
 
 /// What a cube LDI is but for its arrays.
 #[derive(Serialize, Deserialize)]
@@ -76,7 +76,7 @@ impl PackedCube {
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
         let header = self.header();
         let has_planes = !self.planes.tiles.is_empty();
-        let kind = Kind { version: if has_planes { 2 } else { 1 }, ..CUBE_LDI };
+        let kind = FileKind { version: if has_planes { 2 } else { 1 }, ..CUBE_LDI };
         let mut writer = ContainerWriter::new(kind);
         writer.section("info", move || Ok(serde_json::to_vec(&header)?));
         writer.section("environment", || Ok(bytemuck::cast_slice(&self.environment.texels).to_vec()));

@@ -181,6 +181,18 @@ mod tests {
     }
 
     #[test]
+    fn a_turn_that_rounds_to_a_whole_one_stays_in_its_ring() {
+        let range = DepthCodeRange { nearest_m: 1.0, farthest_m: 100.0 };
+        for degrees in [10.0f64, 45.0, 80.0] {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            // A hair below the x axis: the rest of a whole turn is the whole turn itself, in f64.
+            let normal = DVec3::new(sin, -1e-20, cos);
+            let found = SplatIndexLayout::Normal.normal(SplatIndexLayout::Normal.encode(normal, 7.0, range));
+            assert!(found.angle_between(normal.as_vec3()).to_degrees() < WORST_FRONT_DEG, "{degrees}: {found}");
+        }
+    }
+
+    #[test]
     fn depth_codes_err_by_half_a_ratio_step() {
         for ratio in [10.0f64, 100.0, 1000.0] {
             let range = DepthCodeRange { nearest_m: 0.5, farthest_m: 0.5 * ratio };

@@ -4,14 +4,14 @@
 //! f64, `normals`, `texcoords` and `colors` f32, `triangles` u32, four each: corners and material), `texels` (RGBA8, texture
 //! after texture), and a section per capture, `c` and its number: a cube's environment and segments, or textures.
 
-use super::backdrop::{Backdrop, Kind, PortalSide, PortalSprite, Quality, TextureSet};
+use super::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide, PortalSprite, TextureSet};
 use super::house::{House, HouseError};
 use super::opening::Opening;
 use super::store::{Key, Store};
 use crate::capture::portal_model::{Cell, Portal, PortalModel, Prism};
 use crate::capture::scene::{FileFrame, Headbox, Scene, Sky, Sun, Triangle};
 use crate::capture::{Cutout, Material, Texture};
-use crate::container::{Container, ContainerWriter, FileError, Kind as FileKind, Section};
+use crate::container::{Container, ContainerWriter, FileError, FileKind, Section};
 use crate::packed::PackedCube;
 use crate::packed::file::Header as CubeHeader;
 use crate::sprite::{SpriteHeader, SpriteWithDepth};
@@ -60,7 +60,7 @@ struct Header {
     cells: Vec<CellRecord>,
     portals: Vec<PortalRecord>,
     outside: Option<u32>,
-    quality: Quality,
+    quality: BackdropQuality,
     captures: Vec<CaptureRecord>,
 }
 
@@ -92,7 +92,7 @@ struct PortalRecord {
 #[derive(Serialize, Deserialize)]
 struct CaptureRecord {
     at: PortalSide,
-    kind: Kind,
+    kind: BackdropKind,
     content: Content,
 }
 
@@ -107,7 +107,7 @@ enum Content {
 ///
 /// # Errors
 /// [`FileError::Io`].
-pub fn write(path: &Path, house: &House, store: &Store, quality: &Quality) -> Result<(), FileError> {
+pub fn write(path: &Path, house: &House, store: &Store, quality: &BackdropQuality) -> Result<(), FileError> {
     let captures = store.all();
     let names: Vec<String> = (0..captures.len()).map(section_name).collect();
     let scene: &Scene = house.scene();
@@ -141,7 +141,7 @@ pub fn write(path: &Path, house: &House, store: &Store, quality: &Quality) -> Re
 ///
 /// # Errors
 /// See [`HouseFileError`].
-pub fn read(path: &Path, budget_bytes: u64) -> Result<(House, Store, Quality), HouseFileError> {
+pub fn read(path: &Path, budget_bytes: u64) -> Result<(House, Store, BackdropQuality), HouseFileError> {
     let file = Container::open(path, HOUSE_FILE)?;
     let info = file.section("info")?;
     let mut header: Header = info.json()?;
@@ -162,7 +162,7 @@ fn section_name(number: usize) -> String {
     format!("c{number}")
 }
 
-fn header(house: &House, quality: &Quality, captures: &[(Key, Arc<Backdrop>)]) -> Header {
+fn header(house: &House, quality: &BackdropQuality, captures: &[(Key, Arc<Backdrop>)]) -> Header {
     let (scene, plan) = (house.scene(), house.plan());
     let material = |m: &Material| MaterialRecord {
         name: m.name.clone(),

@@ -1,6 +1,6 @@
 //! How a frame of a walk is drawn, and what it took.
 
-use super::backdrop::{BackdropStats, Kind, PortalSide, Quality};
+use super::backdrop::{BackdropKind, BackdropQuality, BackdropStats, PortalSide};
 use super::cull::Limits;
 use crate::capture::Camera;
 use crate::raster::RasterStats;
@@ -26,9 +26,9 @@ pub enum Near {
 }
 
 impl Default for Near {
-    /// Of [`Kind::WindowLdi`] as [`Quality::default`] captures it.
+    /// Of [`BackdropKind::WindowLdi`] as [`BackdropQuality::default`] captures it.
     fn default() -> Self {
-        let Quality { window_face_px, window_back_m, .. } = Quality::default();
+        let BackdropQuality { window_face_px, window_back_m, .. } = BackdropQuality::default();
         Self::ProjectedError { spacing_px: 2.77, face_px: window_face_px, back_m: window_back_m }
     }
 }
@@ -82,7 +82,7 @@ impl Division {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WalkSettings {
     /// The backdrops behind portals; `None` for geometry alone.
-    pub backdrops: Option<Kind>,
+    pub backdrops: Option<BackdropKind>,
     /// When a cell behind a portal is drawn as geometry.
     pub near: Near,
     /// How layered depth images are drawn.
@@ -136,7 +136,7 @@ mod tests {
     #[test]
     fn doors_open_where_the_default_backdrops_samples_come_apart() {
         let Near::ProjectedError { spacing_px, face_px, back_m } = Near::default() else { panic!("a rule of samples") };
-        let quality = Quality::default();
+        let quality = BackdropQuality::default();
         assert_eq!(
             (face_px, back_m),
             (quality.window_face_px, quality.window_back_m),

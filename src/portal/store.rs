@@ -1,14 +1,14 @@
 //! Backdrops in memory: built ahead of need by a thread in the background, the least recently used thrown away first
 //! (R16).
 
-use super::backdrop::{Backdrop, Kind, PortalSide, Quality};
+use super::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide};
 use super::house::House;
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
 /// What a backdrop is known by.
-pub type Key = (PortalSide, Kind);
+pub type Key = (PortalSide, BackdropKind);
 
 /// Backdrops within a budget of bytes.
 #[derive(Debug)]
@@ -151,7 +151,7 @@ impl Orders {
 
 impl Builder {
     /// Starts the thread.
-    pub fn new(house: Arc<House>, store: Arc<Store>, quality: Quality) -> Self {
+    pub fn new(house: Arc<House>, store: Arc<Store>, quality: BackdropQuality) -> Self {
         let desk = Arc::new(Desk::default());
         let at_desk = Arc::clone(&desk);
         let thread = std::thread::spawn(move || work(&at_desk, &house, &store, &quality));
@@ -191,7 +191,7 @@ impl Drop for Builder {
     }
 }
 
-fn work(desk: &Desk, house: &House, store: &Store, quality: &Quality) {
+fn work(desk: &Desk, house: &House, store: &Store, quality: &BackdropQuality) {
     // Without a pool of its own it would borrow the threads of the frames.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().ok();
     let mut orders = lock(&desk.orders);
@@ -236,7 +236,7 @@ mod tests {
     use super::*;
 
     fn key(portal: u32) -> Key {
-        (PortalSide { portal, side: 0 }, Kind::Texture)
+        (PortalSide { portal, side: 0 }, BackdropKind::Texture)
     }
 
     #[test]

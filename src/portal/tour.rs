@@ -1,6 +1,6 @@
 //! A walk whose backdrops are built ahead of need (R3, R16).
 
-use super::backdrop::Quality;
+use super::backdrop::BackdropQuality;
 use super::house::House;
 use super::settings::{WalkSettings, WalkStats};
 use super::store::{Builder, Store};
@@ -24,7 +24,7 @@ pub struct Tour {
 
 impl Tour {
     /// Starts the thread. The store may hold backdrops already, from a `.house` file for instance.
-    pub fn new(house: Arc<House>, store: Arc<Store>, quality: Quality, settings: WalkSettings) -> Self {
+    pub fn new(house: Arc<House>, store: Arc<Store>, quality: BackdropQuality, settings: WalkSettings) -> Self {
         let builder = Builder::new(Arc::clone(&house), Arc::clone(&store), quality);
         Self { settings, house, store, builder, walker: Walker::new() }
     }

@@ -1,6 +1,6 @@
 //! Ways to draw a walk, by the names under which the command line and the reports know them.
 
-use super::backdrop::Kind;
+use super::backdrop::BackdropKind;
 use super::settings::WalkSettings;
 use super::store::Store;
 use crate::render::RenderSettings;
@@ -12,7 +12,7 @@ pub struct Variant {
     /// Its name.
     pub name: &'static str,
     /// What stands behind portals; `None` for geometry alone.
-    pub kind: Option<Kind>,
+    pub kind: Option<BackdropKind>,
     /// The footprints of layered depth images.
     pub kernel: SplatKernel,
     /// Holes keep what the last frame had there (R8).
@@ -24,26 +24,31 @@ impl Variant {
     /// fixed stamps of R7 in place of footprints of the samples' sizes; and the window LDI with opaque rectangles of those sizes.
     pub const ALL: [Self; 16] = [
         Self { name: "geometry", kind: None, ..Self::PLAIN },
-        Self::of(Kind::Texture),
-        Self::of(Kind::Textures),
-        Self::of(Kind::Image),
-        Self { name: "persistence", kind: Some(Kind::Image), persistence: true, ..Self::PLAIN },
-        Self::of(Kind::TwoImages),
-        Self::of(Kind::Ldi),
-        Self::of(Kind::LdiColorsApart),
-        Self::of(Kind::LdiAverage),
-        Self { name: "ldi-plus", kind: Some(Kind::Ldi), kernel: SplatKernel::Plus, ..Self::PLAIN },
-        Self { name: "ldi-2x2", kind: Some(Kind::Ldi), kernel: SplatKernel::Square2, ..Self::PLAIN },
-        Self { name: "ldi-3x3", kind: Some(Kind::Ldi), kernel: SplatKernel::Square3, ..Self::PLAIN },
-        Self::of(Kind::WindowLdi),
-        Self { name: "window-ldi-opaque", kind: Some(Kind::WindowLdi), kernel: SplatKernel::Opaque, ..Self::PLAIN },
-        Self::of(Kind::CellLdi),
-        Self::of(Kind::Sprite),
+        Self::of(BackdropKind::Texture),
+        Self::of(BackdropKind::Textures),
+        Self::of(BackdropKind::Image),
+        Self { name: "persistence", kind: Some(BackdropKind::Image), persistence: true, ..Self::PLAIN },
+        Self::of(BackdropKind::TwoImages),
+        Self::of(BackdropKind::Ldi),
+        Self::of(BackdropKind::LdiColorsApart),
+        Self::of(BackdropKind::LdiAverage),
+        Self { name: "ldi-plus", kind: Some(BackdropKind::Ldi), kernel: SplatKernel::Plus, ..Self::PLAIN },
+        Self { name: "ldi-2x2", kind: Some(BackdropKind::Ldi), kernel: SplatKernel::Square2, ..Self::PLAIN },
+        Self { name: "ldi-3x3", kind: Some(BackdropKind::Ldi), kernel: SplatKernel::Square3, ..Self::PLAIN },
+        Self::of(BackdropKind::WindowLdi),
+        Self {
+            name: "window-ldi-opaque",
+            kind: Some(BackdropKind::WindowLdi),
+            kernel: SplatKernel::Opaque,
+            ..Self::PLAIN
+        },
+        Self::of(BackdropKind::CellLdi),
+        Self::of(BackdropKind::Sprite),
     ];
 
     const PLAIN: Self = Self { name: "", kind: None, kernel: SplatKernel::Tent, persistence: false };
 
-    const fn of(kind: Kind) -> Self {
+    const fn of(kind: BackdropKind) -> Self {
         Self { name: kind.name(), kind: Some(kind), ..Self::PLAIN }
     }
 

@@ -1,6 +1,6 @@
 //! Which cells a frame draws as geometry, and at which portals backdrops begin.
 
-use super::backdrop::{Backdrop, Kind, PortalSide};
+use super::backdrop::{Backdrop, BackdropKind, PortalSide};
 use super::cull::{self, CellView};
 use super::house::House;
 use super::settings::{WalkSettings, WalkStats};
@@ -79,7 +79,7 @@ pub(super) fn union(a: &[Range<u32>; 2], b: &[Range<u32>; 2]) -> [Range<u32>; 2]
 
 /// The backdrops that an eye is likely to need, the likeliest first: those of its own cell by distance, then those of the
 /// cells behind near portals.
-pub fn likely(house: &House, eye: glam::DVec3, kind: Kind) -> Vec<Key> {
+pub fn likely(house: &House, eye: glam::DVec3, kind: BackdropKind) -> Vec<Key> {
     let Some(cell) = house.cell_of_eye(eye) else { return Vec::new() };
     let sides = |cell: u32| {
         let of_cell = house.plan().portals_of(cell);

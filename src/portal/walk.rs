@@ -8,7 +8,7 @@
 //!    buffer says which pixels look through which portal, whatever overlaps (the order that R15 leaves open).
 //! 3. Each backdrop is drawn for the smallest rectangle that holds its portal's pixels, and copied into these alone.
 
-use super::backdrop::{Backdrop, BackdropError, BackdropStats, Drawer, PortalSide, Quality};
+use super::backdrop::{Backdrop, BackdropError, BackdropQuality, BackdropStats, Drawer, PortalSide};
 use super::house::House;
 use super::settings::{WalkSettings, WalkStats};
 use super::store::Store;
@@ -58,7 +58,7 @@ impl Walker {
         store: &Store,
         camera: &Camera,
         settings: &WalkSettings,
-        quality: &Quality,
+        quality: &BackdropQuality,
     ) -> Result<u32, BackdropError> {
         let Some(kind) = settings.backdrops else { return Ok(0) };
         let mut captured = 0;

@@ -5,7 +5,6 @@
 //! * `fit`, `regions`: planes, where inverse depth is affine in face pixels within the bound.
 //! * `textures`: their pictures; `cost`: which of them are worth it.
 //!
-//!
 //! What no plane holds stays layered depth pixels.
 
 pub mod bound;
@@ -17,12 +16,32 @@ mod textures;
 pub use bound::Bound;
 
 use crate::ldi::{CubeLdi, LayeredDepthImage};
-use crate::packed::{Plane, PlaneSet};
+use crate::packed::{PackError, PackedCube, Plane, PlaneSet, SplatIndexLayout, Split};
 use rayon::prelude::*;
 use regions::{Grower, NOBODY};
 
 /// The largest error that makes sense, px: more than a frame is wide.
 pub const MAX_ERROR_PX: f64 = 1e6;
+
+/// The error that captures allow where nothing is said, px: frames are no worse for it (docs/decisions.md: half a pixel is free).
+pub const DEFAULT_ERROR_PX: f64 = 0.5;
+
+/// Packs a cube LDI, of which what is flat becomes pictures on planes ([`choose`]).
+///
+/// # Errors
+/// See [`PackedCube::pack`].
+pub fn pack(mut ldi: CubeLdi, layout: SplatIndexLayout, split: Split, error_px: f64) -> Result<PackedCube, PackError> {
+    ldi.validate()?;
+    let planes = choose(&mut ldi, error_px);
+    let split = match split {
+        // What pictures leave is little, and a second table of pixels would be larger than what a split saves.
+        Split::Auto if !planes.tiles.is_empty() => Split::None,
+        split => split,
+    };
+    let mut cube = PackedCube::pack(&ldi, layout, split)?;
+    cube.planes = planes;
+    Ok(cube)
+}
 
 /// Fewer samples are not tried as a region.
 const LEAST_SAMPLES: usize = 48;

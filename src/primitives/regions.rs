@@ -5,6 +5,7 @@ use super::fit::{Affine, Fit};
 use crate::ldi::accumulate::DepthBins;
 use crate::ldi::{DepthPixel, LayeredDepthImage};
 use crate::packed::Plane;
+use crate::render::surface::SurfaceCanvas;
 
 /// Stands for no region.
 pub(super) const NOBODY: u32 = u32::MAX;
@@ -42,6 +43,8 @@ pub(super) struct Grower<'a> {
     pub(super) regions: Vec<Region>,
     /// Width of a depth bin of the capture, 1/m.
     pub(super) bin: f64,
+    /// Relative difference of inverse depth up to which frames take two samples of a pixel for one surface.
+    pub(super) one_surface: f64,
     /// Of each pixel, the last visit.
     visited: Vec<u32>,
     visit: u32,
@@ -68,7 +71,9 @@ impl<'a> Grower<'a> {
         let owner = vec![NOBODY; face.samples.len()];
         let visited = vec![0; (size * size) as usize];
         let bin = DepthBins::new(half_size_m, size).inverse_depth(1.0);
-        Self { face, tolerance, owner, regions: Vec::new(), bin, visited, visit: 0, queue: Vec::new() }
+        let one_surface = f64::from(SurfaceCanvas::tolerance(size));
+        let (regions, queue) = (Vec::new(), Vec::new());
+        Self { face, tolerance, owner, regions, bin, one_surface, visited, visit: 0, queue }
     }
 
     /// Finds all regions of at least `least` samples, best seeds first.

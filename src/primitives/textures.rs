@@ -2,7 +2,6 @@
 
 use super::cost;
 use super::regions::{Grower, NOBODY, Region};
-use crate::ldi::DepthPixel;
 use crate::packed::{PlaneSet, PlaneTile};
 
 /// Face pixels a side of a tile.
@@ -16,9 +15,6 @@ pub(super) struct Pictures {
     /// Samples that they stand for.
     pub(super) samples: u64,
 }
-
-/// How many tolerances a sample may be off a plane that ends beside it, and yet be the same surface going on.
-const GOES_ON: f64 = 4.0;
 
 /// Of the eight pixels around one that no ray reached, how many must be of a region for it to be a gap in it.
 const GAP_NEIGHBOURS: usize = 6;
@@ -142,39 +138,17 @@ impl Painter<'_, '_> {
 
     /// The colour of the region in a pixel, if it is there.
     fn member(&self, x: i32, y: i32) -> Option<[u8; 4]> {
-        let (mut sum, mut count, mut alpha) = ([0u32; 3], 0, 0);
+        let (mut sum, mut count, mut alpha) = ([0u32; 3], 0, 0u8);
         for i in self.own(x, y) {
             let color = self.grower.face.samples[i].color_srgb;
             sum.iter_mut().zip(color).for_each(|(sum, c)| *sum += u32::from(c));
-            (count, alpha) = (count + 1, alpha.max(color[3]));
+            (count, alpha) = (count + 1, alpha.saturating_add(color[3]));
         }
         if count == 0 {
             return None;
         }
-        if alpha < 255 {
-            // The rest of the pixel may be the same surface, gone on as something else.
-            let others =
-                self.samples(x, y).filter(|(i, s)| self.grower.owner[*i] != self.id && self.goes_on(x, y, *i, s));
-            alpha = others.fold(alpha, |alpha, (_, s)| alpha.saturating_add(s.color_srgb[3]));
-        }
         let [r, g, b] = sum.map(|sum| ((sum + count / 2) / count) as u8);
         Some([r, g, b, alpha])
-    }
-
-    /// The samples of pixel (x, y) of the face, with their indices.
-    fn samples(&self, x: i32, y: i32) -> impl Iterator<Item = (usize, &DepthPixel)> {
-        let face = self.grower.face;
-        let first = face.offsets[(y * self.size() + x) as usize] as usize;
-        face.pixel(x as u32, y as u32).iter().enumerate().map(move |(i, s)| (first + i, s))
-    }
-
-    /// True if a sample in pixel (x, y) is of the same surface as the region, as a capture sees it: nearer to its plane than
-    /// [`GOES_ON`] tolerances, or than what two samples beside each other may differ by.
-    fn goes_on(&self, x: i32, y: i32, i: usize, sample: &DepthPixel) -> bool {
-        let (q, affine) = (f64::from(sample.inverse_depth), &self.region.affine);
-        let off = affine.distance(f64::from(x) + 0.5, f64::from(y) + 0.5, q);
-        let beside = self.grower.bin + q * 2.4 / f64::from(self.size());
-        off <= (GOES_ON * f64::from(self.grower.tolerance[i])).max(beside)
     }
 
     fn texel(&self, x: i32, y: i32) -> [u8; 4] {
@@ -183,8 +157,8 @@ impl Painter<'_, '_> {
 
     /// What a picture has in a pixel that the region does not reach.
     ///
-    /// Where the surface goes on as something else, or behind something, the picture goes on by a pixel too, so that no crack
-    /// opens; where it ends, it ends.
+    /// Where something nearer hides it, it goes on by a pixel, so that no crack opens when the eye moves. Where it ends, or goes
+    /// on as something else, its alpha falls as a tent's weight does: what lies beside it is added to it, as samples are.
     fn beyond(&self, x: i32, y: i32) -> [u8; 4] {
         let around = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
         let (mut sum, mut count) = ([0u32; 4], 0);
@@ -200,13 +174,11 @@ impl Painter<'_, '_> {
         if !inside {
             return [r, g, b, alpha];
         }
-        if let Some((_, sample)) = self.samples(x, y).find(|(i, s)| self.goes_on(x, y, *i, s)) {
-            let [r, g, b, _] = sample.color_srgb;
-            return [r, g, b, 255];
-        }
         let q = self.region.affine.inverse_depth(f64::from(x) + 0.5, f64::from(y) + 0.5);
-        let is_hidden = self.samples(x, y).any(|(_, s)| f64::from(s.inverse_depth) > q);
-        let is_gap = self.samples(x, y).next().is_none() && count as usize >= GAP_NEIGHBOURS;
+        let hides = q + (q * self.grower.one_surface).max(self.grower.bin);
+        let pixel = self.grower.face.pixel(x as u32, y as u32);
+        let is_hidden = pixel.iter().any(|sample| f64::from(sample.inverse_depth) > hides);
+        let is_gap = pixel.is_empty() && count as usize >= GAP_NEIGHBOURS;
         [r, g, b, if is_hidden || is_gap { 255 } else { 0 }]
     }
 }

@@ -42,7 +42,7 @@ pub(super) struct Vertex {
 
 /// What shading needs of a material.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Surface {
+pub(super) struct MeshMaterial {
     pub(super) albedo: Vec3,
     pub(super) emission: Vec3,
     /// Indices of textures.
@@ -76,10 +76,10 @@ pub struct RasterMesh {
     /// For each texture of the scene.
     pub(super) textures: Vec<MipTexture>,
     /// For each material of the scene.
-    pub(super) surfaces: Vec<Surface>,
+    pub(super) surfaces: Vec<MeshMaterial>,
 }
 
-impl Surface {
+impl MeshMaterial {
     fn new(material: &Material) -> Self {
         Self {
             albedo: Vec3::from(material.albedo),
@@ -99,7 +99,7 @@ impl RasterMesh {
         let count = scene.triangles.len().min(SurfaceId::MAX_TRIANGLES as usize);
         let mut mesh = Self {
             textures: scene.textures.iter().map(MipTexture::new).collect(),
-            surfaces: scene.materials.iter().map(Surface::new).collect(),
+            surfaces: scene.materials.iter().map(MeshMaterial::new).collect(),
             origin,
             positions: [Vec::new(), Vec::new(), Vec::new()],
             vertices: Vec::new(),

@@ -8,7 +8,7 @@
 //! after triangle).
 
 use super::encode::SrgbTable;
-use super::mesh::{RasterMesh, Surface, Vertex};
+use super::mesh::{MeshMaterial, RasterMesh, Vertex};
 use super::mip::MipTexture;
 use super::scan::{Drawn, Target};
 use super::view::View;
@@ -120,7 +120,7 @@ impl Shader<'_> {
     fn shading(&self, primitive: u32) -> Shading<'_> {
         let face = &self.mesh.faces[primitive as usize];
         let corners = self.mesh.corners(face);
-        let surface: &Surface = &self.mesh.surfaces[face.material as usize];
+        let surface: &MeshMaterial = &self.mesh.surfaces[face.material as usize];
         let weights = Weights::new(self.view, corners);
         let texture = |number: Option<u32>| {
             let texture = self.mesh.textures.get(number? as usize)?;

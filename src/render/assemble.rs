@@ -34,7 +34,7 @@ impl Owners {
         plan: &FramePlan,
         boundaries: &[Boundary],
         background: &Background,
-        frame: &mut Frame,
+        (frame, inverse_depths): (&mut Frame, &mut [f32]),
         rays: impl Fn(u32) -> Rays + Sync,
         painter: impl Fn(usize) -> (&'c C, &'c DepthCanvas) + Sync,
     ) -> FrameStats {
@@ -48,6 +48,9 @@ impl Owners {
                 let (canvas, depth) = painter(owner.painter);
                 let range = start..owner.end as usize;
                 canvas.resolve(y as usize, start, &mut pixels.colors[range.clone()], plan.level);
+                if let Some(inverse_depths) = pixels.inverse_depths.get_mut(range.clone()) {
+                    canvas.tell_depths(y as usize, start, inverse_depths);
+                }
                 if let Some(depths_m) = pixels.depths_m.get_mut(range) {
                     depth.resolve(y as usize, start, depths_m);
                 }
@@ -63,13 +66,18 @@ impl Owners {
         };
         let Frame { color: colors, coverage: coverages, depth_m: depths_m, .. } = frame;
         let piece = width as usize * ROWS_AT_A_TIME;
-        let depths_m = depth_pieces(depths_m, piece, colors.len().div_ceil(piece));
-        let rows = colors.par_chunks_mut(piece).zip(coverages.par_chunks_mut(piece)).zip(depths_m);
+        let pieces = colors.len().div_ceil(piece);
+        let depths = depth_pieces(depths_m, piece, pieces).zip(depth_pieces(inverse_depths, piece, pieces));
+        let rows = colors.par_chunks_mut(piece).zip(coverages.par_chunks_mut(piece)).zip(depths);
         let owners = self.rows.par_chunks_mut(ROWS_AT_A_TIME);
-        let finish_piece = |(i, (((colors, coverages), depths_m), owners)): (usize, (_, &mut [Vec<Owner>]))| {
-            let rows = Pixels { colors, coverages, depths_m }.rows(width).zip((i * ROWS_AT_A_TIME) as u32..);
-            rows.zip(owners).fold(FrameStats::default(), |sum, ((row, y), owners)| add(sum, finish_one(y, row, owners)))
-        };
+        let finish_piece =
+            |(i, (((colors, coverages), (depths_m, inverse_depths)), owners)): (usize, (_, &mut [Vec<Owner>]))| {
+                let rows = Pixels { colors, coverages, depths_m, inverse_depths }
+                    .rows(width)
+                    .zip((i * ROWS_AT_A_TIME) as u32..);
+                rows.zip(owners)
+                    .fold(FrameStats::default(), |sum, ((row, y), owners)| add(sum, finish_one(y, row, owners)))
+            };
         rows.zip(owners).enumerate().map(finish_piece).reduce(FrameStats::default, add)
     }
 }

@@ -2,10 +2,11 @@
 
 use super::clip::{self, Band, BlockClip};
 use super::epipolar::Spans;
+use super::fill;
 use super::finish::{Background, Pixels};
 use super::format::Format;
 use super::kernel::SegmentWarp;
-use super::traverse::{self, Batch, Cut, Part, Uncut};
+use super::traverse::{self, Batch, Cut, SegmentPart, Uncut};
 use super::{FramePlan, FrameStats, SegmentPlan, Source};
 use crate::capture::Camera;
 use crate::packed::{ExactDepthPixel, PackedCube, PackedDepthPixel, PackedSegment};
@@ -158,7 +159,7 @@ struct Pass<'a> {
 }
 
 impl Pass<'_> {
-    fn draw(&mut self, canvas: &mut dyn Canvas, camera: &Camera, pixels: Pixels) {
+    fn draw(&mut self, canvas: &mut dyn Canvas, camera: &Camera, mut pixels: Pixels) {
         let started = Instant::now();
         let (band, plan) = (self.band, self.plan);
         canvas.clear(band.width, band.rows.clone());
@@ -171,13 +172,22 @@ impl Pass<'_> {
         }
         let cleared = Instant::now();
         self.draw_segments(canvas, &Clipped { unclipped: plan.unclipped });
+        if plan.kernel.compares_depths() {
+            canvas.add_rims(self.planes.rims());
+        }
+        if plan.depth {
+            self.depth.add_rims(self.planes.rims());
+        }
         let drawn = Instant::now();
         let background = Background::new(plan, self.source.cube, camera);
+        let (inverse_depths, holes_before) = (std::mem::take(&mut pixels.inverse_depths), self.stats.hole_pixels);
         for (row, (y, pixels)) in band.rows.clone().zip(pixels.rows(band.width)).enumerate() {
             canvas.resolve(row, 0, pixels.colors, plan.level);
             self.depth.resolve(row, 0, pixels.depths_m);
             self.stats.hole_pixels += background.put_under(y, pixels);
         }
+        let has_holes = self.stats.hole_pixels > holes_before || plan.tells_all;
+        fill::tell_rows(inverse_depths, band, has_holes, |row, to| canvas.tell_depths(row, 0, to));
         self.stats.clear_ms += (cleared - started).as_secs_f64() * 1e3;
         self.stats.warp_ms += (drawn - cleared).as_secs_f64() * 1e3;
         self.stats.finish_ms += drawn.elapsed().as_secs_f64() * 1e3;
@@ -193,6 +203,9 @@ impl Pass<'_> {
             if plan.depth {
                 self.depth.lay(row, colors, inverse_depths);
             }
+        }
+        if !plan.kernel.compares_depths() {
+            canvas.add_rims(self.planes.rims());
         }
     }
 
@@ -235,12 +248,12 @@ impl<Sc: Scope> ForSegment for Drawing<'_, '_, Sc> {
         match source.exact {
             None => {
                 let depth_pixels = &segment.depth_pixels;
-                strokes.draw(&Part { segment, depth_pixels, columns, rows, visible }, &cut, batch);
+                strokes.draw(&SegmentPart { segment, depth_pixels, columns, rows, visible }, &cut, batch);
             }
             Some(exact) => {
                 let depth_pixels = exact.get(of_frame.index).map_or(&[][..], Vec::as_slice);
                 let batch = exact_batch.get_or_insert_with(|| Box::new(Batch::new()));
-                strokes.draw(&Part { segment, depth_pixels, columns, rows, visible }, &cut, batch);
+                strokes.draw(&SegmentPart { segment, depth_pixels, columns, rows, visible }, &cut, batch);
             }
         }
     }
@@ -260,13 +273,13 @@ struct SegmentStrokes<'a, S> {
 }
 
 impl<S: Size> SegmentStrokes<'_, S> {
-    fn draw<P: Format>(&mut self, part: &Part<P>, cut: &impl Cut, batch: &mut Batch<P>) {
+    fn draw<P: Format>(&mut self, part: &SegmentPart<P>, cut: &impl Cut, batch: &mut Batch<P>) {
         let Self { plan, band, of_frame, size, splats, stats, depth, canvas, planes } = self;
         let (level, own) = (plan.level, plan.kernel.own_share());
         let warp = SegmentWarp::new(&of_frame.transfer, P::scale(part.segment), band, level);
         traverse::traverse(part, cut, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
             warp.warp(batch, *size, splats);
-            let compares = matches!(plan.kernel, SplatKernel::Tent | SplatKernel::Ellipse);
+            let compares = plan.kernel.compares_depths();
             let test_depth = |splats: &mut Splats| {
                 if !planes.is_empty() {
                     splats.retain_in_front(plan.tolerance, |x, y| planes.inverse_depth_at(x, y));

@@ -1,5 +1,6 @@
 //! How far what a frame shows is, for what is to be put into it: geometry, sprites, overlays.
 
+use super::planes::Rim;
 use super::splat::{self, Splats, covered};
 use crate::render::Spans;
 use std::ops::Range;
@@ -44,7 +45,19 @@ impl DepthCanvas {
         let start = row * self.width as usize;
         let pixels = self.inverse_depth.get_mut(start..start + colors.len()).unwrap_or(&mut []);
         for ((pixel, color), inverse_depth) in pixels.iter_mut().zip(colors).zip(inverse_depths) {
-            *pixel = if color[3] > 0 { inverse_depth.max(0.0) } else { 0.0 };
+            *pixel = if color[3] == 255 { inverse_depth.max(0.0) } else { 0.0 };
+        }
+    }
+
+    /// Adds what covers its pixel in part, after all splats: a pixel's depth is that of what covers half of it.
+    pub(crate) fn add_rims(&mut self, rims: &[Rim]) {
+        for rim in rims {
+            let [column, row] = rim.pixel.map(|v| v as usize);
+            if let Some(pixel) = self.inverse_depth.get_mut(row * self.width as usize + column)
+                && (*pixel == 0.0 || rim.color[3] >= 128 && rim.inverse_depth > *pixel)
+            {
+                *pixel = rim.inverse_depth.max(0.0);
+            }
         }
     }
 

@@ -3,6 +3,7 @@
 //! The rules are those of [`super::surface`]; what differs is that nothing is rounded. Footprints are ellipses whose weights
 //! add up to 1 on a surface, colours are kept in linear light, and sums are `f32`.
 
+use super::planes::Rim;
 use super::size::EllipseSize;
 use super::splat::{self, Canvas, Splats, covered};
 use crate::capture::{linear_from_srgb8, srgb8_from_linear};
@@ -140,16 +141,32 @@ impl Canvas for EllipseCanvas {
         let start = row * self.width as usize;
         let cells = self.cells.get_mut(start..start + colors.len()).unwrap_or(&mut []);
         for ((cell, [r, g, b, share]), inverse_depth) in cells.iter_mut().zip(colors).zip(inverse_depths) {
-            let (share, color) = (f32::from(*share) / 255.0, [*r, *g, *b].map(linear_from_srgb8));
-            if share > 0.0 {
-                (cell.sum, cell.weight) = (color.map(|c| c * share), share);
+            if *share == 255 {
+                (cell.sum, cell.weight) = ([*r, *g, *b].map(|c| LINEAR[usize::from(c)]), 1.0);
                 cell.inverse_depth = inverse_depth.max(0.0);
+            }
+        }
+    }
+
+    fn add_rims(&mut self, rims: &[Rim]) {
+        for rim in rims {
+            let q = rim.inverse_depth.max(0.0);
+            let apart = (q * self.tolerance).max(self.bin);
+            let ([r, g, b, share], [column, row]) = (rim.color, rim.pixel.map(|v| v as usize));
+            if let Some(cell) = self.cells.get_mut(row * self.width as usize + column) {
+                cell.add([r, g, b].map(|c| LINEAR[usize::from(c)]), f32::from(share) / 255.0, q, apart);
             }
         }
     }
 
     fn draw(&mut self, splats: &Splats, level: Level) {
         dispatch!(level, simd => self.draw_all(simd, splats));
+    }
+
+    fn tell_depths(&self, row: usize, column: usize, to: &mut [f32]) {
+        let start = row * self.width as usize + column;
+        let from = self.cells.get(start..start + to.len()).unwrap_or(&[]);
+        to.iter_mut().zip(from).for_each(|(to, cell)| *to = cell.inverse_depth);
     }
 
     fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], _: Level) {

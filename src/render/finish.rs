@@ -11,12 +11,14 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 /// Pixels of the frame, row by row. What they hold before does not matter.
-pub(super) struct Pixels<'a> {
+pub(crate) struct Pixels<'a> {
     /// From a canvas: straight colour, and the share of 255 that splats cover. In the frame: colour and alpha, 255.
-    pub(super) colors: &'a mut [[u8; 4]],
-    pub(super) coverages: &'a mut [Coverage],
+    pub(crate) colors: &'a mut [[u8; 4]],
+    pub(crate) coverages: &'a mut [Coverage],
     /// Eye depth, m, infinite where no splat is. Empty if nobody wants it.
-    pub(super) depths_m: &'a mut [f32],
+    pub(crate) depths_m: &'a mut [f32],
+    /// 1 / eye depth, for whoever fills holes. Empty if nobody does.
+    pub(crate) inverse_depths: &'a mut [f32],
 }
 
 impl<'a> Pixels<'a> {
@@ -24,8 +26,13 @@ impl<'a> Pixels<'a> {
     pub(super) fn rows(self, width: u32) -> impl Iterator<Item = Pixels<'a>> {
         let width = width as usize;
         let mut depths_m = self.depths_m.chunks_mut(width);
+        let mut inverse_depths = self.inverse_depths.chunks_mut(width);
         let rows = self.colors.chunks_mut(width).zip(self.coverages.chunks_mut(width));
-        rows.map(move |(colors, coverages)| Pixels { colors, coverages, depths_m: depths_m.next().unwrap_or(&mut []) })
+        rows.map(move |(colors, coverages)| {
+            let (depths_m, inverse_depths) = (depths_m.next(), inverse_depths.next());
+            let [depths_m, inverse_depths] = [depths_m, inverse_depths].map(Option::unwrap_or_default);
+            Pixels { colors, coverages, depths_m, inverse_depths }
+        })
     }
 }
 
@@ -40,11 +47,11 @@ pub(super) fn depth_pieces(
 }
 
 /// What shows where splats leave a frame open.
-pub(super) struct Background<'a> {
-    environment: &'a Environment,
-    camera: &'a Camera,
-    hole_color_srgb: [u8; 3],
-    level: Level,
+pub(crate) struct Background<'a> {
+    pub(crate) environment: &'a Environment,
+    pub(crate) camera: &'a Camera,
+    pub(crate) hole_color_srgb: [u8; 3],
+    pub(crate) level: Level,
 }
 
 /// Pixels that are finished at a time.
@@ -57,7 +64,7 @@ impl<'a> Background<'a> {
     }
 
     /// Makes the resolved pixels of a canvas in row `y` those of the frame, and returns how many of them are holes.
-    pub(super) fn put_under(&self, y: u32, pixels: Pixels) -> u64 {
+    pub(crate) fn put_under(&self, y: u32, pixels: Pixels) -> u64 {
         let start = self.camera.direction(0.5, f64::from(y) + 0.5);
         let step = self.camera.direction(1.5, f64::from(y) + 0.5) - start;
         dispatch!(self.level, simd => self.put_under_row(simd, [start, step], pixels))
@@ -68,7 +75,7 @@ impl<'a> Background<'a> {
     #[inline(always)]
     fn put_under_row<S: Simd>(&self, simd: S, [start, step]: [DVec3; 2], pixels: Pixels) -> u64 {
         let mut holes = 0;
-        let Pixels { colors, coverages, depths_m } = pixels;
+        let Pixels { colors, coverages, depths_m, .. } = pixels;
         let chunks = colors.chunks_mut(CHUNK).zip(coverages.chunks_mut(CHUNK));
         for (i, (colors, coverages)) in chunks.enumerate() {
             let from = (start + step * (i * CHUNK) as f64).as_vec3();

@@ -54,7 +54,7 @@ const LEAST_RADIUS_PX: f64 = 1.0;
 /// Draws frames in fragments; owns the buffers that this takes.
 #[derive(Default)]
 pub(super) struct Fragments {
-    segments: Vec<InView>,
+    segments: Vec<SegmentInView>,
     weights: Weights,
     turns: Vec<f64>,
     boundaries: Vec<Boundary>,
@@ -65,7 +65,7 @@ pub(super) struct Fragments {
 
 /// What of a segment the frame can show.
 #[derive(Default)]
-struct InView {
+struct SegmentInView {
     /// Columns and rows of the face.
     rectangle: Option<[Range<u32>; 2]>,
     /// Of the blocks that the rectangle touches, row-major.
@@ -74,7 +74,7 @@ struct InView {
     reach_px: Vec<f64>,
 }
 
-impl InView {
+impl SegmentInView {
     /// Its blocks: index, column and row.
     fn blocks(&self) -> impl Iterator<Item = (usize, u32, u32)> {
         let [columns, rows] = self.rectangle.clone().unwrap_or([0..0, 0..0]);
@@ -96,7 +96,7 @@ impl InView {
 
 /// Clips the segments, and weighs what is left.
 struct Clipping<'a> {
-    segments: &'a mut [InView],
+    segments: &'a mut [SegmentInView],
     weights: &'a mut Weights,
     epipolar: &'a Epipolar,
     plan: &'a FramePlan,
@@ -153,7 +153,7 @@ fn face_row(epipolar: &Epipolar, face: Face, y: u32, face_px: u32) -> Rays {
 
 /// The least radii with which the boundaries' masks hold the buffer zones.
 struct Widening<'a> {
-    segments: &'a [InView],
+    segments: &'a [SegmentInView],
     boundaries: &'a mut [Boundary],
     epipolar: &'a Epipolar,
     plan: &'a FramePlan,
@@ -234,7 +234,7 @@ struct Extended<'a> {
 /// An extended buffer zone, in one segment.
 struct ExtendedCut<'a> {
     zone: &'a Extended<'a>,
-    view: &'a InView,
+    view: &'a SegmentInView,
     clip: BlockClip<'a>,
 }
 
@@ -291,7 +291,7 @@ impl Fragments {
         source: Source,
         camera: &Camera,
         count: u32,
-        frame: &mut Frame,
+        (frame, inverse_depths): (&mut Frame, &mut [f32]),
     ) -> FrameStats {
         let (started, cube) = (Instant::now(), source.cube);
         let count = if count > 0 { count as usize } else { rayon::current_num_threads() };
@@ -340,15 +340,17 @@ impl Fragments {
         let rays = |y| epipolar.frame_row(camera, y);
         let Self { owners, boundaries, .. } = self;
         let finished = match plan.kernel {
-            SplatKernel::Tent => owners.assemble(plan, boundaries, &background, frame, rays, |i| {
+            SplatKernel::Tent => owners.assemble(plan, boundaries, &background, (frame, inverse_depths), rays, |i| {
                 let Worker { surfaces, depth, .. } = &painters[i];
                 (surfaces, depth)
             }),
-            SplatKernel::Ellipse => owners.assemble(plan, boundaries, &background, frame, rays, |i| {
-                let Worker { ellipses, depth, .. } = &painters[i];
-                (ellipses, depth)
-            }),
-            _ => owners.assemble(plan, boundaries, &background, frame, rays, |i| {
+            SplatKernel::Ellipse => {
+                owners.assemble(plan, boundaries, &background, (frame, inverse_depths), rays, |i| {
+                    let Worker { ellipses, depth, .. } = &painters[i];
+                    (ellipses, depth)
+                })
+            }
+            _ => owners.assemble(plan, boundaries, &background, (frame, inverse_depths), rays, |i| {
                 let Worker { over, depth, .. } = &painters[i];
                 (over, depth)
             }),
@@ -370,7 +372,7 @@ impl Fragments {
     ) {
         let Self { segments, weights, turns, boundaries, .. } = self;
         weights.clear();
-        segments.resize_with(plan.segments.len().max(segments.len()), InView::default);
+        segments.resize_with(plan.segments.len().max(segments.len()), SegmentInView::default);
         plan.for_each_segment(cube, &mut Clipping { segments, weights, epipolar, plan, frame });
         weights.cut(count, turns);
         boundaries.clear();

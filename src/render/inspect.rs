@@ -5,7 +5,7 @@ use super::band::{Clipped, ForSegment, Scope};
 use super::clip::{Band, BlockClip};
 use super::format::Format;
 use super::kernel::SegmentWarp;
-use super::traverse::{self, Batch, Part, Uncut};
+use super::traverse::{self, Batch, SegmentPart, Uncut};
 use super::{FramePlan, RenderSettings, Renderer, SegmentPlan, order};
 use crate::capture::Camera;
 use crate::packed::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
@@ -141,7 +141,7 @@ impl ForSegment for Touching<'_> {
         if visible.is_empty() {
             return;
         }
-        let part = Part { segment, depth_pixels: &segment.depth_pixels, columns, rows, visible: &visible };
+        let part = SegmentPart { segment, depth_pixels: &segment.depth_pixels, columns, rows, visible: &visible };
         let warp = SegmentWarp::new(&of_frame.transfer, PackedDepthPixel::scale(segment), band, plan.level);
         let own = plan.kernel.own_share();
         traverse::traverse(&part, &Uncut, &of_frame.eye, of_frame.layers, batch, &mut |batch| {

@@ -30,7 +30,8 @@ mod count;
 pub(crate) mod depth;
 pub(crate) mod ellipse;
 mod epipolar;
-mod finish;
+mod fill;
+pub(crate) mod finish;
 mod format;
 mod fragments;
 #[cfg(feature = "viewer")] // whose overlays alone ask for it
@@ -67,6 +68,7 @@ use crate::render::surface::SurfaceCanvas;
 use band::Worker;
 use clip::Band;
 use fearless_simd::Level;
+use fill::Filler;
 use finish::{Pixels, depth_pieces};
 use fragments::Fragments;
 use order::{EyeInFace, LayerOrder};
@@ -92,6 +94,9 @@ pub struct RenderSettings {
     pub depth: bool,
     /// How threads share a frame. Every way gives the same frame.
     pub parallel: Parallel,
+    /// Leaves small holes open that are otherwise filled from what lies behind their rims (but not by kernels that blend without
+    /// depths: [`SplatKernel::Paper`] and its like).
+    pub keep_holes: bool,
 }
 
 /// How threads share the work of a frame.
@@ -117,7 +122,7 @@ pub struct FrameStats {
     pub splatted: u64,
     /// Drawn with footprints of about 1, 3, 5, and 7 or more pixels.
     pub by_footprint: [u64; 4],
-    /// Pixels of which nothing is known.
+    /// Pixels of which nothing is known, filled or not.
     pub hole_pixels: u64,
     /// Whole frame, by the clock, ms.
     pub frame_ms: f64,
@@ -176,6 +181,7 @@ pub struct Renderer {
     plan: FramePlan,
     workers: Vec<Mutex<Worker>>,
     fragments: Fragments,
+    filler: Filler,
 }
 
 impl Default for Renderer {
@@ -191,6 +197,8 @@ pub(crate) struct FramePlan {
     unclipped: bool,
     depth: bool,
     hole_color_srgb: [u8; 3],
+    /// Whether inverse depths are told of all pixels, and not only of those that holes may be near.
+    tells_all: bool,
     face_px: u32,
     /// In drawing order.
     segments: Vec<SegmentPlan>,
@@ -234,12 +242,22 @@ impl Renderer {
             plan: FramePlan::new(level),
             workers: Vec::new(),
             fragments: Fragments::default(),
+            filler: Filler::default(),
         }
     }
 
     /// The last frame that was drawn.
     pub fn frame(&self) -> &Frame {
         &self.frame
+    }
+
+    /// Draws a frame as by default, and tells 1 / eye depth of what is in front in each pixel, however little of it shows there; 0
+    /// where there is nothing.
+    pub(crate) fn render_with_fronts(&mut self, cube: &PackedCube, camera: &Camera) -> (&Frame, &[f32]) {
+        self.plan.tells_all = true;
+        self.render_source(Source { cube, exact: None }, camera, &RenderSettings::default());
+        self.plan.tells_all = false;
+        (&self.frame, self.filler.inverse_depths())
     }
 
     /// Draws what `camera` sees, on the current rayon thread pool. The cube should be valid ([`PackedCube::validate`]); of
@@ -274,12 +292,22 @@ impl Renderer {
         order::segment_order(&cube.segments, camera.eye() - cube.info.centre, &mut self.order);
         self.plan.prepare(cube, camera, settings, &self.order);
         let prepared_ms = started.elapsed().as_secs_f64() * 1e3;
+        let fills = !settings.keep_holes && self.plan.kernel.knows_depths();
+        self.filler.prepare(if fills { self.frame.color.len() } else { 0 });
         self.stats = match settings.parallel {
             // Pictures on planes do not belong to fragments.
             _ if self.plan.planes.len() > 0 => self.draw_bands(source, camera, settings.band_rows),
             Parallel::Bands => self.draw_bands(source, camera, settings.band_rows),
-            Parallel::Fragments(count) => self.fragments.draw(&self.plan, source, camera, count, &mut self.frame),
+            Parallel::Fragments(count) => {
+                let frame = (&mut self.frame, self.filler.inverse_depths());
+                self.fragments.draw(&self.plan, source, camera, count, frame)
+            }
         };
+        if fills && self.stats.hole_pixels > 0 {
+            let started = Instant::now();
+            self.filler.fill(&mut self.frame);
+            self.stats.finish_ms += started.elapsed().as_secs_f64() * 1e3;
+        }
         self.stats.clear_ms += prepared_ms;
         self.stats.frame_ms = started.elapsed().as_secs_f64() * 1e3;
         (&self.frame, &self.stats)
@@ -304,10 +332,12 @@ impl Renderer {
             worker.lock().unwrap_or_else(PoisonError::into_inner).draw(plan, source, camera, &band, pixels);
         };
         let Frame { color, coverage, depth_m, .. } = &mut self.frame;
-        let depths_m = depth_pieces(depth_m, pixels, color.len().div_ceil(pixels));
-        let bands = color.par_chunks_mut(pixels).zip(coverage.par_chunks_mut(pixels)).zip(depths_m);
-        bands.enumerate().with_max_len(1).for_each(|(i, ((colors, coverages), depths_m))| {
-            draw_band(i, Pixels { colors, coverages, depths_m });
+        let pieces = color.len().div_ceil(pixels);
+        let inverse_depths = depth_pieces(self.filler.inverse_depths(), pixels, pieces);
+        let depths = depth_pieces(depth_m, pixels, pieces).zip(inverse_depths);
+        let bands = color.par_chunks_mut(pixels).zip(coverage.par_chunks_mut(pixels)).zip(depths);
+        bands.enumerate().with_max_len(1).for_each(|(i, ((colors, coverages), (depths_m, inverse_depths)))| {
+            draw_band(i, Pixels { colors, coverages, depths_m, inverse_depths });
         });
 
         let mut stats = FrameStats::default();
@@ -350,6 +380,7 @@ impl FramePlan {
             unclipped: false,
             depth: false,
             hole_color_srgb: [0; 3],
+            tells_all: false,
             face_px: 0,
             segments: Vec::new(),
             paper_sizes: Vec::new(),

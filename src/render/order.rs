@@ -144,7 +144,7 @@ mod tests {
     use super::*;
     use crate::capture::random::Rng;
     use crate::packed::{BlockIndex, PackedDepthPixel};
-    use crate::render::traverse::{Batch, Part, Uncut, traverse, whole};
+    use crate::render::traverse::{Batch, SegmentPart, Uncut, traverse, whole};
     use glam::dvec3;
 
     const SIZE: u32 = 12;
@@ -175,7 +175,7 @@ mod tests {
         for i in order {
             let eye = EyeInFace::new(eye, segments[i].face, SIZE);
             let (visible, [columns, rows]) = ([true; 4], whole(&segments[i], SIZE));
-            let part = Part {
+            let part = SegmentPart {
                 segment: &segments[i],
                 depth_pixels: &segments[i].depth_pixels,
                 columns,
@@ -284,8 +284,13 @@ mod tests {
                 seen.push(in_face.layer_order(&segment));
                 let mut before: Option<(u32, u8, f64)> = None;
                 let (visible, [columns, rows]) = ([true; 4], whole(&segment, SIZE));
-                let part =
-                    Part { segment: &segment, depth_pixels: &segment.depth_pixels, columns, rows, visible: &visible };
+                let part = SegmentPart {
+                    segment: &segment,
+                    depth_pixels: &segment.depth_pixels,
+                    columns,
+                    rows,
+                    visible: &visible,
+                };
                 traverse(&part, &Uncut, &in_face, in_face.layer_order(&segment), &mut Batch::new(), &mut |batch| {
                     for k in 0..batch.len {
                         let x = f64::from(batch.anchor_column) + f64::from(batch.columns[k]) + 0.5;

@@ -1,5 +1,7 @@
 //! Each splat over what is there, in 8-bit integers (S21, C12).
 
+use super::linear::LinearLight;
+use super::planes::Rim;
 use super::size::LANES;
 use super::splat::{self, Canvas, Splats, ceil_to_i32, covered_lanes, load};
 use crate::render::Spans;
@@ -279,9 +281,20 @@ impl Canvas for OverCanvas {
     fn lay(&mut self, row: usize, colors: &[[u8; 4]], _: &[f32]) {
         let start = row * self.stride() + MARGIN;
         let pixels = self.pixels.get_mut(start..start + colors.len()).unwrap_or(&mut []);
-        for (pixel, [r, g, b, share]) in pixels.iter_mut().zip(colors) {
-            let covered = |c: &u8| ((u16::from(*c) * u16::from(*share) + 127) / 255) as u8;
-            *pixel = [covered(r), covered(g), covered(b), *share];
+        for (pixel, color) in pixels.iter_mut().zip(colors).filter(|(_, color)| color[3] == 255) {
+            *pixel = *color;
+        }
+    }
+
+    fn add_rims(&mut self, rims: &[Rim]) {
+        let (light, stride) = (LinearLight::tables(), self.stride());
+        for rim in rims {
+            let [column, row] = rim.pixel.map(|v| v as usize);
+            if let Some(pixel) = self.pixels.get_mut(row * stride + MARGIN + column) {
+                let [r, g, b, share] = light.over(rim.color, straight(*pixel));
+                let covered = |c: u8| ((u16::from(c) * u16::from(share) + 127) / 255) as u8;
+                *pixel = [covered(r), covered(g), covered(b), share];
+            }
         }
     }
 

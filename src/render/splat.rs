@@ -2,6 +2,7 @@
 //! C10, C12).
 
 use super::Spans;
+use super::planes::Rim;
 use super::size::{EllipseSize, LANES};
 use fearless_simd::{Level, Simd, SimdCvtTruncate, f32x16, i32x16, prelude::*};
 use serde::{Deserialize, Serialize};
@@ -64,6 +65,11 @@ impl SplatKernel {
         }
     }
 
+    /// Whether its canvas knows how far what it shows is.
+    pub(crate) fn knows_depths(self) -> bool {
+        matches!(self, Self::Tent | Self::Ellipse)
+    }
+
     /// The part of a footprint's radius that is the sample's share of its surface alone.
     pub(crate) fn own_share(self) -> f32 {
         match self {
@@ -71,6 +77,11 @@ impl SplatKernel {
             Self::Ellipse => 0.5 / EllipseSize::SCALE,
             Self::Paper | Self::Opaque | Self::Point | Self::Plus | Self::Square2 | Self::Square3 => 1.0,
         }
+    }
+
+    /// True if its canvas compares the depths of splats, and does not rely on their order alone.
+    pub(crate) fn compares_depths(self) -> bool {
+        matches!(self, Self::Tent | Self::Ellipse)
     }
 
     /// Half of the width of a stamp of fixed size, px; `None` if samples have sizes of their own.
@@ -168,9 +179,12 @@ pub(crate) trait Canvas {
     /// anything.
     fn clear_spans(&mut self, frame_px: [u32; 2], spans: &dyn Fn(u32) -> Spans);
 
-    /// Puts what was drawn before behind all that is yet to come, in a row counted from its first: straight colours, the shares of
-    /// 255 that they cover, and 1 / eye depth. The canvas must be empty there.
+    /// Puts what was drawn before behind all that is yet to come, in a row counted from its first: colours, of which those
+    /// with the alpha 255 hide their pixel and the others are not there, and 1 / eye depth. The canvas must be empty there.
     fn lay(&mut self, row: usize, colors: &[[u8; 4]], inverse_depths: &[f32]);
+
+    /// Adds what covers its pixel in part: where depths are compared, after all splats, and elsewhere before them.
+    fn add_rims(&mut self, rims: &[Rim]);
 
     /// Draws splats, in their order, with the instructions of a SIMD level.
     fn draw(&mut self, splats: &Splats, level: Level);
@@ -178,6 +192,10 @@ pub(crate) trait Canvas {
     /// Writes the pixels of a row, counted from its first row on, from a column on: straight colour, and the share of 255
     /// that splats cover; 0 if none touched it.
     fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level);
+
+    /// Writes 1 / eye depth of what is in front in the same pixels, 0 where nothing is. A canvas that does not know it writes
+    /// nothing.
+    fn tell_depths(&self, _row: usize, _column: usize, _to: &mut [f32]) {}
 }
 
 /// 2^32 / divisor, rounded up, for the divisors below `N`; 0 for 0. `n * reciprocal >> 32` is `n / divisor` for all n below

@@ -7,6 +7,7 @@
 //! Cell by cell, with branches: docs/decisions.md: surfaces are averaged before they are blended.
 
 use super::linear::LinearLight;
+use super::planes::Rim;
 use super::size::LANES;
 use super::splat::{self, Canvas, Splats, load};
 use super::tent::{ONE, SIDE, SmallWeights, Tents};
@@ -53,11 +54,6 @@ impl Cell {
     }
 
     /// The front surface over what is behind it.
-    ///
-    /// The surface behind often ends here only because nobody could see it go on behind the front one, and the weights of
-    /// its tents fade toward that border. It is therefore taken to fill the part of the pixel that the front surface
-    /// leaves open as it fills the pixel, up to wholly: without this the sky shines through every crown of leaves along its
-    /// branches (docs/decisions.md: surfaces are averaged before they are blended).
     #[inline(always)]
     fn flattened(&self, light: &LinearLight) -> [u8; 4] {
         let weight = self.weight();
@@ -69,9 +65,7 @@ impl Cell {
         if share == 255 {
             return [r, g, b, share];
         }
-        let [br, bg, bb, behind] = self.behind;
-        let behind = (u32::from(behind) * 255 / u32::from(255 - share)).min(255) as u8;
-        light.over([r, g, b, share], [br, bg, bb, behind])
+        beside([r, g, b, share], self.behind, light)
     }
 
     /// Mean colour of the front surface, if there is one.
@@ -107,8 +101,8 @@ impl Cell {
     #[inline(never)]
     fn add_behind(&mut self, color: u64, weight: u64, light: &LinearLight) {
         let lane = |lane: u32| (color >> (16 * lane)) as u8;
-        let share = (weight * 255 / ONE) as u8;
-        self.behind = light.over([lane(0), lane(1), lane(2), share], self.behind);
+        let share = (weight * 255 / OPAQUE).min(255) as u8;
+        self.behind = beside([lane(0), lane(1), lane(2), share], self.behind, light);
     }
 
     /// Adds a splat by a weight, which may be 0.
@@ -133,6 +127,23 @@ impl Cell {
             self.add_behind(added.color, weight, light);
         }
     }
+}
+
+/// A straight colour over another, each with the share of 255 of a pixel that it has: what is behind shows beside what is in front,
+/// as far as there is room.
+///
+/// The surface behind often ends here only because nobody could see it go on behind the front one, and the weights of
+/// its tents fade toward that border. It is therefore taken to lie in the part of the pixel that the front surface
+/// leaves open: without this the sky shines through every crown of leaves along its branches (docs/decisions.md: surfaces are averaged
+/// before they are blended). So shares of one surface's splats add up behind another surface as they do in front of it
+/// (docs/decisions.md: shares behind a surface add up).
+#[inline(always)]
+fn beside(front: [u8; 4], behind: [u8; 4], light: &LinearLight) -> [u8; 4] {
+    let share = front[3];
+    let rest = behind[3].min(255 - share);
+    let rgb = |[r, g, b, _]: [u8; 4]| [r, g, b];
+    let [r, g, b] = light.mix([rgb(front), rgb(behind)], [u32::from(share), u32::from(rest)]);
+    [r, g, b, share + rest]
 }
 
 /// What of a splat is added to every cell that it touches.
@@ -265,15 +276,34 @@ impl Canvas for SurfaceCanvas {
         let start = row * self.width as usize;
         let cells = self.cells.get_mut(start..start + colors.len()).unwrap_or(&mut []);
         for ((cell, color), inverse_depth) in cells.iter_mut().zip(colors).zip(inverse_depths) {
-            let weight = (u64::from(color[3]) * ONE + 127) / 255;
-            if weight > 0 {
-                (cell.sum, cell.inverse_depth) = (lanes(*color) * weight, inverse_depth.max(0.0));
+            if color[3] == 255 {
+                (cell.sum, cell.inverse_depth) = (lanes(*color) * ONE, inverse_depth.max(0.0));
+            }
+        }
+    }
+
+    fn add_rims(&mut self, rims: &[Rim]) {
+        let light = LinearLight::tables();
+        for rim in rims {
+            let q = rim.inverse_depth.max(0.0);
+            let apart = (q * self.tolerance).max(self.bin);
+            let (nearest_behind, farthest_in_front) = (q - apart, q + apart);
+            let added = Added { color: lanes(rim.color), inverse_depth: q, nearest_behind, farthest_in_front };
+            let [column, row] = rim.pixel.map(|v| v as usize);
+            if let Some(cell) = self.cells.get_mut(row * self.width as usize + column) {
+                cell.add(&added, (u64::from(rim.color[3]) * ONE + 127) / 255, light);
             }
         }
     }
 
     fn draw(&mut self, splats: &Splats, level: Level) {
         dispatch!(level, simd => self.draw_all(simd, splats));
+    }
+
+    fn tell_depths(&self, row: usize, column: usize, to: &mut [f32]) {
+        let start = row * self.width as usize + column;
+        let from = self.cells.get(start..start + to.len()).unwrap_or(&[]);
+        to.iter_mut().zip(from).for_each(|(to, cell)| *to = cell.inverse_depth);
     }
 
     fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level) {

@@ -74,7 +74,7 @@ impl<P: Format> Batch<P> {
 }
 
 /// The part of a segment that is traversed: a rectangle of the face, without the blocks that clipping found hidden.
-pub(crate) struct Part<'a, P> {
+pub(crate) struct SegmentPart<'a, P> {
     pub(crate) segment: &'a PackedSegment,
     /// The segment's, in any form.
     pub(crate) depth_pixels: &'a [P],
@@ -96,7 +96,7 @@ pub(crate) fn block_count([columns, rows]: &[Range<u32>; 2]) -> usize {
     blocks(columns, BLOCK_COLUMNS) * blocks(rows, BLOCK_ROWS)
 }
 
-impl<'a, P> Part<'a, P> {
+impl<'a, P> SegmentPart<'a, P> {
     /// Of a row of blocks, those from the rectangle's first on.
     fn visible_in(&self, row: u32) -> &'a [bool] {
         let first = |range: &Range<u32>, length: u32| range.start / length;
@@ -139,7 +139,7 @@ impl Cut for Uncut {
 
 /// Passes the depth pixels of a part to `draw`, in drawing order. Rows whose tables point nowhere are left out.
 pub(crate) fn traverse<P: Format, C: Cut>(
-    part: &Part<P>,
+    part: &SegmentPart<P>,
     cut: &C,
     eye: &EyeInFace,
     layers: LayerOrder,

@@ -112,7 +112,7 @@ impl SlabCapture<'_> {
         let (point, surface) = LitPoint::from_hit(self.tracer, ray, hit);
         let radiosity = if self.lit {
             let [stream, ..] = random4([x, y, 0x5bd1, 2]);
-            let sample = LightSample { stream, index, count: self.samples.max(1) };
+            let sample = LightSample { stream, index };
             Vec3::from_array(self.lighting.radiosity_per_albedo(self.tracer, &point, &sample))
         } else {
             Vec3::ONE

@@ -4,6 +4,7 @@ use super::SpriteError;
 
 /// How a displacement is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum DisplacementFormat {
     /// 8 bits with sign: the paper's choice. Half a step is 1/254 of the largest parallax: 0.04 px at 10 px (C30).
     #[default]

@@ -8,7 +8,7 @@
 use super::displacement::Values;
 use super::{Displacement, DisplacementFormat, Plane, Sprite, SpriteError, SpriteInfo, SpriteSet, SpriteWithDepth};
 use crate::capture::{Camera, CameraError};
-use crate::container::{Container, ContainerWriter, FileError, Kind, Section};
+use crate::container::{Container, ContainerWriter, FileError, FileKind, Section};
 use crate::environment::Environment;
 use glam::{DMat3, DVec3};
 use image::RgbaImage;
@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// A file of sprites.
-pub const SPRITE_FILE: Kind = Kind::SPRITES;
+pub const SPRITE_FILE: FileKind = FileKind::SPRITES;
 
 #[derive(Serialize, Deserialize)]
 struct FileHeader {

@@ -48,6 +48,7 @@ pub(crate) use file::SpriteHeader;
 pub use images::{ImageFileError, write_depth_exr};
 pub use import::DepthImport;
 pub use layer::SpriteLayer;
+pub(crate) use layer::straight;
 pub use plane::Plane;
 pub use render::{PreparedSprite, RenderOptions, SpriteRenderer, Variant};
 pub use sampling::Sampling;

@@ -12,6 +12,7 @@ use fearless_simd::{Simd, f32x16, i16x32, i32x16, prelude::*, u8x64, u16x32, u32
 
 /// How a colour is looked up between pixel centres.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Hash, serde::Serialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Sampling {
     /// The nearest pixel.
     Nearest,

@@ -7,7 +7,7 @@ use super::overlay::{Overlay, paint_backdrops, paint_holes};
 use crate::capture::bake::{BakeOptions, bake_model};
 use crate::capture::portal_model::PortalModel;
 use crate::capture::scene::FileFrame;
-use crate::portal::backdrop::Quality;
+use crate::portal::backdrop::BackdropQuality;
 use crate::portal::file::{self, HouseFileError};
 use crate::portal::house::House;
 use crate::portal::opening::Opening;
@@ -88,11 +88,11 @@ impl HouseSource {
         model.mend();
         let house = House::new(model.clone()).map_err(|error| error.to_string())?;
         let lit = Some(LitLater::begin(model)?);
-        let plain = Self::new("builtin:house".into(), house, Store::new(BUDGET_BYTES), Quality::default());
+        let plain = Self::new("builtin:house".into(), house, Store::new(BUDGET_BYTES), BackdropQuality::default());
         Ok(Self { lit, ..plain })
     }
 
-    fn new(title: String, house: House, store: Store, quality: Quality) -> Self {
+    fn new(title: String, house: House, store: Store, quality: BackdropQuality) -> Self {
         let (initial, start) = (Variant::of_store(&store), start_in(&house));
         let tour = Tour::new(Arc::new(house), Arc::new(store), quality, initial.settings());
         Self { title, tour, start, initial, threads: FewerThreads::default(), lit: None }
@@ -110,7 +110,7 @@ impl HouseSource {
         };
         self.lit = None;
         let store = Store::new(BUDGET_BYTES);
-        self.tour = Tour::new(Arc::new(house?), Arc::new(store), Quality::default(), self.tour.settings);
+        self.tour = Tour::new(Arc::new(house?), Arc::new(store), BackdropQuality::default(), self.tour.settings);
         Ok(false)
     }
 }

@@ -86,6 +86,11 @@ pub fn open_source(source: SceneSource, output_dir: &Path) -> Result<Box<dyn Fra
     Ok(source)
 }
 
+/// A cube LDI that was made from `origin`.
+pub fn show_cube(cube: PackedCube, origin: &Path) -> Box<dyn FrameSource> {
+    Box::new(CubeSource::from_file(cube, origin))
+}
+
 fn capture(source: SceneSource, output_dir: &Path) -> Result<CubeSource, OpenError> {
     CubeSource::capture(source, output_dir).map_err(OpenError::Scene)
 }
@@ -128,8 +133,7 @@ impl Library for SceneLibrary {
         let lighting = Lighting::measure(&tracer, 1);
         let (width, height) = Self::THUMBNAIL_PX;
         let camera = Camera::look_at(eye, eye + suggest_view(&tracer, eye), DVec3::Y, 60.0, [width, height]).ok()?;
-        let frame = truth::render(&tracer, &lighting, true, &camera, Self::THUMBNAIL_SAMPLES, &Silent);
-        let pixels = frame.color.pixels().map(|&image::Rgb([r, g, b])| [r, g, b, 255]).collect();
+        let pixels = truth::render(&tracer, &lighting, true, &camera, Self::THUMBNAIL_SAMPLES, &Silent).frame.color;
         Some(Thumbnail { width, height, pixels })
     }
 

@@ -28,7 +28,7 @@ mod sprite;
 mod tests;
 mod variation;
 
-pub use library::{OpenError, SceneLibrary, open, open_source};
+pub use library::{OpenError, SceneLibrary, open, open_source, show_cube};
 
 use crate::capture::simd;
 use headbox_viewer::Fact;

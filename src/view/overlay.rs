@@ -114,7 +114,7 @@ pub(super) fn paint_coverage(frame: &Frame, pixels: &mut [[u8; 4]]) {
     for (pixel, &coverage) in pixels.iter_mut().zip(&frame.coverage) {
         let share = coverage.splat_share();
         *pixel = match coverage {
-            Coverage::HOLE => HOLE_COLOR,
+            Coverage::HOLE | Coverage::FILLED => HOLE_COLOR,
             Coverage::ENVIRONMENT => [ENVIRONMENT_RGB[0], ENVIRONMENT_RGB[1], ENVIRONMENT_RGB[2], OPAQUE],
             _ => [share, share, share, OPAQUE],
         };
@@ -183,7 +183,7 @@ impl Judge {
 
 fn judge(overlay: Overlay, frame: &Frame, traced: &Traced, pixels: &mut [[u8; 4]]) -> Result<Vec<Figure>, String> {
     let image = frame.to_rgb().map_err(|error| error.to_string())?;
-    let truth = &traced.frame.color;
+    let truth = &traced.truth.rgb();
     let words = |error: metrics::MetricError| error.to_string();
     let map = metrics::flip_map(truth, &image, metrics::DEFAULT_PIXELS_PER_DEGREE).map_err(words)?;
     let psnr_db = metrics::psnr_db(truth, &image).map_err(words)?;
@@ -196,6 +196,6 @@ fn judge(overlay: Overlay, frame: &Frame, traced: &Traced, pixels: &mut [[u8; 4]
         Figure { name: "FLIP", value: map.mean, unit: "" },
         Figure { name: "PSNR", value: psnr_db, unit: "dB" },
         Figure { name: "rays per pixel of truth", value: traced.samples().into(), unit: "" },
-        Figure { name: "truth's own error", value: traced.frame.standard_error_psnr_db, unit: "dB" },
+        Figure { name: "truth's own error", value: traced.truth.standard_error_psnr_db, unit: "dB" },
     ])
 }

@@ -4,7 +4,7 @@ use super::background;
 use super::growth::LitScene;
 use crate::capture::Camera;
 use crate::progress::Progress;
-use crate::truth::{self, TruthFrame};
+use crate::truth::{self, Truth};
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -21,7 +21,7 @@ pub(super) struct Traced {
     camera: Camera,
     /// Number of entries of [`SAMPLES`] behind it.
     rounds: usize,
-    pub(super) frame: Arc<TruthFrame>,
+    pub(super) truth: Arc<Truth>,
 }
 
 impl Traced {
@@ -119,11 +119,11 @@ impl Shared {
         while let Some((camera, rounds)) = self.next() {
             let wanted = StillWanted { shared: self, camera };
             let samples = SAMPLES[rounds];
-            let frame = truth::render(&scene.tracer, &scene.lighting, scene.lit, &camera, samples, &wanted);
+            let truth = truth::render(&scene.tracer, &scene.lighting, scene.lit, &camera, samples, &wanted);
             if wanted.is_cancelled() {
                 continue;
             }
-            let traced = Traced { camera, rounds: rounds + 1, frame: Arc::new(frame) };
+            let traced = Traced { camera, rounds: rounds + 1, truth: Arc::new(truth) };
             let mut state = self.lock();
             state.traced.retain(|t| t.camera != camera);
             state.traced.push(traced);

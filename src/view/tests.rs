@@ -4,7 +4,7 @@ use super::open;
 use crate::capture::Camera;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
-use crate::portal::backdrop::Quality;
+use crate::portal::backdrop::BackdropQuality;
 use crate::portal::house::House;
 use crate::portal::store::Store;
 use crate::portal::variant::Variant;
@@ -117,14 +117,14 @@ fn write_sprites(file: &Path) {
 /// A bare house without backdrops, in a file that asks for the coarsest ones.
 fn write_house(file: &Path) -> House {
     let house = House::new(crate::scenes::house(3, 0)).unwrap();
-    let quality = Quality {
+    let quality = BackdropQuality {
         face_px: 16,
         window_face_px: 16,
         texture_px: 16,
         images: 1,
         strata: 3,
         rays: 2,
-        ..Quality::default()
+        ..BackdropQuality::default()
     };
     crate::portal::file::write(file, &house, &Store::new(0), &quality).unwrap();
     house

@@ -4,11 +4,14 @@
 #![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
 
 use glam::{DVec3, Vec3, dvec3};
+use headbox::capture::Camera;
 use headbox::capture::light::{LightSample, Lighting, LitPoint};
+use headbox::capture::random::Rng;
 use headbox::capture::rig::Face;
 use headbox::capture::scene::{Scene, Sky, Sun, Triangle};
 use headbox::capture::trace::Tracer;
 use headbox::capture::{Material, srgb8_from_linear};
+use headbox::gaps;
 use headbox::ldi::build::{self, Tracing};
 use headbox::ldi::job::CaptureJob;
 use headbox::ldi::merge::MergeRule;
@@ -17,6 +20,7 @@ use headbox::ldi::shard::{self, ShardInfo};
 use headbox::ldi::{CubeLdi, store::TileStore};
 use headbox::packed::{PackedCube, SplatIndexLayout, Split};
 use headbox::progress::Silent;
+use headbox::render::{RenderSettings, Renderer};
 use headbox::scene_source::{SceneSource, fingerprint};
 use std::sync::Arc;
 
@@ -137,7 +141,47 @@ fn merged_from_shards(job: &CaptureJob, scene: &Arc<Scene>, budget: Option<(u64,
         shard::absorb(path, info, &mut merged).unwrap();
     }
     let lighting = Lighting::measure(&tracer, job.parameters.bounces);
+    gaps::close(job, &mut merged, &tracer, &lighting, &Silent).unwrap();
     job.finish(&merged, &tracer, &lighting, &Resources::default(), &Silent).unwrap()
+}
+
+/// Share of the pixels of frames from all over the headbox that nothing or little covers; the room is closed, so that all of them
+/// should be.
+fn open_share(ldi: &CubeLdi) -> f64 {
+    let cube = PackedCube::pack(ldi, SplatIndexLayout::Normal, Split::Auto).unwrap();
+    let (mut renderer, mut random) = (Renderer::new(), Rng::keyed(11));
+    let (mut open, mut all) = (0, 0);
+    for _ in 0..60 {
+        let eye = random.in_cube(0.3);
+        let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, 80.0, [64, 48]).unwrap();
+        let frame = renderer.render(&cube, &camera, &RenderSettings::default());
+        open += frame.coverage.iter().filter(|coverage| coverage.splat_share() < 128).count();
+        all += frame.coverage.len();
+    }
+    open as f64 / all as f64
+}
+
+#[test]
+fn a_capture_that_looks_at_itself_closes_its_holes_whoever_traced_it() {
+    const LIMIT: f64 = 0.002;
+    let scene = room();
+    let blind = asked(|p| (p.strata, p.rays_per_stratum) = (6, 4));
+    let looking = asked(|p| (p.strata, p.rays_per_stratum, p.holes) = (6, 4, LIMIT));
+    let tracer = Tracer::new(Arc::clone(&scene), DVec3::ZERO);
+    let lighting = Lighting::measure(&tracer, 1);
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| gaps::capture(&looking, &tracer, &lighting, &Resources::default(), &Silent).unwrap().0)
+    };
+    let ldi = on(1);
+    let holes = ldi.info.holes.unwrap();
+    assert!(holes.share + holes.standard_error <= LIMIT, "{holes:?}");
+    assert!(holes.share_before > 5.0 * LIMIT && holes.aimed_rays > 0 && holes.rounds > 1, "{holes:?}");
+    let [before, after] = [open_share(&capture(&blind, &scene, &Resources::default())), open_share(&ldi)];
+    assert!(before > 5.0 * LIMIT && after < 2.0 * LIMIT, "{before} {after}: other eyes see the same");
+    let bytes = file_bytes(&ldi);
+    assert!(bytes == file_bytes(&on(3)), "three threads");
+    assert!(bytes == file_bytes(&merged_from_shards(&looking, &scene, None)), "four shards");
 }
 
 #[test]
@@ -230,7 +274,7 @@ fn light_at(lighting: &Lighting, tracer: &Tracer, position: Vec3, normal: Vec3) 
     let point = LitPoint { position, normal, shading_normal: normal, extent: 100.0 };
     let mut sum = Vec3::ZERO;
     for index in 0..SAMPLES {
-        let sample = LightSample { stream: 5, index, count: SAMPLES };
+        let sample = LightSample { stream: 5, index };
         sum += Vec3::from_array(lighting.radiosity_per_albedo(tracer, &point, &sample));
     }
     (sum / SAMPLES as f32).to_array()
@@ -331,4 +375,29 @@ fn no_wall_has_a_gap_of_one_pixel() {
     let share = f64::from(covered) / (6.0 * 94.0 * 94.0);
     // A neighbour that was mended itself is no reason to mend the next, so that a few stay. Without mending: 566.
     assert!(share > 0.999 && gaps < 20, "{gaps} gaps; {share} of all pixels covered");
+}
+
+#[test]
+fn the_edge_of_a_shadow_of_the_sun_is_one_pixel_wide() {
+    // A floor 1 m below the headbox's centre, and a slab that shades half of it: the sun stands in the plane x = 0.
+    let mut boxes = Boxes::default();
+    let white = boxes.material([0.8; 3], [0.0; 3]);
+    let boxes = boxes.add(dvec3(0.0, -2.0, 0.0), dvec3(8.0, 1.0, 8.0), white);
+    let mut scene = boxes.add(dvec3(3.0, 4.0, 0.0), dvec3(3.0, 0.1, 40.0), white).0;
+    let direction = Vec3::new(0.0, 0.8, 0.6);
+    scene.sun = Some(Sun { direction, irradiance: [2.0; 3], angular_radius_rad: 1e-4 });
+    let parameters = CaptureParameters { light_samples: 1, seed: 7, ..CaptureParameters::unlit(8, 24) };
+    let ldi = capture(&CaptureJob { face_size_px: 128, parameters, ..job() }, &Arc::new(scene), &Resources::default());
+    let face = &ldi.faces[Face::NegY.index()];
+    let level = |x: u32, y: u32| face.pixel(x, y).first().map(|sample| i32::from(sample.color_srgb[0]));
+    let (mut lit, mut dark) = (Vec::new(), Vec::new());
+    // The edge runs through the middle of the face: the slab begins at x = 0.
+    for (x, y) in (8..120).flat_map(|y| (8..120).map(move |x| (x, y))).filter(|(x, _)| !(63..65).contains(x)) {
+        let side = if x < 64 { &mut lit } else { &mut dark };
+        side.extend(level(x, y));
+    }
+    let ends = |levels: &[i32]| [levels.iter().min().copied().unwrap(), levels.iter().max().copied().unwrap()];
+    let ([lit_low, lit_high], [dark_low, dark_high]) = (ends(&lit), ends(&dark));
+    assert!(lit_low > dark_high + 80 || dark_low > lit_high + 80, "{lit_low}..{lit_high} and {dark_low}..{dark_high}");
+    assert!(lit_high - lit_low < 3 && dark_high - dark_low < 3, "{lit_low}..{lit_high} and {dark_low}..{dark_high}");
 }

@@ -9,7 +9,7 @@ use headbox::capture::Camera;
 use headbox::capture::rig::Face;
 use headbox::ldi::{DepthPixel, EncodedNormal};
 use headbox::packed::{PackedCube, SplatIndexLayout, Split};
-use headbox::portal::backdrop::{Backdrop, Drawer, Kind, PortalSide};
+use headbox::portal::backdrop::{Backdrop, BackdropKind, Drawer, PortalSide};
 use headbox::portal::house::House;
 use headbox::portal::opening::Opening;
 use headbox::portal::settings::{Near, WalkSettings};
@@ -30,7 +30,7 @@ fn is_behind(walker: &Walker, pixel: usize) -> bool {
     matches!(walker.last().seen(pixel), Seen::Marker(_))
 }
 
-fn with(kind: Kind, near: Near) -> WalkSettings {
+fn with(kind: BackdropKind, near: Near) -> WalkSettings {
     WalkSettings { backdrops: Some(kind), near, ..WalkSettings::default() }
 }
 
@@ -41,14 +41,21 @@ const BORDER_PX: i64 = 4;
 /// Share of the pixels further inside that may show another square than truth, by the kinds that know depth and what one image
 /// hides. None does but the cell's cube, whose samples from the middle of a room lie farther apart: 0.2 %.
 const WRONG_AT_MOST: f64 = 0.005;
-const WITHOUT_ERRORS: [Kind; 7] =
-    [Kind::TwoImages, Kind::Ldi, Kind::LdiColorsApart, Kind::LdiAverage, Kind::WindowLdi, Kind::CellLdi, Kind::Sprite];
+const WITHOUT_ERRORS: [BackdropKind; 7] = [
+    BackdropKind::TwoImages,
+    BackdropKind::Ldi,
+    BackdropKind::LdiColorsApart,
+    BackdropKind::LdiAverage,
+    BackdropKind::WindowLdi,
+    BackdropKind::CellLdi,
+    BackdropKind::Sprite,
+];
 
 #[test]
 fn backdrops_show_what_is_behind_and_only_there() {
     let (house, mut walker) = (house(), Walker::new());
     let mut shares = Vec::new();
-    for (_, kind) in Kind::ALL {
+    for (_, kind) in BackdropKind::ALL {
         let store = stocked(&house, kind);
         let (mut wrong, mut holes, mut pixels, mut judged) = (0.0, 0, 0, 0);
         for camera in poses().map(|camera| enlarged(&camera, 3)) {
@@ -69,15 +76,15 @@ fn backdrops_show_what_is_behind_and_only_there() {
         println!("{kind:?}: {:.4} of {judged} pixels wrong, {holes} holes of {pixels}", wrong / judged as f64);
         assert!(judged > 2000, "{judged} pixels are judged");
         shares.push((kind, wrong / judged as f64));
-        if kind == Kind::WindowLdi || kind == Kind::CellLdi {
+        if kind == BackdropKind::WindowLdi || kind == BackdropKind::CellLdi {
             assert!(holes * 100 < pixels, "{kind:?}: {holes} holes of {pixels}");
         }
     }
-    let wrong = |kind: Kind| shares.iter().find(|share| share.0 == kind).map_or(1.0, |share| share.1);
+    let wrong = |kind: BackdropKind| shares.iter().find(|share| share.0 == kind).map_or(1.0, |share| share.1);
     for kind in WITHOUT_ERRORS {
         assert!(wrong(kind) < WRONG_AT_MOST, "{kind:?}: {shares:?}");
     }
-    for flat in [Kind::Texture, Kind::Textures] {
+    for flat in [BackdropKind::Texture, BackdropKind::Textures] {
         assert!(wrong(flat) > 0.2, "the test sees errors: {shares:?}");
     }
 }
@@ -106,12 +113,12 @@ fn mean_difference(pairs: &[[u8; 2]]) -> f64 {
 #[test]
 fn one_texture_is_a_painting_on_the_wall() {
     let (house, mut walker) = (house(), Walker::new());
-    let store = stocked(&house, Kind::Texture);
+    let store = stocked(&house, BackdropKind::Texture);
     let door = first_door(&house);
     let eyes = [dvec3(1.5, 1.3, 1.2), dvec3(1.2, 1.6, 3.1)];
     let cameras = eyes.map(|eye| enlarged(&camera(eye, door.centre), 4));
     let painted = cameras.each_ref().map(|camera| {
-        let (frame, stats) = walker.frame(&house, &store, camera, &with(Kind::Texture, Near::Distance(0.5)));
+        let (frame, stats) = walker.frame(&house, &store, camera, &with(BackdropKind::Texture, Near::Distance(0.5)));
         assert_eq!(stats.portals, 1);
         frame.color.iter().map(|c| [c[0], c[1], c[2]]).collect::<Vec<_>>()
     });
@@ -128,17 +135,18 @@ fn one_texture_is_a_painting_on_the_wall() {
 fn of_many_textures_each_eye_gets_the_one_taken_nearest_to_it() {
     let (house, mut walker) = (house(), Walker::new());
     let door = first_door(&house);
-    let [one, many] = [Kind::Texture, Kind::Textures].map(|kind| stocked(&house, kind));
-    let mut error = |kind: Kind, store: &Store, eye: DVec3| {
+    let [one, many] = [BackdropKind::Texture, BackdropKind::Textures].map(|kind| stocked(&house, kind));
+    let mut error = |kind: BackdropKind, store: &Store, eye: DVec3| {
         let camera = enlarged(&camera(eye, door.centre), 2);
         let frame = walker.frame(&house, store, &camera, &with(kind, Near::Distance(0.5))).0.clone();
         mean_error(&frame, &truth(&house, &camera), |i| is_behind(&walker, i))
     };
     let places = door.semicircle(QUALITY.images, QUALITY.radius_m, QUALITY.eye_height_m);
     assert_eq!(places.len(), 7);
-    let from_where_it_was_taken = error(Kind::Texture, &one, places[0]);
+    let from_where_it_was_taken = error(BackdropKind::Texture, &one, places[0]);
     for (i, place) in places.iter().enumerate() {
-        let (single, nearest) = (error(Kind::Texture, &one, *place), error(Kind::Textures, &many, *place));
+        let (single, nearest) =
+            (error(BackdropKind::Texture, &one, *place), error(BackdropKind::Textures, &many, *place));
         println!("place {i}: {single:.2} levels off with one texture, {nearest:.2} with seven");
         assert!(nearest < 1.5 * from_where_it_was_taken, "R2: place {i}: {nearest} {from_where_it_was_taken}");
         assert!(i == 0 || single > 2.0 * nearest, "place {i}: {single} {nearest}");
@@ -149,8 +157,8 @@ fn of_many_textures_each_eye_gets_the_one_taken_nearest_to_it() {
 fn a_near_door_is_open_and_a_far_one_shows_its_image() {
     let (house, mut walker, store) = (house(), Walker::new(), Store::new(1 << 30));
     // The second door has no image: when the first is open, all that shows is geometry.
-    let image = Backdrop::capture(&house, FIRST_DOOR, Kind::Texture, &QUALITY).expect("a capture");
-    assert!(store.insert((FIRST_DOOR, Kind::Texture), Arc::new(image)));
+    let image = Backdrop::capture(&house, FIRST_DOOR, BackdropKind::Texture, &QUALITY).expect("a capture");
+    assert!(store.insert((FIRST_DOOR, BackdropKind::Texture), Arc::new(image)));
     let door = first_door(&house);
     let by_samples = Near::ProjectedError { spacing_px: 1.0, face_px: 64, back_m: 0.0 };
     for near in [Near::Distance(1.0), by_samples] {
@@ -159,7 +167,7 @@ fn a_near_door_is_open_and_a_far_one_shows_its_image() {
             let camera = camera(door.centre + dvec3(-0.1 * f64::from(step), 0.3, 0.7), dvec3(9.0, 1.4, 2.1));
             let (distance, within) = (door.distance(camera.eye()), near.distance_m(&camera));
             assert!((0.5..2.5).contains(&within), "{within}");
-            let (frame, stats) = walker.frame(&house, &store, &camera, &with(Kind::Texture, near));
+            let (frame, stats) = walker.frame(&house, &store, &camera, &with(BackdropKind::Texture, near));
             let expected = if distance < within { (0, 0) } else { (1, frame.color.len() as u64 / 200) };
             assert_eq!(stats.portals, expected.0, "R3: {distance} m, {within} m");
             assert!(stats.backdrop_pixels >= expected.1);
@@ -173,9 +181,9 @@ fn a_near_door_is_open_and_a_far_one_shows_its_image() {
 #[test]
 fn holes_keep_what_was_there_and_nothing_else_does() {
     let house = house();
-    let store = stocked(&house, Kind::Image);
+    let store = stocked(&house, BackdropKind::Image);
     let door = first_door(&house);
-    let settings = with(Kind::Image, Near::Distance(0.2));
+    let settings = with(BackdropKind::Image, Near::Distance(0.2));
     let keeping = WalkSettings { persistence: true, ..settings };
     let (mut plain, mut persistent) = (Walker::new(), Walker::new());
     let place = door.semicircle(QUALITY.images, QUALITY.radius_m, QUALITY.eye_height_m)[0];

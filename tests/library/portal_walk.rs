@@ -5,7 +5,7 @@ use crate::three_rooms::{QUALITY, camera, house, poses, rooms, stocked, three_ro
 use glam::dvec3;
 use headbox::capture::portal_model::PortalModel;
 use headbox::capture::random::Rng;
-use headbox::portal::backdrop::{Backdrop, BackdropError, Kind, PortalSide, Quality};
+use headbox::portal::backdrop::{Backdrop, BackdropError, BackdropKind, BackdropQuality, PortalSide};
 use headbox::portal::file;
 use headbox::portal::house::{House, HouseError};
 use headbox::portal::settings::{Division, Near, WalkSettings};
@@ -32,11 +32,11 @@ fn geometry_alone_is_truth() {
 #[test]
 fn frames_do_not_depend_on_how_threads_share_them() {
     let house = house();
-    let store = stocked(&house, Kind::WindowLdi);
+    let store = stocked(&house, BackdropKind::WindowLdi);
     let camera = poses()[1];
     let frame = |threads: usize, division: Division| {
         let settings = WalkSettings {
-            backdrops: Some(Kind::WindowLdi),
+            backdrops: Some(BackdropKind::WindowLdi),
             near: Near::Distance(0.5),
             division,
             ..WalkSettings::default()
@@ -59,7 +59,7 @@ fn a_missing_backdrop_is_geometry_and_a_builder_brings_it() {
     let store = Arc::new(Store::new(1 << 30));
     let mut walker = Walker::new();
     let near = Near::Distance(0.5);
-    let settings = WalkSettings { backdrops: Some(Kind::Texture), near, ..WalkSettings::default() };
+    let settings = WalkSettings { backdrops: Some(BackdropKind::Texture), near, ..WalkSettings::default() };
     let camera = poses()[0];
     let (frame, stats) = walker.frame(&house, &store, &camera, &settings);
     assert_eq!((frame.hole_count(), stats.portals, stats.missing.is_empty()), (0, 0, false));
@@ -68,7 +68,7 @@ fn a_missing_backdrop_is_geometry_and_a_builder_brings_it() {
     assert_eq!(alone.color, geometry.color);
 
     let builder = Builder::new(Arc::clone(&house), Arc::clone(&store), QUALITY);
-    let wanted = likely(&house, camera.eye(), Kind::Texture);
+    let wanted = likely(&house, camera.eye(), BackdropKind::Texture);
     assert_eq!(wanted[0].0, PortalSide { portal: 0, side: 0 }, "the door of the eye's own room first");
     builder.want(wanted);
     builder.wait();
@@ -79,11 +79,11 @@ fn a_missing_backdrop_is_geometry_and_a_builder_brings_it() {
 #[test]
 fn crossing_a_door_changes_the_cell_once_and_no_pixel_is_wrong() {
     let house = house();
-    let store = stocked(&house, Kind::Texture);
+    let store = stocked(&house, BackdropKind::Texture);
     let mut walker = Walker::new();
     // Wide enough that both doors are open all the way.
     let near = Near::Distance(5.0);
-    let settings = WalkSettings { backdrops: Some(Kind::Texture), near, ..WalkSettings::default() };
+    let settings = WalkSettings { backdrops: Some(BackdropKind::Texture), near, ..WalkSettings::default() };
     let mut cells = Vec::new();
     for step in 0..=200 {
         let x = 3.5 + f64::from(step) * 0.005;
@@ -115,8 +115,8 @@ fn an_eye_in_a_wall_or_outside_sees_all_geometry() {
 #[test]
 fn a_house_file_gives_back_what_was_written_and_damage_is_found() {
     let house = house();
-    let store = stocked(&house, Kind::Textures);
-    for (key, backdrop) in stocked(&house, Kind::WindowLdi).all() {
+    let store = stocked(&house, BackdropKind::Textures);
+    for (key, backdrop) in stocked(&house, BackdropKind::WindowLdi).all() {
         assert!(store.insert(key, backdrop));
     }
     let folder = tempfile::tempdir().expect("a folder");
@@ -127,7 +127,7 @@ fn a_house_file_gives_back_what_was_written_and_damage_is_found() {
     assert_eq!((&again.plan().cells, &again.plan().portals), (&house.plan().cells, &house.plan().portals));
     let mut walker = Walker::new();
     let settings =
-        WalkSettings { backdrops: Some(Kind::WindowLdi), near: Near::Distance(0.5), ..WalkSettings::default() };
+        WalkSettings { backdrops: Some(BackdropKind::WindowLdi), near: Near::Distance(0.5), ..WalkSettings::default() };
     let camera = poses()[1];
     let expected = walker.frame(&house, &store, &camera, &settings).0.clone();
     assert_eq!(walker.frame(&again, &stored, &camera, &settings).0, &expected);
@@ -157,7 +157,7 @@ fn a_house_file_gives_back_what_was_written_and_damage_is_found() {
 fn captures_do_not_depend_on_threads() {
     let house = house();
     let at = PortalSide { portal: 0, side: 1 };
-    for kind in [Kind::Ldi, Kind::WindowLdi, Kind::Textures] {
+    for kind in [BackdropKind::Ldi, BackdropKind::WindowLdi, BackdropKind::Textures] {
         let capture = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
             pool.install(|| Backdrop::capture(&house, at, kind, &QUALITY)).expect("a capture")
@@ -179,12 +179,13 @@ fn bad_models_and_numbers_are_refused() {
     assert!(matches!(error(|m| m.portals[0].polygon.truncate(2)), HouseError::PortalShape(0)));
     assert!(matches!(error(|m| m.scene.triangles.clear()), HouseError::Scene(_)));
     let house = house();
-    let capture = |portal: u32, quality: Quality| {
-        Backdrop::capture(&house, PortalSide { portal, side: 0 }, Kind::WindowLdi, &quality).expect_err("refused")
+    let capture = |portal: u32, quality: BackdropQuality| {
+        Backdrop::capture(&house, PortalSide { portal, side: 0 }, BackdropKind::WindowLdi, &quality)
+            .expect_err("refused")
     };
     assert!(matches!(capture(7, QUALITY), BackdropError::NoPortal(7)));
-    assert!(matches!(capture(0, Quality { face_px: 0, ..QUALITY }), BackdropError::Quality(_)));
-    assert!(matches!(capture(0, Quality { radius_m: f64::NAN, ..QUALITY }), BackdropError::Quality(_)));
+    assert!(matches!(capture(0, BackdropQuality { face_px: 0, ..QUALITY }), BackdropError::Quality(_)));
+    assert!(matches!(capture(0, BackdropQuality { radius_m: f64::NAN, ..QUALITY }), BackdropError::Quality(_)));
 }
 
 #[test]
@@ -206,10 +207,10 @@ fn a_path_enters_every_room() {
 
 #[test]
 fn a_tour_orders_what_it_lacks_and_stays_within_its_budget() {
-    let one =
-        Backdrop::capture(&house(), PortalSide { portal: 0, side: 0 }, Kind::Texture, &QUALITY).expect("a capture");
+    let one = Backdrop::capture(&house(), PortalSide { portal: 0, side: 0 }, BackdropKind::Texture, &QUALITY)
+        .expect("a capture");
     let settings =
-        WalkSettings { backdrops: Some(Kind::Texture), near: Near::Distance(0.5), ..WalkSettings::default() };
+        WalkSettings { backdrops: Some(BackdropKind::Texture), near: Near::Distance(0.5), ..WalkSettings::default() };
     for (room_for, wanted) in [(1, 1), (2, 2), (100, 3)] {
         let store = Arc::new(Store::new(one.bytes() * room_for));
         let mut tour = Tour::new(Arc::new(house()), Arc::clone(&store), QUALITY, settings);
@@ -230,7 +231,7 @@ fn a_wall_is_a_sprite_and_a_room_or_a_pillar_is_not() {
     let wall = rooms(Some([dvec3(3.45, 0.0, 0.1), dvec3(3.65, 2.45, 3.9)]));
     let wall = House::new(wall).expect("a valid model");
     let at = PortalSide { portal: 0, side: 1 };
-    let capture = |house: &House| Backdrop::capture(house, at, Kind::Sprite, &QUALITY).expect("a capture");
+    let capture = |house: &House| Backdrop::capture(house, at, BackdropKind::Sprite, &QUALITY).expect("a capture");
     let pillar = rooms(Some([dvec3(3.4, 0.0, 1.8), dvec3(3.6, 2.4, 2.1)]));
     let pillar = House::new(pillar).expect("a valid model");
     assert!(matches!(capture(&pillar), Backdrop::Cubes(_)));
@@ -239,8 +240,9 @@ fn a_wall_is_a_sprite_and_a_room_or_a_pillar_is_not() {
     assert!(matches!(sprite, Backdrop::Sprite(_)));
 
     let store = Store::new(1 << 30);
-    assert!(store.insert((at, Kind::Sprite), Arc::new(sprite)));
-    let settings = WalkSettings { backdrops: Some(Kind::Sprite), near: Near::Distance(0.5), ..WalkSettings::default() };
+    assert!(store.insert((at, BackdropKind::Sprite), Arc::new(sprite)));
+    let settings =
+        WalkSettings { backdrops: Some(BackdropKind::Sprite), near: Near::Distance(0.5), ..WalkSettings::default() };
     let camera = poses()[2];
     let mut walker = Walker::new();
     let (frame, stats) = walker.frame(&wall, &store, &camera, &settings);

@@ -166,6 +166,17 @@ fn a_report_survives_its_file() {
 #[test]
 fn sentences_agree_with_rows() {
     let text = summary::summary(&REPORT);
+    let mut first = text.lines().filter(|line| !line.is_empty()).skip(1);
+    let measured = first.next().expect("what was measured");
+    assert!(measured.starts_with("Measured: ") && measured.contains(" px from faces of "), "{measured}");
+    let five: Vec<&str> = first.take_while(|line| line.starts_with("- **")).collect();
+    assert_eq!(five.len(), 5, "{five:?}");
+    let choice = text
+        .lines()
+        .find_map(|line| line.strip_prefix("To look around, use **")?.split_once("**"))
+        .expect("a choice")
+        .0;
+    assert!(five[0].contains(&format!("**{choice}**")), "{}", five[0]);
     let rows: Vec<&Row> = REPORT.group("builtin:bump", "representation").collect();
     let at: Vec<[f64; 2]> = rows.iter().map(|row| [row.ms_median, row.flip]).collect();
     let front = pareto_front(&at);

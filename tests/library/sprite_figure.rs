@@ -71,12 +71,14 @@ fn capture(tracer: &Tracer) -> SpriteWithDepth {
 }
 
 fn truth_at(tracer: &Tracer, target: &Camera) -> RgbImage {
-    let frame = truth::render(tracer, &Lighting::of_scene(tracer, 0), false, target, 16, &Silent);
+    let frame = truth::render(tracer, &Lighting::of_scene(tracer, 0), false, target, 16, &Silent).frame;
     // Before white, as the sprites are drawn.
     RgbImage::from_fn(target.width(), target.height(), |x, y| {
-        let share = frame.surface_share[(y * target.width() + x) as usize];
+        let at = (y * target.width() + x) as usize;
+        let share = f32::from(frame.coverage[at].splat_share()) / 255.0;
         let mixed = |c: u8| (f32::from(c) * share + 255.0 * (1.0 - share)) as u8;
-        Rgb(frame.color.get_pixel(x, y).0.map(mixed))
+        let [r, g, b, _] = frame.color[at].map(mixed);
+        Rgb([r, g, b])
     })
 }
 
@@ -246,7 +248,7 @@ fn four_layers_stand_in_for_a_scene() {
     assert_eq!(set.sprites().len(), 4);
     assert_eq!(set.back_to_front(DVec3::ZERO), [0, 1, 2, 3], "slabs come from far to near");
     let target = reference.with_eye(dvec3(0.25, 0.1, -0.2));
-    let truth = truth::render(&tracer, &lighting, false, &target, 16, &Silent).color;
+    let truth = truth::render(&tracer, &lighting, false, &target, 16, &Silent).rgb();
     let mut cells = vec![SheetCell { image: truth.clone(), caption: "truth".into() }];
     let mut frame = SpriteLayer::default();
     let mut flip = |variant: Variant| {

@@ -7,7 +7,7 @@ use headbox::capture::scene::{Sky, Triangle};
 use headbox::capture::trace::Ray;
 use headbox::capture::{Camera, Material, Scene, srgb8_from_linear};
 use headbox::frame::Frame;
-use headbox::portal::backdrop::{Backdrop, Kind, PortalSide, Quality};
+use headbox::portal::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide};
 use headbox::portal::house::House;
 use headbox::portal::store::Store;
 use std::sync::Arc;
@@ -125,7 +125,7 @@ pub(crate) fn house() -> House {
     House::new(three_rooms()).expect("a valid model")
 }
 
-pub(crate) const QUALITY: Quality = Quality {
+pub(crate) const QUALITY: BackdropQuality = BackdropQuality {
     face_px: 128,
     window_face_px: 128,
     window_back_m: 0.5,
@@ -139,7 +139,7 @@ pub(crate) const QUALITY: Quality = Quality {
 };
 
 /// A store with one kind of backdrop for every side of every portal.
-pub(crate) fn stocked(house: &House, kind: Kind) -> Store {
+pub(crate) fn stocked(house: &House, kind: BackdropKind) -> Store {
     let store = Store::new(1 << 30);
     for portal in 0..house.plan().portals.len() as u32 {
         for side in [0, 1] {

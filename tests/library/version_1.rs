@@ -21,6 +21,7 @@ const ASKED: CaptureParameters = CaptureParameters {
     light_samples: 1,
     seed: 0,
     novelty: 0.18,
+    holes: 1.0, // nobody could ask for fewer
     sampler: Sampler::Stratified,
     merge_rule: MergeRule::Average,
 };

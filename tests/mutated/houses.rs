@@ -7,7 +7,7 @@ use headbox::capture::light::Lighting;
 use headbox::capture::load::{ModelOptions, load_model};
 use headbox::capture::trace::Tracer;
 use headbox::measure::truths::Truths;
-use headbox::portal::backdrop::{Backdrop, Kind, PortalSide, Quality};
+use headbox::portal::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide};
 use headbox::portal::file;
 use headbox::portal::house::House;
 use headbox::portal::settings::{Near, WalkSettings};
@@ -19,7 +19,7 @@ use std::sync::Arc;
 use tempfile::TempDir;
 
 /// As small as backdrops can be.
-const TINY: Quality = Quality {
+const TINY: BackdropQuality = BackdropQuality {
     face_px: 12,
     window_face_px: 12,
     window_back_m: 1.0,
@@ -70,7 +70,7 @@ fn house_bytes() -> Vec<u8> {
     let loaded = load_model(&corpus_folder().join("flat.toml"), &ModelOptions::default()).expect("loads");
     let house = House::new(loaded.model).expect("walkable");
     let store = Store::new(BUDGET_BYTES);
-    for kind in [Kind::WindowLdi, Kind::Textures, Kind::Sprite, Kind::TwoImages] {
+    for kind in [BackdropKind::WindowLdi, BackdropKind::Textures, BackdropKind::Sprite, BackdropKind::TwoImages] {
         for side in [0, 1] {
             let at = PortalSide { portal: 0, side };
             let backdrop = Backdrop::capture(&house, at, kind, &TINY).expect("captured");
@@ -90,7 +90,13 @@ fn read_house(path: &Path) -> bool {
         (dvec3(4.0, 1.0, 1.5), dvec3(0.3, 0.1, 1.0)),
     ] {
         let camera = Camera::look_at(eye, eye + to, DVec3::Y, 80.0, [17, 11]).expect("valid");
-        for kind in [None, Some(Kind::WindowLdi), Some(Kind::Textures), Some(Kind::Sprite), Some(Kind::TwoImages)] {
+        for kind in [
+            None,
+            Some(BackdropKind::WindowLdi),
+            Some(BackdropKind::Textures),
+            Some(BackdropKind::Sprite),
+            Some(BackdropKind::TwoImages),
+        ] {
             let settings =
                 WalkSettings { backdrops: kind, near: Near::Distance(0.5), persistence: true, ..Default::default() };
             walker.frame(&house, &store, &camera, &settings);
@@ -133,9 +139,9 @@ impl Cached {
     /// Asks for the frame, with whatever the file holds now.
     fn check(&self) {
         let truths = Truths::new(&self.tracer, &self.lighting, false, Some(self.folder.path().into()));
-        let frame = truths.frame(&self.camera, 1, &Silent);
-        assert_eq!(frame.color.dimensions(), (5, 3), "whatever the file says");
-        assert_eq!(frame.surface_share.len(), 15);
+        let frame = truths.frame(&self.camera, 1, &Silent).frame;
+        assert_eq!((frame.width, frame.height), (5, 3), "whatever the file says");
+        assert_eq!((frame.color.len(), frame.coverage.len()), (15, 15));
     }
 
     /// Asks for the frame, with a file in place of its own.

@@ -52,6 +52,9 @@ fn wrong_usage_is_exit_2_and_says_what_is_allowed() {
     usage(&["--novelty", "2"], "from 0 to 1");
     usage(&["--shard", "5/4"], "I/N");
     usage(&["--split", "-3"], "auto, none");
+    for error in ["-1", "nan", "inf", "1e9"] {
+        usage(&["--error-px", error], "a number of frame pixels from 0 to 1000000");
+    }
     let range = |name: &str, value: &str, expected: &str| {
         let message = fails(dir.path(), 2, &["capture", "builtin:bump", "-o", "x.ldi", name, value]);
         assert!(message.contains(expected), "{name} {value}: {message}");

@@ -163,13 +163,13 @@ fn baked_light_looks_like_truth() {
     let eye = source.headbox.unwrap().centre;
     let camera = Camera::look_at(eye, eye + dvec3(0.1, -0.2, -1.0), glam::DVec3::Y, 60.0, [120, 90]).unwrap();
     let tracer = Tracer::new(Arc::clone(&source), eye);
-    let lit = truth::render(&tracer, &Lighting::measure(&tracer, 1), true, &camera, 64, &Silent).color;
+    let lit = truth::render(&tracer, &Lighting::measure(&tracer, 1), true, &camera, 64, &Silent).rgb();
 
     let options =
         BakeOptions { edge_m: 0.06, samples: 16, smoothing: 2, max_triangles: 300_000, ..BakeOptions::default() };
     let baked = Arc::new(bake(&source, &options, &|_, _| ControlFlow::Continue(())).scene);
     let tracer = Tracer::new(baked, eye);
-    let unlit = truth::render(&tracer, &Lighting::of_scene(&tracer, 0), false, &camera, 16, &Silent).color;
+    let unlit = truth::render(&tracer, &Lighting::of_scene(&tracer, 0), false, &camera, 16, &Silent).rgb();
     let (comparison, _) = metrics::compare_with_map(&lit, &unlit).unwrap();
     if let Some(folder) = std::env::var_os("HEADBOX_KEEP") {
         lit.save(Path::new(&folder).join("lit.png")).unwrap();

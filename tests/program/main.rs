@@ -2,6 +2,7 @@
 
 mod cli;
 mod house;
+mod images_cli;
 mod portal_cli;
 mod sprite_cli;
 mod words;

@@ -122,7 +122,7 @@ impl VertexLight<'_> {
                 shading_normal: normal * side,
                 extent,
             };
-            let sample = LightSample { stream: vertex as u32, index, count: samples };
+            let sample = LightSample { stream: vertex as u32, index };
             sum.sun += self.lighting.sun_radiosity(self.tracer, &point, &sample);
             sum.soft += self.lighting.soft_radiosity(self.tracer, &point, &sample);
         }

@@ -62,6 +62,7 @@ pub(super) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
             depth,
             mask: None,
             depth_scale: 1.0,
+            registration: None,
         });
     }
     if missing > 0 {

@@ -48,7 +48,17 @@ fn read_line(file: &Path, line: &str, number: usize) -> Result<View, ImagesError
     // Centres of pixels lie at whole numbers in these files.
     let principal_px = [p[2] + 0.5, p[5] + 0.5];
     let lens = Lens::Pinhole(Pinhole { focal_px: [p[0], p[4]], principal_px, distortion: Distortion::default() });
-    Ok(View { name: name.into(), size_px, lens, pose, color, depth: None, mask: None, depth_scale: 1.0 })
+    Ok(View {
+        name: name.into(),
+        size_px,
+        lens,
+        pose,
+        color,
+        depth: None,
+        mask: None,
+        depth_scale: 1.0,
+        registration: None,
+    })
 }
 
 fn parameter_file(folder: &Path) -> Result<Option<PathBuf>, ImagesError> {

@@ -69,6 +69,7 @@ fn read_view(root: &Object, view: &Object, frame: &FileFrame, allow_outside: boo
         depth,
         mask: path_of("mask_path")?,
         depth_scale: 1.0,
+        registration: None,
     })
 }
 

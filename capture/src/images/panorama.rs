@@ -51,7 +51,17 @@ pub(super) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         let unit_m = if extension(&depth) == "exr" { 1.0 } else { 0.001 };
         let depth = Some(DepthSource::metres(depth, kind, unit_m));
         let pose = Pose { eye: DVec3::ZERO, world_from_eye };
-        views.push(View { name: stem, size_px, lens, pose, color, depth, mask: None, depth_scale: 1.0 });
+        views.push(View {
+            name: stem,
+            size_px,
+            lens,
+            pose,
+            color,
+            depth,
+            mask: None,
+            depth_scale: 1.0,
+            registration: None,
+        });
     }
     if views.is_empty() {
         return Ok(None);

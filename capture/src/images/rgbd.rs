@@ -58,7 +58,7 @@ pub(super) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         without_depth += usize::from(depth.is_none());
         let depth = depth.map(|path| DepthSource::metres(path, DepthKind::EyeDepth, DEPTH_UNIT_M));
         let name = color.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        views.push(View { name, size_px, lens, pose, color, depth, mask: None, depth_scale: 1.0 });
+        views.push(View { name, size_px, lens, pose, color, depth, mask: None, depth_scale: 1.0, registration: None });
     }
     if views.is_empty() {
         return Err(ImagesError::field(&place, "frame-*.pose.txt", "no frame has a pose"));

@@ -78,7 +78,7 @@ fn read_view(view: &Object, allow_outside: bool) -> Result<View, ImagesError> {
     let color = path(&color)?;
     let name = color.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let lens = Lens::Pinhole(pinhole);
-    Ok(View { name, size_px, lens, pose, color, depth: Some(source), mask: None, depth_scale: 1.0 })
+    Ok(View { name, size_px, lens, pose, color, depth: Some(source), mask: None, depth_scale: 1.0, registration: None })
 }
 
 /// The pinhole of a projection matrix in OpenGL's clip space.

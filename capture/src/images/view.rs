@@ -5,6 +5,7 @@ use super::depth::DepthSource;
 use super::lens::{Lens, Pinhole};
 use super::pictures::read_color;
 use super::pose::Pose;
+use super::register::Registration;
 use crate::{Camera, DepthKind};
 use glam::{DVec2, DVec3};
 use std::path::PathBuf;
@@ -28,6 +29,8 @@ pub struct View {
     pub mask: Option<PathBuf>,
     /// Metres for a unit of the file's depth beyond its own unit (the set's frame).
     pub depth_scale: f32,
+    /// Where its colours were taken from, if not from where its depth was. [`Self::load`] brings the depth there.
+    pub registration: Option<Registration>,
 }
 
 /// A view in memory, its lens ideal.
@@ -72,7 +75,11 @@ impl View {
         }
         let depth = self.load_depth()?;
         let loaded = LoadedView { size_px: self.size_px, lens: self.lens, pose: self.pose, color, depth };
-        Ok(loaded.undistorted())
+        let ideal = loaded.undistorted();
+        Ok(match &self.registration {
+            Some(registration) => registration.apply(ideal),
+            None => ideal,
+        })
     }
 
     fn load_depth(&self) -> Result<Vec<f32>, ImagesError> {
@@ -147,7 +154,7 @@ impl LoadedView {
     }
 
     /// The same view through an ideal lens.
-    fn undistorted(self) -> Self {
+    pub(super) fn undistorted(self) -> Self {
         let Lens::Pinhole(Pinhole { focal_px, principal_px, distortion }) = self.lens else { return self };
         if distortion.is_none() {
             return self;

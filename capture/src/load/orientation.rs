@@ -1,9 +1,9 @@
 //! Which axis of an OBJ points up, and what its unit is: the format says neither.
 //!
 //! Both are guessed from evidence, each piece a number of natural log odds; what is said by the user is never guessed, and
-//! glTF rules both (Y up, metres). The evidence for an axis: names of floors and walls, a floor at the bottom, a bottom at
-//! zero, a scene that is flat along it, and what the exporter wrote. For a unit: how high and wide the scene would be, and
-//! again what was written. A guess other than Y up and metres is told, with its reasons and how to overrule it.
+//! glTF rules both (Y up, metres). The evidence for an axis: names of floors and walls, much area in one level (a floor), surfaces
+//! that lie and open sheets that face along it (ground), a bottom at zero, a scene that is flat along it, and what the exporter wrote.
+//! For a unit: how high and wide what stands in the scene would be, and again what was written. A guess other than Y up and metres is told, with its reasons and how to overrule it.
 
 use super::LoadOptions;
 use crate::scene::{FileFrame, Scene, UpAxis};
@@ -24,6 +24,12 @@ const FEWEST_TRIANGLES: usize = 12;
 const THINNEST: f64 = 0.01;
 /// By so much must the evidence for Z exceed that for Y: OBJ files have Y up unless there is reason to think otherwise.
 const PRIOR_FOR_Y: f64 = 2.5;
+/// What a file says of itself outweighs what it looks like.
+const SAID: f64 = 30.0;
+/// Slices of a scene along an axis.
+const LEVELS: usize = 400;
+/// Share of the area at each end of an axis that does not count as standing there.
+const OUTLYING: f64 = 0.02;
 /// Normals within some 11 degrees of an axis lie along it.
 const ALONG: f64 = 0.98;
 
@@ -74,10 +80,10 @@ impl Hints {
     fn guess_up(&self, shape: &Shape) -> (UpAxis, Option<String>) {
         let mut evidence = shape.evidence_for_z();
         if self.says(&["z up", "z-up", "z_up", "up axis: z", "up=z", "up: z"]) {
-            evidence.push((8.0, "its comments say so".into()));
+            evidence.push((SAID, "its comments say so".into()));
         }
         if self.says(&["y up", "y-up", "y_up", "up axis: y", "up=y", "up: y"]) {
-            evidence.push((-8.0, "its comments say so".into()));
+            evidence.push((-SAID, "its comments say so".into()));
         }
         if self.says(&["gazebo", "freecad", "openscad", "urdf", "autocad", "revit"]) {
             evidence.push((3.0, "its exporter has Z up".into()));
@@ -103,7 +109,7 @@ impl Hints {
             (0.001, "millimetres", "mm", 0.0),
             (0.0254, "inches", "in", -8.0),
         ];
-        let [height, width] = shape.height_and_width(up);
+        let [height, width] = shape.height_and_width(scene, up);
         let outdoors = named(scene, &["city", "street", "road", "terrain", "mountain", "landscape"]).next().is_some();
         let odds = |&(metres, name, short, prior): &(f64, &str, &str, f64)| {
             let off = |length: f64, usual: f64, spread: f64| ((length * metres / usual).ln() / spread).powi(2) / 2.0;
@@ -119,14 +125,14 @@ impl Hints {
             let outdoors = if outdoors && metres == 1.0 { 8.0 } else { 0.0 };
             // Rooms, houses and trees: some metres high and wide, give or take a factor of three or four.
             prior - off(height, 4.0, 1.1) - off(width, 15.0, 1.4)
-                + if written { 30.0 } else { 0.0 }
+                + if written { SAID } else { 0.0 }
                 + if exporter { 8.0 } else { 0.0 }
                 + outdoors
         };
         let best = UNITS.iter().rev().max_by(|a, b| odds(a).total_cmp(&odds(b))).unwrap_or(&UNITS[0]);
         let (metres, name, _, _) = *best;
         let told = format!(
-            "{name}, which makes the scene {:.1} m high and {:.1} m wide; --unit m if that is wrong",
+            "{name}, which makes what stands in it {:.1} m high and {:.1} m wide; --unit m if that is wrong",
             height * metres,
             width * metres
         );
@@ -160,8 +166,13 @@ fn named<'a>(scene: &'a Scene, words: &'a [&str]) -> impl Iterator<Item = usize>
 struct Shape {
     low: DVec3,
     extent: DVec3,
-    /// Share of the scene's area that lies flat at the low end of each axis.
-    bottom: DVec3,
+    /// The largest share of the scene's area that lies flat in one level, of the lower half of each axis.
+    level: DVec3,
+    /// Share of the area that lies flat along each axis.
+    along: DVec3,
+    /// Sum of the triangles' areas as vectors, over the sum of their lengths: 0 of what is closed, up of a ground that has no
+    /// underside.
+    facing: DVec3,
     /// Share of the area of what is called a floor that lies flat along each axis; none if there is too little of it.
     floors: Option<DVec3>,
     /// The same for walls.
@@ -176,22 +187,28 @@ impl Shape {
         if scene.triangles.len() < FEWEST_TRIANGLES || extent.min_element() < THINNEST * extent.max_element() {
             return None;
         }
-        let (mut all, mut bottom) = (0.0, DVec3::ZERO);
+        let (mut all, mut all_along, mut facing) = (0.0, DVec3::ZERO, DVec3::ZERO);
+        let mut levels = vec![DVec3::ZERO; LEVELS + 1];
         for triangle in 0..scene.triangles.len() {
-            let (along, area, middle) = flatness(scene, triangle);
+            let Flatness { along, normal, area, middle } = flatness(scene, triangle);
             all += area;
-            // The lowest hundredth: floors have thresholds and thicknesses.
-            let at_bottom = (middle - low).cmplt(extent * 0.01);
-            bottom += DVec3::select(at_bottom, along * area, DVec3::ZERO);
+            all_along += along * area;
+            facing += normal * area;
+            for axis in 0..3 {
+                let level = ((middle - low) / extent)[axis] * LEVELS as f64;
+                levels[level.clamp(0.0, LEVELS as f64) as usize][axis] += along[axis] * area;
+            }
         }
+        let level = levels[..LEVELS / 2].iter().copied().fold(DVec3::ZERO, DVec3::max) / all;
+        let (along, facing) = (all_along / all, facing / all);
         let share = |words: &[&str]| {
             let (sum, area) = named(scene, words)
                 .map(|t| flatness(scene, t))
-                .fold((DVec3::ZERO, 0.0), |(sum, total), (along, area, _)| (sum + along * area, total + area));
+                .fold((DVec3::ZERO, 0.0), |(sum, total), flat| (sum + flat.along * flat.area, total + flat.area));
             (area > 0.01 * all).then(|| sum / area)
         };
         let floors = share(&["floor", "ground", "carpet", "parquet", "ceiling", "grass", "pavement"]);
-        Some(Self { low, extent, bottom: bottom / all, floors, walls: share(&["wall", "facade"]) })
+        Some(Self { low, extent, level, along, facing, floors, walls: share(&["wall", "facade"]) })
     }
 
     /// Pieces of evidence that Z is up rather than Y: log odds and a reason.
@@ -208,7 +225,9 @@ impl Shape {
         if let Some(walls) = self.walls {
             add(2.0 * (walls.y - walls.z), "its walls stand along it");
         }
-        add((20.0 * (self.bottom.z - self.bottom.y)).clamp(-3.0, 3.0), "a floor is at its lower end");
+        add((20.0 * (self.level.z - self.level.y)).clamp(-3.0, 3.0), "a floor lies across it");
+        add(3.0 * (self.along.z - self.along.y), "more lies flat along it");
+        add(6.0 * (self.facing.z.max(0.0) - self.facing.y.max(0.0)), "the ground faces along it");
         let starts_at_zero = |low: f64, extent: f64| low.abs() < 0.02 * extent;
         let reaches_below_zero = |low: f64, extent: f64| low < -0.1 * extent;
         let (DVec3 { y: low_y, z: low_z, .. }, DVec3 { x, y, z }) = (self.low, self.extent);
@@ -225,9 +244,29 @@ impl Shape {
         evidence
     }
 
-    /// Height, and the larger horizontal extent, in the file's unit.
-    fn height_and_width(&self, up: UpAxis) -> [f64; 2] {
-        let DVec3 { x, y, z } = self.extent;
+    /// Height and larger horizontal extent of what stands, in the file's unit: of all but the outermost [`OUTLYING`] of the area
+    /// that is steeper than 45 degrees. Ground, however far it reaches, has no part in it; where nothing stands, it is all of the
+    /// scene.
+    fn height_and_width(&self, scene: &Scene, up: UpAxis) -> [f64; 2] {
+        let mut levels = vec![DVec3::ZERO; LEVELS + 1];
+        let mut standing = 0.0;
+        for triangle in 0..scene.triangles.len() {
+            let Flatness { normal, area, middle, .. } = flatness(scene, triangle);
+            let rise = if up == UpAxis::Y { normal.y } else { normal.z };
+            if rise.abs() < std::f64::consts::FRAC_1_SQRT_2 {
+                standing += area;
+                let level = (middle - self.low) / self.extent * LEVELS as f64;
+                for axis in 0..3 {
+                    levels[level[axis].clamp(0.0, LEVELS as f64) as usize][axis] += area;
+                }
+            }
+        }
+        let between = |axis: usize| {
+            let areas = || levels.iter().map(|level| level[axis]);
+            let outside = outlying(areas(), standing) + outlying(areas().rev(), standing);
+            self.extent[axis] * (levels.len() - outside.min(levels.len() - 1)) as f64 / levels.len() as f64
+        };
+        let [x, y, z] = if standing > 0.0 { [0, 1, 2].map(between) } else { self.extent.to_array() };
         match up {
             UpAxis::Y => [y, x.max(z)],
             UpAxis::Z => [z, x.max(y)],
@@ -235,11 +274,30 @@ impl Shape {
     }
 }
 
-/// Along which axes a triangle lies flat (1 or 0 each), its area, and its middle.
-fn flatness(scene: &Scene, triangle: usize) -> (DVec3, f64, DVec3) {
+/// How many of the first areas together are still less than [`OUTLYING`] of all.
+fn outlying(areas: impl Iterator<Item = f64>, all: f64) -> usize {
+    let mut sum = 0.0;
+    let is_outside = |area: &f64| {
+        sum += area;
+        sum < OUTLYING * all
+    };
+    areas.take_while(is_outside).count()
+}
+
+/// How a triangle lies.
+struct Flatness {
+    /// Along which axes it lies flat: 1 or 0 each.
+    along: DVec3,
+    /// Unit normal; 0 if it has no area.
+    normal: DVec3,
+    area: f64,
+    middle: DVec3,
+}
+
+fn flatness(scene: &Scene, triangle: usize) -> Flatness {
     let [a, b, c] = scene.corners(triangle as u32);
     let doubled = (b - a).cross(c - a);
-    let normal = doubled.normalize_or_zero().abs();
-    let along = DVec3::select(normal.cmpgt(DVec3::splat(ALONG)), DVec3::ONE, DVec3::ZERO);
-    (along, doubled.length() / 2.0, (a + b + c) / 3.0)
+    let normal = doubled.normalize_or_zero();
+    let along = DVec3::select(normal.abs().cmpgt(DVec3::splat(ALONG)), DVec3::ONE, DVec3::ZERO);
+    Flatness { along, normal, area: doubled.length() / 2.0, middle: (a + b + c) / 3.0 }
 }

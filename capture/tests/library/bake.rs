@@ -148,7 +148,7 @@ fn colours_are_what_the_estimator_says() {
             let position = scene.positions[vertex as usize].as_vec3();
             let point = LitPoint { position, normal: Vec3::Y, shading_normal: Vec3::Y, extent: 2.0 };
             for index in 0..256 {
-                let sample = LightSample { stream: vertex, index, count: 256 };
+                let sample = LightSample { stream: vertex, index };
                 let light = lighting.radiosity_per_albedo(&tracer, &point, &sample);
                 expected += Vec3::from(light) * lighting.exposure / 256.0;
             }

@@ -197,7 +197,7 @@ export class Renderer {
     }).filter(({ runs }) => runs.length > 0);
   }
 
-  /** Pictures on planes: those that hide first, then what is more than half there, which hides too, then the rest. */
+  /** Pictures on planes: what is at least half there first, which hides, then the rest. */
   drawPlanes(shared, transfers) {
     const { gl, header } = this;
     const { array, count, atlas } = this.planes;
@@ -211,7 +211,7 @@ export class Renderer {
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.LESS);
     gl.bindVertexArray(array);
-    for (const [alphas, blends, writes] of [[[0.998, 2], false, true], [[0.5, 0.998], true, true], [[0.002, 0.5], true, false]]) {
+    for (const [alphas, blends, writes] of [[[0.498, 2], false, true], [[0.002, 0.498], true, false]]) {
       this.tileProgram.use({
         ...shared,
         one: all((t) => t.one),

@@ -122,7 +122,7 @@ void main() {
     vec2 x = toFrame[0].xy - toFrame[0].z * middle.xy / middle.z;
     vec2 y = toFrame[1].xy - toFrame[1].z * middle.xy / middle.z;
     float areaPx = abs(x.x * y.y - x.y * y.x) / (middle.z * middle.z);
-    for (; level < 3 && areaPx < 0.5; level++) areaPx *= 4.0;
+    for (; level < 3 && areaPx < 0.25; level++) areaPx *= 4.0;
   }
   float smaller = float(1 << level);
   texel = within / smaller;
@@ -143,7 +143,9 @@ void main() {
   vec2 at = (inAtlas.xy + clamp(texel, vec2(0.0), last) + 0.5) / 2048.0;
   vec4 found = textureLod(texels, vec3(at, inAtlas.z), 0.0);
   if (found.a < alphas.x || found.a >= alphas.y) discard;
-  light = vec4(linear(found.rgb / found.a) * found.a, found.a);
+  // Two pictures that meet have half of their border's pixels each: whatever has half has all, so that nothing shines through.
+  float share = found.a < 0.498 ? found.a : 1.0;
+  light = vec4(linear(found.rgb / found.a) * share, share);
 }`;
 
 /** A triangle that covers the frame. */

@@ -15,7 +15,7 @@ use super::accumulate::DepthBins;
 use super::merge::MergeRule;
 use super::parameters::CaptureParameters;
 use super::{CaptureInfo, CubeLdi};
-use crate::capture::images::{ImageSet, ImagesError, Lens, View};
+use crate::capture::images::{ImageSet, ImagesError, Lens, SENSOR_NOISE, View};
 use crate::environment::Environment;
 use crate::progress::Progress;
 use footprint::Target;
@@ -41,9 +41,11 @@ pub struct ImagesJob {
 /// Views that are in memory at once.
 const BATCH: usize = 8;
 
-/// Standard deviation of inverse depth of consumer depth sensors, 1/m: structured light errs by some 1.5 mm at a metre and
-/// six at two (Khoshelham and Elberink 2012).
-pub const SENSOR_NOISE: f32 = 0.0015;
+/// The mean direction of views, if they have one.
+fn ahead(views: &[&View]) -> Option<DVec3> {
+    let sum: DVec3 = views.iter().map(|view| -view.color_pose().world_from_eye.z_axis).sum();
+    (sum.length() > 0.1 * views.len() as f64).then(|| sum.normalize())
+}
 
 impl ImagesJob {
     /// A cube about the eye nearest to the middle of a set's views (an original camera suits best: fewer pixels are resampled
@@ -103,6 +105,7 @@ impl ImagesJob {
             half_size_m: self.half_size_m,
             frame: set.frame,
             exposure: 1.0, // colours are the pictures' own
+            ahead: ahead(views),
             parameters: CaptureParameters { merge_rule: self.merge_rule, ..CaptureParameters::unlit(0, 0) },
             ..CaptureInfo::default()
         };

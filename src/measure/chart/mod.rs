@@ -90,7 +90,7 @@ impl Chart {
         let spreads = points().filter_map(|point| point.spread).flatten();
         let x = Scale::around(points().map(|point| point.at[0]).chain(spreads), self.x.spacing);
         let y = Scale::around(points().map(|point| point.at[1]), self.y.spacing);
-        let frame = Frame { x, y };
+        let frame = PlotArea { x, y };
         let mut marks = Vec::new();
         self.draw_axes(&frame, &mut marks);
         let steps = self.front.windows(2).flat_map(|pair| [pair[0], [pair[1][0], pair[0][1]]]);
@@ -140,7 +140,7 @@ impl Chart {
         Drawing { width: WIDTH as u32, height: HEIGHT as u32, fineness: 2.0, marks }
     }
 
-    fn draw_axes(&self, frame: &Frame, marks: &mut Vec<Mark>) {
+    fn draw_axes(&self, frame: &PlotArea, marks: &mut Vec<Mark>) {
         let text = |at, size, color, anchor, text: &str| Mark::Text {
             at,
             size,
@@ -180,12 +180,12 @@ impl Chart {
 }
 
 /// Where values lie on the paper.
-struct Frame {
+struct PlotArea {
     x: Scale,
     y: Scale,
 }
 
-impl Frame {
+impl PlotArea {
     fn place(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let at = |place: f64, low: f64, high: f64| low + place * (high - low);
         [at(self.x.place(x), LEFT, WIDTH - RIGHT), at(self.y.place(y), HEIGHT - BOTTOM, TOP)]

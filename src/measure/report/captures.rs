@@ -3,6 +3,7 @@
 use super::contender::Role;
 use super::subject::{ReportError, Subject};
 use crate::capture::rig::Face;
+use crate::gaps;
 use crate::ldi::accumulate::DepthBins;
 use crate::ldi::job::CaptureJob;
 use crate::ldi::merge::MergeRule;
@@ -16,11 +17,12 @@ use std::time::Instant;
 
 /// The groups for which the default capture stands, its name in each, and whether it is the one that others are compared
 /// with.
-pub(super) const DEFAULT: [(&str, &str, bool); 7] = [
+pub(super) const DEFAULT: [(&str, &str, bool); 8] = [
     ("layers", "all", true),
     ("near/far split", "by each face's depths", true),
     ("normal in the splat index", "11 bits", true),
     ("novelty stopping", "on", true),
+    ("aimed rays", "until 0.01 % of pixels lack something", true),
     ("merging (D1)", "average", true),
     ("depth bins", "1 px of parallax", true),
     ("light samples", "4 per depth pixel", true),
@@ -76,7 +78,8 @@ impl Captures<'_> {
         change(&mut job);
         let run = || {
             let start = Instant::now();
-            let (ldi, _) = job.run(&self.subject.tracer, &self.subject.lighting, &Resources::default(), progress)?;
+            let (tracer, lighting) = (&self.subject.tracer, &self.subject.lighting);
+            let (ldi, _) = gaps::capture(&job, tracer, lighting, &Resources::default(), progress)?;
             Ok::<_, ReportError>(Made { ldi, seconds: start.elapsed().as_secs_f64() })
         };
         let mut made = run()?;
@@ -106,13 +109,12 @@ impl Captures<'_> {
             made.push((roles, self.make(change, progress)?));
             Ok(())
         };
-        let all_rays = |job: &mut CaptureJob| job.parameters.novelty = 0.0;
+        add(vec![Role::other("aimed rays", "none")], &|job| job.parameters.holes = 1.0)?;
+        add(vec![Role::other("novelty stopping", "off")], &|job| job.parameters.novelty = 0.0)?;
+        // What random rays find is compared alone.
+        let all_rays = |job: &mut CaptureJob| (job.parameters.novelty, job.parameters.holes) = (0.0, 1.0);
         add(
-            vec![
-                Role::other("novelty stopping", "off"),
-                Role::baseline("sampler", "stratified"),
-                Role::baseline("rays", format!("{strata}^4 x {rays}")),
-            ],
+            vec![Role::baseline("sampler", "stratified"), Role::baseline("rays", format!("{strata}^4 x {rays}"))],
             &all_rays,
         )?;
         for (name, sampler) in [("white noise", Sampler::WhiteNoise), ("centre rays", Sampler::CentreRays)] {

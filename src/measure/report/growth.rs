@@ -9,7 +9,7 @@ use crate::measure::stats::{mean, mse_of_psnr, psnr_of_mse};
 use crate::measure::truths::{Truths, samples_for};
 use crate::metrics;
 use crate::progress::Progress;
-use crate::truth::TruthFrame;
+use crate::truth::Truth;
 
 /// Truth should lie so far below the error that is measured with it, dB.
 pub const MARGIN_DB: f64 = 10.0;
@@ -24,10 +24,10 @@ pub(super) fn grow(
     measured: &[Measurement],
     plan: &Plan,
     progress: &dyn Progress,
-) -> Result<Vec<(TruthFrame, u32)>, ReportError> {
+) -> Result<Vec<(Truth, u32)>, ReportError> {
     let most = plan.quality.most_samples;
     let judged = plan.eyes.iter().filter(|eye| eye.place != Place::Path);
-    let mut grown: Vec<(TruthFrame, u32)> = judged
+    let mut grown: Vec<(Truth, u32)> = judged
         .map(|eye| (truths.frame(&eye.camera, plan.quality.first_samples, progress), plan.quality.first_samples))
         .collect();
     for _ in 0..TRUTH_ROUNDS {
@@ -65,7 +65,7 @@ pub(super) fn grow(
 fn least_error(
     contenders: &[Contender],
     measured: &[Measurement],
-    truths: &[(TruthFrame, u32)],
+    truths: &[(Truth, u32)],
     numbers: &[usize],
     set: EyeSet,
 ) -> Result<f64, ReportError> {
@@ -76,7 +76,7 @@ fn least_error(
         let mut errors = Vec::with_capacity(numbers.len());
         for &i in numbers {
             if let Some(picture) = &found.pictures[i] {
-                errors.push(mse_of_psnr(metrics::psnr_db(&truths[i].0.color, &picture.color)?));
+                errors.push(mse_of_psnr(metrics::psnr_db(&truths[i].0.rgb(), &picture.color)?));
             }
         }
         least = least.min(mean(errors));

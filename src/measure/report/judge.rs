@@ -9,7 +9,7 @@ use crate::measure::stats::{Spread, mean, pooled_psnr_db};
 use crate::measure::turns::{in_turns, least};
 use crate::metrics::{self, Comparison, MetricError};
 use crate::progress::Progress;
-use crate::truth::TruthFrame;
+use crate::truth::Truth;
 use rayon::prelude::*;
 use std::time::Instant;
 
@@ -100,11 +100,11 @@ pub fn rows(
     contenders: &[Contender],
     measured: &[Measurement],
     eyes: &[Eye],
-    truths: &[TruthFrame],
+    truths: &[Truth],
 ) -> Result<Vec<Row>, MetricError> {
     let judge = |found: &Measurement| -> Result<Judged, MetricError> {
         let pairs = found.pictures.iter().zip(truths);
-        pairs.map(|(p, t)| p.as_ref().map(|p| metrics::compare(&t.color, &p.color)).transpose()).collect()
+        pairs.map(|(p, t)| p.as_ref().map(|p| metrics::compare(&t.rgb(), &p.color)).transpose()).collect()
     };
     let judged: Vec<Judged> = measured.par_iter().map(judge).collect::<Result<_, _>>()?;
     let mut rows = Vec::new();
@@ -138,7 +138,7 @@ pub fn rows(
 struct View<'a> {
     eyes: &'a [Eye],
     set: EyeSet,
-    truths: &'a [TruthFrame],
+    truths: &'a [Truth],
     judged: &'a Judged,
     found: &'a Measurement,
 }
@@ -166,7 +166,7 @@ impl View<'_> {
         });
         let holes: Option<Vec<f64>> = self
             .counted()
-            .map(|(i, _)| self.found.pictures[i].as_ref()?.hole_fraction(&self.truths[i].surface_share))
+            .map(|(i, _)| self.found.pictures[i].as_ref()?.hole_fraction(&self.truths[i].frame.coverage))
             .collect();
         let to_baseline = self.counted().filter_map(|(i, _)| {
             let [mine, theirs] = [self.found, baseline].map(|m| m.pictures[i].as_ref().map(|p| &p.color));
@@ -206,7 +206,8 @@ impl View<'_> {
         let path: Vec<usize> = (0..self.eyes.len()).filter(|&i| self.eyes[i].place == Place::Path).collect();
         let error = |i: usize| -> Option<Vec<f64>> {
             let picture = self.found.pictures[i].as_ref()?;
-            let pairs = picture.color.as_raw().iter().zip(self.truths[i].color.as_raw());
+            let truth = self.truths[i].rgb();
+            let pairs = picture.color.as_raw().iter().zip(truth.as_raw());
             Some(pairs.map(|(a, b)| (f64::from(*a) - f64::from(*b)) / 255.0).collect())
         };
         let errors: Vec<Vec<f64>> = path.into_iter().map(error).collect::<Option<_>>()?;
@@ -219,6 +220,7 @@ impl View<'_> {
 mod tests {
     use super::*;
     use crate::capture::Camera;
+    use crate::frame::{Coverage, Frame};
     use crate::measure::plan::{Plan, Quality};
     use crate::measure::report::contender::{Draw, Role};
     use glam::DVec3;
@@ -251,12 +253,17 @@ mod tests {
     fn rows_say_what_the_pictures_say() {
         let quality = Quality { frame_px: [12, 9], ..Quality::QUICK };
         let plan = Plan::new(quality, DVec3::ZERO, 1.0, DVec3::NEG_Z, 5).expect("valid");
-        let truth = |_: &Eye| TruthFrame {
-            color: RgbImage::from_pixel(12, 9, Rgb([100; 3])),
+        let truth = |_: &Eye| Truth {
+            frame: Frame {
+                width: 12,
+                height: 9,
+                color: vec![[100, 100, 100, 255]; 108],
+                coverage: vec![Coverage::FULL; 108],
+                depth_m: Vec::new(),
+            },
             standard_error_psnr_db: 60.0,
-            surface_share: vec![1.0; 108],
         };
-        let truths: Vec<TruthFrame> = plan.eyes.iter().map(truth).collect();
+        let truths: Vec<Truth> = plan.eyes.iter().map(truth).collect();
         let mut contenders = [
             grey(110, EyeSet::All, vec![Role::baseline("a", "ten off"), Role::baseline("b", "the same")]),
             grey(102, EyeSet::All, vec![Role::other("a", "two off")]),

@@ -7,6 +7,7 @@
 //!
 //! [`plan`]: crate::measure::plan
 
+mod brief;
 pub mod captures;
 pub mod contender;
 mod field;

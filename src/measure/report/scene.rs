@@ -12,7 +12,7 @@ use crate::measure::stats::{mean, mse_of_psnr, pooled_psnr_db};
 use crate::measure::truths::Truths;
 use crate::packed::SegmentSide;
 use crate::progress::Progress;
-use crate::truth::TruthFrame;
+use crate::truth::Truth;
 use std::path::PathBuf;
 
 /// Measures one scene.
@@ -33,13 +33,13 @@ pub fn run(
     let truths = Truths::new(&subject.tracer, &subject.lighting, subject.lit, cache);
     let grown = grow(&truths, &contenders, &measured, plan, progress)?;
     let records: Vec<EyeRecord> = plan.eyes.iter().zip(&grown).map(|(eye, truth)| eye_record(eye, truth)).collect();
-    let (frames, _): (Vec<TruthFrame>, Vec<u32>) = grown.into_iter().unzip();
+    let (frames, _): (Vec<Truth>, Vec<u32>) = grown.into_iter().unzip();
     let rows = judge::rows(&subject.name, &contenders, &measured, &plan.eyes, &frames)?;
     let margin_db = margin_db(&rows, &plan.eyes, &records);
     Ok((SceneFacts { margin_db, rival, ..facts(subject, plan, &default, records) }, rows))
 }
 
-fn eye_record(eye: &Eye, (truth, truth_samples): &(TruthFrame, u32)) -> EyeRecord {
+fn eye_record(eye: &Eye, (truth, truth_samples): &(Truth, u32)) -> EyeRecord {
     EyeRecord {
         place: eye.place.name().into(),
         offset: eye.offset.to_array(),

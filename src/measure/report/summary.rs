@@ -1,5 +1,6 @@
 //! What the rows say, in sentences. Nothing in here is known but from the rows.
 
+use super::brief::brief;
 use super::figures::short;
 use super::rival::KernelAgainstRival;
 use super::row::{Report, Row, SceneFacts};
@@ -9,6 +10,8 @@ use std::fmt::Write;
 /// `summary.md`.
 pub fn summary(report: &Report) -> String {
     let mut text = String::from("# Speed against error\n\n");
+    text += &brief(report);
+    text += "\nThe details: ";
     text += &preamble(report);
     for facts in &report.scenes {
         let _ = write!(text, "\n## {}\n\n", short(&facts.scene));
@@ -85,24 +88,28 @@ fn choice(rows: &[&Row]) -> String {
     let front: Vec<&Row> = pareto_front(&at).into_iter().map(|i| rows[i]).collect();
     let names = front.iter().map(|row| format!("**{}** ({}, FLIP {:.3})", row.variant, ms(row.ms_median), row.flip));
     let mut text = format!("Nothing is both faster and more exact than {}.\n", list(names.collect()));
-    let drawn: Vec<&&Row> = rows.iter().filter(|row| !row.traces).collect();
-    if let Some(best) = drawn.iter().min_by(|a, b| a.flip.total_cmp(&b.flip)) {
-        let close = drawn.iter().filter(|row| row.flip <= best.flip * 1.1);
-        if let Some(fast) = close.min_by(|a, b| a.ms_median.total_cmp(&b.ms_median)) {
-            let _ = writeln!(
-                text,
-                "To look around, use **{}**: of all that does not trace rays for each frame, none within 10 % of the least \
-                 error is faster ({}, FLIP {:.3}, PSNR {:.1} dB, {}).",
-                fast.variant,
-                ms(fast.ms_median),
-                fast.flip,
-                fast.psnr_db,
-                bytes(fast.bytes),
-            );
-            text += &steadier(fast, &drawn);
-        }
+    if let Some(fast) = chosen(rows) {
+        let _ = writeln!(
+            text,
+            "To look around, use **{}**: of all that does not trace rays for each frame, none within 10 % of the least \
+             error is faster ({}, FLIP {:.3}, PSNR {:.1} dB, {}).",
+            fast.variant,
+            ms(fast.ms_median),
+            fast.flip,
+            fast.psnr_db,
+            bytes(fast.bytes),
+        );
+        let drawn: Vec<&&Row> = rows.iter().filter(|row| !row.traces).collect();
+        text += &steadier(fast, &drawn);
     }
     text
+}
+
+/// What to look around with: of the rows that do not trace and are within 10 % of the least error, the fastest.
+pub(super) fn chosen<'a>(rows: &[&'a Row]) -> Option<&'a Row> {
+    let drawn = || rows.iter().copied().filter(|row| !row.traces);
+    let least = drawn().map(|row| row.flip).min_by(f64::total_cmp)?;
+    drawn().filter(|row| row.flip <= least * 1.1).min_by(|a, b| a.ms_median.total_cmp(&b.ms_median))
 }
 
 /// What the steadiest of those that draw adds to the choice, if it is another.
@@ -300,7 +307,8 @@ pub(super) fn times(ratio: f64) -> String {
     }
 }
 
-fn ms(ms: f64) -> String {
+/// A number of milliseconds.
+pub(super) fn ms(ms: f64) -> String {
     if ms < 10.0 { format!("{ms:.2} ms") } else { format!("{ms:.0} ms") }
 }
 
@@ -310,7 +318,7 @@ pub(super) fn bytes(bytes: u64) -> String {
 }
 
 /// `a`, `a and b`, `a, b and c`.
-fn list(mut items: Vec<String>) -> String {
+pub(super) fn list(mut items: Vec<String>) -> String {
     match (items.pop(), items.is_empty()) {
         (Some(last), false) => format!("{} and {last}", items.join(", ")),
         (Some(last), true) => last,

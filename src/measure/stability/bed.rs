@@ -109,7 +109,7 @@ impl Room {
     /// What the camera really sees, without light as the capture is.
     pub(super) fn truth(&self, camera: &Camera) -> RgbImage {
         let lighting = Lighting::of_scene(&self.tracer, 0);
-        crate::truth::render(&self.tracer, &lighting, false, camera, 8, &Silent).color
+        crate::truth::render(&self.tracer, &lighting, false, camera, 8, &Silent).rgb()
     }
 }
 

@@ -14,7 +14,7 @@ use crate::capture::portal_model::PortalModel;
 use crate::capture::sampler::random4;
 use crate::capture::{Camera, CameraError, linear_from_srgb8};
 use crate::frame::{Coverage, Frame};
-use crate::portal::backdrop::Kind;
+use crate::portal::backdrop::BackdropKind;
 use crate::portal::house::{House, HouseError};
 use crate::portal::settings::{Near, WalkSettings};
 use crate::portal::store::Store;
@@ -62,7 +62,8 @@ pub(super) fn errors(
     progress: &dyn Progress,
 ) -> Result<Vec<ExposureRow>, MeasureError> {
     let house = false_colors(house)?;
-    let kinds: Vec<Kind> = settings.variants.iter().filter_map(|v| v.kind).filter(|kind| has_depth(*kind)).collect();
+    let kinds: Vec<BackdropKind> =
+        settings.variants.iter().filter_map(|v| v.kind).filter(|kind| has_depth(*kind)).collect();
     progress.begin("exposure errors", "kinds", kinds.len() as u64);
     let mut rows: Vec<ExposureRow> = Vec::new();
     for kind in kinds {
@@ -74,7 +75,12 @@ pub(super) fn errors(
     Ok(rows)
 }
 
-fn row(house: &House, cameras: &[Camera], settings: &MeasureSettings, kind: Kind) -> Result<ExposureRow, MeasureError> {
+fn row(
+    house: &House,
+    cameras: &[Camera],
+    settings: &MeasureSettings,
+    kind: BackdropKind,
+) -> Result<ExposureRow, MeasureError> {
     let store = Store::new(u64::MAX);
     let warp = RenderSettings { kernel: SplatKernel::Opaque, ..RenderSettings::default() };
     let drawn = WalkSettings { backdrops: Some(kind), warp, ..Variant::ALL[0].settings() };

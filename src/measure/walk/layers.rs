@@ -1,7 +1,7 @@
 //! How many samples lie in which layer (R-N2: 72/19/6/3 %, P-N1: 79/20/1 %).
 
 use crate::packed::PackedSegment;
-use crate::portal::backdrop::{Backdrop, Kind};
+use crate::portal::backdrop::{Backdrop, BackdropKind};
 use crate::portal::store::Store;
 use serde::{Deserialize, Serialize};
 
@@ -22,11 +22,17 @@ pub struct LayerRow {
 
 /// A row for each kind that has layers and is in the store.
 pub(super) fn layers(store: &Store) -> Vec<LayerRow> {
-    let kinds = [Kind::Ldi, Kind::LdiColorsApart, Kind::LdiAverage, Kind::WindowLdi, Kind::CellLdi];
+    let kinds = [
+        BackdropKind::Ldi,
+        BackdropKind::LdiColorsApart,
+        BackdropKind::LdiAverage,
+        BackdropKind::WindowLdi,
+        BackdropKind::CellLdi,
+    ];
     kinds.into_iter().filter_map(|kind| row(store, kind)).collect()
 }
 
-fn row(store: &Store, kind: Kind) -> Option<LayerRow> {
+fn row(store: &Store, kind: BackdropKind) -> Option<LayerRow> {
     let all = store.all();
     let of_kind = all.iter().filter(|((_, of), _)| *of == kind);
     let cubes: Vec<_> = of_kind

@@ -26,7 +26,7 @@ use crate::frame::Frame;
 use crate::measure::machine::{Machine, commit};
 use crate::measure::stats::{Spread, psnr_of_mse};
 use crate::measure::turns::in_turns;
-use crate::portal::backdrop::{Backdrop, BackdropError, Kind, Quality};
+use crate::portal::backdrop::{Backdrop, BackdropError, BackdropKind, BackdropQuality};
 use crate::portal::house::{House, HouseError};
 use crate::portal::settings::{WalkSettings, WalkStats};
 use crate::portal::store::Store;
@@ -48,7 +48,7 @@ pub struct MeasureSettings {
     /// The walk.
     pub path: WalkPath,
     /// How backdrops are captured.
-    pub quality: Quality,
+    pub quality: BackdropQuality,
     /// The ways to draw it, [`Variant::ALL`] or fewer; geometry is always measured.
     pub variants: Vec<Variant>,
     /// Frames of each pose and variant of which the fastest counts.
@@ -65,7 +65,7 @@ impl Default for MeasureSettings {
     fn default() -> Self {
         Self {
             path: WalkPath::default(),
-            quality: Quality::default(),
+            quality: BackdropQuality::default(),
             variants: Variant::ALL.to_vec(),
             repeats: 3,
             truth_every: 4,
@@ -285,7 +285,7 @@ impl Course {
         house: &House,
         store: &Store,
         camera: &Camera,
-        quality: &Quality,
+        quality: &BackdropQuality,
     ) -> Result<(), BackdropError> {
         let Some(kind) = self.settings.backdrops else { return Ok(()) };
         while let Some(at) = Walker::missing(house, store, camera, &self.settings).first().copied() {
@@ -318,7 +318,7 @@ fn errors_of_pose(
     camera: &Camera,
     truth_rays: u32,
 ) -> Vec<(&'static str, RgbImage)> {
-    let truth = truth::render(house.tracer(), house.lighting(), false, camera, truth_rays, &Silent).color;
+    let truth = truth::render(house.tracer(), house.lighting(), false, camera, truth_rays, &Silent).rgb();
     // Which pixels are behind portals is the same for all variants with backdrops; geometry is judged by these too.
     let mut behind: Vec<bool> = Vec::new();
     let mut frames = vec![("truth", truth.clone())];
@@ -411,6 +411,6 @@ impl Course {
 }
 
 /// The kinds that are layered depth images or made of depth images.
-fn has_depth(kind: Kind) -> bool {
-    !matches!(kind, Kind::Texture | Kind::Textures)
+fn has_depth(kind: BackdropKind) -> bool {
+    !matches!(kind, BackdropKind::Texture | BackdropKind::Textures)
 }

@@ -6,7 +6,7 @@ use super::{MeasureError, share};
 use crate::capture::Camera;
 use crate::measure::turns::in_turns;
 use crate::packed::{PackedCube, PackedSegment};
-use crate::portal::backdrop::{Backdrop, Kind};
+use crate::portal::backdrop::{Backdrop, BackdropKind};
 use crate::portal::house::House;
 use crate::portal::settings::{Division, WalkSettings};
 use crate::portal::store::Store;
@@ -42,15 +42,17 @@ pub struct ThreadRow {
     pub speedup: f64,
 }
 
-/// Gains for one kind of layered depth image among the variants, [`Kind::WindowLdi`] if it is one of them; none without.
+/// Gains for one kind of layered depth image among the variants, [`BackdropKind::WindowLdi`] if it is one of them; none without.
 pub(super) fn gains(
     house: &House,
     store: &Store,
     cameras: &[Camera],
     variants: &[Variant],
 ) -> Result<Vec<ThreadRow>, MeasureError> {
-    let has = |kind: &Kind| variants.iter().any(|variant| variant.kind == Some(*kind));
-    let Some(kind) = [Kind::WindowLdi, Kind::Ldi, Kind::CellLdi].into_iter().find(has) else { return Ok(Vec::new()) };
+    let has = |kind: &BackdropKind| variants.iter().any(|variant| variant.kind == Some(*kind));
+    let Some(kind) = [BackdropKind::WindowLdi, BackdropKind::Ldi, BackdropKind::CellLdi].into_iter().find(has) else {
+        return Ok(Vec::new());
+    };
     let settings = WalkSettings { backdrops: Some(kind), ..WalkSettings::default() };
     let cameras: Vec<Camera> = cameras.iter().step_by(cameras.len().div_ceil(POSES).max(1)).copied().collect();
     let threads = rayon::current_num_threads();

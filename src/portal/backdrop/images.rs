@@ -3,7 +3,7 @@
 //! An image is what the six faces of a cube about its place see through the opening: a ray through the centre of each such
 //! pixel. One image is an LDI of one layer; more are merged into the cube about the first, whose rays are that cube's own.
 
-use super::Quality;
+use super::BackdropQuality;
 use super::gather::{Batch, CubeJob};
 use crate::capture::rig::Face;
 use crate::ldi::merge::MergeRule;
@@ -18,7 +18,7 @@ pub(super) fn ldi(
     opening: &Opening,
     places: &[DVec3],
     rule: MergeRule,
-    quality: &Quality,
+    quality: &BackdropQuality,
 ) -> Result<PackedCube, PackError> {
     let face_px = quality.face_px;
     let job = CubeJob { house, centre: places[0], face_px, rule, mends: false };

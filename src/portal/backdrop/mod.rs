@@ -32,7 +32,7 @@ use serde::{Deserialize, Serialize};
 /// Ways to show what is behind a portal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Kind {
+pub enum BackdropKind {
     /// One texture on the portal's plane, as seen from straight in front (R2a).
     Texture,
     /// Textures from a semicircle, the nearest to the eye shown (R2b).
@@ -57,7 +57,7 @@ pub enum Kind {
     Sprite,
 }
 
-impl Kind {
+impl BackdropKind {
     /// All kinds with the names under which the command line knows them.
     pub const ALL: [(&'static str, Self); 10] = [
         ("texture", Self::Texture),
@@ -100,12 +100,12 @@ impl Kind {
 
 /// How finely backdrops are captured.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Quality {
+pub struct BackdropQuality {
     /// Pixels a side of the faces of cubes, and of the images: 90 degrees.
     pub face_px: u32,
-    /// The same for [`Kind::WindowLdi`], which sees a wider field than an image: about half of a sphere.
+    /// The same for [`BackdropKind::WindowLdi`], which sees a wider field than an image: about half of a sphere.
     pub window_face_px: u32,
-    /// Distance of the centre of [`Kind::WindowLdi`] in front of the portal's middle, metres. On the portal itself half of the
+    /// Distance of the centre of [`BackdropKind::WindowLdi`] in front of the portal's middle, metres. On the portal itself half of the
     /// samples lie beside what anyone farther away sees; an eye's distance away it would be an image's.
     pub window_back_m: f64,
     /// Images on a semicircle are twice this and one more (n = 6 in the papers).
@@ -124,7 +124,7 @@ pub struct Quality {
     pub seed: u64,
 }
 
-impl Default for Quality {
+impl Default for BackdropQuality {
     fn default() -> Self {
         Self {
             face_px: 512,
@@ -201,7 +201,7 @@ impl PortalSide {
     }
 }
 
-impl Quality {
+impl BackdropQuality {
     /// Checks that a capture with these numbers makes sense.
     ///
     /// # Errors
@@ -226,7 +226,12 @@ impl Backdrop {
     ///
     /// # Errors
     /// See [`BackdropError`].
-    pub fn capture(house: &House, at: PortalSide, kind: Kind, quality: &Quality) -> Result<Self, BackdropError> {
+    pub fn capture(
+        house: &House,
+        at: PortalSide,
+        kind: BackdropKind,
+        quality: &BackdropQuality,
+    ) -> Result<Self, BackdropError> {
         quality.validate()?;
         let no_portal = || BackdropError::NoPortal(at.portal);
         let opening = at.opening(house).ok_or_else(no_portal)?;
@@ -241,16 +246,18 @@ impl Backdrop {
         };
         let window = || cube(opening.centre + opening.normal * quality.window_back_m, quality.window_face_px);
         Ok(match kind {
-            Kind::Texture => Self::Textures(TextureSet::capture(house, &opening, &places[..1], quality)),
-            Kind::Textures => Self::Textures(TextureSet::capture(house, &opening, &places, quality)),
-            Kind::Image => Self::Cubes(vec![one(&places[..1])?]),
-            Kind::TwoImages => {
+            BackdropKind::Texture => Self::Textures(TextureSet::capture(house, &opening, &places[..1], quality)),
+            BackdropKind::Textures => Self::Textures(TextureSet::capture(house, &opening, &places, quality)),
+            BackdropKind::Image => Self::Cubes(vec![one(&places[..1])?]),
+            BackdropKind::TwoImages => {
                 Self::Cubes(places.iter().map(|place| one(std::slice::from_ref(place))).collect::<Result<_, _>>()?)
             }
-            Kind::Ldi | Kind::LdiColorsApart | Kind::LdiAverage => Self::Cubes(vec![one(&places)?]),
-            Kind::WindowLdi => window()?,
-            Kind::CellLdi => cube(house.middle_of(looking).unwrap_or(places[0]), quality.face_px)?,
-            Kind::Sprite => {
+            BackdropKind::Ldi | BackdropKind::LdiColorsApart | BackdropKind::LdiAverage => {
+                Self::Cubes(vec![one(&places)?])
+            }
+            BackdropKind::WindowLdi => window()?,
+            BackdropKind::CellLdi => cube(house.middle_of(looking).unwrap_or(places[0]), quality.face_px)?,
+            BackdropKind::Sprite => {
                 let sprite = PortalSprite::capture(house, &opening, quality);
                 match sprite.map_err(|source| BackdropError::Sprite { portal: at.portal, source })? {
                     Some(sprite) => Self::Sprite(Box::new(sprite)),

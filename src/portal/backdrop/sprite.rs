@@ -1,6 +1,6 @@
 //! A sprite with depth behind a portal, where what lies behind is smooth enough for one (S1, S5; R2).
 
-use super::Quality;
+use super::BackdropQuality;
 use crate::capture::trace::Ray;
 use crate::capture::{Camera, DepthKind, srgb8_from_linear};
 use crate::frame::{Coverage, Frame};
@@ -71,7 +71,11 @@ impl PortalSprite {
 
     /// Captures what shows through an opening from straight in front; `None` if it is not smooth, or so deep that a picture on
     /// a plane is a poor stand-in.
-    pub(super) fn capture(house: &House, opening: &Opening, quality: &Quality) -> Result<Option<Self>, SpriteError> {
+    pub(super) fn capture(
+        house: &House,
+        opening: &Opening,
+        quality: &BackdropQuality,
+    ) -> Result<Option<Self>, SpriteError> {
         let place = opening.centre + opening.normal * (opening.half.max_element() * PLACE);
         // As fine in the middle as a texture is.
         let Some(camera) = camera(opening, place, 2 * quality.texture_px) else { return Ok(None) };

@@ -1,6 +1,6 @@
 //! Portal textures: what the portal's plane shows from a place in front of it (R2).
 
-use super::Quality;
+use super::BackdropQuality;
 use crate::capture::trace::Ray;
 use crate::capture::{Camera, srgb8_from_linear};
 use crate::frame::{Coverage, Frame};
@@ -26,7 +26,7 @@ pub struct TextureSet {
 }
 
 impl TextureSet {
-    pub(super) fn capture(house: &House, opening: &Opening, places: &[DVec3], quality: &Quality) -> Self {
+    pub(super) fn capture(house: &House, opening: &Opening, places: &[DVec3], quality: &BackdropQuality) -> Self {
         let scale = f64::from(quality.texture_px) / opening.half.max_element();
         let size = [opening.half.x, opening.half.y].map(|half| ((half * scale).round() as u32).max(1));
         let origin = house.tracer().origin();

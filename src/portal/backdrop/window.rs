@@ -3,7 +3,7 @@
 //! Every ray from one cell to the next crosses the portal: nothing else needs to be modelled. The ray domain is the opening's
 //! bounding rectangle, cut into 4-D strata (S15); rays that start outside the polygon are not traced.
 
-use super::Quality;
+use super::BackdropQuality;
 use super::gather::CubeJob;
 use crate::capture::sampler::{DirectionCell, RayDomain, Sampling, Strata};
 use crate::capture::trace::{PACKET, RayPacket};
@@ -19,7 +19,7 @@ pub(super) fn ldi(
     opening: &Opening,
     centre: DVec3,
     face_px: u32,
-    quality: &Quality,
+    quality: &BackdropQuality,
 ) -> Result<PackedCube, PackError> {
     let origin = house.tracer().origin();
     let domain = RayDomain {

@@ -2,7 +2,7 @@
 //!
 //! One code for every SIMD level, without fused multiply-adds and approximate reciprocals, so that all give the same bits.
 
-use crate::render::linear::LinearLight;
+use super::Rim;
 use fearless_simd::{Level, Simd, SimdCvtTruncate, dispatch, f32x16, prelude::*, u32x16};
 use std::ops::Range;
 
@@ -11,6 +11,9 @@ pub(super) const LANES: usize = 16;
 
 /// Where alpha lies in four bytes as they lie in memory.
 const ALPHA_SHIFT: u32 = u32::from_ne_bytes([0, 0, 0, 1]).trailing_zeros();
+
+/// Below this alpha, a texel is not there: a canvas gives whatever is there a twentieth of its pixel.
+const MIN_ALPHA: u32 = 8;
 
 /// A row of a picture.
 pub(super) struct Span<'a> {
@@ -26,14 +29,24 @@ pub(super) struct Span<'a> {
     pub(super) step: [f32; 4],
 }
 
-/// Draws a span on a row of colours (whose alpha is the covered share) and inverse depths, which are longer than the frame is
-/// wide by [`LANES`].
-pub(super) fn draw(span: &Span, colors: &mut [u32], depths: &mut [f32], light: &LinearLight, level: Level) {
-    dispatch!(level, simd => draw_span(simd, span, colors, depths, light));
+/// A row of a frame. Colours and inverse depths are longer than the frame is wide by [`LANES`].
+pub(super) struct Row<'a> {
+    /// Straight colours of what hides its pixel wholly; 0 where nothing does.
+    pub(super) colors: &'a mut [u32],
+    pub(super) depths: &'a mut [f32],
+    /// Which row it is, counted from the band's first.
+    pub(super) index: u32,
+    /// Takes what covers its pixel in part.
+    pub(super) rims: &'a mut Vec<Rim>,
+}
+
+/// Draws a span on a row.
+pub(super) fn draw(span: &Span, row: &mut Row, level: Level) {
+    dispatch!(level, simd => draw_span(simd, span, row));
 }
 
 #[inline(always)]
-fn draw_span<S: Simd>(simd: S, span: &Span, colors: &mut [u32], depths: &mut [f32], light: &LinearLight) {
+fn draw_span<S: Simd>(simd: S, span: &Span, to: &mut Row) {
     let lane = f32x16::load_array(simd, LANE_NUMBERS);
     let zero = f32x16::splat(simd, 0.0);
     let (right, lower) = (f32x16::splat(simd, span.width as f32 - 1.0), f32x16::splat(simd, span.height as f32 - 1.0));
@@ -44,16 +57,16 @@ fn draw_span<S: Simd>(simd: S, span: &Span, colors: &mut [u32], depths: &mut [f3
     let mut at = 0;
     while at < count {
         let chunk = first + at..first + at + LANES;
-        let (Some(colors), Some(depths)) = (colors.get_mut(chunk.clone()), depths.get_mut(chunk)) else { return };
+        let (Some(colors), Some(depths)) = (to.colors.get_mut(chunk.clone()), to.depths.get_mut(chunk.clone())) else {
+            return;
+        };
         let k = lane + at as f32;
         let inside = k.simd_lt(f32x16::splat(simd, count as f32));
         at += LANES;
         let q = k * span.step[3] + span.start[3];
         let old = f32x16::from_slice(simd, depths);
-        let old_colors = u32x16::from_slice(simd, colors);
         let in_front = q.simd_gt(old) & inside;
-        let open = (old_colors >> ALPHA_SHIFT).simd_lt(u32x16::splat(simd, 255)) & inside;
-        if !(in_front | open).any_true() {
+        if !in_front.any_true() {
             continue;
         }
         let w = f32x16::splat(simd, 1.0) / (k * span.step[2] + span.start[2]);
@@ -69,17 +82,21 @@ fn draw_span<S: Simd>(simd: S, span: &Span, colors: &mut [u32], depths: &mut [f3
         let even = mix_two(simd, upper[0], lower_[0], lower_share);
         let odd = mix_two(simd, upper[1], lower_[1], lower_share);
         let color = even | (odd << 8);
-        let whole = (color >> ALPHA_SHIFT).simd_eq(u32x16::splat(simd, 255));
+        let alpha = color >> ALPHA_SHIFT;
+        let whole = alpha.simd_eq(u32x16::splat(simd, 255));
         let shown = in_front & whole;
-        shown.select(color, old_colors).store_slice(colors);
+        shown.select(color, u32x16::from_slice(simd, colors)).store_slice(colors);
         shown.select(q, old).store_slice(depths);
-        let mut others = (in_front & !whole | open & !in_front).to_bitmask();
-        if others != 0 && !(span.opaque && others & in_front.to_bitmask() == others && (open & !in_front).any_false()) {
+        if span.opaque {
+            continue;
+        }
+        let mut partial = (in_front & !whole & alpha.simd_ge(u32x16::splat(simd, MIN_ALPHA))).to_bitmask();
+        if partial != 0 {
             let (color, q) = (color.to_array(), q.to_array());
-            while others != 0 {
-                let i = others.trailing_zeros() as usize;
-                others &= others - 1;
-                blend(&mut colors[i], &mut depths[i], color[i], q[i], light);
+            while partial != 0 {
+                let i = partial.trailing_zeros() as usize;
+                partial &= partial - 1;
+                to.rims.push(Rim::new([(chunk.start + i) as u32, to.index], color[i], q[i]));
             }
         }
     }
@@ -125,23 +142,13 @@ fn mix_two<S: Simd>(simd: S, a: u32x16<S>, b: u32x16<S>, share: u32x16<S>) -> u3
     ((a * rest + b * share + 0x0080_0080) >> 8) & TWO
 }
 
-/// A pixel that one of two surfaces covers only in part. `new` is a mean of texels: colour times alpha.
-#[cold]
-#[inline(never)]
-fn blend(color: &mut u32, depth: &mut f32, new: u32, q: f32, light: &LinearLight) {
-    let (there, [r, g, b, alpha]) = (color.to_ne_bytes(), new.to_ne_bytes());
-    if alpha == 0 {
-        return;
-    }
-    let straight = |c: u8| ((u32::from(c) * 255 + u32::from(alpha / 2)) / u32::from(alpha)).min(255) as u8;
-    let new = [straight(r), straight(g), straight(b), alpha];
-    if there[3] == 0 {
-        (*color, *depth) = (u32::from_ne_bytes(new), q);
-    } else if q > *depth {
-        *color = u32::from_ne_bytes(light.over(new, there));
-        *depth = if new[3] >= 128 || there[3] < 255 { q } else { *depth };
-    } else {
-        *color = u32::from_ne_bytes(light.over(there, new));
-        *depth = if there[3] >= 128 { *depth } else { q };
+impl Rim {
+    /// Of a mean of texels: colour times alpha, and alpha, which is not 0.
+    #[cold]
+    #[inline(never)]
+    fn new(pixel: [u32; 2], color: u32, inverse_depth: f32) -> Self {
+        let [r, g, b, alpha] = color.to_ne_bytes();
+        let straight = |c: u8| ((u32::from(c) * 255 + u32::from(alpha / 2)) / u32::from(alpha.max(1))).min(255) as u8;
+        Self { pixel, color: [straight(r), straight(g), straight(b), alpha], inverse_depth }
     }
 }

@@ -9,10 +9,9 @@ mod plan;
 
 pub(crate) use plan::PlanesInView;
 
-use super::linear::LinearLight;
 use crate::packed::PlaneSet;
 use fearless_simd::Level;
-use kernel::Span;
+use kernel::{Row, Span};
 use plan::TileInView;
 use std::ops::Range;
 
@@ -22,22 +21,35 @@ pub(crate) const NOWHERE: f32 = -1.0;
 /// What planes show in some rows of a frame.
 #[derive(Default)]
 pub(crate) struct PlaneCanvas {
-    /// Straight colour, and the share of 255 that planes cover; 0 for nothing.
-    pub(crate) colors: Vec<[u8; 4]>,
-    /// 1 / eye depth, 1/m, of the nearest, and [`NOWHERE`].
-    pub(crate) inverse_depth: Vec<f32>,
+    /// Straight colour where a plane hides its pixel wholly, and 255; 0 for nothing.
+    colors: Vec<[u8; 4]>,
+    /// 1 / eye depth, 1/m, of what hides its pixel wholly, and [`NOWHERE`].
+    inverse_depth: Vec<f32>,
+    rims: Vec<Rim>,
     width: usize,
     first_row: usize,
 }
 
+/// A pixel that a plane covers in part. What lies behind may be samples, which come later, so that it is blended last.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Rim {
+    /// Column, and row counted from the canvas's first.
+    pub(crate) pixel: [u32; 2],
+    /// Straight colour, and the share of 255 that it covers.
+    pub(crate) color: [u8; 4],
+    /// 1 / eye depth, 1/m.
+    pub(crate) inverse_depth: f32,
+}
+
 /// Columns that a row has at its end for whole registers.
-pub(crate) const MARGIN: usize = kernel::LANES;
+const MARGIN: usize = kernel::LANES;
 
 impl PlaneCanvas {
     /// Nothing is there.
     pub(crate) fn clear(&mut self) {
         self.colors.clear();
         self.inverse_depth.clear();
+        self.rims.clear();
     }
 
     /// True if nothing was drawn.
@@ -45,7 +57,7 @@ impl PlaneCanvas {
         self.colors.is_empty()
     }
 
-    /// 1 / eye depth, 1/m, of what covers the pixel in a column and row of the frame; `None` outside.
+    /// 1 / eye depth, 1/m, of what hides the pixel in a column and row of the frame; `None` outside.
     pub(crate) fn inverse_depth_at(&self, x: usize, y: usize) -> Option<f32> {
         let at = y.checked_sub(self.first_row)? * (self.width + MARGIN) + x;
         self.inverse_depth.get(at).copied().filter(|_| x < self.width)
@@ -55,39 +67,40 @@ impl PlaneCanvas {
     pub(crate) fn draw(&mut self, set: &PlaneSet, view: &PlanesInView, width: u32, rows: Range<u32>, level: Level) {
         (self.width, self.first_row) = (width as usize, rows.start as usize);
         let stride = self.width + MARGIN;
-        self.colors.clear();
+        self.clear();
         self.colors.resize(stride * rows.len(), [0; 4]);
-        self.inverse_depth.clear();
         self.inverse_depth.resize(stride * rows.len(), NOWHERE);
         for tile in &view.tiles {
             let (first, end) = (tile.rows.start.max(rows.start), tile.rows.end.min(rows.end));
             for y in first..end {
-                let start = (y - rows.start) as usize * stride;
-                let to = start..start + stride;
-                self.draw_row(set, view, tile, y, to, level);
+                self.draw_row(set, view, tile, y, y - rows.start, level);
             }
         }
+        let (depths, at) = (&self.inverse_depth, |[column, row]: [u32; 2]| row as usize * stride + column as usize);
+        self.rims.retain(|rim| depths.get(at(rim.pixel)).is_some_and(|depth| rim.inverse_depth > *depth));
+        // Nearest tiles came first.
+        self.rims.reverse();
     }
 
-    fn draw_row(
-        &mut self,
-        set: &PlaneSet,
-        view: &PlanesInView,
-        tile: &TileInView,
-        y: u32,
-        to: Range<usize>,
-        level: Level,
-    ) {
+    fn draw_row(&mut self, set: &PlaneSet, view: &PlanesInView, tile: &TileInView, y: u32, index: u32, level: Level) {
         let Some((columns, start, step)) = tile.span(y, &view.frame) else { return };
         let texels = set.texels_at(tile.index as usize, tile.level);
         let span = Span { texels, width: tile.width, height: tile.height, opaque: tile.opaque, columns, start, step };
+        let stride = self.width + MARGIN;
+        let to = index as usize * stride..(index as usize + 1) * stride;
         let (colors, depths) = (&mut self.colors[to.clone()], &mut self.inverse_depth[to]);
-        kernel::draw(&span, bytemuck::cast_slice_mut(colors), depths, LinearLight::tables(), level);
+        let mut row = Row { colors: bytemuck::cast_slice_mut(colors), depths, index, rims: &mut self.rims };
+        kernel::draw(&span, &mut row, level);
     }
 
-    /// Colours and inverse depths of a row, counted from the first.
+    /// Colours and inverse depths of a row, counted from the first, of what hides its pixel wholly.
     pub(crate) fn row(&self, row: usize) -> (&[[u8; 4]], &[f32]) {
         let start = row * (self.width + MARGIN);
         (&self.colors[start..start + self.width], &self.inverse_depth[start..start + self.width])
+    }
+
+    /// What covers its pixel in part, and is not hidden by planes; of a pixel, mostly far ones first.
+    pub(crate) fn rims(&self) -> &[Rim] {
+        &self.rims
     }
 }

@@ -12,6 +12,10 @@ const W_NEAR: f64 = 1.0 / 1024.0;
 /// By how much of a texel a picture is drawn beyond its border, so that rounding leaves no gap between neighbours.
 const OVERLAP: f64 = 1e-3;
 
+/// Frame pixels that a texel has at least, before the picture is softened (0.62 pixels a side), and before the softened one gives
+/// way to one of half the size (0.44).
+const LEAST_AREA_PX: [f64; 2] = [0.385, 0.19];
+
 /// All pictures in view, nearest first.
 #[derive(Default)]
 pub(crate) struct PlanesInView {
@@ -41,7 +45,7 @@ struct PlaneInView {
 
 /// A picture in view.
 pub(super) struct TileInView {
-    /// How often its size is halved.
+    /// See [`mips`].
     pub(super) level: usize,
     /// Texels at that size.
     pub(super) width: u32,
@@ -104,15 +108,15 @@ impl PlaneInView {
         Self { frame_from_face, face_from_frame, inverse_depth: DVec3::new(along_x, along_y, q) }
     }
 
-    /// By how many halvings a texel at a place on the face becomes about as large as a frame pixel, by area.
+    /// The level ([`mips`]) at which a texel at a place on the face is about as large as a frame pixel, by area.
     fn level(&self, at: DVec3) -> usize {
         let h = self.frame_from_face * at;
         let (x, y) = (self.frame_from_face.x_axis, self.frame_from_face.y_axis);
         let [xx, xy, yx, yy] =
             [x.x - x.z * h.x / h.z, x.y - x.z * h.y / h.z, y.x - y.z * h.x / h.z, y.y - y.z * h.y / h.z];
         let area_px = (xx * yy - xy * yx).abs() / (h.z * h.z);
-        // Halved as soon as a texel is smaller than 0.7 pixels wide.
-        (0..mips::LEVELS).take_while(|level| area_px * f64::from(1 << (2 * level)) < 0.5).count()
+        let at_level = |level: usize| area_px * f64::from(1 << (2 * mips::halvings(level)));
+        (0..mips::LEVELS).take_while(|level| at_level(*level) < LEAST_AREA_PX[level % 2]).count()
     }
 
     fn tile(&self, tile: &PlaneTile, index: u32, set: &PlaneSet, frame: &FrameSize) -> Option<TileInView> {
@@ -148,7 +152,7 @@ impl PlaneInView {
         let q = u * self.inverse_depth.x + v * self.inverse_depth.y + w * self.inverse_depth.z;
         set.texels.get(tile.texel_range()).filter(|_| tile.width.min(tile.height) > 1)?;
         let level = if in_front { self.level(DVec3::new((x0 + x1) / 2.0, (y0 + y1) / 2.0, 1.0)) } else { 0 };
-        let scale = 1.0 / f64::from(1 << level);
+        let scale = 1.0 / f64::from(1 << mips::halvings(level));
         Some(TileInView {
             level,
             width: mips::side(tile.width, level) as u32,

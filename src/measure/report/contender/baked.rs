@@ -91,11 +91,7 @@ impl BakedLight {
         let [stream, ..] = random4([cell.0, cell.1, cell.2, 0x0bae]);
         let count = self.light_samples;
         let sample = |index| {
-            Vec3::from_array(self.lighting.radiosity_per_albedo(
-                &self.tracer,
-                &point,
-                &LightSample { stream, index, count },
-            ))
+            Vec3::from_array(self.lighting.radiosity_per_albedo(&self.tracer, &point, &LightSample { stream, index }))
         };
         (0..count).map(sample).sum::<Vec3>() / count as f32
     }

@@ -19,7 +19,7 @@ pub use traced::{CubeMapDraw, PathTraced};
 pub use warp_only::{WarpArithmetic, WarpOnly};
 
 use crate::capture::Camera;
-use crate::frame::Frame;
+use crate::frame::{Coverage, Frame};
 use crate::measure::plan::EyeSet;
 use image::RgbImage;
 use rayon::ThreadPool;
@@ -37,7 +37,7 @@ pub enum Shown {
 }
 
 /// A frame as it is judged.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Picture {
     /// Its colours.
     pub color: RgbImage,
@@ -64,15 +64,15 @@ impl Picture {
         Self { shown: shown.collect(), color: RgbImage::from_fn(frame.width, frame.height, pixel) }
     }
 
-    /// Share of pixels that show nothing, or the environment where truth shows geometry alone. `surface_share`: of truth,
-    /// per pixel. `None` if the renderer does not tell.
-    pub fn hole_fraction(&self, surface_share: &[f32]) -> Option<f64> {
-        let is_hole = |(shown, share): &(&Shown, &f32)| match shown {
+    /// Share of pixels that show nothing, or the environment where truth shows geometry alone. `truth`: its coverages.
+    /// `None` if the renderer does not tell.
+    pub fn hole_fraction(&self, truth: &[Coverage]) -> Option<f64> {
+        let is_hole = |(shown, truth): &(&Shown, &Coverage)| match shown {
             Shown::Surface => false,
-            Shown::Environment => **share >= 1.0,
+            Shown::Environment => **truth == Coverage::FULL,
             Shown::Nothing => true,
         };
-        let holes = self.shown.iter().zip(surface_share).filter(is_hole).count();
+        let holes = self.shown.iter().zip(truth).filter(is_hole).count();
         (!self.shown.is_empty()).then(|| holes as f64 / self.shown.len() as f64)
     }
 }
@@ -146,7 +146,10 @@ mod tests {
         let color = RgbImage::new(2, 2);
         let shown = vec![Shown::Surface, Shown::Environment, Shown::Environment, Shown::Nothing];
         let picture = Picture { color: color.clone(), shown };
-        assert_eq!(picture.hole_fraction(&[1.0, 1.0, 0.99, 0.0]), Some(0.5));
-        assert_eq!(Picture { color, shown: vec![] }.hole_fraction(&[1.0; 4]), None);
+        assert_eq!(
+            picture.hole_fraction(&[Coverage::FULL, Coverage::FULL, Coverage::of_splats(254), Coverage::ENVIRONMENT]),
+            Some(0.5)
+        );
+        assert_eq!(Picture { color, shown: vec![] }.hole_fraction(&[Coverage::FULL; 4]), None);
     }
 }

@@ -1,12 +1,12 @@
 //! What traces rays for every frame, and the cube map.
 
-use super::{Draw, Picture, Shown};
+use super::{Draw, Picture};
 use crate::capture::Camera;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
 use crate::measure::cube_map::CubeMap;
 use crate::progress::Silent;
-use crate::truth::{self, TruthFrame};
+use crate::truth::{self, Truth};
 use image::RgbImage;
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ pub struct PathTraced {
     lighting: Lighting,
     lit: bool,
     samples: u32,
-    last: Option<(Camera, TruthFrame)>,
+    last: Option<(Camera, Truth)>,
 }
 
 impl PathTraced {
@@ -28,17 +28,15 @@ impl PathTraced {
 
 impl Draw for PathTraced {
     fn draw(&mut self, camera: &Camera) {
-        let frame = truth::render(&self.tracer, &self.lighting, self.lit, camera, self.samples, &Silent);
-        self.last = Some((*camera, frame));
+        let truth = truth::render(&self.tracer, &self.lighting, self.lit, camera, self.samples, &Silent);
+        self.last = Some((*camera, truth));
     }
 
     fn picture(&mut self, camera: &Camera) -> Picture {
         if self.last.as_ref().is_none_or(|(drawn, _)| drawn != camera) {
             self.draw(camera);
         }
-        let (color, share) = self.last.take().map(|(_, f)| (f.color, f.surface_share)).unwrap_or_default();
-        let shown = |share: &f32| if *share > 0.0 { Shown::Surface } else { Shown::Environment };
-        Picture { color, shown: share.iter().map(shown).collect() }
+        self.last.take().map(|(_, truth)| Picture::of_frame(&truth.frame)).unwrap_or_default()
     }
 }
 

@@ -5,9 +5,14 @@
 //! estimation for the sun and for emissive triangles; the sky (and the next bounce) by one cosine-weighted ray; Russian
 //! roulette beyond three bounces.
 
+mod arrival;
+mod sequence;
+
+pub use arrival::Arrival;
+
 use crate::sampler::{cosine_direction, disk_from_square, random4, unit_float};
 use crate::scene::{Scene, Sky, Sun};
-use crate::trace::{Hit, Ray, Tracer};
+use crate::trace::{Hit, PACKET, Ray, RayPacket, Tracer};
 use crate::viewpoint;
 use glam::{Quat, Vec3};
 use std::sync::Arc;
@@ -89,12 +94,10 @@ impl LitPoint {
 /// Names one light sample: its numbers depend on nothing else.
 #[derive(Clone, Copy, Debug)]
 pub struct LightSample {
-    /// Stream: which point (a hash of face, pixel and layer, or of a ray).
+    /// Stream: samples of one stream are spread evenly together.
     pub stream: u32,
-    /// Number of the sample.
+    /// Number of the sample in its stream: 2^k samples that follow each other from a multiple of 2^k on are spread evenly.
     pub index: u32,
-    /// How many samples this point takes: they are spread evenly over the hemisphere.
-    pub count: u32,
 }
 
 /// What one bounce of one sample may add, in exposed units (1 is white). Where a path ends close to a small lamp, the
@@ -102,8 +105,21 @@ pub struct LightSample {
 /// Capture and truth are cut alike.
 const BRIGHTEST_BOUNCE: f32 = 4.0;
 
+/// A light sample under way.
+struct Path {
+    /// The vertex at which it is.
+    point: LitPoint,
+    throughput: Vec3,
+    /// What it found so far.
+    sum: Vec3,
+}
+
 /// Decisions at each point of a path: sun, emitter, direction, survival.
 const DECISIONS: u32 = 4;
+
+/// Dimension of a single number beside the pair of the same decision, and of the position in the pixel.
+const SINGLE: u32 = 1 << 30;
+const JITTER: u32 = 1 << 31;
 
 /// 2^32 / g, / g^2, / g^3, / g^4 with g^5 = g + 1: steps of the R4 sequence; integer overflow is the wrap to [0, 1).
 const R4_STEPS: [u32; 4] = [0xdb4f_0b91, 0xbbe0_5633, 0xa0f2_ec77, 0x89e1_8285];
@@ -116,22 +132,21 @@ pub fn pixel_jitter(x: u32, y: u32, index: u32) -> [f32; 2] {
 }
 
 impl LightSample {
-    /// Two numbers in [0, 1) for decision `dimension` of the path. At the lit point itself they are dimensions 3 and 4
-    /// of the R4 sequence (Roberts 2018) over the sample's index, shifted at random per stream (Cranley and Patterson);
-    /// dimensions 1 and 2 are the camera's ([`pixel_jitter`]). Further along the path they are independent: a second
-    /// use of the same sequence would tie decisions together that must be free.
+    /// Two numbers in [0, 1) for decision `dimension` of the path, evenly spread over the samples of the stream
+    /// ([`sequence`]) and independent of all other decisions.
     fn pair(&self, dimension: u32) -> [f32; 2] {
-        if dimension >= DECISIONS {
-            let random = random4([self.stream, dimension, self.index, self.count]);
-            return [unit_float(random[0]), unit_float(random[1])];
-        }
-        let random = random4([self.stream, dimension, 0x9e37_79b9, 0x7f4a_7c15]);
-        [0, 1].map(|i| unit_float(random[i].wrapping_add(R4_STEPS[2 + i].wrapping_mul(self.index))))
+        let [order, first, second, _] = random4([self.stream, dimension, 0x9e37_79b9, 0x7f4a_7c15]);
+        sequence::point(self.index, [order, first, second]).map(unit_float)
     }
 
-    /// One random number, independent of everything else.
+    /// One number in [0, 1), as [`Self::pair`] gives two, and independent of those.
     fn single(&self, dimension: u32) -> f32 {
-        unit_float(random4([self.stream, dimension, self.index, self.count])[2])
+        self.pair(dimension + SINGLE)[0]
+    }
+
+    /// A position in the sample's pixel, [0, 1) each way, independent of all decisions of the path.
+    pub fn jitter(&self) -> [f32; 2] {
+        self.pair(JITTER)
     }
 }
 
@@ -175,7 +190,7 @@ impl Lighting {
         let light = |(i, p): (usize, &PilotPoint)| {
             let mut sum = 0.0;
             for index in 0..SAMPLES {
-                let sample = LightSample { stream: i as u32, index, count: SAMPLES };
+                let sample = LightSample { stream: i as u32, index };
                 let radiosity = self.radiosity_per_albedo(tracer, &p.point, &sample);
                 sum += luminance([0, 1, 2].map(|c| radiosity[c] * p.albedo[c] + p.emission[c]));
             }
@@ -200,65 +215,96 @@ impl Lighting {
         self.sun.map_or(Vec3::ZERO, |sun| sun_light(&sun, tracer, point, sample.pair(0)))
     }
 
+    /// As [`Self::sun_radiosity`] of each request, to the bit: rays of neighbours are nearly parallel and travel in packets.
+    pub fn sun_radiosities(&self, tracer: &Tracer, requests: &[(LitPoint, LightSample)]) -> Vec<Vec3> {
+        let mut light = vec![Vec3::ZERO; requests.len()];
+        let Some(sun) = &self.sun else { return light };
+        let ray = |(i, (point, sample)): (usize, &(LitPoint, LightSample))| {
+            sun_ray(sun, point, sample.pair(0)).map(|(ray, brings)| (i, ray, brings))
+        };
+        let rays: Vec<(usize, Ray, Vec3)> = requests.iter().enumerate().filter_map(ray).collect();
+        for rays in rays.chunks(PACKET) {
+            let mut packet = RayPacket::EMPTY;
+            rays.iter().enumerate().for_each(|(lane, (_, ray, _))| packet.set(lane, ray));
+            let blocked = tracer.occluded_packet(&packet);
+            for (lane, &(i, _, brings)) in rays.iter().enumerate() {
+                light[i] = if blocked >> lane & 1 == 0 { brings } else { Vec3::ZERO };
+            }
+        }
+        light
+    }
+
     /// The rest of [`Self::radiosity_per_albedo`]: sky, emissive triangles, bounces.
     pub fn soft_radiosity(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> Vec3 {
-        let mut sum = Vec3::ZERO;
-        let mut throughput = Vec3::ONE;
-        let mut point = *point;
-        for bounce in 0..=self.bounces {
-            let dimension = bounce * DECISIONS;
-            let mut direct = Vec3::ZERO;
-            if bounce > 0
-                && let Some(sun) = &self.sun
-            {
-                direct += sun_light(sun, tracer, &point, sample.pair(dimension));
+        let mut path = Path { point: *point, throughput: Vec3::ONE, sum: Vec3::ZERO };
+        self.follow(tracer, &mut path, 0, sample);
+        path.sum
+    }
+
+    /// Follows a path from its vertex number `bounce` on.
+    fn follow(&self, tracer: &Tracer, path: &mut Path, bounce: u32, sample: &LightSample) {
+        for bounce in bounce..=self.bounces {
+            if self.vertex(tracer, path, bounce, sample).is_none() {
+                return;
             }
-            if !self.emitters.is_empty() {
-                direct += self.emitter_light(tracer, &point, sample, dimension);
-            }
-            let brightest = if bounce > 0 { BRIGHTEST_BOUNCE / self.exposure } else { f32::INFINITY };
-            sum += (throughput * direct).min(Vec3::splat(brightest));
-            let [u, v] = sample.pair(dimension + 2);
-            let local = Vec3::from_array(cosine_direction(u, v));
-            let direction = Quat::from_rotation_arc(Vec3::Z, point.shading_normal) * local;
-            if direction.dot(point.normal) <= 0.0 {
-                break; // below the true surface: a shading normal that leans too far
-            }
-            let origin = point.lifted();
-            let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
-            let last = bounce == self.bounces;
-            let hit = if last && self.fill.radiance == 0.0 {
-                // Of what the last ray meets, nothing matters but whether it is there.
-                if self.sky.is_none() || tracer.occluded(&ray) {
-                    break;
-                }
-                None
-            } else {
-                tracer.closest(&ray)
-            };
-            let Some(hit) = hit else {
-                sum += throughput * (Vec3::from_array(self.miss_radiance(direction)) + self.fill.radiance);
-                break;
-            };
-            if self.fill.radiance > 0.0 {
-                let open = (hit.t / self.fill.reach_m).min(1.0);
-                sum += throughput * (self.fill.radiance * open * open);
-            }
-            if last {
-                break;
-            }
-            let (next, surface) = LitPoint::from_hit(tracer, &ray, &hit);
-            throughput *= Vec3::from_array(surface.albedo);
-            if bounce >= ROULETTE_BOUNCES {
-                let survive = throughput.max_element().min(0.95);
-                if sample.single(dimension + 3) >= survive {
-                    break;
-                }
-                throughput /= survive;
-            }
-            point = next;
         }
-        sum
+    }
+
+    /// Adds what a path finds at its vertex number `bounce`, and moves it on to the next. How long the way there was; `None`
+    /// if the path ends.
+    fn vertex(&self, tracer: &Tracer, path: &mut Path, bounce: u32, sample: &LightSample) -> Option<f32> {
+        let dimension = bounce * DECISIONS;
+        let point = &path.point;
+        let mut direct = Vec3::ZERO;
+        if bounce > 0
+            && let Some(sun) = &self.sun
+        {
+            direct += sun_light(sun, tracer, point, sample.pair(dimension));
+        }
+        if !self.emitters.is_empty() {
+            direct += self.emitter_light(tracer, point, sample, dimension);
+        }
+        let brightest = if bounce > 0 { BRIGHTEST_BOUNCE / self.exposure } else { f32::INFINITY };
+        path.sum += (path.throughput * direct).min(Vec3::splat(brightest));
+        let [u, v] = sample.pair(dimension + 2);
+        let local = Vec3::from_array(cosine_direction(u, v));
+        let direction = Quat::from_rotation_arc(Vec3::Z, point.shading_normal) * local;
+        if direction.dot(point.normal) <= 0.0 {
+            return None; // below the true surface: a shading normal that leans too far
+        }
+        let ray = Ray { origin: point.lifted(), direction, t_min: 0.0, t_max: f32::INFINITY };
+        let last = bounce == self.bounces;
+        let hit = if last && self.fill.radiance == 0.0 {
+            // Of what the last ray meets, nothing matters but whether it is there.
+            if self.sky.is_none() || tracer.occluded(&ray) {
+                return None;
+            }
+            None
+        } else {
+            tracer.closest(&ray)
+        };
+        let Some(hit) = hit else {
+            path.sum += path.throughput * (Vec3::from_array(self.miss_radiance(direction)) + self.fill.radiance);
+            return None;
+        };
+        if self.fill.radiance > 0.0 {
+            let open = (hit.t / self.fill.reach_m).min(1.0);
+            path.sum += path.throughput * (self.fill.radiance * open * open);
+        }
+        if last {
+            return None;
+        }
+        let (next, surface) = LitPoint::from_hit(tracer, &ray, &hit);
+        path.point = next;
+        path.throughput *= Vec3::from_array(surface.albedo);
+        if bounce >= ROULETTE_BOUNCES {
+            let survive = path.throughput.max_element().min(0.95);
+            if sample.single(dimension + 3) >= survive {
+                return None;
+            }
+            path.throughput /= survive;
+        }
+        Some(hit.t)
     }
 
     fn emitter_light(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample, dimension: u32) -> Vec3 {
@@ -291,22 +337,25 @@ impl Lighting {
     }
 }
 
-fn sun_light(sun: &Sun, tracer: &Tracer, point: &LitPoint, [u, v]: [f32; 2]) -> Vec3 {
+fn sun_light(sun: &Sun, tracer: &Tracer, point: &LitPoint, square: [f32; 2]) -> Vec3 {
+    sun_ray(sun, point, square).filter(|(ray, _)| !tracer.occluded(ray)).map_or(Vec3::ZERO, |(_, light)| light)
+}
+
+/// The ray from a point toward the sun, and what it brings if nothing is in its way.
+fn sun_ray(sun: &Sun, point: &LitPoint, [u, v]: [f32; 2]) -> Option<(Ray, Vec3)> {
     let [x, y] = disk_from_square(u, v);
     let spread = sun.angular_radius_rad;
     let to_sun = Quat::from_rotation_arc(Vec3::Z, sun.direction) * Vec3::new(x * spread, y * spread, 1.0);
     let cos = to_sun.dot(point.shading_normal);
     if cos <= 0.0 || to_sun.dot(point.normal) <= 0.0 {
-        return Vec3::ZERO;
+        return None;
     }
     let ray = Ray { origin: point.lifted(), direction: to_sun, t_min: 0.0, t_max: f32::INFINITY };
-    if tracer.occluded(&ray) {
-        return Vec3::ZERO;
-    }
-    Vec3::from_array(sun.irradiance) * (cos / std::f32::consts::PI)
+    Some((ray, Vec3::from_array(sun.irradiance) * (cos / std::f32::consts::PI)))
 }
 
 /// Rec. 709 luminance of linear RGB.
+#[inline]
 pub fn luminance([r, g, b]: [f32; 3]) -> f32 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
@@ -413,4 +462,69 @@ fn percentile(values: &mut [f32], share: f64) -> f32 {
     }
     let at = ((values.len() - 1) as f64 * share) as usize;
     *values.select_nth_unstable_by(at, f32::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Material;
+    use crate::scene::Triangle;
+    use glam::{DVec3, dvec3};
+
+    /// Random triangles, some of them lamps, under sun and sky.
+    fn tracer() -> Tracer {
+        let material = |emission: f32| Material { emission: [emission; 3], ..Material::default() };
+        let mut scene = Scene {
+            materials: vec![material(0.0), material(5.0)],
+            sun: Some(Sun::default()),
+            sky: Some(Sky::default()),
+            ..Scene::default()
+        };
+        for i in 0..300 {
+            let random = |k: u32| random4([i, k, 7, 7]).map(|r| f64::from(unit_float(r)) - 0.5);
+            let ([x, y, z, _], [a, b, c, d]) = (random(0), random(1));
+            let (corner, first) = (dvec3(x, y, z) * 6.0, scene.positions.len() as u32);
+            scene.positions.extend([corner, corner + dvec3(a, b, c), corner + dvec3(d, a, b)]);
+            let vertices = [first, first + 1, first + 2];
+            scene.triangles.push(Triangle { vertices, material: u32::from(i % 20 == 0) });
+        }
+        Tracer::new(Arc::new(scene), DVec3::ZERO)
+    }
+
+    fn requests(tracer: &Tracer) -> Vec<(LitPoint, LightSample)> {
+        let ray = |i: u32| {
+            let direction = Vec3::from_array([0, 1, 2].map(|k| unit_float(random4([i, k, 1, 1])[0]) - 0.5));
+            Ray { origin: Vec3::ZERO, direction, t_min: 0.0, t_max: f32::INFINITY }
+        };
+        let hit = |ray: Ray| tracer.closest(&ray).map(|hit| LitPoint::from_hit(tracer, &ray, &hit).0);
+        let points = (0..1000).filter_map(|i| hit(ray(i)));
+        points.zip(0..).map(|(point, index)| (point, LightSample { stream: 7, index })).collect()
+    }
+
+    #[test]
+    fn a_sample_is_the_sum_of_its_parts() {
+        let tracer = tracer();
+        for bounces in [0, 1, 5] {
+            let lighting = Lighting::of_scene(&tracer, bounces);
+            let mut arrived = 0;
+            for (point, sample) in requests(&tracer) {
+                let whole = lighting.soft_radiosity(&tracer, &point, &sample);
+                let (before, arrival) = lighting.before(&tracer, &point, &sample);
+                let beyond = arrival.map_or(Vec3::ZERO, |a| a.albedo * lighting.beyond(&tracer, &a, &sample));
+                arrived += u32::from(arrival.is_some());
+                assert!((before + beyond - whole).length() <= 1e-5 * whole.length(), "{before} + {beyond}: {whole}");
+            }
+            assert_eq!(arrived > 0, bounces > 0);
+        }
+    }
+
+    #[test]
+    fn packets_see_the_sun_that_single_rays_see() {
+        let tracer = tracer();
+        let (lighting, requests) = (Lighting::of_scene(&tracer, 0), requests(&tracer));
+        let light = lighting.sun_radiosities(&tracer, &requests);
+        let single = |(point, sample): &(LitPoint, LightSample)| lighting.sun_radiosity(&tracer, point, sample);
+        assert_eq!(light, requests.iter().map(single).collect::<Vec<_>>());
+        assert!(light.contains(&Vec3::ZERO) && light.iter().any(|l| *l != Vec3::ZERO));
+    }
 }

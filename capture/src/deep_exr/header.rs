@@ -1,0 +1,209 @@
+//! The header of a file with one deep scanline part, and values as they are stored.
+
+use super::compress::DeepCompression;
+use super::{DeepChannel, DeepImage, DeepKind, Wrong, wrong};
+use exr::prelude::f16;
+
+const MAGIC: u32 = 20_000_630;
+
+/// Version 2, and the flags of names beyond 31 bytes, of deep data and of several parts.
+const VERSION: u32 = 2;
+const LONG_NAMES: u32 = 0x400;
+const DEEP: u32 = 0x800;
+const PARTS: u32 = 0x1000;
+
+/// The type of the one kind of part that is read.
+const DEEP_SCANLINE: &str = "deepscanline";
+
+/// Rows and columns at most, and pixels.
+const MAX_SIDE: i64 = 1 << 20;
+const MAX_PIXELS: i64 = 1 << 28;
+
+pub(super) struct Header {
+    pub(super) compression: DeepCompression,
+    pub(super) size_px: [u32; 2],
+    pub(super) origin_px: [i32; 2],
+    pub(super) stored_px: [u32; 2],
+    pub(super) channels: Vec<(String, DeepKind)>,
+    /// The byte after it.
+    pub(super) end: usize,
+}
+
+/// Reads numbers off bytes; says which field ended too early.
+pub(super) struct Cursor<'a> {
+    pub(super) bytes: &'a [u8],
+    pub(super) at: usize,
+}
+
+impl<'a> Cursor<'a> {
+    pub(super) fn take(&mut self, count: u64, field: &str) -> Result<&'a [u8], Wrong> {
+        let end = usize::try_from(count).ok().and_then(|count| self.at.checked_add(count));
+        let taken = end.and_then(|end| Some((end, self.bytes.get(self.at..end)?)));
+        let (end, taken) = taken.ok_or_else(|| wrong(field, "the file ends before it, or points beyond its end"))?;
+        self.at = end;
+        Ok(taken)
+    }
+
+    fn array<const N: usize>(&mut self, field: &str) -> Result<[u8; N], Wrong> {
+        let mut array = [0; N];
+        array.copy_from_slice(self.take(N as u64, field)?);
+        Ok(array)
+    }
+
+    pub(super) fn u64(&mut self, field: &str) -> Result<u64, Wrong> {
+        Ok(u64::from_le_bytes(self.array(field)?))
+    }
+
+    pub(super) fn i32(&mut self, field: &str) -> Result<i32, Wrong> {
+        Ok(i32::from_le_bytes(self.array(field)?))
+    }
+
+    fn text(&mut self, field: &str) -> Result<String, Wrong> {
+        let rest = self.bytes.get(self.at..).unwrap_or_default();
+        let length = rest.iter().take(256).position(|&byte| byte == 0);
+        let length = length.ok_or_else(|| wrong(field, "has a name without an end"))?;
+        self.at += length + 1;
+        Ok(String::from_utf8_lossy(&rest[..length]).into_owned())
+    }
+}
+
+impl Header {
+    pub(super) fn read(bytes: &[u8]) -> Result<Self, Wrong> {
+        let mut cursor = Cursor { bytes, at: 0 };
+        let [magic, version] = [cursor.i32("the first bytes")? as u32, cursor.i32("the version")? as u32];
+        if magic != MAGIC {
+            return Err(wrong("the first bytes", "are not those of OpenEXR"));
+        }
+        if version & 0xff != VERSION || version & PARTS != 0 || version & DEEP == 0 {
+            return Err(wrong("the version", format!("{version:#x} is not that of one deep part")));
+        }
+        let (mut kind, mut compression, mut windows, mut channels) = (None, None, [None; 2], None);
+        loop {
+            let name = cursor.text("the header")?;
+            if name.is_empty() {
+                break;
+            }
+            cursor.text(&name)?;
+            let length = cursor.i32(&name)?;
+            let value =
+                cursor.take(u64::try_from(length).map_err(|_| wrong(&name, "has a negative length"))?, &name)?;
+            match name.as_str() {
+                "type" => kind = Some(String::from_utf8_lossy(value).into_owned()),
+                "compression" => compression = value.first().copied(),
+                "displayWindow" => windows[0] = Some(window(value, &name)?),
+                "dataWindow" => windows[1] = Some(window(value, &name)?),
+                "channels" => channels = Some(channel_list(value)?),
+                _ => {}
+            }
+        }
+        if kind.as_deref() != Some(DEEP_SCANLINE) {
+            return Err(wrong(
+                "type",
+                format!("{} is not read, only {DEEP_SCANLINE}", kind.as_deref().unwrap_or("missing")),
+            ));
+        }
+        let missing = |name: &str| wrong(name, "is missing");
+        let code = compression.ok_or_else(|| missing("compression"))?;
+        let compression = DeepCompression::from_code(code)
+            .ok_or_else(|| wrong("compression", format!("{code} is none that deep data may have")))?;
+        let [(_, size_px), (origin_px, stored_px)] =
+            [windows[0].ok_or_else(|| missing("displayWindow"))?, windows[1].ok_or_else(|| missing("dataWindow"))?];
+        let channels = channels.ok_or_else(|| missing("channels"))?;
+        Ok(Self { compression, size_px, origin_px, stored_px, channels, end: cursor.at })
+    }
+}
+
+/// Corner and size of a window.
+fn window(value: &[u8], field: &str) -> Result<([i32; 2], [u32; 2]), Wrong> {
+    let mut cursor = Cursor { bytes: value, at: 0 };
+    let mut number = || cursor.i32(field);
+    let [left, top, right, bottom] = [number()?, number()?, number()?, number()?];
+    let [width, height] = [(left, right), (top, bottom)].map(|(low, high)| i64::from(high) - i64::from(low) + 1);
+    if !(1..=MAX_SIDE).contains(&width) || !(1..=MAX_SIDE).contains(&height) || width * height > MAX_PIXELS {
+        return Err(wrong(field, format!("is {width}x{height} pixels")));
+    }
+    Ok(([left, top], [width as u32, height as u32]))
+}
+
+fn channel_list(value: &[u8]) -> Result<Vec<(String, DeepKind)>, Wrong> {
+    let mut cursor = Cursor { bytes: value, at: 0 };
+    let mut channels = Vec::new();
+    loop {
+        let name = cursor.text("channels")?;
+        if name.is_empty() {
+            return if channels.is_empty() { Err(wrong("channels", "there are none")) } else { Ok(channels) };
+        }
+        let field = format!("channel \"{name}\"");
+        let kind = match cursor.i32(&field)? {
+            0 => DeepKind::Uint,
+            1 => DeepKind::Half,
+            2 => DeepKind::Float,
+            other => return Err(wrong(&field, format!("has an unknown type {other}"))),
+        };
+        cursor.take(4, &field)?; // linear or not, and padding
+        if [cursor.i32(&field)?, cursor.i32(&field)?] != [1, 1] {
+            return Err(wrong(&field, "is subsampled"));
+        }
+        channels.push((name, kind));
+    }
+}
+
+/// Everything up to the table of scanlines.
+pub(super) fn written(image: &DeepImage, channels: &[&DeepChannel], compression: DeepCompression) -> Vec<u8> {
+    let long = if channels.iter().any(|channel| channel.name.len() > 31) { LONG_NAMES } else { 0 };
+    let mut out = Vec::new();
+    out.extend(MAGIC.to_le_bytes());
+    out.extend((VERSION | DEEP | long).to_le_bytes());
+    let mut attribute = |name: &str, kind: &str, value: &[u8]| {
+        for text in [name, kind] {
+            out.extend(text.as_bytes());
+            out.push(0);
+        }
+        out.extend((value.len() as u32).to_le_bytes());
+        out.extend(value);
+    };
+    let mut list = Vec::new();
+    for channel in channels {
+        list.extend(channel.name.as_bytes());
+        list.push(0);
+        let kind = channel.kind as u32;
+        [kind, 0, 1, 1].into_iter().for_each(|number| list.extend(number.to_le_bytes()));
+    }
+    list.push(0);
+    let window = |[left, top]: [i32; 2], [width, height]: [u32; 2]| {
+        let corners = [left, top, left + width as i32 - 1, top + height as i32 - 1];
+        corners.into_iter().flat_map(i32::to_le_bytes).collect::<Vec<u8>>()
+    };
+    attribute("channels", "chlist", &list);
+    attribute("chunkCount", "int", &image.stored_px[1].to_le_bytes());
+    attribute("compression", "compression", &[compression.code()]);
+    attribute("dataWindow", "box2i", &window(image.origin_px, image.stored_px));
+    attribute("displayWindow", "box2i", &window([0, 0], image.size_px));
+    attribute("lineOrder", "lineOrder", &[0]);
+    attribute("pixelAspectRatio", "float", &1f32.to_le_bytes());
+    attribute("screenWindowCenter", "v2f", &[0; 8]);
+    attribute("screenWindowWidth", "float", &1f32.to_le_bytes());
+    attribute("type", "string", DEEP_SCANLINE.as_bytes());
+    attribute("version", "int", &1u32.to_le_bytes());
+    out.push(0);
+    out
+}
+
+pub(super) fn put_values(kind: DeepKind, values: &[f32], out: &mut Vec<u8>) {
+    for &value in values {
+        match kind {
+            DeepKind::Uint => out.extend((value as u32).to_le_bytes()),
+            DeepKind::Half => out.extend(f16::from_f32(value).to_le_bytes()),
+            DeepKind::Float => out.extend(value.to_le_bytes()),
+        }
+    }
+}
+
+pub(super) fn take_values(kind: DeepKind, bytes: &[u8], values: &mut Vec<f32>) {
+    let four = |b: &[u8]| [b[0], b[1], b[2], b[3]];
+    match kind {
+        DeepKind::Uint => values.extend(bytes.chunks_exact(4).map(|b| u32::from_le_bytes(four(b)) as f32)),
+        DeepKind::Half => values.extend(bytes.chunks_exact(2).map(|b| f16::from_le_bytes([b[0], b[1]]).to_f32())),
+        DeepKind::Float => values.extend(bytes.chunks_exact(4).map(|b| f32::from_le_bytes(four(b)))),
+    }
+}

@@ -1,0 +1,119 @@
+//! Rooms of which depth and colours are known, taken by cameras that are known.
+
+use super::evidence::Evidence;
+use super::exposure;
+use super::photometric::Problem;
+use super::{Lens, LoadedView, Pinhole, Pose};
+use crate::images::Distortion;
+use glam::{DMat3, DVec2, DVec3, dvec3};
+
+const SIZE: [u32; 2] = [160, 120];
+const HALF: DVec3 = dvec3(2.0, 1.4, 2.5);
+
+fn lens(focal: f64) -> Lens {
+    let distortion = Distortion::default();
+    Lens::Pinhole(Pinhole { focal_px: [focal; 2], principal_px: [80.0, 60.0], distortion })
+}
+
+/// Where a ray leaves the room, as a multiple of its direction.
+fn wall(eye: DVec3, ray: DVec3) -> f64 {
+    let along = |i: usize| (HALF[i] * ray[i].signum() - eye[i]) / ray[i];
+    (0..3).filter(|&i| ray[i] != 0.0).map(along).fold(f64::INFINITY, f64::min)
+}
+
+/// Light and dark with some ten pixels' period, different in each channel.
+fn texture(p: DVec3) -> [f64; 3] {
+    let wave = |k: DVec3, phase: f64| (p.dot(k) + phase).sin() * 24.0;
+    [0.0, 1.0, 2.0].map(|c| {
+        128.0
+            + wave(dvec3(9.0, 5.0, 7.0), c)
+            + wave(dvec3(-4.0, 11.0, 3.0), 2.0 * c)
+            + wave(dvec3(2.0, -3.0, 5.0), 0.5 * c)
+    })
+}
+
+/// A view whose depth is seen by one camera and whose colours by another.
+fn view(depth: (Lens, Pose), color: (Lens, Pose), gain: f64) -> Evidence {
+    let pixels = || (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| [f64::from(x) + 0.5, f64::from(y) + 0.5]));
+    let ray = |(lens, pose): (Lens, Pose), at: [f64; 2]| pose.world_from_eye * lens.ray(at, SIZE);
+    let color_at = |at: [f64; 2]| {
+        let ray = ray(color, at);
+        let levels = texture(color.1.eye + ray * wall(color.1.eye, ray)).map(|level| (level * gain + 0.5) as u8);
+        [levels[0], levels[1], levels[2], 255]
+    };
+    let depths = pixels().map(|at| wall(depth.1.eye, ray(depth, at)) as f32).collect();
+    let color = pixels().map(color_at).collect();
+    Evidence::of(&LoadedView { size_px: SIZE, lens: depth.0, pose: depth.1, color, depth: depths })
+}
+
+/// Turned about all axes, and moved far enough: what all views share would else be free along the way that they turn.
+fn pose(i: usize) -> Pose {
+    let i = i as f64;
+    let turn = DMat3::from_rotation_y(0.06 * i) * DMat3::from_rotation_x(0.2 * (i * 0.9).sin());
+    let eye = dvec3(0.06 * i, 0.3 * (i * 0.7).sin(), 0.3 * (i * 0.5).cos());
+    Pose { eye, world_from_eye: turn * DMat3::from_rotation_z(0.3 * (i * 1.3).sin()) }
+}
+
+/// What `pose` becomes by a turn and a step of the camera.
+fn beside(pose: Pose, turn: DVec3, step: DVec3) -> Pose {
+    let turned = DMat3::from_axis_angle(turn.normalize(), turn.length());
+    Pose { eye: pose.to_world(step), world_from_eye: pose.world_from_eye * turned }
+}
+
+#[test]
+fn another_lens_another_moment_and_another_exposure_are_found() {
+    let own = |i: usize| dvec3((i as f64 * 1.7).sin(), (i as f64 * 2.3).cos(), (i as f64 * 0.7).sin()) * 0.004;
+    let gains: Vec<f64> = (0..14).map(|i| 1.0 + 0.01 * (f64::from(i) - 6.5)).collect();
+    let truth: Vec<Pose> =
+        (0..14).map(|i| beside(pose(i), dvec3(0.003, -0.004, 0.002) + own(i), dvec3(0.025, 0.0, 0.0))).collect();
+    let views = (0..14).map(|i| view((lens(146.0), pose(i)), (lens(130.0), truth[i]), gains[i])).collect();
+    let problem = Problem::new(views, lens(146.0)).expect("pairs");
+    let given = problem.as_given();
+    let one = problem.one_for_all(&given);
+    let each = problem.each_view(&one);
+    let levels = [&given, &one, &each].map(|state| problem.unseen_levels(state));
+    assert!(levels[1] < levels[0] * 0.6 && levels[2] < levels[1] * 0.6, "{levels:?}");
+    let found_gains = exposure::estimate(&problem, &each);
+    let found = problem.registrations(&each, &found_gains);
+    assert!((found[0].lens.focal_px[0] / 130.0 - 1.0).abs() < 0.01, "{:?}", found[0].lens);
+    // Turns, steps and the lens's centre make up for one another: what counts is where points are seen. That all colours lie a
+    // little aside on the walls hardly shows in their differences; that each does otherwise would.
+    let mut off = Vec::new();
+    for (found, truth) in found.iter().zip(&truth) {
+        for at in [[20.0, 20.0], [80.0, 60.0], [140.0, 30.0], [60.0, 100.0]] {
+            let ray = truth.world_from_eye * lens(130.0).ray(at, SIZE);
+            let eye = found.pose.to_eye(truth.eye + ray * wall(truth.eye, ray));
+            let seen = found.lens.distortion.apply(DVec2::new(eye.x / -eye.z, eye.y / eye.z)) * found.lens.focal_px[0];
+            off.push(DVec2::from_array(found.lens.principal_px) + seen - DVec2::from_array(at));
+        }
+    }
+    let common = off.iter().sum::<DVec2>() / off.len() as f64;
+    let own = off.iter().map(|off| off.distance(common)).sum::<f64>() / off.len() as f64;
+    assert!(common.length() < 1.5 && own < 0.5, "{common} px, {own} px");
+    for (found, gain) in found_gains.iter().zip(&gains) {
+        for found in found {
+            assert!((f64::from(*found) / gain - 1.0).abs() < 0.015, "{found_gains:?}");
+        }
+    }
+}
+
+#[test]
+fn what_is_registered_stays_as_it_is() {
+    let views = (0..10).map(|i| view((lens(146.0), pose(i)), (lens(146.0), pose(i)), 1.0)).collect();
+    let problem = Problem::new(views, lens(146.0)).expect("pairs");
+    let given = problem.as_given();
+    let one = problem.one_for_all(&given);
+    let each = problem.each_view(&one);
+    let levels = [&given, &one, &each].map(|state| problem.unseen_levels(state));
+    assert!(!super::is_better(levels[1], levels[0]) && !super::is_better(levels[2], levels[0]), "{levels:?}");
+    assert!(problem.moved(&each)[0] < 0.1, "{:?}", problem.moved(&each));
+    assert!(exposure::estimate(&problem, &given).iter().flatten().all(|&gain| gain == 1.0));
+}
+
+#[test]
+fn views_without_overlap_prove_nothing() {
+    let back = Pose { world_from_eye: DMat3::from_rotation_y(3.0), ..pose(0) };
+    let views = [pose(0), back].map(|pose| view((lens(146.0), pose), (lens(146.0), pose), 1.0));
+    let problem = Problem::new(views.into(), lens(146.0)).expect("pinholes");
+    assert!(problem.pairs().is_empty());
+}

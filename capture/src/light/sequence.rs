@@ -1,0 +1,72 @@
+//! The (0, 2)-sequence of Sobol in base 2, scrambled as Owen does: of any 2^k points that follow each other from a multiple of 2^k
+//! on, each of the boxes into which the unit square is cut by halving holds one.
+//!
+//! Scrambling is by a hash of the bits above each bit (Burley 2020, "Practical Hash-based Owen Scrambling"; the hash is Laine
+//! and Karras's of 2011). A second use of the sequence for another decision takes the points in another order, which is scrambled
+//! likewise, so that blocks of 2^k points stay together and decisions have nothing to do with each other.
+
+/// Point `index` of the sequence that `seeds` name: the order of the points, the scrambling of the two coordinates. In
+/// units of 2^-32.
+#[inline]
+pub(super) fn point(index: u32, [order, first, second]: [u32; 3]) -> [u32; 2] {
+    let index = scrambled(index.reverse_bits(), order).reverse_bits();
+    // The reversed bits of the first Sobol coordinate are those of the index, of the second these.
+    [scrambled(index, first), scrambled(pascal(index), second)].map(u32::reverse_bits)
+}
+
+/// Bit i of the result is the sum, modulo 2, of the bits j of `index` of which i has no one that j lacks: Pascal's triangle modulo 2.
+#[inline]
+fn pascal(mut index: u32) -> u32 {
+    index ^= index >> 1 & 0x5555_5555;
+    index ^= index >> 2 & 0x3333_3333;
+    index ^= index >> 4 & 0x0f0f_0f0f;
+    index ^= index >> 8 & 0x00ff_00ff;
+    index ^ index >> 16
+}
+
+/// A permutation of the numbers that decides each bit by those below it (Laine and Karras 2011, with the constants of Vegdahl
+/// 2021).
+#[inline]
+fn scrambled(mut x: u32, seed: u32) -> u32 {
+    x ^= x.wrapping_mul(0x3d20_adea);
+    x = x.wrapping_add(seed);
+    x = x.wrapping_mul(seed >> 16 | 1);
+    x ^= x.wrapping_mul(0x0552_6c56);
+    x ^ x.wrapping_mul(0x53a2_2864)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sampler::random4;
+
+    #[test]
+    fn every_box_holds_one_point() {
+        const BITS: u32 = 8;
+        let [order, first, second, _] = random4([1, 2, 3, 4]);
+        for block in [0u32, 3, 1 << 20] {
+            for across in 0..=BITS {
+                let mut seen = [false; 1 << BITS];
+                for i in 0..1 << BITS {
+                    let [x, y] = point((block << BITS) + i, [order, first, second]);
+                    let (column, row) = (u64::from(x) >> (32 - across), u64::from(y) >> (32 - BITS + across));
+                    let cell = column << (BITS - across) | row;
+                    assert!(!std::mem::replace(&mut seen[cell as usize], true), "two points in box {cell}, {across}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn decisions_have_nothing_to_do_with_each_other() {
+        const COUNT: u32 = 1 << 14;
+        let at = |i: u32, seed: u32| {
+            let [order, first, second, _] = random4([seed, 0, 0, 0]);
+            point(i, [order, first, second]).map(|c| f64::from(c) / 4_294_967_296.0 - 0.5)
+        };
+        for (one, other) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            let product: f64 = (0..COUNT).map(|i| at(i, 1)[one] * at(i, 2)[other]).sum::<f64>() / f64::from(COUNT);
+            assert!(product.abs() < 4.0 / 12.0 / f64::from(COUNT).sqrt(), "correlated: {product}");
+        }
+    }
+}

@@ -1,0 +1,140 @@
+//! The capture looks at itself: frames from all over the headbox are held against rays, and where they show less than the
+//! rays find, the rays are kept.
+//!
+//! Random rays find the last few samples of a wall late, and what few of them can reach later still; each sample that is missing
+//! is a speck in every frame that looks there. Which are missing frames know best: a round draws some with the
+//! renderer that users have, and a ray through the middle of each pixel says what should be there. Where it is not, the ray's
+//! hit becomes a sample like any other. The rounds end when what is lacking in frames from new
+//! places, with its standard error, is less than was asked for.
+//!
+//! A round is a pure function of the accumulators and the seed, and adds to them sums of integers. So whatever threads, budgets
+//! and shards the random rays came from, the same rays are aimed.
+
+mod look;
+
+use crate::capture::light::Lighting;
+use crate::capture::trace::Tracer;
+use crate::ldi::accumulate::DepthBins;
+use crate::ldi::build::{self, Router, Tracing};
+use crate::ldi::job::CaptureJob;
+use crate::ldi::parameters::{Resources, Sampler};
+use crate::ldi::store::InsertScratch;
+use crate::ldi::{CubeLdi, Holes};
+use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::progress::{Progress, check_cancelled};
+use crate::render::Renderer;
+use look::{Findings, Look, VIEW_PX, View};
+use rayon::prelude::*;
+use std::io;
+use std::time::{Duration, Instant};
+
+/// Frames of a round from new places: what they lack is the round's figure.
+const FRESH_VIEWS: u32 = 64;
+
+/// Frames of a round from near the places of the last round's frames that lacked most.
+const NEAR_VIEWS: u32 = 64;
+
+/// More rounds than this are not made.
+const MAX_ROUNDS: u32 = 12;
+
+/// Pixels of the frames of a round.
+pub fn pixels_of_a_round(job: &CaptureJob) -> f64 {
+    f64::from(FRESH_VIEWS + NEAR_VIEWS) * f64::from(VIEW_PX.min(job.face_size_px)).powi(2)
+}
+
+/// Traces a job, looks for holes, lights and merges: all of a capture. Also the time that tracing took.
+///
+/// # Errors
+/// If spilling fails, or the capture was given up.
+pub fn capture(
+    job: &CaptureJob,
+    tracer: &Tracer,
+    lighting: &Lighting,
+    resources: &Resources,
+    progress: &dyn Progress,
+) -> io::Result<(CubeLdi, Duration)> {
+    let start = Instant::now();
+    let mut tracing = build::trace(tracer, &job.settings(resources, (0, 1)), progress)?;
+    let trace_time = start.elapsed();
+    close(job, &mut tracing, tracer, lighting, progress)?;
+    Ok((job.finish(&tracing, tracer, lighting, resources, progress)?, trace_time))
+}
+
+/// Aims rays at what frames of all the rays so far lack, and keeps the figure in `tracing`.
+///
+/// # Errors
+/// If accumulators cannot be read, or the capture was given up.
+pub fn close(
+    job: &CaptureJob,
+    tracing: &mut Tracing,
+    tracer: &Tracer,
+    lighting: &Lighting,
+    progress: &dyn Progress,
+) -> io::Result<()> {
+    let limit = job.parameters.holes;
+    if limit >= 1.0 || job.parameters.sampler == Sampler::CentreRays {
+        return Ok(());
+    }
+    let (mut share_before, mut worst) = (None, Vec::new());
+    for round in 0..MAX_ROUNDS {
+        progress.begin("look for holes", "frames", u64::from(FRESH_VIEWS) + worst.len() as u64);
+        let shape = job.shape(tracing, tracer, lighting, &Patient(progress))?;
+        // What cannot be packed fails at the end, with its reason.
+        let Ok(cube) = PackedCube::pack(&shape, SplatIndexLayout::Normal, Split::Auto) else { return Ok(()) };
+        drop(shape);
+        let fresh = (0..FRESH_VIEWS).filter_map(|i| View::fresh(job, round * FRESH_VIEWS + i)).collect();
+        let mut found = look_at(job, tracing, tracer, &cube, fresh, progress)?;
+        let (share, standard_error) = (found.share(), found.standard_error());
+        let near = look_at(job, tracing, tracer, &cube, std::mem::take(&mut worst), progress)?;
+        worst = found.worst(NEAR_VIEWS as usize).iter().enumerate().filter_map(|(i, view)| view.near(job, i)).collect();
+        found.aimed.extend(near.aimed);
+        let (aimed, before) = (found.aimed.len() as u64, tracing.holes.map_or(0, |holes| holes.aimed_rays));
+        let share_before = *share_before.get_or_insert(share);
+        let is_enough = share + standard_error <= limit;
+        let aimed_rays = if is_enough { before } else { before + aimed };
+        tracing.holes = Some(Holes { share, standard_error, share_before, aimed_rays, rounds: round + 1 });
+        if is_enough {
+            break;
+        }
+        tracing.store.insert(&found.aimed, &mut InsertScratch::default())?;
+        tracing.rays += aimed;
+    }
+    Ok(())
+}
+
+/// Draws frames, and holds them against rays.
+fn look_at(
+    job: &CaptureJob,
+    tracing: &Tracing,
+    tracer: &Tracer,
+    cube: &PackedCube,
+    views: Vec<View>,
+    progress: &dyn Progress,
+) -> io::Result<Findings> {
+    let bins = DepthBins::new(job.half_size_m, job.face_size_px);
+    let router = Router { tracer, bins, size_px: job.face_size_px, misses: &tracing.misses };
+    let look = Look { cube, router: &router, half_size_m: job.half_size_m };
+    let found: Result<Vec<Findings>, io::Error> = views
+        .into_par_iter()
+        .map_init(Renderer::new, |renderer, view| {
+            check_cancelled(progress)?;
+            let found = look.at(view, renderer);
+            progress.advance(1);
+            Ok(found)
+        })
+        .collect();
+    Ok(found?.into_iter().fold(Findings::default(), Findings::and))
+}
+
+/// Passes on whether work was given up, and nothing else.
+struct Patient<'a>(&'a dyn Progress);
+
+impl Progress for Patient<'_> {
+    fn begin(&self, _: &str, _: &str, _: u64) {}
+
+    fn advance(&self, _: u64) {}
+
+    fn is_cancelled(&self) -> bool {
+        self.0.is_cancelled()
+    }
+}
