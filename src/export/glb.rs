@@ -20,6 +20,8 @@ const GROWTH: f64 = 1.6;
 const LAST_ERROR_PX: f64 = 64.0;
 /// Error, px, of the pictures on planes that are made of a capture without.
 const PLANES_ERROR_PX: f64 = 1.0;
+/// The least alpha that is drawn. Where two surfaces meet each has a rim that is half open; with 0.5 the background shows between them.
+const ALPHA_CUTOFF: f64 = 0.35;
 /// Of opaque textures.
 const JPEG_QUALITY: u8 = 92;
 
@@ -145,7 +147,7 @@ impl File {
             "extensions": {"KHR_materials_unlit": {}},
         });
         if mask {
-            (material["alphaMode"], material["alphaCutoff"]) = ("MASK".into(), 0.5.into());
+            (material["alphaMode"], material["alphaCutoff"]) = ("MASK".into(), ALPHA_CUTOFF.into());
         }
         self.materials.push(material);
         let bound = |pick: fn(f32, f32) -> f32| {

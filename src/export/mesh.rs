@@ -116,7 +116,9 @@ fn framed(texels: &[[u8; 4]], width: usize, height: usize) -> Picture {
     let rows = (0..height + 2).map(|row| inside(row, height) * width);
     let framed =
         rows.flat_map(|start| (0..width + 2).map(move |column| straight(texels[start + inside(column, width)])));
-    Picture { width: width + 2, height: height + 2, texels: framed.collect() }
+    let mut picture = Picture { width: width + 2, height: height + 2, texels: framed.collect() };
+    spread(&mut picture);
+    picture
 }
 
 /// Cuts a rectangle until its texels are where they belong.
@@ -153,29 +155,28 @@ fn sheet_chart(cube: &PackedCube, sheet: &Sheet, tolerance: Tolerance) -> Chart 
     let cut = SheetCut { sheet, face_px: cube.face_size_px, tolerance };
     let mut quads = Vec::new();
     cut.cut([1, 1, SHEET_COLUMNS - 1, SHEET_ROWS - 1], &mut quads);
-    let mut texels: Vec<[u8; 4]> =
+    let texels: Vec<[u8; 4]> =
         sheet.entries.iter().map(|entry| entry.map_or([0; 4], |entry| entry.color_srgb)).collect();
     let opaque = texels.iter().all(|texel| texel[3] == 255);
-    spread(&mut texels);
-    let picture = Picture { width: SHEET_COLUMNS, height: SHEET_ROWS, texels };
+    let mut picture = Picture { width: SHEET_COLUMNS, height: SHEET_ROWS, texels };
+    spread(&mut picture);
     Chart { picture, quads, opaque, samples: sheet.samples }
 }
 
-/// Gives texels without a sample the colour of one beside them, so that rims do not darken between texels.
-fn spread(texels: &mut [[u8; 4]]) {
-    let known: Vec<[u8; 4]> = texels.to_vec();
-    for at in 0..texels.len() {
-        if known[at][3] > 0 {
-            continue;
+/// Gives texels without a sample the mean colour of those beside them, so that rims do not darken between texels.
+fn spread(Picture { width, height, texels }: &mut Picture) {
+    let known = texels.clone();
+    for at in (0..texels.len()).filter(|at| known[*at][3] == 0) {
+        let (x, y) = (at % *width, at / *width);
+        let rows = y.saturating_sub(1)..(y + 2).min(*height);
+        let around = rows.flat_map(|y| (x.saturating_sub(1)..(x + 2).min(*width)).map(move |x| (x, y)));
+        let (mut sum, mut count) = ([0u32; 3], 0);
+        for [r, g, b, _] in around.map(|(x, y)| known[y * *width + x]).filter(|texel| texel[3] > 0) {
+            sum = [sum[0] + u32::from(r), sum[1] + u32::from(g), sum[2] + u32::from(b)];
+            count += 1;
         }
-        let (x, y) = ((at % SHEET_COLUMNS) as i32, (at / SHEET_COLUMNS) as i32);
-        let beside =
-            [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, -1), (-1, 1), (1, 1)].into_iter().find_map(|(dx, dy)| {
-                let (x, y) = (usize::try_from(x + dx).ok()?, usize::try_from(y + dy).ok()?);
-                let texel = (x < SHEET_COLUMNS && y < SHEET_ROWS).then(|| known[y * SHEET_COLUMNS + x])?;
-                (texel[3] > 0).then_some(texel)
-            });
-        if let Some([r, g, b, _]) = beside {
+        if count > 0 {
+            let [r, g, b] = sum.map(|c| (c / count) as u8);
             texels[at] = [r, g, b, 0];
         }
     }
@@ -297,8 +298,8 @@ mod tests {
         let mut area = [0.0; 2];
         for quad in charts.iter().flat_map(|chart| &chart.quads) {
             let wall = usize::from(quad.corners[0].z < -3.0);
-            // 20 bits of inverse depth.
-            quad.corners.iter().for_each(|corner| assert!((corner.z + [2.0, 4.0][wall]).abs() < 1e-4, "{corner}"));
+            // Normals of eleven bits are up to 2.9 degrees off, and have a little part in the fit.
+            quad.corners.iter().for_each(|corner| assert!((corner.z + [2.0, 4.0][wall]).abs() < 1e-3, "{corner}"));
             let [a, b, c, _] = quad.corners;
             area[wall] += (b - a).length() * (c - a).length();
         }

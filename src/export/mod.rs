@@ -1,8 +1,6 @@
 //! To where headbox is not installed: a page, an engine, a splat viewer, a film package.
 
 mod atlas;
-#[cfg(test)]
-mod by_hand;
 pub mod film;
 pub mod glb;
 mod mesh;
