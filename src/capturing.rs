@@ -27,8 +27,8 @@ use std::sync::Arc;
 /// ```
 /// # fn main() -> Result<(), headbox::Error> {
 /// let scene = headbox::Scene::open("builtin:miniature")?;
-/// let ldi = headbox::Capture::new(&scene).face_size(32).strata(4).rays(4).light_samples(1).run()?;
-/// assert!(ldi.depth_pixel_count() > 100);
+/// let ldi = headbox::Capture::new(&scene).face_size(32).strata(4).rays(4).light_samples(1).error_px(0.0).run()?;
+/// assert!(ldi.depth_pixel_count() > 100); // without an error nothing is shown as a picture on a plane
 /// # Ok(())
 /// # }
 /// ```

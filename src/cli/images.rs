@@ -5,6 +5,7 @@ use super::progress::Bar;
 use crate::capture::images::{CheckReport, ImageSet, ImageSetOptions, Kept, Lens, RegistrationReport, View, check};
 use crate::ldi::from_images::ImagesJob;
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::primitives;
 use crate::progress::Progress;
 use anyhow::bail;
 use clap::Args;
@@ -72,7 +73,7 @@ pub(super) fn cube(folder: &Path, set: &SetArgs, bar: &Bar) -> anyhow::Result<Pa
     let set = set.open_registered(folder)?;
     let views = with_depth(&set)?;
     let ldi = ImagesJob::suggest(&set).run(&set, &views, bar)?;
-    Ok(PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto)?)
+    Ok(primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, primitives::DEFAULT_ERROR_PX)?)
 }
 
 /// The views that a cube can be made from.

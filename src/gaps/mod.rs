@@ -37,6 +37,9 @@ const NEAR_VIEWS: u32 = 64;
 /// More rounds than this are not made.
 const MAX_ROUNDS: u32 = 12;
 
+/// Rounds that may follow on each other without a share a tenth below the least so far: what is left then is not for rays to close.
+const IDLE_ROUNDS: u32 = 2;
+
 /// Pixels of the frames of a round.
 pub fn pixels_of_a_round(job: &CaptureJob) -> f64 {
     f64::from(FRESH_VIEWS + NEAR_VIEWS) * f64::from(VIEW_PX.min(job.face_size_px)).powi(2)
@@ -76,6 +79,7 @@ pub fn close(
         return Ok(());
     }
     let (mut share_before, mut worst) = (None, Vec::new());
+    let (mut least, mut idle_rounds) = (f64::INFINITY, 0);
     for round in 0..MAX_ROUNDS {
         progress.begin("look for holes", "frames", u64::from(FRESH_VIEWS) + worst.len() as u64);
         let shape = job.shape(tracing, tracer, lighting, &Patient(progress))?;
@@ -90,7 +94,9 @@ pub fn close(
         found.aimed.extend(near.aimed);
         let (aimed, before) = (found.aimed.len() as u64, tracing.holes.map_or(0, |holes| holes.aimed_rays));
         let share_before = *share_before.get_or_insert(share);
-        let is_enough = share + standard_error <= limit;
+        idle_rounds = if share < 0.9 * least { 0 } else { idle_rounds + 1 };
+        least = least.min(share);
+        let is_enough = share + standard_error <= limit || idle_rounds == IDLE_ROUNDS;
         let aimed_rays = if is_enough { before } else { before + aimed };
         tracing.holes = Some(Holes { share, standard_error, share_before, aimed_rays, rounds: round + 1 });
         if is_enough {

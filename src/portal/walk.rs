@@ -14,7 +14,7 @@ use super::settings::{WalkSettings, WalkStats};
 use super::store::Store;
 use super::visit::{Boundary, union, visit};
 use crate::capture::Camera;
-use crate::frame::{Coverage, Frame};
+use crate::frame::Frame;
 use crate::raster::{Marker, RasterOutput, RasterView, Rasterizer, Seen};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -206,7 +206,7 @@ fn persist(output: &mut RasterOutput, previous: &Frame, camera: &Camera) {
     }
     let frame = &mut output.frame;
     for ((color, coverage), old) in frame.color.iter_mut().zip(&frame.coverage).zip(&previous.color) {
-        if *coverage == Coverage::HOLE {
+        if coverage.is_hole() {
             *color = *old;
         }
     }

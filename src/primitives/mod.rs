@@ -23,7 +23,8 @@ use regions::{Grower, NOBODY};
 /// The largest error that makes sense, px: more than a frame is wide.
 pub const MAX_ERROR_PX: f64 = 1e6;
 
-/// The error that captures allow where nothing is said, px: frames are no worse for it (docs/decisions.md: half a pixel is free).
+/// The error that captures allow where nothing is said, px: smooth walls lose up to half a decibel, where captures without
+/// noise have 50 dB and more (docs/decisions.md: what half a pixel costs).
 pub const DEFAULT_ERROR_PX: f64 = 0.5;
 
 /// Packs a cube LDI, of which what is flat becomes pictures on planes ([`choose`]).

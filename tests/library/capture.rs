@@ -8,7 +8,7 @@ use headbox::capture::Camera;
 use headbox::capture::light::{LightSample, Lighting, LitPoint};
 use headbox::capture::random::Rng;
 use headbox::capture::rig::Face;
-use headbox::capture::scene::{Scene, Sky, Sun, Triangle};
+use headbox::capture::scene::{Headbox, Scene, Sky, Sun, Triangle};
 use headbox::capture::trace::Tracer;
 use headbox::capture::{Material, srgb8_from_linear};
 use headbox::gaps;
@@ -386,6 +386,7 @@ fn the_edge_of_a_shadow_of_the_sun_is_one_pixel_wide() {
     let mut scene = boxes.add(dvec3(3.0, 4.0, 0.0), dvec3(3.0, 0.1, 40.0), white).0;
     let direction = Vec3::new(0.0, 0.8, 0.6);
     scene.sun = Some(Sun { direction, irradiance: [2.0; 3], angular_radius_rad: 1e-4 });
+    scene.headbox = Some(Headbox { centre: DVec3::ZERO, half_size_m: 0.2 }); // exposed for what is seen from there
     let parameters = CaptureParameters { light_samples: 1, seed: 7, ..CaptureParameters::unlit(8, 24) };
     let ldi = capture(&CaptureJob { face_size_px: 128, parameters, ..job() }, &Arc::new(scene), &Resources::default());
     let face = &ldi.faces[Face::NegY.index()];

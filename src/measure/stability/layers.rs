@@ -169,10 +169,10 @@ fn wall(normal: impl Fn(&mut Dice) -> DVec3, seed: u64) -> CubeLdi {
     ldi_of(40, &[Face::NegZ], |_, _, _| vec![sample_with_normal(normal(&mut dice).as_vec3(), 1.0, WALL)])
 }
 
-/// How far pixels are from the wall's colour, times their coverage, of all kernels; holes must be black.
+/// How far pixels are from the wall's colour, times their coverage, of all kernels; holes, kept open, must be black.
 fn foreign_levels(cube: &PackedCube, camera: &Camera) -> Option<f64> {
     largest(SplatKernel::ALL.map(|(_, splats)| {
-        let frame = draw(cube, camera, &kernel(splats));
+        let frame = draw(cube, camera, &RenderSettings { keep_holes: true, ..kernel(splats) });
         largest(frame.color.iter().zip(&frame.coverage).map(|(color, coverage)| {
             let (expected, share) = match coverage.is_hole() {
                 true => ([0; 3], 1.0),
