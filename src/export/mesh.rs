@@ -144,6 +144,9 @@ fn cut_plane(whole: Rectangle, inverse_depth: Affine, least: f64, tolerance: Tol
     }
 }
 
+/// Column, row, and inverse depth with its change to the right and below.
+type Placed = (usize, usize, [f64; 3]);
+
 /// A sheet that is being cut.
 struct SheetCut<'a> {
     sheet: &'a Sheet,
@@ -196,11 +199,11 @@ impl SheetCut<'_> {
 
     /// Cuts entries (left, top, right, bottom) until a plane holds the samples among them.
     fn cut(&self, [left, top, right, bottom]: [usize; 4], to: &mut Vec<Quad>) {
-        let samples: Vec<(usize, usize, [f64; 3])> = (top..bottom)
+        let samples: Vec<Placed> = (top..bottom)
             .flat_map(|row| (left..right).map(move |column| (column, row)))
             .filter_map(|(column, row)| Some((column, row, self.sample(column, row)?)))
             .collect();
-        let bound = |of: fn(&(usize, usize, [f64; 3])) -> usize| {
+        let bound = |of: fn(&Placed) -> usize| {
             let ends = (samples.iter().map(of).min(), samples.iter().map(of).max());
             ends.0.zip(ends.1)
         };
@@ -240,9 +243,9 @@ impl SheetCut<'_> {
     }
 
     /// The plane of some samples by least squares, drawn a little to their mean slope, which decides where they lie in a line.
-    fn fit(&self, samples: &[(usize, usize, [f64; 3])]) -> Affine {
+    fn fit(&self, samples: &[Placed]) -> Affine {
         let count = samples.len().max(1) as f64;
-        let mean = |of: &dyn Fn(&(usize, usize, [f64; 3])) -> f64| samples.iter().map(of).sum::<f64>() / count;
+        let mean = |of: &dyn Fn(&Placed) -> f64| samples.iter().map(of).sum::<f64>() / count;
         let [middle_x, middle_y] = [0, 1].map(|i| mean(&|s| self.at(s.0, s.1)[i]));
         let [q, slope_x, slope_y] = [0, 1, 2].map(|i| mean(&|s| s.2[i]));
         let prior = 0.05 * count;
