@@ -47,7 +47,7 @@ fn draw(cube: &PackedCube, camera: &Camera, settings: RenderSettings, threads: u
     (frame.clone(), stats.depth_pixels_in)
 }
 
-/// What clipping has to save over segments that are culled whole, on average over views inside the headbox (issue: 1.5).
+/// What clipping has to save over segments that are culled whole: the mean over views inside the headbox.
 const CLIPPING_SAVES: f64 = 1.5;
 
 #[test]
