@@ -100,7 +100,12 @@ impl Filter {
     }
 
     /// A picture of some columns and rows as one of others.
-    pub(super) fn apply(&self, from: &[[u8; 4]], [width, height]: [usize; 2], [columns, rows]: [usize; 2]) -> Vec<[u8; 4]> {
+    pub(super) fn apply(
+        &self,
+        from: &[[u8; 4]],
+        [width, height]: [usize; 2],
+        [columns, rows]: [usize; 2],
+    ) -> Vec<[u8; 4]> {
         if from.len() != width * height {
             return Vec::new();
         }

@@ -188,7 +188,7 @@ fn threads_bands_and_levels_change_no_bit() {
 }
 
 /// Frames whose smaller pictures are made on the way; the seconds are those in which even a machine with much to do draws them.
-const FRESH_FRAMES: usize = 100;
+const FRESH_FRAMES: usize = 600;
 const FRESH_SECONDS: u64 = 240;
 
 #[test]
@@ -199,7 +199,7 @@ fn tasks_that_need_the_same_smaller_pictures_do_not_wait_for_each_other() {
     let settings = RenderSettings { band_rows: 1, ..RenderSettings::default() };
     let (done, all_done) = std::sync::mpsc::channel();
     std::thread::spawn(move || {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().expect("threads");
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(8).build().expect("threads");
         let frames = || Renderer::new().render(&cube.clone(), &camera, &settings).color.clone();
         let reference = pool.install(frames);
         done.send((0..FRESH_FRAMES).all(|_| pool.install(frames) == reference))
