@@ -8,11 +8,9 @@ use super::progress::Bar;
 use crate::capture::light::Lighting;
 use crate::capture::scene::FileFrame;
 use crate::capture::trace::{Ray, Tracer};
-use crate::capture::{Scene, viewpoint};
+use crate::capture::{Camera, Scene, viewpoint};
 use crate::container::FileError;
-use crate::lumigraph::{
-    CameraGrid, GridParts, Lumigraph, LumigraphCapture, LumigraphInfo, MAX_LAYERS, Placement, RawLumigraph,
-};
+use crate::lumigraph::{CameraGrid, GridParts, Lumigraph, LumigraphCapture, MAX_LAYERS, Placement, RawLumigraph};
 use clap::Args;
 use glam::DVec3;
 use serde_json::json;
@@ -76,6 +74,10 @@ struct QualityArgs {
     /// Layers at most; up to 255 take one byte a pixel, more take two
     #[arg(long, value_name = "N", default_value_t = 255, value_parser = clap::value_parser!(u32).range(1..=MAX_LAYERS as i64))]
     layers: u32,
+    /// Time the points of the sampling curve on frames of this size and keep the fastest: every camera, every second, every fourth and
+    /// so on, as long as the outermost stay, each with the layers that it needs
+    #[arg(long, value_name = "WxH", value_parser = parse_size, conflicts_with = "layers")]
+    optimum: Option<(u32, u32)>,
     /// Where layers are put
     #[arg(long, value_name = "WHERE", default_value = "histogram", value_parser = by_name(PLACEMENTS))]
     placement: Placement,
@@ -95,6 +97,10 @@ const PLACEMENTS: Names<Placement> = &[
     ("histogram", "Where surfaces are: the widest layer is as narrow as can be", Placement::Histogram),
     ("uniform", "Equal shares of the range of disparity, as the paper has it", Placement::Uniform),
 ];
+
+fn placement_name(placement: Placement) -> &'static str {
+    PLACEMENTS.iter().find(|(.., known)| *known == placement).map_or("", |(name, ..)| name)
+}
 
 /// Cameras of a row or column, at most.
 const MAX_CAMERAS: u32 = 256;
@@ -125,19 +131,23 @@ impl LumigraphCommand {
         let QualityArgs { samples, unlit, .. } = self.quality;
         let capture = LumigraphCapture { tracer: &tracer, lighting: &lighting, lit: !unlit, samples };
         let raw = capture.run(&grid, &bar)?;
+        let mut lumigraph = self.layered(&raw, &bar)?;
         bar.finish();
-        let info = LumigraphInfo { source: source.name, frame: scene.frame, ..LumigraphInfo::default() };
-        let lumigraph = self.layered(&raw, info)?;
+        (lumigraph.info.source, lumigraph.info.frame) = (source.name, scene.frame);
         lumigraph.write(&self.output)?;
         self.tell(&lumigraph, start.elapsed().as_secs_f64());
         Ok(())
     }
 
-    fn layered(&self, raw: &RawLumigraph, info: LumigraphInfo) -> anyhow::Result<Lumigraph> {
-        let QualityArgs { layers, placement, .. } = self.quality;
-        let mut lumigraph = raw.layered(layers as usize, placement)?;
-        lumigraph.info = LumigraphInfo { placement, ..info };
-        Ok(lumigraph)
+    fn layered(&self, raw: &RawLumigraph, bar: &Bar) -> anyhow::Result<Lumigraph> {
+        let QualityArgs { layers, placement, optimum, .. } = self.quality;
+        match optimum {
+            None => Ok(raw.layered(layers as usize, placement)?),
+            Some((width, height)) => {
+                let frames = [[0.5, 0.5], [0.2, 0.3], [0.7, 0.9]].map(|at| frame_from(raw.grid(), at, [width, height]));
+                Ok(raw.fastest(&frames, placement, bar)?)
+            }
+        }
     }
 
     fn tell(&self, lumigraph: &Lumigraph, seconds: f64) {
@@ -151,6 +161,10 @@ impl LumigraphCommand {
         let (columns, rows) = (lumigraph.grid().columns().len(), lumigraph.grid().rows().len());
         let (file, layers) = (self.output.display(), lumigraph.layers().len());
         println!("{file}: {columns}x{rows} images, {layers} layers, {seconds:.2} s");
+        for point in &lumigraph.info.curve {
+            let [columns, rows] = point.cameras;
+            println!("  {columns}x{rows} images, {} layers: {:.2} ms a frame", point.layers, point.ms);
+        }
         println!("look at it: headbox render {file} -o frame.png");
     }
 }
@@ -189,6 +203,16 @@ impl GridArgs {
         let grid = CameraGrid::new(parts).map_err(|error| usage(error.to_string()))?;
         Ok((grid, tracer))
     }
+}
+
+/// A frame straight ahead from a place on the plane (shares of the grid's width and height), with the images' vertical field of view.
+fn frame_from(grid: &CameraGrid, at: [f64; 2], [width, height]: [u32; 2]) -> Camera {
+    let place = |places: &[f64], share: f64| places[0] + share * (places[places.len() - 1] - places[0]);
+    let axes = grid.world_from_eye();
+    let eye = grid.origin() + axes.x_axis * place(grid.columns(), at[0]) + axes.y_axis * place(grid.rows(), at[1]);
+    let focal_px = grid.focal_px() * f64::from(height) / f64::from(grid.size_px()[1]);
+    // The size was checked when it was read.
+    Camera::from_parts(eye, axes, focal_px, width, height).unwrap_or_else(|_| grid.camera(0, 0).with_eye(eye))
 }
 
 /// The middle of the disparities that a camera amid the others sees, without the outermost twentieths, 1/m; 0 if it sees nothing.
@@ -259,12 +283,8 @@ pub(super) fn info(path: &Path, check: bool, json: bool) -> Result<(), FileError
         extent(grid.rows())
     );
     println!("  images      {width}x{height} pixels, focal length {:.2} px", grid.focal_px());
-    println!(
-        "  layers      {} of {} byte(s) a pixel, {:?}",
-        lumigraph.layers().len(),
-        lumigraph.index_bytes(),
-        info.placement
-    );
+    let (layers, bits) = (lumigraph.layers().len(), 8 * lumigraph.index_bytes());
+    println!("  layers      {layers}, of {bits} bits a pixel, {}", placement_name(info.placement));
     if let Some([min, max]) = lumigraph.range() {
         println!("  depth       {:.3} to {:.3} m", 1.0 / max, 1.0 / min);
     }

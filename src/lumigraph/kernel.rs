@@ -49,27 +49,78 @@ pub(super) fn cell(places: &[f32], position: f32) -> usize {
     }
 }
 
-/// Draws a block on rows of the frame, of which the first is the block's: straight colours, with alpha 255 where anything is, else 0.
-pub(super) fn draw(block: &Block, colors: &mut [[u8; 4]], level: SimdLevel) {
-    dispatch!(level, simd => draw_block(simd, block, colors));
+/// Alpha of pixels of which no camera of the ray's cell sees anything, though one looks there: something nearer hides it.
+pub(super) const HIDDEN: u8 = 1;
+
+/// A way to look for what a ray meets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Step {
+    /// Whose cameras are asked: columns and rows from the ray's own cell.
+    pub(super) shift: [i32; 2],
+    /// Whether the neighbours of a layer count as it: a steep surface falls between layers where no camera finds either of them at its
+    /// own place.
+    pub(super) loose: bool,
+}
+
+impl Step {
+    /// The first: the ray's own cell.
+    pub(super) const FIRST: Self = Self { shift: [0, 0], loose: false };
+}
+
+/// Which pixels are drawn, and from which cameras.
+#[derive(Clone, Copy)]
+pub(super) enum Pass<'a> {
+    /// All, from the cameras of the ray's cell.
+    First,
+    /// Those that are [`HIDDEN`], in steps.
+    Wider(&'a [Step]),
+}
+
+/// Draws a block on rows of the frame, of which the first is the block's: straight colours, with alpha 255 where anything is, else 0 or
+/// [`HIDDEN`]. Returns whether any pixel is hidden.
+pub(super) fn draw(block: &Block, pass: Pass, colors: &mut [[u8; 4]], level: SimdLevel) -> bool {
+    dispatch!(level, simd => draw_block(simd, block, pass, colors))
 }
 
 #[inline(always)]
-fn draw_block<S: Simd>(simd: S, block: &Block, colors: &mut [[u8; 4]]) {
+fn draw_block<S: Simd>(simd: S, block: &Block, pass: Pass, colors: &mut [[u8; 4]]) -> bool {
     let view = &block.plan.view;
+    let mut any_hidden = false;
     for (row, y) in block.rows.clone().enumerate() {
         let start = (view.start + view.step[0] * 0.5 + view.step[1] * (y as f64 + 0.5)).as_vec3();
         let mut x = block.columns.start;
         while x < block.columns.end {
-            let pixels = sixteen(simd, block, start.to_array(), x as f32);
             let count = LANES.min(block.columns.end - x);
             let at = row * block.width + x;
-            if let Some(to) = colors.get_mut(at..at + count) {
-                to.copy_from_slice(&pixels[..count]);
-            }
             x += LANES;
+            let Some(to) = colors.get_mut(at..at + count) else { continue };
+            let wanted = match pass {
+                Pass::First => u64::MAX >> (64 - count),
+                Pass::Wider(_) => hidden(to),
+            };
+            if wanted != 0 {
+                let pixels = sixteen(simd, block, pass, wanted, start.to_array(), (x - LANES) as f32);
+                let mut left = wanted;
+                while left != 0 {
+                    let i = left.trailing_zeros() as usize;
+                    left &= left - 1;
+                    to[i] = pixels[i];
+                }
+                any_hidden |= hidden(to) != 0;
+            }
         }
     }
+    any_hidden
+}
+
+/// Which of some pixels are hidden.
+#[inline(always)]
+fn hidden(pixels: &[[u8; 4]]) -> u64 {
+    let mut bits = 0;
+    for (i, pixel) in pixels.iter().enumerate() {
+        bits |= u64::from(pixel[3] == HIDDEN) << i;
+    }
+    bits
 }
 
 /// The cameras to either side of some rays, along one axis of the grid.
@@ -83,9 +134,11 @@ struct Sides<S: Simd> {
 }
 
 #[inline(always)]
-fn sides<S: Simd>(simd: S, places: &[f32], position: f32x16<S>) -> Sides<S> {
+fn sides<S: Simd>(simd: S, places: &[f32], position: f32x16<S>, shift: i32) -> Sides<S> {
     let positions = position.to_array();
-    let (first, last) = (cell(places, positions[0]), cell(places, positions[LANES - 1]));
+    let most = places.len().saturating_sub(2);
+    let shifted = |position: f32| cell(places, position).saturating_add_signed(shift as isize).min(most);
+    let (first, last) = (shifted(positions[0]), shifted(positions[LANES - 1]));
     let above = |low: usize| (low + 1).min(places.len() - 1);
     // Along a row crossings are monotonous.
     let (place, number) = if first == last {
@@ -97,7 +150,7 @@ fn sides<S: Simd>(simd: S, places: &[f32], position: f32x16<S>) -> Sides<S> {
     } else {
         let (mut place, mut number) = ([[0.0; LANES]; 2], [[0; LANES]; 2]);
         for i in 0..LANES {
-            let low = cell(places, positions[i]);
+            let low = shifted(positions[i]);
             let high = above(low);
             (number[0][i], number[1][i]) = (low as u32, high as u32);
             (place[0][i], place[1][i]) = (places[low], places[high]);
@@ -130,6 +183,22 @@ struct Places<S: Simd> {
     v: [f32x16<S>; 2],
 }
 
+#[inline(always)]
+fn places<S: Simd>(layer: &LayerInView, rays: &Rays<S>) -> Places<S> {
+    let u = rays.slopes[0] * layer.scale + layer.add[0];
+    let v = rays.slopes[1] * -layer.scale + layer.add[1];
+    Places {
+        u: [u - rays.across.place[0] * layer.shift, u - rays.across.place[1] * layer.shift],
+        v: [v + rays.up.place[0] * layer.shift, v + rays.up.place[1] * layer.shift],
+    }
+}
+
+/// Which positions lie in an image.
+#[inline(always)]
+fn inside<S: Simd>(level: Level, [u, v]: [f32x16<S>; 2]) -> mask32x16<S> {
+    u.simd_ge(0.0) & v.simd_ge(0.0) & u.simd_lt(level.width as f32) & v.simd_lt(level.height as f32)
+}
+
 /// What has been found for sixteen pixels.
 struct Found<S: Simd> {
     color: [f32x16<S>; 3],
@@ -137,33 +206,72 @@ struct Found<S: Simd> {
     open: f32x16<S>,
 }
 
+/// Those of sixteen pixels that are `wanted`.
 #[inline(always)]
-fn sixteen<S: Simd>(simd: S, block: &Block, start: [f32; 3], x: f32) -> [[u8; 4]; LANES] {
+fn sixteen<S: Simd>(simd: S, block: &Block, pass: Pass, wanted: u64, start: [f32; 3], x: f32) -> [[u8; 4]; LANES] {
     let step = block.plan.view.step[0].as_vec3().to_array();
     let number = f32x16::load_array(simd, LANE_NUMBERS) + x;
     let forward = number * step[2] + start[2];
-    let ahead = forward.simd_gt(LEAST_FORWARD as f32);
+    let ahead = forward.simd_gt(LEAST_FORWARD as f32) & mask32x16::from_bitmask(simd, wanted);
     let (zero, one) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
     let mut found = Found { color: [zero; 3], open: ahead.select(one, zero) };
+    let mut behind_something = mask32x16::from_bitmask(simd, 0);
     if ahead.any_true() {
         let per_forward = one / ahead.select(forward, one);
         let slopes = [(number * step[0] + start[0]) * per_forward, (number * step[1] + start[1]) * per_forward];
-        let rays = rays(simd, block, slopes);
-        for layer in block.layers {
-            if !draw_layer(simd, block, layer, &rays, &mut found) {
+        let steps = match pass {
+            Pass::First => &[Step::FIRST],
+            Pass::Wider(steps) => steps,
+        };
+        for &step in steps {
+            let rays = rays(simd, block, slopes, step.shift);
+            let mut is_open = true;
+            for layer in block.layers {
+                is_open = draw_layer(simd, block, layer, step.loose, &rays, &mut found);
+                if !is_open {
+                    break;
+                }
+            }
+            if !is_open {
                 break;
+            }
+            let nothing = found.open.simd_ge(1.0);
+            if step == Step::FIRST && nothing.any_true() {
+                behind_something = hides(simd, block, &rays, nothing);
             }
         }
     }
-    resolve(simd, &found, ahead)
+    if matches!(pass, Pass::Wider(_)) {
+        behind_something = ahead;
+    }
+    resolve(simd, &found, ahead, behind_something)
+}
+
+/// Where a camera of the cell that looks at infinity sees something instead.
+#[inline(always)]
+fn hides<S: Simd>(simd: S, block: &Block, rays: &Rays<S>, of: mask32x16<S>) -> mask32x16<S> {
+    let none = mask32x16::from_bitmask(simd, 0);
+    let Some(infinity) = block.plan.layers.last().filter(|layer| layer.indices == [0, 0]) else { return none };
+    let places = places(infinity, rays);
+    let level = block.pyramid.levels[infinity.level];
+    let mut hides = none;
+    for k in 0..4 {
+        let at = [places.u[k % 2], places.v[k / 2]];
+        let inside = of & inside(level, at);
+        if inside.any_true() {
+            let index = nearest(simd, &block.pyramid.texels, level, rays.base[k], at, inside);
+            hides |= inside & index.simd_gt(0);
+        }
+    }
+    hides
 }
 
 #[inline(always)]
-fn rays<S: Simd>(simd: S, block: &Block, slopes: [f32x16<S>; 2]) -> Rays<S> {
+fn rays<S: Simd>(simd: S, block: &Block, slopes: [f32x16<S>; 2], shift: [i32; 2]) -> Rays<S> {
     let eye = block.plan.view.eye.as_vec3();
     let (columns, rows) = (&block.plan.columns, &block.plan.rows);
-    let across = sides(simd, columns, slopes[0] * -eye.z + eye.x);
-    let up = sides(simd, rows, slopes[1] * -eye.z + eye.y);
+    let across = sides(simd, columns, slopes[0] * -eye.z + eye.x, shift[0]);
+    let up = sides(simd, rows, slopes[1] * -eye.z + eye.y, shift[1]);
     let weight = [
         across.weight[0] * up.weight[0],
         across.weight[1] * up.weight[0],
@@ -183,25 +291,27 @@ fn rays<S: Simd>(simd: S, block: &Block, slopes: [f32x16<S>; 2]) -> Rays<S> {
 
 /// Adds what the rays meet in a layer; false if nothing is left to see behind it.
 #[inline(always)]
-fn draw_layer<S: Simd>(simd: S, block: &Block, layer: &LayerInView, rays: &Rays<S>, found: &mut Found<S>) -> bool {
+fn draw_layer<S: Simd>(
+    simd: S,
+    block: &Block,
+    layer: &LayerInView,
+    loose: bool,
+    rays: &Rays<S>,
+    found: &mut Found<S>,
+) -> bool {
+    let indices = if loose { layer.with_neighbours } else { layer.indices };
     let level = block.pyramid.levels[layer.level];
     let texels = block.pyramid.texels.as_slice();
-    let u = rays.slopes[0] * layer.scale + layer.add[0];
-    let v = rays.slopes[1] * -layer.scale + layer.add[1];
-    let places = Places {
-        u: [u - rays.across.place[0] * layer.shift, u - rays.across.place[1] * layer.shift],
-        v: [v + rays.up.place[0] * layer.shift, v + rays.up.place[1] * layer.shift],
-    };
+    let places = places(layer, rays);
     let open = found.open.simd_ge(LEAST_OPEN);
     let none = mask32x16::from_bitmask(simd, 0);
     let (mut shows, mut through) = ([none; 4], [none; 4]);
-    let (first, last) = (i32::from(layer.indices[0]), i32::from(layer.indices[1]));
+    let (first, last) = (i32::from(indices[0]), i32::from(indices[1]));
     for k in 0..4 {
-        let (u, v) = (places.u[k % 2], places.v[k / 2]);
-        let inside =
-            open & u.simd_ge(0.0) & v.simd_ge(0.0) & u.simd_lt(level.width as f32) & v.simd_lt(level.height as f32);
+        let at = [places.u[k % 2], places.v[k / 2]];
+        let inside = open & inside(level, at);
         if inside.any_true() {
-            let index = nearest(simd, texels, level, rays.base[k], [u, v], inside);
+            let index = nearest(simd, texels, level, rays.base[k], at, inside);
             shows[k] = inside & index.simd_ge(first) & index.simd_le(last);
             through[k] = inside & index.simd_lt(first);
         }
@@ -209,7 +319,7 @@ fn draw_layer<S: Simd>(simd: S, block: &Block, layer: &LayerInView, rays: &Rays<
     if !(shows[0] | shows[1] | shows[2] | shows[3]).any_true() {
         return true;
     }
-    blend(simd, block, layer, rays, &places, [shows, through], found)
+    blend(simd, block, layer, indices, rays, &places, [shows, through], found)
 }
 
 /// Blends the cameras that show a layer into what was found; false if nothing is left to see behind it.
@@ -218,6 +328,7 @@ fn blend<S: Simd>(
     simd: S,
     block: &Block,
     layer: &LayerInView,
+    indices: [u16; 2],
     rays: &Rays<S>,
     places: &Places<S>,
     [shows, through]: [[mask32x16<S>; 4]; 2],
@@ -234,7 +345,7 @@ fn blend<S: Simd>(
             let at = [places.u[k % 2], places.v[k / 2]];
             match &block.plan.paint {
                 None => {
-                    add_taps(simd, &block.pyramid.texels, level, rays.base[k], at, layer.indices, weight, &mut sum);
+                    add_taps(simd, &block.pyramid.texels, level, rays.base[k], at, indices, weight, &mut sum);
                 }
                 Some(paint) => {
                     let numbers = match paint.show {
@@ -391,9 +502,9 @@ fn float<S: Simd>(of: u32x16<S>) -> f32x16<S> {
     of.bitcast::<i32x16<S>>().to_float::<f32x16<S>>()
 }
 
-/// Straight sRGB colours, with alpha 255 where anything was found, else 0.
+/// Straight sRGB colours, with alpha 255 where anything was found, else 0 or, behind something, [`HIDDEN`].
 #[inline(always)]
-fn resolve<S: Simd>(simd: S, found: &Found<S>, ahead: mask32x16<S>) -> [[u8; 4]; LANES] {
+fn resolve<S: Simd>(simd: S, found: &Found<S>, ahead: mask32x16<S>, behind: mask32x16<S>) -> [[u8; 4]; LANES] {
     let one = f32x16::splat(simd, 1.0);
     let share = one - found.open;
     let any = ahead & share.simd_gt(0.0);
@@ -403,8 +514,13 @@ fn resolve<S: Simd>(simd: S, found: &Found<S>, ahead: mask32x16<S>) -> [[u8; 4];
         let rounded = (found.color[c] * scale + 0.5).min(f32::from(LinearLight::MAX));
         linear[c] = rounded.to_int::<i32x16<S>>().to_array();
     }
-    let mut bits = any.to_bitmask();
     let mut pixels = [[0; 4]; LANES];
+    let mut bits = (behind & !any).to_bitmask();
+    while bits != 0 {
+        pixels[bits.trailing_zeros() as usize][3] = HIDDEN;
+        bits &= bits - 1;
+    }
+    let mut bits = any.to_bitmask();
     let tables = LinearLight::tables();
     while bits != 0 {
         let i = bits.trailing_zeros() as usize;

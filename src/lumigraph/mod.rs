@@ -1,4 +1,4 @@
-//! Layered lumigraphs (*Layered Lumigraph with LOD Control*; L1 to L5 and L7 to L11, corrected by C18 to C22): images from a grid of cameras on a
+//! Layered lumigraphs (*Layered Lumigraph with LOD Control*; L1 to L11, corrected by C18 to C22): images from a grid of cameras on a
 //! plane, whose pixels know a layer of disparity. Images and layers stand for each other, and an eye far behind the plane needs few
 //! layers. They serve views from outside: of a stage, through a window, of an object.
 //!
@@ -8,6 +8,7 @@
 //! | layers, uniform in disparity or placed where surfaces are | `layers` |
 //! | data structure (table 1) | [`Lumigraph`], `grid`; `file` |
 //! | construction | `capture` |
+//! | optimization for a platform | `optimum` |
 //! | hierarchical representation | `pyramid` |
 //! | merging layers for a frame (table 3) | `merge` |
 //! | rendering (table 2): what a frame needs, rectangles with ranges of layers, the loop over pixels | `render`, `rectangles`, `kernel`; `oracle`; overlays: `show` |
@@ -20,6 +21,7 @@ mod grid;
 mod kernel;
 mod layers;
 mod merge;
+mod optimum;
 mod oracle;
 mod pyramid;
 mod rectangles;
@@ -35,6 +37,7 @@ pub use file::LUMI_FILE;
 pub use grid::{CameraGrid, GridParts};
 pub use layers::{Layer, Placement, classify, place, uniform};
 pub use merge::{Merger, merge};
+pub use optimum::CurvePoint;
 pub use oracle::render as render_by_rays;
 pub use render::{Blend, LumigraphRenderer, LumigraphSettings, LumigraphStats};
 pub use show::Show;
@@ -61,6 +64,9 @@ pub struct LumigraphInfo {
     pub frame: FileFrame,
     /// How the layers were placed.
     pub placement: Placement,
+    /// The points of the sampling curve that were timed, if this is the fastest of them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub curve: Vec<CurvePoint>,
 }
 
 /// What one camera sees (L4).

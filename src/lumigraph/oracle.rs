@@ -2,9 +2,10 @@
 
 use super::Lumigraph;
 use super::grid::View;
+use super::kernel::Step;
 use super::merge::Merger;
 use super::pyramid::{Level, Texel};
-use super::render::{Blend, LumigraphSettings, MergedLayer, merged_layers};
+use super::render::{Blend, LumigraphSettings, MergedLayer, merged_layers, steps};
 use crate::capture::{Camera, srgb8_from_linear};
 use crate::frame::{Coverage, Frame};
 use glam::DVec3;
@@ -20,14 +21,31 @@ pub fn render(lumigraph: &Lumigraph, camera: &Camera, settings: &LumigraphSettin
     for (i, (color, coverage)) in frame.color.iter_mut().zip(&mut frame.coverage).enumerate() {
         let direction = camera.direction((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
         let ray = Ray { lumigraph, eye: camera.eye(), direction };
-        if let Some(linear) = ray.color(&layers, settings.blend) {
-            let [r, g, b] = linear.map(|c| srgb8_from_linear(c as f32));
-            (*color, *coverage) = ([r, g, b, 255], Coverage::FULL);
-        } else if let Some([r, g, b]) = lumigraph.environment.sample(direction.as_vec3()) {
-            (*color, *coverage) = ([r, g, b, 255], Coverage::ENVIRONMENT);
+        let steps = steps(lumigraph.grid().columns().len(), lumigraph.grid().rows().len());
+        match ray.shows(&layers, settings.blend, &steps) {
+            Shows::Color(linear) => {
+                let [r, g, b] = linear.map(|c| srgb8_from_linear(c as f32));
+                (*color, *coverage) = ([r, g, b, 255], Coverage::FULL);
+            }
+            Shows::Hidden => {}
+            Shows::Nothing => {
+                if let Some([r, g, b]) = lumigraph.environment.sample(direction.as_vec3()) {
+                    (*color, *coverage) = ([r, g, b, 255], Coverage::ENVIRONMENT);
+                }
+            }
         }
     }
     frame
+}
+
+/// What a ray shows.
+enum Shows {
+    /// Linear red, green and blue, 1 for white.
+    Color([f64; 3]),
+    /// Its cameras see what hides it.
+    Hidden,
+    /// No camera looks there.
+    Nothing,
 }
 
 struct Ray<'a> {
@@ -44,16 +62,36 @@ struct Neighbour {
 }
 
 impl Ray<'_> {
-    /// Linear red, green and blue, 1 for white; `None` if no image shows what the ray meets.
-    fn color(&self, layers: &[MergedLayer], blend: Blend) -> Option<[f64; 3]> {
+    /// What the ray shows to the cameras of its cell or, if they look at something before it, to those of cells beside.
+    fn shows(&self, layers: &[MergedLayer], blend: Blend, steps: &[Step]) -> Shows {
+        if let Some(color) = self.color(layers, blend, Step::FIRST) {
+            return Shows::Color(color);
+        }
+        let grid = self.lumigraph.grid();
+        let (eye, along) = (grid.plane_from_world(self.eye), grid.direction_from_world(self.direction));
+        let Some(infinity) = layers.last().filter(|_| along.z > super::grid::LEAST_FORWARD) else {
+            return Shows::Nothing;
+        };
+        let far = self.eye + self.direction * 1e12;
+        let neighbours = self.neighbours(eye - along * (eye.z / along.z), [0, 0]);
+        let images = neighbours.iter().filter_map(|neighbour| self.image(neighbour, far, infinity.level));
+        if images.filter(|image| image.nearest()[3] > 0).count() == 0 {
+            return Shows::Nothing;
+        }
+        steps.iter().find_map(|step| self.color(layers, blend, *step)).map_or(Shows::Hidden, Shows::Color)
+    }
+
+    /// Linear red, green and blue, 1 for white; `None` if no camera of a cell shows what the ray meets.
+    fn color(&self, layers: &[MergedLayer], blend: Blend, step: Step) -> Option<[f64; 3]> {
         let grid = self.lumigraph.grid();
         let (eye, along) = (grid.plane_from_world(self.eye), grid.direction_from_world(self.direction));
         if along.z <= super::grid::LEAST_FORWARD {
             return None;
         }
-        let neighbours = self.neighbours(eye - along * (eye.z / along.z));
+        let neighbours = self.neighbours(eye - along * (eye.z / along.z), step.shift);
         let (mut color, mut open) = ([0.0; 3], 1.0);
         for layer in layers {
+            let indices = if step.loose { layer.with_neighbours } else { layer.indices };
             // Infinity is a direction, whatever the camera.
             let point = match layer.drawn {
                 drawn if drawn > 0.0 => self.eye + self.direction * ((1.0 / drawn - eye.z) / along.z),
@@ -64,11 +102,11 @@ impl Ray<'_> {
             for neighbour in &neighbours {
                 let Some(image) = self.image(neighbour, point, layer.level) else { continue };
                 let index = image.nearest()[3];
-                if index < layer.indices[0] {
+                if index < indices[0] {
                     through += neighbour.weight;
-                } else if index <= layer.indices[1] {
+                } else if index <= indices[1] {
                     showing += neighbour.weight;
-                    image.add_taps(layer.indices, neighbour.weight, &mut sum);
+                    image.add_taps(indices, neighbour.weight, &mut sum);
                 }
             }
             if showing > 0.0 {
@@ -86,19 +124,20 @@ impl Ray<'_> {
         (open < 1.0).then(|| color.map(|c| c / (1.0 - open) / 65535.0))
     }
 
-    /// The four cameras about a crossing of the plane.
-    fn neighbours(&self, crossing: DVec3) -> Vec<Neighbour> {
+    /// The four cameras about a crossing of the plane, or those of a cell some columns and rows from there.
+    fn neighbours(&self, crossing: DVec3, shift: [i32; 2]) -> Vec<Neighbour> {
         let grid = self.lumigraph.grid();
         let least = f64::from(super::kernel::LEAST_WEIGHT);
-        let sides = |places: &[f64], position: f64| {
-            let high = places.iter().position(|place| *place > position).unwrap_or(places.len() - 1).max(1);
-            let high = high.min(places.len() - 1);
-            let low = high.saturating_sub(1);
+        let sides = |places: &[f64], position: f64, shift: i32| {
+            let last_cell = places.len() as i32 - 2;
+            let cell = places.iter().filter(|place| **place <= position).count() as i32 - 1;
+            let low = (cell.clamp(0, last_cell.max(0)) + shift).clamp(0, last_cell.max(0)) as usize;
+            let high = (low + 1).min(places.len() - 1);
             let gap = places[high] - places[low];
             let share = if gap > 0.0 { ((position - places[low]) / gap).clamp(least, 1.0 - least) } else { 0.5 };
             [(low, 1.0 - share), (high, share)]
         };
-        let (columns, rows) = (sides(grid.columns(), crossing.x), sides(grid.rows(), crossing.y));
+        let (columns, rows) = (sides(grid.columns(), crossing.x, shift[0]), sides(grid.rows(), crossing.y, shift[1]));
         let all = rows.into_iter().flat_map(|row| columns.map(|column| (column, row)));
         let neighbour = |((column, of_column), (row, of_row))| Neighbour {
             camera: grid.camera(column, row),

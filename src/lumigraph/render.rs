@@ -7,11 +7,11 @@
 use super::Lumigraph;
 use super::bounds::ErrorBound;
 use super::grid::View;
-use super::kernel::{self, Block, LANES};
+use super::kernel::{self, Block, HIDDEN, LANES, Pass, Step};
 use super::merge::Merger;
 use super::show::{Show, from_far_to_near, own_color};
 use crate::capture::{Camera, simd};
-use crate::frame::Frame;
+use crate::frame::{Coverage, Frame};
 use crate::render::finish::{Background, Pixels};
 use fearless_simd::Level as SimdLevel;
 use glam::DVec2;
@@ -75,7 +75,7 @@ impl Default for LumigraphSettings {
 pub struct LumigraphStats {
     /// Layers after merging, without those that the eye has passed.
     pub layers: u64,
-    /// Layers that blocks of pixels were asked for, times their pixels.
+    /// Layers that blocks of pixels were asked for, times their pixels; without what hidden pixels asked other cameras.
     pub layer_pixels: u64,
     /// Pixels of which neither the images nor the environment know anything.
     pub hole_pixels: u64,
@@ -90,11 +90,19 @@ pub struct LumigraphStats {
 pub(super) struct MergedLayer {
     /// From the farthest to the nearest.
     pub(super) indices: [u16; 2],
+    /// The same with the layers next to it in front and behind, as far as they are not much farther apart than cameras may disagree.
+    pub(super) with_neighbours: [u16; 2],
     /// The disparity at which they are drawn.
     pub(super) drawn: f64,
     /// Of the pyramid.
     pub(super) level: usize,
 }
+
+/// Merged layers of one surface are about as far apart as cameras may disagree.
+const NEIGHBOURS: f64 = 1.5;
+
+/// Merging with less would tell rounding apart.
+const LEAST_TOLERANCE_PX: f64 = 1e-6;
 
 /// Layers nearer to the eye's own depth than this share of it cannot be drawn: they would fill the frame.
 const LEAST_AHEAD: f64 = 1e-6;
@@ -113,11 +121,12 @@ pub(super) fn merged_layers(
     let layers = lumigraph.layers();
     let focal_px = lumigraph.grid().focal_px();
     let [most, middle] = view.px_per_slope().unwrap_or([focal_px; 2]);
+    let tolerance = settings.tolerance_px.max(LEAST_TOLERANCE_PX) * (1.0 / focal_px).max(1.0 / most);
     let bound = ErrorBound {
         focal: 1.0,
         spacing: lumigraph.grid().spacing().max(beside_the_grid(lumigraph, view)),
         behind: view.behind(),
-        tolerance: if settings.merge { settings.tolerance_px * (1.0 / focal_px).max(1.0 / most) } else { -1.0 },
+        tolerance: if settings.merge { tolerance } else { -1.0 },
     };
     merger.update(layers, &bound);
     let coarsest = if settings.levels { lumigraph.pyramid.levels.len() - 1 } else { 0 };
@@ -125,13 +134,23 @@ pub(super) fn merged_layers(
         let ahead = 1.0 + view.behind() * drawn;
         let finer = (focal_px * ahead / middle).log2();
         let level = (finer - SHARPER).floor().clamp(0.0, coarsest as f64) as usize;
-        (ahead > LEAST_AHEAD).then_some(MergedLayer { indices, drawn, level })
+        (ahead > LEAST_AHEAD).then_some(MergedLayer { indices, with_neighbours: indices, drawn, level })
     };
     let surfaces = merger.merged().iter().rev().filter_map(|range| {
         let whole = layers[range.start].through(&layers[range.end - 1]);
         merged([range.start as u16 + 1, range.end as u16], whole.drawn())
     });
-    surfaces.chain(merged([0, 0], 0.0)).collect()
+    let mut found: Vec<MergedLayer> = surfaces.chain(merged([0, 0], 0.0)).collect();
+    let near_enough = ErrorBound { tolerance: NEIGHBOURS * tolerance, ..bound };
+    for i in 1..found.len() {
+        let (front, behind) = (found[i - 1], found[i]);
+        // What is at infinity is nobody's neighbour.
+        if behind.drawn > 0.0 && near_enough.allows([behind.drawn, front.drawn]) {
+            found[i - 1].with_neighbours[0] = behind.indices[0];
+            found[i].with_neighbours[1] = front.indices[1];
+        }
+    }
+    found
 }
 
 /// How far from the nearest camera rays that may meet something cross the plane beside the grid, metres: there the bound must hold
@@ -177,10 +196,12 @@ pub(super) struct LayerInView {
     pub(super) add: [f32; 2],
     pub(super) shift: f32,
     pub(super) indices: [u16; 2],
+    /// See [`MergedLayer::with_neighbours`].
+    pub(super) with_neighbours: [u16; 2],
     /// Of the pyramid.
     pub(super) level: usize,
-    /// Its buckets in rectangles.
-    set: u64,
+    /// Its buckets in rectangles, and those with its neighbours'.
+    sets: [u64; 2],
 }
 
 impl LayerInView {
@@ -189,14 +210,15 @@ impl LayerInView {
         let coarser = 0.5f64.powi(layer.level as i32);
         let focal = grid.focal_px() * coarser;
         let [x, y] = grid.size_px().map(|side| f64::from(side) / 2.0 * coarser);
-        let MergedLayer { indices, drawn, level } = *layer;
+        let MergedLayer { indices, with_neighbours, drawn, level } = *layer;
         Self {
             scale: (focal * (1.0 - view.eye.z * drawn)) as f32,
             add: [(x + focal * view.eye.x * drawn) as f32, (y - focal * view.eye.y * drawn) as f32],
             shift: (focal * (drawn - grid.convergence())) as f32,
             indices,
+            with_neighbours,
             level,
-            set: lumigraph.rectangles.set(indices[0]..=indices[1]),
+            sets: [indices, with_neighbours].map(|[first, last]| lumigraph.rectangles.set(first..=last)),
         }
     }
 }
@@ -233,12 +255,35 @@ pub(super) struct FramePlan {
     /// What is painted instead of the images' colours.
     pub(super) paint: Option<Paint>,
     skip: bool,
+    /// How what is hidden from a ray's own cell is looked for.
+    steps: Vec<Step>,
+}
+
+/// How what is hidden from a ray's own cell is looked for, in a grid of so many columns and rows of cameras: first between the layers,
+/// then from the cells beside, near ones first.
+pub(super) fn steps(columns: usize, rows: usize) -> Vec<Step> {
+    let reach = |cameras: usize| WIDER.min(cameras.saturating_sub(2) as i32);
+    let (columns, rows) = (reach(columns), reach(rows));
+    let all = (-rows..=rows).flat_map(|row| (-columns..=columns).map(move |column| [column, row]));
+    let mut beside: Vec<[i32; 2]> = all.filter(|cell| *cell != [0, 0]).collect();
+    beside.sort_by_key(|[column, row]| column * column + row * row);
+    let beside = beside.into_iter().map(|shift| Step { shift, loose: false });
+    std::iter::once(Step { loose: true, ..Step::FIRST }).chain(beside).collect()
 }
 
 impl FramePlan {
-    /// The layers that may show in a block of the frame.
-    fn layers_of(&self, lumigraph: &Lumigraph, columns: &Range<usize>, rows: &Range<usize>, to: &mut Vec<LayerInView>) {
+    /// The layers that may show in a block of the frame to the cameras of its rays' cells, and of `beside` cells around them.
+    fn layers_of(
+        &self,
+        lumigraph: &Lumigraph,
+        columns: &Range<usize>,
+        rows: &Range<usize>,
+        beside: usize,
+        to: &mut Vec<LayerInView>,
+    ) {
         to.clear();
+        // What is looked for beside is looked for between layers as well.
+        let set = usize::from(beside > 0);
         let ends = |range: &Range<usize>| [range.start as f64, range.end as f64];
         let corners = ends(columns).into_iter().flat_map(|x| ends(rows).map(|y| [x, y]));
         let slopes = corners.map(|corner| self.view.slopes(corner)).collect::<Option<Vec<DVec2>>>();
@@ -252,8 +297,8 @@ impl FramePlan {
         let [low, high] = bounds(&mut slopes.iter().copied()).map(DVec2::as_vec2);
         let [from, until] = bounds(&mut slopes.iter().map(|&slopes| self.view.crossing(slopes))).map(DVec2::as_vec2);
         let cameras = |places: &[f32], from: f32, until: f32| {
-            let first = kernel::cell(places, from);
-            first..(kernel::cell(places, until) + 2).min(places.len())
+            let first = kernel::cell(places, from).saturating_sub(beside);
+            first..(kernel::cell(places, until) + beside + 2).min(places.len())
         };
         let (across, up) = (cameras(&self.columns, from.x, until.x), cameras(&self.rows, from.y, until.y));
         to.extend(self.layers.iter().filter(|layer| {
@@ -267,12 +312,15 @@ impl FramePlan {
                 let rows = span(add[1] - scale * low.y, add[1] - scale * high.y, shift * self.rows[row]);
                 across.clone().any(|column| {
                     let columns = span(add[0] + scale * low.x, add[0] + scale * high.x, -shift * self.columns[column]);
-                    lumigraph.rectangles.any(row * self.columns.len() + column, layer.set, columns, rows)
+                    lumigraph.rectangles.any(row * self.columns.len() + column, layer.sets[set], columns, rows)
                 })
             })
         }));
     }
 }
+
+/// Cells that are asked to each side of a ray's own where all of its cameras look at something that hides what the ray meets.
+const WIDER: i32 = 2;
 
 /// A block of the frame: what layers it shows is found out for all of it at once.
 const BLOCK_COLUMNS: usize = 4 * LANES;
@@ -321,6 +369,7 @@ impl LumigraphRenderer {
             blend: settings.blend,
             paint: Paint::new(lumigraph, settings.show),
             skip: settings.skip,
+            steps: steps(lumigraph.grid().columns().len(), lumigraph.grid().rows().len()),
         };
         let plan_ms = started.elapsed().as_secs_f64() * 1e3;
         self.frame.resize(camera.width(), camera.height(), false);
@@ -338,8 +387,22 @@ impl LumigraphRenderer {
             let rows = band * BLOCK_ROWS..band * BLOCK_ROWS + colors.len() / width;
             layer_pixels.fetch_add(draw_band(&plan, lumigraph, &rows, width, colors, self.level), Ordering::Relaxed);
             for ((y, colors), coverages) in rows.zip(colors.chunks_mut(width)).zip(coverages.chunks_mut(width)) {
-                let pixels = Pixels { colors, coverages, depths_m: &mut [], inverse_depths: &mut [] };
-                holes.fetch_add(background.put_under(y as u32, pixels), Ordering::Relaxed);
+                let hidden: Vec<usize> = (0..width).filter(|x| colors[*x][3] == HIDDEN).collect();
+                hidden.iter().for_each(|&x| colors[x][3] = 0);
+                let pixels = Pixels {
+                    colors: &mut *colors,
+                    coverages: &mut *coverages,
+                    depths_m: &mut [],
+                    inverse_depths: &mut [],
+                };
+                let mut open = background.put_under(y as u32, pixels);
+                // What something hides is no sky.
+                for x in hidden {
+                    open += u64::from(!coverages[x].is_hole());
+                    let [r, g, b] = settings.hole_color_srgb;
+                    (colors[x], coverages[x]) = ([r, g, b, 255], Coverage::HOLE);
+                }
+                holes.fetch_add(open, Ordering::Relaxed);
             }
         });
         self.stats = LumigraphStats {
@@ -358,7 +421,7 @@ impl LumigraphRenderer {
     }
 }
 
-/// Draws some rows of a frame: straight colours, with alpha 255 where anything is. Returns layers times pixels.
+/// Draws some rows of a frame: straight colours, with alpha 255 where anything is, [`HIDDEN`] where something hides it. Returns layers times pixels.
 fn draw_band(
     plan: &FramePlan,
     lumigraph: &Lumigraph,
@@ -371,10 +434,15 @@ fn draw_band(
     let mut layer_pixels = 0;
     for start in (0..width).step_by(BLOCK_COLUMNS) {
         let columns = start..(start + BLOCK_COLUMNS).min(width);
-        plan.layers_of(lumigraph, &columns, rows, &mut layers);
+        plan.layers_of(lumigraph, &columns, rows, 0, &mut layers);
         layer_pixels += (layers.len() * columns.len() * rows.len()) as u64;
-        let block = Block { plan, pyramid: &lumigraph.pyramid, layers: &layers, columns, rows: rows.clone(), width };
-        kernel::draw(&block, colors, level);
+        let pyramid = &lumigraph.pyramid;
+        let block = Block { plan, pyramid, layers: &layers, columns: columns.clone(), rows: rows.clone(), width };
+        if kernel::draw(&block, Pass::First, colors, level) {
+            plan.layers_of(lumigraph, &columns, rows, WIDER as usize, &mut layers);
+            let block = Block { plan, pyramid, layers: &layers, columns, rows: rows.clone(), width };
+            kernel::draw(&block, Pass::Wider(&plan.steps), colors, level);
+        }
     }
     layer_pixels
 }

@@ -87,6 +87,32 @@ fn a_lumigraph_needs_nothing_but_a_scene() {
 }
 
 #[test]
+fn the_fastest_point_of_the_curve_is_kept_with_its_figures() {
+    let dir = tempfile::tempdir().unwrap();
+    let small = [
+        "lumigraph",
+        "builtin:bump",
+        "-o",
+        "a.lumi",
+        "--cameras",
+        "3x3",
+        "--size",
+        "40x30",
+        "--samples",
+        "1",
+        "--unlit",
+    ];
+    let told = json(dir.path(), &[small.as_slice(), &WALL, &["--optimum", "40x30", "--json"]].concat());
+    let curve = told["capture"]["curve"].as_array().unwrap();
+    let cameras: Vec<_> = curve.iter().map(|point| point["cameras"].clone()).collect();
+    assert_eq!(cameras, [serde_json::json!([3, 3]), serde_json::json!([2, 2])]);
+    assert!(curve[0]["layers"].as_u64() < curve[1]["layers"].as_u64(), "fewer images need more layers");
+    assert!(cameras.contains(&told["cameras"]) && curve.iter().all(|point| point["ms"].as_f64() > Some(0.0)));
+    assert_eq!(json(dir.path(), &["info", "a.lumi", "--json"])["capture"]["curve"], told["capture"]["curve"]);
+    fails(dir.path(), 2, &[small.as_slice(), &["--optimum", "40x30", "--layers", "9"]].concat(), "cannot be used with");
+}
+
+#[test]
 fn mistakes_are_said_in_a_sentence() {
     let dir = tempfile::tempdir().unwrap();
     let with = |more: &[&'static str]| [SMALL.as_slice(), more].concat();
