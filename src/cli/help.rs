@@ -10,7 +10,7 @@ use clap_complete::Shell;
 use std::io::Write;
 
 /// Each subcommand's examples.
-const EXAMPLES: [(&str, &str); 16] = [
+const EXAMPLES: [(&str, &str); 17] = [
     ("demo", "headbox demo --quick --no-window"),
     ("scenes", "headbox scenes"),
     (
