@@ -15,8 +15,8 @@ use std::time::{Duration, Instant};
 
 #[derive(Args)]
 pub(super) struct View {
-    /// A .ldi, .sprite or .house file, a home (Home.xml, .sh3d, .toml) to walk in, a folder of images with depth, or a scene
-    /// (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the start page if absent
+    /// A .ldi, .sprite, .lumi or .house file, a home (Home.xml, .sh3d, .toml) to walk in, a folder of images with depth, or a
+    /// scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the start page if absent
     file: Option<String>,
     #[command(flatten)]
     frame: FrameArgs,

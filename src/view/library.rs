@@ -2,12 +2,14 @@
 
 use super::cube::CubeSource;
 use super::house::HouseSource;
+use super::lumigraph::LumigraphSource;
 use super::sprite::SpriteSource;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
 use crate::capture::viewpoint::{place_headbox, suggest_view};
 use crate::capture::{Camera, linear_from_srgb8, srgb8_from_linear};
 use crate::container::FileError;
+use crate::lumigraph::Lumigraph;
 use crate::packed::PackedCube;
 use crate::portal::file::HouseFileError;
 use crate::progress::Silent;
@@ -31,8 +33,8 @@ const HOMES: [&str; 3] = ["xml", "sh3d", "toml"];
 pub enum OpenError {
     /// It is no file of a kind that can be shown.
     #[error(
-        "{name}: only cube LDIs (.ldi), sprites (.sprite), houses (.house), homes (Home.xml, .sh3d, .toml), scenes (.obj, \
-         .gltf, .glb) and builtin:NAME can be shown"
+        "{name}: only cube LDIs (.ldi), sprites (.sprite), lumigraphs (.lumi), houses (.house), homes (Home.xml, .sh3d, \
+         .toml), scenes (.obj, .gltf, .glb) and builtin:NAME can be shown"
     )]
     Kind {
         /// What was to be opened.
@@ -83,6 +85,7 @@ pub fn open_source(source: SceneSource, output_dir: &Path) -> Result<Box<dyn Fra
             let source = SpriteSource::new(SpriteSet::read(path)?, path);
             Box::new(source.ok_or_else(|| OpenError::NoSprites { path: path.into() })?)
         }
+        Some("lumi") => Box::new(LumigraphSource::new(Lumigraph::read(path)?, path)),
         Some("house") => Box::new(HouseSource::read(path)?),
         Some(extension) if HOMES.contains(&extension) => Box::new(HouseSource::load(path).map_err(OpenError::Scene)?),
         Some(extension) if SCENES.contains(&extension) => Box::new(capture(source, output_dir)?),
@@ -176,7 +179,7 @@ impl Library for SceneLibrary {
     }
 
     fn extensions(&self) -> Vec<String> {
-        ["ldi", "sprite", "house"].into_iter().chain(HOMES).chain(SCENES).map(str::to_owned).collect()
+        ["ldi", "sprite", "lumi", "house"].into_iter().chain(HOMES).chain(SCENES).map(str::to_owned).collect()
     }
 
     fn open_entry(&mut self, id: &str) -> Result<Box<dyn FrameSource>, String> {
@@ -200,6 +203,7 @@ mod tests {
         assert!(message("notes.txt").contains("notes.txt: only"), "{}", message("notes.txt"));
         assert!(message("no/such.ldi").contains("no/such.ldi"));
         assert!(message("no/such.sprite").contains("no/such.sprite"));
+        assert!(message("no/such.lumi").contains("no/such.lumi"));
         assert!(message("no/such.house").contains("no/such.house"));
         assert!(message("no/such.obj").contains("no/such.obj"));
         assert!(message("no/Home.xml").contains("no/Home.xml"));

@@ -12,6 +12,7 @@
 //! | `overlay` | what is painted instead of colours |
 //! | `effort` | overlays of how a frame was made: footprints, overdraw, clipping |
 //! | `house` | a house, walked; its backdrops are built in the background |
+//! | `lumigraph` | a lumigraph; its overlays |
 //! | `sprite` | a set of sprites with depth |
 //! | `terms` | a sentence for each term of the panel |
 //! | `background` | thread pools: of low priority for work nobody waits for, of fewer threads for frames |
@@ -23,6 +24,7 @@ mod file_name;
 mod growth;
 mod house;
 mod library;
+mod lumigraph;
 mod overlay;
 mod points;
 mod reference;
