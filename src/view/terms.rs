@@ -53,7 +53,7 @@ pub(super) const TERMS: [(&str, &str); 48] = [
     ("light", "Colours are plain until light has been computed for every vertex."),
     ("the eye is in", "The room in which the eye stands; portals lead out of it."),
     // Overlays.
-    ("none", "The frame as it is."),
+    ("none", "The frame as it is, nothing painted over it."),
     ("holes", "Pixels of which nothing is known, in magenta over the dimmed frame."),
     ("coverage", "The share of each pixel that footprints cover, black 0 to white 1."),
     ("depth", "Depth pixels by their distance from the centre of the headbox: red near, blue far."),
