@@ -25,6 +25,7 @@ use crate::packed::PackedCube;
 use crate::packed::file::CUBE_LDI;
 use crate::scene_source::SceneSource;
 use crate::sprite::{SPRITE_FILE, SpriteSet};
+use crate::view_geometry::GeometrySettings;
 use anyhow::{Context, bail};
 use clap::Args;
 use clap::builder::TypedValueParser;
@@ -127,15 +128,15 @@ fn parse_named(text: &str) -> Result<Named, String> {
     Ok(named)
 }
 
-/// Pictures of one size, from left to right.
-fn side_by_side(pictures: &[&RgbImage]) -> RgbImage {
-    let width: u32 = pictures.iter().map(|picture| picture.width()).sum();
-    let height = pictures.iter().map(|picture| picture.height()).max().unwrap_or(0);
-    let mut sheet = RgbImage::new(width, height);
-    let mut x = 0;
-    for picture in pictures {
-        image::imageops::replace(&mut sheet, *picture, i64::from(x), 0);
-        x += picture.width();
+/// Pictures of one size, from left to right, so many in a row.
+fn sheet(pictures: &[&RgbImage], across: usize) -> RgbImage {
+    let [width, height] = [RgbImage::width, RgbImage::height]
+        .map(|side| pictures.iter().map(|picture| side(picture)).max().unwrap_or(0));
+    let rows = pictures.len().div_ceil(across);
+    let mut sheet = RgbImage::new(width * pictures.len().min(across) as u32, height * rows as u32);
+    for (number, picture) in pictures.iter().enumerate() {
+        let [x, y] = [number % across, number / across].map(|place| place as i64);
+        image::imageops::replace(&mut sheet, *picture, x * i64::from(width), y * i64::from(height));
     }
     sheet
 }
@@ -242,12 +243,13 @@ impl ReportCommand {
         let bar = Bar::new();
         let mut failed = None;
         let mut save = |shown: Shown| {
-            let [nearest, near, ldi] = &shown.frames;
             let path = output.join(format!("{}.png", shown.view.replace(['/', '.'], "_")));
-            failed =
-                failed.take().or(save_picture(&path, &side_by_side(&[&shown.photograph, nearest, near, ldi])).err());
+            let pictures: Vec<&RgbImage> = std::iter::once(&shown.photograph).chain(&shown.frames).collect();
+            failed = failed.take().or(save_picture(&path, &sheet(&pictures, 4)).err());
         };
-        let report = images::measure(&set, &ImagesJob::suggest(&set), self.hold_out, &bar, &mut save)?;
+        let job = ImagesJob::suggest(&set);
+        let geometry = GeometrySettings::default();
+        let report = images::measure(&set, &job, &geometry, self.hold_out, &bar, &mut save)?;
         bar.finish();
         if let Some(error) = failed {
             return Err(error);
