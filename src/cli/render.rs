@@ -2,6 +2,7 @@
 
 use super::UsageError;
 use super::args::{CameraArgs, DefaultCamera, Names, by_name};
+use super::geometry::{GeometryArgs, GeometryContent, GeometryRendered, texturing_of};
 use super::house_file::HouseContent;
 use super::images::{self, SetArgs, is_image_set};
 use super::output::{DEPTH, Outputs, PICTURE, print_json, save_picture, write_text};
@@ -18,6 +19,7 @@ use crate::portal::file::HOUSE_FILE;
 use crate::render::splat::SplatKernel;
 use crate::render::{Parallel, RenderSettings, Renderer};
 use crate::sprite::{DepthPicture, RenderOptions, SPRITE_FILE, Sampling, SpriteSet, Variant, write_depth_exr};
+use crate::view_geometry::Texturing;
 use anyhow::bail;
 use clap::Args;
 use image::RgbImage;
@@ -40,9 +42,12 @@ pub(super) struct Render {
     /// Render a frame per pose of this JSON file
     #[arg(long, value_name = "PATH.json")]
     path: Option<PathBuf>,
-    /// How samples become pixels, or how parallax inside sprites is drawn: see the list that a wrong name prints
+    /// How samples become pixels, or how parallax inside sprites is drawn: see the list that a wrong name prints. For a folder of
+    /// images also geometry-blended and its kin: view-dependent geometry, made for each frame, instead of a cube LDI
     #[arg(long, value_name = "NAME")]
     variant: Option<String>,
+    #[command(flatten)]
+    geometry: GeometryArgs,
     /// How colours of sprites are looked up; bilinear if absent
     #[arg(long)]
     sampling: Option<Sampling>,
@@ -99,6 +104,7 @@ impl Rendered {
 /// What the files hold, with all that drawing it needs.
 enum Content {
     House(Box<HouseContent>),
+    Geometry(Box<GeometryContent>),
     Cube { cube: Box<PackedCube>, renderer: Box<Renderer>, settings: RenderSettings },
     Layers { layers: Box<Composition>, composer: Box<Composer>, settings: ComposeSettings, frame: Frame },
 }
@@ -131,6 +137,9 @@ impl Render {
     /// Reads the files. Axes, unit and camera are those of the first.
     fn open(&self) -> anyhow::Result<(Content, FileFrame, DefaultCamera)> {
         if let Some(content) = self.open_house()? {
+            return Ok(content);
+        }
+        if let Some(content) = self.open_geometry()? {
             return Ok(content);
         }
         let (mut cubes, mut sprites) = (Vec::new(), None::<SpriteSet>);
@@ -190,6 +199,24 @@ impl Render {
         Ok(Some((Content::House(Box::new(content)), frame, camera)))
     }
 
+    /// A folder of images for a variant of view-dependent geometry; `None` if that is not asked for.
+    fn open_geometry(&self) -> anyhow::Result<Option<(Content, FileFrame, DefaultCamera)>> {
+        let alone = matches!(self.files.as_slice(), [folder] if is_image_set(&folder.to_string_lossy()));
+        let Some(texturing) = texturing_of(self.variant.as_deref(), alone)? else {
+            if self.geometry.are_given() {
+                let message = "--cameras, --grid, --sample-spacing, --lod and --pictures-memory are for --variant geometry-blended and its kin";
+                return Err(UsageError(message.into()).into());
+            }
+            return Ok(None);
+        };
+        if self.sampling.is_some() || self.fill_steps.is_some() || self.parallel.is_some() || self.keep_holes {
+            let message = "--sampling, --fill-steps, --parallel and --keep-holes are not for view-dependent geometry";
+            return Err(UsageError(message.into()).into());
+        }
+        let (content, frame, camera) = GeometryContent::open(&self.files[0], texturing, &self.geometry)?;
+        Ok(Some((Content::Geometry(Box::new(content)), frame, camera)))
+    }
+
     fn settings(&self, cubes: bool, sprites: bool) -> anyhow::Result<ComposeSettings> {
         let mut settings = ComposeSettings::default();
         if !sprites && (self.sampling.is_some() || self.fill_steps.is_some()) {
@@ -214,7 +241,9 @@ impl Render {
             (None, None) => {
                 let kernels = SplatKernel::ALL.iter().filter(|_| cubes).map(|(name, _)| *name);
                 let variants = Variant::ALL.iter().filter(|_| sprites).map(|variant| variant.name());
-                let names: Vec<&str> = kernels.chain(variants).collect();
+                let is_set = matches!(self.files.as_slice(), [folder] if is_image_set(&folder.to_string_lossy()));
+                let geometry = Texturing::ALL.iter().filter(|_| is_set).map(|(name, _)| *name);
+                let names: Vec<&str> = kernels.chain(variants).chain(geometry).collect();
                 let message = format!("there is no variant \"{wanted}\"; there are: {}", names.join(", "));
                 return Err(UsageError(message).into());
             }
@@ -294,6 +323,7 @@ impl Content {
     fn render(&mut self, camera: &Camera, repeat: u32) -> anyhow::Result<Rendered> {
         match self {
             Self::House(house) => render_house(house, camera, repeat),
+            Self::Geometry(geometry) => render_geometry(geometry, camera, repeat),
             Self::Cube { cube, renderer, settings } => render_cube(renderer, cube, camera, settings, repeat),
             Self::Layers { layers, composer, settings, frame } => {
                 render_layers(composer, layers, camera, settings, frame, repeat)
@@ -324,6 +354,7 @@ impl Content {
     fn variant(&self) -> &'static str {
         match self {
             Self::House(house) => house.variant(),
+            Self::Geometry(geometry) => geometry.variant(),
             Self::Cube { settings, .. } => settings.kernel.name(),
             Self::Layers { layers, settings, .. } if layers.sprites().sprites().is_empty() => {
                 settings.cubes.kernel.name()
@@ -335,6 +366,14 @@ impl Content {
     fn summary(&self, rendered: &Rendered) -> String {
         match self {
             Self::House(house) => format!("{}, {} splats", house.variant(), rendered.splatted),
+            Self::Geometry(geometry) => {
+                format!(
+                    "{}, {} triangles of {} samples",
+                    geometry.variant(),
+                    rendered.splatted,
+                    rendered.depth_pixels_in
+                )
+            }
             Self::Cube { cube, .. } => {
                 // One depth pixel may be splatted in several bands of rows.
                 format!("{} splats of {} depth pixels", rendered.splatted, cube.depth_pixel_count())
@@ -358,6 +397,22 @@ fn render_house(house: &mut HouseContent, camera: &Camera, repeat: u32) -> anyho
         splatted: stats.backdrop.splatted,
         hole_pixels: stats.hole_pixels,
         statistics: serde_json::to_value(stats)?,
+    })
+}
+
+fn render_geometry(geometry: &mut GeometryContent, camera: &Camera, repeat: u32) -> anyhow::Result<Rendered> {
+    let GeometryRendered { image, ms, stats } = geometry.render(camera, repeat)?;
+    Ok(Rendered {
+        image,
+        ms,
+        stages: json!({
+            "rank_ms": stats.rank_ms, "fetch_ms": stats.fetch_ms, "fuse_ms": stats.fuse_ms, "mesh_ms": stats.mesh_ms,
+            "texture_ms": stats.texture_ms,
+        }),
+        statistics: serde_json::to_value(stats)?,
+        depth_pixels_in: stats.samples,
+        splatted: stats.triangles,
+        hole_pixels: stats.hole_pixels,
     })
 }
 

@@ -3,6 +3,7 @@
 use super::UsageError;
 use super::args::{FrameArgs, UNITS, parse_length, parse_up, parse_vector};
 use super::capture::place_headbox;
+use super::geometry::GeometryArgs;
 use super::images::{SetArgs, is_image_set};
 use super::output::{NO_INPUTS, Outputs, PAGE, save_picture, write_text};
 use super::progress::{Bar, Planned};
@@ -12,7 +13,7 @@ use crate::capture::scene::UpAxis;
 use crate::capture::trace::Tracer;
 use crate::container::Container;
 use crate::ldi::from_images::ImagesJob;
-use crate::measure::images::{self, Shown};
+use crate::measure::images::{self, Geometry, Shown};
 use crate::measure::machine::{Machine, commit};
 use crate::measure::plan::{Plan, Quality, most_to_see};
 use crate::measure::report::figures::{figures, short};
@@ -25,7 +26,6 @@ use crate::packed::PackedCube;
 use crate::packed::file::CUBE_LDI;
 use crate::scene_source::SceneSource;
 use crate::sprite::{SPRITE_FILE, SpriteSet};
-use crate::view_geometry::GeometrySettings;
 use anyhow::{Context, bail};
 use clap::Args;
 use clap::builder::TypedValueParser;
@@ -86,6 +86,8 @@ pub(super) struct ReportCommand {
     #[command(flatten)]
     images: SetArgs,
     #[command(flatten)]
+    geometry: GeometryArgs,
+    #[command(flatten)]
     frame: FrameArgs,
 }
 
@@ -130,8 +132,8 @@ fn parse_named(text: &str) -> Result<Named, String> {
 
 /// Pictures of one size, from left to right, so many in a row.
 fn sheet(pictures: &[&RgbImage], across: usize) -> RgbImage {
-    let [width, height] = [RgbImage::width, RgbImage::height]
-        .map(|side| pictures.iter().map(|picture| side(picture)).max().unwrap_or(0));
+    let [width, height] =
+        [RgbImage::width, RgbImage::height].map(|side| pictures.iter().map(|picture| side(picture)).max().unwrap_or(0));
     let rows = pictures.len().div_ceil(across);
     let mut sheet = RgbImage::new(width * pictures.len().min(across) as u32, height * rows as u32);
     for (number, picture) in pictures.iter().enumerate() {
@@ -248,7 +250,11 @@ impl ReportCommand {
             failed = failed.take().or(save_picture(&path, &sheet(&pictures, 4)).err());
         };
         let job = ImagesJob::suggest(&set);
-        let geometry = GeometrySettings::default();
+        let geometry = Geometry {
+            settings: self.geometry.settings(),
+            samples: self.geometry.samples(),
+            budget: self.geometry.budget(),
+        };
         let report = images::measure(&set, &job, &geometry, self.hold_out, &bar, &mut save)?;
         bar.finish();
         if let Some(error) = failed {

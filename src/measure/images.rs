@@ -109,6 +109,16 @@ const HOLE: [u8; 3] = [255, 0, 255];
 /// A pixel counts as covered from this share of 255 on.
 const COVERED: u8 = 128;
 
+/// How view-dependent geometry is made and drawn.
+pub struct Geometry {
+    /// Of frames; how they are textured does not count.
+    pub settings: GeometrySettings,
+    /// Of depth images.
+    pub samples: SampleGrid,
+    /// Bytes for pictures.
+    pub budget: usize,
+}
+
 /// Measures a set; `show` is given every view's frames. With `hold_out` 1 each view is left out alone, else every
 /// `hold_out`-th at once.
 ///
@@ -117,7 +127,7 @@ const COVERED: u8 = 128;
 pub fn measure(
     set: &ImageSet,
     job: &ImagesJob,
-    geometry: &GeometrySettings,
+    geometry: &Geometry,
     hold_out: usize,
     progress: &dyn Progress,
     show: &mut dyn FnMut(Shown),
@@ -132,7 +142,7 @@ pub fn measure(
         n => vec![(n / 2..views.len()).step_by(n).collect()],
     };
     let started = std::time::Instant::now();
-    let opened = ViewGeometry::open(set, &views, &SampleGrid::default(), ViewGeometry::DEFAULT_BUDGET, progress)?;
+    let opened = ViewGeometry::open(set, &views, &geometry.samples, geometry.budget, progress)?;
     let geometry_ms = started.elapsed().as_secs_f64() * 1e3;
     let mut bench = Bench {
         set,
@@ -142,7 +152,7 @@ pub fn measure(
         renderer: Renderer::new(),
         geometry: opened,
         geometry_ms,
-        settings: GeometrySettings { hole_color_srgb: HOLE, ..*geometry },
+        settings: GeometrySettings { hole_color_srgb: HOLE, ..geometry.settings },
         geometry_renderer: GeometryRenderer::new(),
         rows: Vec::new(),
     };
@@ -209,7 +219,8 @@ impl Bench<'_> {
         let Some(nearest) = near.first() else { return Ok(()) };
         let centre = nearest.color_pose().eye;
         let [alone, few] = [self.cube(centre, &near[..1])?, self.cube(centre, &near)?];
-        let mut drawn: Vec<Drawn> = [&alone, &few, all].into_iter().map(|cube| self.draw(cube, &camera, gain)).collect();
+        let mut drawn: Vec<Drawn> =
+            [&alone, &few, all].into_iter().map(|cube| self.draw(cube, &camera, gain)).collect();
         drawn.extend(Texturing::ALL.into_iter().map(|(_, texturing)| self.draw_geometry(texturing, &camera, gain)));
         let judged: Vec<bool> =
             (0..visible.len()).map(|p| visible[p] && drawn.iter().all(|drawn| drawn.covered[p])).collect();

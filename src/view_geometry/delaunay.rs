@@ -208,7 +208,8 @@ mod tests {
                 (2..grid.columns - 2).contains(&column) && (2..grid.rows - 2).contains(&row)
             };
             let is_inner = |edge: &&[u32; 2]| edge.iter().all(|node| inner(*node));
-            let [ours, theirs] = [&ours, &theirs].map(|edges| edges.iter().filter(is_inner).copied().collect::<Vec<_>>());
+            let [ours, theirs] =
+                [&ours, &theirs].map(|edges| edges.iter().filter(is_inner).copied().collect::<Vec<_>>());
             assert!(ours.len() > 200 && ours == theirs, "seed {seed}: {} and {} edges", ours.len(), theirs.len());
         }
     }

@@ -123,8 +123,14 @@ impl Grid {
                 }
                 let bound = here + edge.most(here, spacing);
                 let around = [
-                    node - columns - 1, node - columns, node - columns + 1, node - 1,
-                    node + 1, node + columns - 1, node + columns, node + columns + 1,
+                    node - columns - 1,
+                    node - columns,
+                    node - columns + 1,
+                    node - 1,
+                    node + 1,
+                    node + columns - 1,
+                    node + columns,
+                    node + columns + 1,
                 ];
                 around.into_iter().filter(|&other| self.inverse_depth[other] > bound).count() >= NEARER
             })
@@ -265,7 +271,8 @@ mod tests {
         let mut nearest = vec![None::<(f64, [f64; 3])>; grid.owner.len()];
         for point in &points {
             let Some(at) = frame.project(point.as_dvec3()) else { continue };
-            let cell = |px: f64, count: u32| Some((px / 4.0 + 1.5).floor()).filter(|n| (0.0..f64::from(count)).contains(n));
+            let cell =
+                |px: f64, count: u32| Some((px / 4.0 + 1.5).floor()).filter(|n| (0.0..f64::from(count)).contains(n));
             let (Some(column), Some(row)) = (cell(at[0], grid.columns), cell(at[1], grid.rows)) else { continue };
             let distance = (point.as_dvec3() - frame.eye()).length();
             let node = &mut nearest[row as usize * grid.columns as usize + column as usize];

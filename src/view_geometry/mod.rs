@@ -104,15 +104,18 @@ pub enum Texturing {
     /// Each triangle by all cameras of its corners, weighted by the corners.
     #[default]
     Blended,
+    /// Each pixel by the mean of the best ranked cameras that see its point, whoever owns the corners.
+    Averaged,
 }
 
 impl Texturing {
     /// Each with the name it has on the command line and in reports.
-    pub const ALL: [(&str, Self); 4] = [
+    pub const ALL: [(&str, Self); 5] = [
         ("geometry-nearest", Self::Nearest),
         ("geometry-single", Self::Single),
         ("geometry-multi", Self::Multi),
         ("geometry-blended", Self::Blended),
+        ("geometry-averaged", Self::Averaged),
     ];
 
     /// The one of a name.

@@ -73,8 +73,10 @@ impl Picture {
     pub(super) fn color(&self, level: usize, x: f32, y: f32) -> Option<[f32; 3]> {
         let level = &self.levels[level.min(self.levels.len() - 1)];
         let whole = &self.levels[0];
-        let [x, y] = [(x, level.width, whole.width), (y, level.height, whole.height)]
-            .map(|(at, of_level, of_whole)| if of_level == of_whole { at } else { at * of_level as f32 / of_whole as f32 });
+        let [x, y] =
+            [(x, level.width, whole.width), (y, level.height, whole.height)].map(|(at, of_level, of_whole)| {
+                if of_level == of_whole { at } else { at * of_level as f32 / of_whole as f32 }
+            });
         if !(x >= 0.0 && y >= 0.0 && x <= level.width as f32 && y <= level.height as f32) {
             return None;
         }

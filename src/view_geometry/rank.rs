@@ -98,11 +98,8 @@ impl Probing {
         for probe in probes {
             let d = *probe - self.eye;
             let [x, y, depth] = self.axes.map(|axis| axis.dot(d));
-            let inside = (depth > 0.0)
-                & (x >= left * depth)
-                & (x < right * depth)
-                & (y >= up * depth)
-                & (y < down * depth);
+            let inside =
+                (depth > 0.0) & (x >= left * depth) & (x < right * depth) & (y >= up * depth) & (y < down * depth);
             count += u32::from(inside);
         }
         count
@@ -158,7 +155,9 @@ mod tests {
         let frame = frame_at(DVec3::new(0.11, 0.07, 0.2), [80, 60]);
         let cameras: Vec<RealCamera> = eyes
             .iter()
-            .filter_map(|eye| RealCamera::of_loaded(&plane_view(*eye, 2.0, [64, 48]), &SampleGrid::default(), DVec3::ZERO))
+            .filter_map(|eye| {
+                RealCamera::of_loaded(&plane_view(*eye, 2.0, [64, 48]), &SampleGrid::default(), DVec3::ZERO)
+            })
             .collect();
         let distance = |camera: &RealCamera| (camera.pose.eye - frame.eye()).cross(frame.forward()).length();
         let valid = |camera: &&RealCamera| oracle(camera, &frame, 1.0).is_some();

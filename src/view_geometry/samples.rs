@@ -49,7 +49,8 @@ impl Samples {
         let mut probes = [None::<(u32, Vec3)>; MAX_PROBES];
         let mut window = Vec::new();
         for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
-            let at = [(column, view.size_px[0]), (row, view.size_px[1])].map(|(number, side)| (number * spacing).min(side - 1));
+            let at = [(column, view.size_px[0]), (row, view.size_px[1])]
+                .map(|(number, side)| (number * spacing).min(side - 1));
             let Some(depth) = median_depth(view, at, (spacing / 2).max(1), &mut window) else { continue };
             // A depth is a multiple of the pixel's ray, whose third component is 1 for a pinhole: eye depth (C24).
             let ray = view.lens.ray(at.map(|at| f64::from(at) + 0.5), view.size_px);

@@ -67,7 +67,12 @@ impl PictureStore {
     }
 
     /// The pictures of the first `count` cameras that have one, of these in order of rank.
-    pub(super) fn fetch(&self, ranked: impl Iterator<Item = u32>, count: usize, patience: Patience) -> Vec<(u32, Arc<Picture>)> {
+    pub(super) fn fetch(
+        &self,
+        ranked: impl Iterator<Item = u32>,
+        count: usize,
+        patience: Patience,
+    ) -> Vec<(u32, Arc<Picture>)> {
         let ranked: Vec<u32> = ranked.collect();
         if patience == Patience::Wait {
             self.decode_missing(&ranked, count);

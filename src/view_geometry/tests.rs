@@ -44,7 +44,8 @@ pub(super) fn view_of(
 pub(super) fn plane_view(eye: DVec3, distance: f64, size_px: [u32; 2]) -> LoadedView {
     let focal = FOCAL * f64::from(size_px[0]);
     let color = |x: u32, y: u32| {
-        let [u, v] = [(x, size_px[0]), (y, size_px[1])].map(|(at, side)| (f64::from(at) + 0.5 - f64::from(side) / 2.0) / focal);
+        let [u, v] =
+            [(x, size_px[0]), (y, size_px[1])].map(|(at, side)| (f64::from(at) + 0.5 - f64::from(side) / 2.0) / focal);
         pattern(eye.x + u * distance, eye.y - v * distance)
     };
     view_of(eye, |_, _| distance as f32, color, size_px)
@@ -83,7 +84,8 @@ pub(super) fn saved(view: &LoadedView, folder: &Path, name: &str) -> View {
 /// Views on disk, opened; the folder lives as long as the pictures are needed.
 fn opened(views: &[LoadedView]) -> (tempfile::TempDir, ViewGeometry) {
     let folder = tempfile::tempdir().expect("a folder");
-    let on_disk: Vec<View> = views.iter().enumerate().map(|(i, view)| saved(view, folder.path(), &i.to_string())).collect();
+    let on_disk: Vec<View> =
+        views.iter().enumerate().map(|(i, view)| saved(view, folder.path(), &i.to_string())).collect();
     let geometry = open(folder.path(), &on_disk, ViewGeometry::DEFAULT_BUDGET).expect("opens");
     (folder, geometry)
 }
@@ -135,7 +137,7 @@ fn a_plane_is_shown_as_it_is_from_between_its_cameras() {
     let (_folder, geometry) = opened(&views);
     for eye in [DVec3::new(0.1, 0.05, -0.3), eyes[1]] {
         let camera = frame_at(eye, [111, 70]);
-        for texturing in [Texturing::Multi, Texturing::Blended] {
+        for texturing in [Texturing::Multi, Texturing::Blended, Texturing::Averaged] {
             let (frame, stats) = frame(&geometry, &camera, texturing);
             // Rounding to levels in the picture, its bilinear interpolation and in the frame.
             let (worst, holes) = off_the_pattern(&frame, &camera, -3.0);
@@ -161,7 +163,8 @@ fn pixels_are_those_of_the_slow_way() {
         .map(|(number, eye)| {
             let focal = FOCAL * f64::from(SIZE[0]);
             let depth = |x: u32, y: u32| {
-                let [u, v] = [(x, SIZE[0]), (y, SIZE[1])].map(|(at, side)| (f64::from(at) + 0.5 - f64::from(side) / 2.0) / focal);
+                let [u, v] = [(x, SIZE[0]), (y, SIZE[1])]
+                    .map(|(at, side)| (f64::from(at) + 0.5 - f64::from(side) / 2.0) / focal);
                 // n . p = -2 with p = eye + depth * (u, -v, -1).
                 let n = DVec3::new(0.2, 0.5, 1.0);
                 ((-2.0 - n.dot(*eye)) / n.dot(DVec3::new(u, -v, -1.0))) as f32
@@ -230,7 +233,8 @@ const LARGE: [u32; 2] = [320, 240];
 fn square_before_wall(eye: DVec3) -> LoadedView {
     let focal = FOCAL * f64::from(LARGE[0]);
     let is_square = move |x: u32, y: u32| {
-        let [u, v] = [(x, LARGE[0]), (y, LARGE[1])].map(|(at, side)| (f64::from(at) + 0.5 - f64::from(side) / 2.0) / focal);
+        let [u, v] =
+            [(x, LARGE[0]), (y, LARGE[1])].map(|(at, side)| (f64::from(at) + 0.5 - f64::from(side) / 2.0) / focal);
         (eye.x + u * 1.5).abs() < 0.3 && (eye.y - v * 1.5).abs() < 0.3
     };
     let depth = move |x, y| if is_square(x, y) { 1.5 } else { 3.0 };
@@ -243,7 +247,7 @@ fn no_skin_spans_a_depth_edge_and_the_rim_is_where_it_is() {
     let (_folder, geometry) = opened(&eyes.map(square_before_wall));
     let camera = frame_at(DVec3::new(0.12, 0.04, 0.0), LARGE);
     let expected = square_before_wall(camera.eye());
-    for texturing in [Texturing::Multi, Texturing::Blended] {
+    for texturing in [Texturing::Multi, Texturing::Blended, Texturing::Averaged] {
         let (frame, _) = frame(&geometry, &camera, texturing);
         let (mut wrong, mut mixed) = (0, 0);
         let shown = frame.color.iter().zip(&frame.coverage).zip(&expected.color);
@@ -275,7 +279,9 @@ fn hard_sets_give_a_frame() {
     let camera = frame_at(DVec3::new(0.05, 0.0, 0.1), SIZE);
     let plane = || plane_view(DVec3::ZERO, 3.0, SIZE);
     let turned = |turn: DMat3| LoadedView { pose: Pose { eye: DVec3::ZERO, world_from_eye: turn }, ..plane() };
-    let holes = |of: u32| view_of(DVec3::ZERO, move |x, y| if (x / 7 + y / 5) % of == 0 { f32::NAN } else { 2.0 }, |_, _| [90; 3], SIZE);
+    let holes = |of: u32| {
+        view_of(DVec3::ZERO, move |x, y| if (x / 7 + y / 5) % of == 0 { f32::NAN } else { 2.0 }, |_, _| [90; 3], SIZE)
+    };
     let depth = |depth: f32| view_of(DVec3::ZERO, move |_, _| depth, |_, _| [90; 3], SIZE);
     let sets: [(&str, Vec<LoadedView>, bool); 9] = [
         ("one camera", vec![plane()], true),
@@ -323,8 +329,11 @@ fn sets_that_hold_nothing_to_draw_from_are_refused_in_a_sentence() {
 fn what_vanishes_from_disk_is_replaced_by_the_next_best_camera() {
     let folder = tempfile::tempdir().expect("a folder");
     let eyes = [0.0, 0.1, 0.2].map(|x| DVec3::new(x, 0.0, 0.0));
-    let views: Vec<View> =
-        eyes.iter().zip(["a", "b", "c"]).map(|(eye, name)| saved(&plane_view(*eye, 3.0, SIZE), folder.path(), name)).collect();
+    let views: Vec<View> = eyes
+        .iter()
+        .zip(["a", "b", "c"])
+        .map(|(eye, name)| saved(&plane_view(*eye, 3.0, SIZE), folder.path(), name))
+        .collect();
     // Nothing fits: every frame reads its pictures anew.
     let geometry = open(folder.path(), &views, 0).expect("opens");
     let camera = frame_at(DVec3::ZERO, SIZE);
@@ -362,7 +371,8 @@ fn coarser_settings_are_faster_and_still_show_the_scene() {
     let camera = frame_at(DVec3::X * 0.1, SIZE);
     let mut samples = u64::MAX;
     for level in 0..3 {
-        let settings = GeometrySettings { level, grid_px: 4.0 * 2f32.powi(level as i32), ..settings(Texturing::Blended) };
+        let settings =
+            GeometrySettings { level, grid_px: 4.0 * 2f32.powi(level as i32), ..settings(Texturing::Blended) };
         let mut renderer = GeometryRenderer::new();
         let (frame, stats) = renderer.render(&geometry, &camera, &settings, Patience::Wait);
         let (worst, holes) = off_the_pattern(frame, &camera, -3.0);

@@ -1,4 +1,5 @@
-//! From the mesh to pixels (E9): each triangle textured by one camera, by the best ranked of its corners', or by up to three blended.
+//! From the mesh to pixels (E9): each triangle textured by one camera, by the best ranked of its corners', by up to three
+//! blended, or by the mean of all good ones.
 //!
 //! Triangles tile the frame: no two overlap, so there is no depth test, and with exact integer edge functions no crack. At a pixel, position and
 //! inverse depth give its place in any picture by one product with a homography and one with an epipole (Shade's
@@ -89,6 +90,9 @@ impl TextureCamera {
         self.picture.inverse_depth(x, y).is_some_and(|shown| shown > inverse * self.hidden + slack)
     }
 }
+
+/// Cameras whose mean a pixel shows: the fourth still takes more noise away than it blurs.
+const MOST_AVERAGED: u16 = 4;
 
 /// What colours a frame.
 pub(super) struct Painter<'a> {
@@ -187,7 +191,8 @@ impl Painter<'_> {
         let rows = range(1, band.rows.start, band.rows.end)?;
         let columns = range(0, 0, band.width)?;
         let at = at.map(|p| p.map(i64::from));
-        let centre = [columns.start, rows.start].map(|pixel| i64::from(pixel) * i64::from(SUBPIXELS) + i64::from(SUBPIXELS / 2));
+        let centre =
+            [columns.start, rows.start].map(|pixel| i64::from(pixel) * i64::from(SUBPIXELS) + i64::from(SUBPIXELS / 2));
         let edge = |from: [i64; 2], to: [i64; 2]| {
             let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
             // A centre on an edge belongs to the triangle whose upper or left edge it is.
@@ -241,6 +246,10 @@ impl Painter<'_> {
         // Weights on the surface, not in the frame, are those times depth's share.
         let painted = match self.texturing {
             Texturing::Single => self.single(surface, [x, y], inverse),
+            Texturing::Averaged => {
+                let mean = self.averaged(surface, [x, y], inverse);
+                mean.or_else(|| self.unseen(triangle, [a, b, c], surface))
+            }
             Texturing::Blended if !surface.is_one => self.blended(triangle, [a, b, c], surface, [x, y], inverse),
             _ => self.best(triangle, [a, b, c], surface, [x, y], inverse),
         };
@@ -279,6 +288,25 @@ impl Painter<'_> {
             return None;
         }
         camera.picture.color(surface.level, place[0], place[1])
+    }
+
+    /// The mean colour of the best ranked cameras that see the surface, [`MOST_AVERAGED`] at most.
+    #[inline(always)]
+    fn averaged(&self, surface: &Surface, [x, y]: [f32; 2], inverse: f32) -> Option<[f32; 3]> {
+        let (mut sum, mut count) = ([0.0; 3], 0u16);
+        for camera in self.cameras {
+            let Some(place) = camera.locate(x, y, inverse) else { continue };
+            if camera.is_hidden(place, self.edge.least()) {
+                continue;
+            }
+            let Some(color) = camera.picture.color(surface.level, place[0], place[1]) else { continue };
+            (0..3).for_each(|c| sum[c] += color[c]);
+            count += 1;
+            if count == MOST_AVERAGED {
+                break;
+            }
+        }
+        (count > 0).then(|| sum.map(|c| c / f32::from(count)))
     }
 
     /// The colour of the best ranked camera of the corners that sees the surface.
