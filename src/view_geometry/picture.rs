@@ -3,6 +3,7 @@
 use super::fuse::NOBODY;
 use crate::capture::images::LoadedView;
 use crate::capture::linear_from_srgb8;
+use glam::Vec4;
 
 /// Sixteen bits of linear light.
 const FULL: f32 = 65_535.0;
@@ -20,11 +21,19 @@ pub(super) struct Picture {
     inverse_depth_step: f32,
 }
 
-/// Red, green, blue, and inverse depth in steps, row by row.
+/// Red, green, blue, and inverse depth in steps, row by row; the last column and row twice, so that every texel has neighbours.
 #[derive(Clone, Debug, PartialEq)]
 struct Level {
+    /// Texels, without those that are there twice.
     width: usize,
     height: usize,
+    /// The same, and the last column and row whose neighbours are looked at.
+    size: [f32; 2],
+    last: [i32; 2],
+    /// Over the picture's size.
+    scale: [f32; 2],
+    /// Texels in a row.
+    stride: usize,
     texels: Vec<[u16; 4]>,
 }
 
@@ -37,7 +46,10 @@ impl Picture {
         let inverse = |i: usize| view.depth.get(i).filter(|depth| **depth > 0.0).map(|depth| 1.0 / depth);
         let nearest = (0..view.depth.len()).filter_map(inverse).fold(0.0, f32::max);
         let step = if nearest > 0.0 { nearest / f32::from(NOBODY - LEAST_DEPTH) } else { 1.0 };
-        let texels = view.color.iter().enumerate().map(|(i, &[r, g, b, a])| {
+        let [width, height] = view.size_px.map(|side| side as usize);
+        let texel = |x: usize, y: usize| {
+            let i = y * width + x;
+            let [r, g, b, a] = view.color.get(i).copied().unwrap_or_default();
             let [r, g, b] = [r, g, b].map(|c| (linear_from_srgb8(c) * FULL + 0.5) as u16);
             let depth = match inverse(i) {
                 _ if a == 0 => MASKED,
@@ -45,10 +57,11 @@ impl Picture {
                 None => UNKNOWN,
             };
             [r, g, b, depth]
-        });
-        let [width, height] = view.size_px.map(|side| side as usize);
-        let mut levels = vec![Level { width, height, texels: texels.collect() }];
-        while let Some(next) = levels.last().filter(|_| levels.len() <= HALVINGS).and_then(Level::halved) {
+        };
+        let mut levels = vec![Level::new([width, height], [width, height], texel)];
+        while let Some(next) =
+            levels.last().filter(|_| levels.len() <= HALVINGS).and_then(|level| level.halved([width, height]))
+        {
             levels.push(next);
         }
         Self { levels, inverse_depth_step: step }
@@ -67,48 +80,34 @@ impl Picture {
         if finest { 0 } else { ((texels * texels * 2.0).log2() * 0.5).min((self.levels.len() - 1) as f32) as usize }
     }
 
-    /// Linear colour, up to [`FULL`], at a position in pixels of the picture, bilinear over what is not masked out; `None`
-    /// outside and where all is.
-    #[inline]
-    pub(super) fn color(&self, level: usize, x: f32, y: f32) -> Option<[f32; 3]> {
-        let level = &self.levels[level.min(self.levels.len() - 1)];
-        let whole = &self.levels[0];
-        let [x, y] =
-            [(x, level.width, whole.width), (y, level.height, whole.height)].map(|(at, of_level, of_whole)| {
-                if of_level == of_whole { at } else { at * of_level as f32 / of_whole as f32 }
-            });
-        if !(x >= 0.0 && y >= 0.0 && x <= level.width as f32 && y <= level.height as f32) {
+    /// What is at a position in pixels of the picture: linear colour, up to [`FULL`], bilinear over what is not masked out, and the inverse
+    /// depth of the nearest texel, 1/m, 0 where it is unknown; `None` outside and where all is masked out.
+    #[inline(always)]
+    pub(super) fn sample(&self, level: usize, x: f32, y: f32) -> Option<([f32; 3], f32)> {
+        let level = self.levels.get(level)?;
+        let (x, y) = (x * level.scale[0], y * level.scale[1]);
+        let [width, height] = level.size;
+        if !((x >= 0.0) & (y >= 0.0) & (x <= width) & (y <= height)) {
             return None;
         }
-        let x = (x - 0.5).max(0.0).min((level.width - 1) as f32);
-        let y = (y - 0.5).max(0.0).min((level.height - 1) as f32);
-        let (x0, y0) = (x as usize, y as usize);
-        let (fx, fy) = (x - x0 as f32, y - y0 as f32);
-        let (x1, y1) = ((x0 + 1).min(level.width - 1), (y0 + 1).min(level.height - 1));
-        let texel = |x: usize, y: usize| level.texels.get(y * level.width + x).copied().unwrap_or_default();
-        let four = [texel(x0, y0), texel(x1, y0), texel(x0, y1), texel(x1, y1)];
-        if four.iter().any(|texel| texel[3] == MASKED) {
-            return unmasked(four, fx, fy);
+        // Beyond the middles of the outermost texels the colour goes on.
+        let (x, y) = ((x - 0.5).max(0.0).min(width - 1.0), (y - 0.5).max(0.0).min(height - 1.0));
+        let (column, row) = ((x as i32).min(level.last[0]), (y as i32).min(level.last[1]));
+        let (fx, fy) = (x - column as f32, y - row as f32);
+        let first = row as usize * level.stride + column as usize;
+        let [a, b] = *level.texels.get(first..)?.first_chunk::<2>()?;
+        let [c, d] = *level.texels.get(first + level.stride..)?.first_chunk::<2>()?;
+        let upper = if fx < 0.5 { a[3] } else { b[3] };
+        let lower = if fx < 0.5 { c[3] } else { d[3] };
+        let depth = if fy < 0.5 { upper } else { lower };
+        let shown = f32::from(depth.max(LEAST_DEPTH) - LEAST_DEPTH) * self.inverse_depth_step;
+        if a[3].min(b[3]).min(c[3].min(d[3])) == MASKED {
+            return Some((unmasked([a, b, c, d], fx, fy)?, shown));
         }
-        let [a, b, c, d] = four.map(|texel| texel.map(f32::from));
-        let mut color = [0.0; 3];
-        for k in 0..3 {
-            let (top, bottom) = (a[k] + (b[k] - a[k]) * fx, c[k] + (d[k] - c[k]) * fx);
-            color[k] = top + (bottom - top) * fy;
-        }
-        Some(color)
-    }
-
-    /// Inverse depth of the texel at a position in pixels of the picture, 1/m; `None` outside and where it is unknown.
-    #[inline]
-    pub(super) fn inverse_depth(&self, x: f32, y: f32) -> Option<f32> {
-        let level = &self.levels[0];
-        if !(x >= 0.0 && y >= 0.0) {
-            return None;
-        }
-        let (x, y) = (x as usize, y as usize);
-        let texel = (x < level.width).then(|| level.texels.get(y * level.width + x)).flatten()?;
-        (texel[3] >= LEAST_DEPTH).then(|| f32::from(texel[3] - LEAST_DEPTH) * self.inverse_depth_step)
+        let [a, b, c, d] = [a, b, c, d].map(|texel| Vec4::from(texel.map(f32::from)));
+        let (top, bottom) = (a + (b - a) * fx, c + (d - c) * fx);
+        let color = top + (bottom - top) * fy;
+        Some(([color.x, color.y, color.z], shown))
     }
 }
 
@@ -124,21 +123,33 @@ fn unmasked(four: [[u16; 4]; 4], fx: f32, fy: f32) -> Option<[f32; 3]> {
 }
 
 impl Level {
-    /// Half the size, rounded up; each texel is the mean of those of the four that are not masked out.
-    fn halved(&self) -> Option<Self> {
+    fn new([width, height]: [usize; 2], whole: [usize; 2], texel: impl Fn(usize, usize) -> [u16; 4]) -> Self {
+        let places = (0..=height).flat_map(|y| (0..=width).map(move |x| (x.min(width - 1), y.min(height - 1))));
+        Self {
+            width,
+            height,
+            size: [width as f32, height as f32],
+            last: [width as i32 - 1, height as i32 - 1],
+            scale: [width as f32 / whole[0] as f32, height as f32 / whole[1] as f32],
+            stride: width + 1,
+            texels: places.map(|(x, y)| texel(x, y)).collect(),
+        }
+    }
+
+    /// Half the size, rounded up, of a picture that is so large as a `whole`; each texel is the mean of those of the four that are not
+    /// masked out, as near as the nearest of them.
+    fn halved(&self, whole: [usize; 2]) -> Option<Self> {
         if self.width.min(self.height) < 2 {
             return None;
         }
-        let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
-        let mean = |i: usize| {
-            let (x, y) = (2 * (i % width), 2 * (i / width));
-            let (x1, y1) = ((x + 1).min(self.width - 1), (y + 1).min(self.height - 1));
-            let four = [(x, y), (x1, y), (x, y1), (x1, y1)].map(|(x, y)| self.texels[y * self.width + x]);
+        let mean = |x: usize, y: usize| {
+            let first = 2 * y * self.stride + 2 * x;
+            let four = [0, 1, self.stride, self.stride + 1].map(|next| self.texels[first + next]);
             let [r, g, b] = unmasked(four, 0.5, 0.5).unwrap_or_default().map(|c| (c + 0.5) as u16);
             let depth = four.iter().map(|texel| texel[3]).max().unwrap_or(MASKED);
             [r, g, b, depth]
         };
-        Some(Self { width, height, texels: (0..width * height).map(mean).collect() })
+        Some(Self::new([self.width.div_ceil(2), self.height.div_ceil(2)], whole, mean))
     }
 }
 
@@ -153,12 +164,20 @@ mod tests {
         view_of(DVec3::ZERO, depth, |x, y| [x as u8 * 10, y as u8 * 20, 200], [13, 7])
     }
 
+    fn color(picture: &Picture, level: usize, x: f32, y: f32) -> Option<[f32; 3]> {
+        picture.sample(level, x, y).map(|(color, _)| color)
+    }
+
+    fn shown(picture: &Picture, x: f32, y: f32) -> f32 {
+        picture.sample(0, x, y).expect("inside").1
+    }
+
     #[test]
     fn colours_are_bilinear_in_linear_light() {
         let picture = Picture::new(&view());
         let linear = |level: u8| linear_from_srgb8(level) * FULL;
         for (x, y) in [(4.5, 3.5), (4.75, 3.5), (4.5, 3.75), (0.0, 0.0), (13.0, 7.0)] {
-            let found = picture.color(0, x, y).expect("inside");
+            let found = color(&picture, 0, x, y).expect("inside");
             let mixed = |at: f32, side: f32, step: f32| {
                 let at = (at - 0.5).clamp(0.0, side - 1.0);
                 let [low, high] = [at.floor(), at.ceil()].map(|at| linear((at * step) as u8));
@@ -168,8 +187,8 @@ mod tests {
             // Half a step of sixteen bits for each of the texels.
             assert!((0..3).all(|k| (found[k] - expected[k]).abs() < 1.1), "{x} {y}: {found:?} {expected:?}");
         }
-        assert!(picture.color(0, -0.01, 1.0).is_none() && picture.color(0, 13.01, 1.0).is_none());
-        assert!(picture.color(0, f32::NAN, 1.0).is_none() && picture.inverse_depth(f32::NAN, 1.0).is_none());
+        assert!(color(&picture, 0, -0.01, 1.0).is_none() && color(&picture, 0, 13.01, 1.0).is_none());
+        assert!(color(&picture, 0, f32::NAN, 1.0).is_none() && picture.sample(1, f32::NAN, 1.0).is_none());
     }
 
     #[test]
@@ -179,13 +198,13 @@ mod tests {
         view.color[3 * width + 5][3] = 0;
         let picture = Picture::new(&view);
         for x in 1..13 {
-            let found = picture.inverse_depth(x as f32 + 0.5, 1.5).expect("known");
+            let found = shown(&picture, x as f32 + 0.5, 1.5);
             assert!((found - 1.0 / (1.0 + x as f32)).abs() < 0.5 / 65_000.0, "{x}");
         }
-        assert!(picture.inverse_depth(0.5, 1.5).is_none() && picture.inverse_depth(5.5, 3.5).is_none());
-        assert!(picture.inverse_depth(13.5, 3.5).is_none() && picture.inverse_depth(2.0, 9.0).is_none());
-        assert_eq!(picture.color(0, 5.5, 3.5), None);
-        let beside = picture.color(0, 5.9, 3.5).expect("its neighbour");
+        assert!(shown(&picture, 0.5, 1.5) == 0.0, "unknown");
+        assert!(picture.sample(0, 13.5, 3.5).is_none() && picture.sample(0, 2.0, 9.0).is_none());
+        assert_eq!(color(&picture, 0, 5.5, 3.5), None);
+        let beside = color(&picture, 0, 5.9, 3.5).expect("its neighbour");
         assert!((beside[0] - linear_from_srgb8(60) * FULL).abs() < 1.0);
     }
 
@@ -195,7 +214,7 @@ mod tests {
         let picture = Picture::new(&view);
         assert_eq!((picture.level_for(1.0), picture.level_for(1.5), picture.level_for(4.1)), (0, 1, 2));
         for (x, y) in [(3.0, 3.0), (8.3, 4.0), (15.0, 1.0)] {
-            let found = picture.color(1, x, y).expect("inside");
+            let found = color(&picture, 1, x, y).expect("inside");
             assert!((found[0] - FULL / 2.0).abs() < 1.0, "{found:?}");
         }
     }

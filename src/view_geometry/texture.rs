@@ -84,10 +84,19 @@ impl TextureCamera {
         self.picture.level_for(if depths > 0.0 { self.scale / depths } else { 1.0 })
     }
 
-    /// Whether the camera shows something nearer there.
+    /// Linear colour, up to the largest of a texel, of a place of the frame in its picture, and whether the camera shows something nearer there.
     #[inline(always)]
-    fn is_hidden(&self, [x, y, inverse]: [f32; 3], slack: f32) -> bool {
-        self.picture.inverse_depth(x, y).is_some_and(|shown| shown > inverse * self.hidden + slack)
+    fn look(&self, level: usize, [x, y]: [f32; 2], inverse_depth: f32, slack: f32) -> Option<([f32; 3], bool)> {
+        let [u, v, inverse] = self.locate(x, y, inverse_depth)?;
+        let (color, shown) = self.picture.sample(level, u, v)?;
+        Some((color, shown > inverse * self.hidden + slack))
+    }
+
+    /// The colour, if the camera sees the surface.
+    #[inline(always)]
+    fn see(&self, level: usize, at: [f32; 2], inverse_depth: f32, slack: f32) -> Option<[f32; 3]> {
+        let (color, is_hidden) = self.look(level, at, inverse_depth, slack)?;
+        (!is_hidden).then_some(color)
     }
 }
 
@@ -170,7 +179,7 @@ impl Painter<'_> {
         for y in band.rows.clone() {
             for x in 0..band.width {
                 let Some([u, v, _]) = camera.locate(x as f32 + 0.5, y as f32 + 0.5, 0.0) else { continue };
-                if let Some(color) = camera.picture.color(level, u, v) {
+                if let Some((color, _)) = camera.picture.sample(level, u, v) {
                     band.put(x, y, color);
                 }
             }
@@ -219,7 +228,7 @@ impl Painter<'_> {
         let length = |i: usize, j: usize| {
             let [a, b] = [corners[i], corners[j]].map(|node| node as usize);
             let [dx, dy] = [self.grid.x[a] - self.grid.x[b], self.grid.y[a] - self.grid.y[b]].map(|d| d as f32);
-            dx.hypot(dy) / SUBPIXELS as f32
+            (dx * dx + dy * dy).sqrt() / SUBPIXELS as f32
         };
         let (near, far) = (inverse[0].max(inverse[1]).max(inverse[2]), inverse[0].min(inverse[1]).min(inverse[2]));
         let parts = |i: usize, j: usize| self.edge.parts(inverse[i], inverse[j], length(i, j));
@@ -271,7 +280,8 @@ impl Painter<'_> {
         let camera = owner.and_then(|owner| self.cameras.get(owner as usize));
         let shown = camera.and_then(|camera| {
             let [x, y, there] = camera.locate(at[0], at[1], inverse)?;
-            Some((camera.picture.inverse_depth(x, y)?, there))
+            let (_, shown) = camera.picture.sample(0, x, y)?;
+            (shown > 0.0).then_some((shown, there))
         });
         let is_near = match shown {
             Some((shown, there)) => shown > there * 0.5 * (1.0 + behind / inverse),
@@ -281,25 +291,16 @@ impl Painter<'_> {
     }
 
     /// The colour of the best camera alone, where it sees the surface.
-    fn single(&self, surface: &Surface, [x, y]: [f32; 2], inverse: f32) -> Option<[f32; 3]> {
-        let camera = self.cameras.first()?;
-        let place = camera.locate(x, y, inverse)?;
-        if camera.is_hidden(place, self.edge.least()) {
-            return None;
-        }
-        camera.picture.color(surface.level, place[0], place[1])
+    fn single(&self, surface: &Surface, at: [f32; 2], inverse: f32) -> Option<[f32; 3]> {
+        self.cameras.first()?.see(surface.level, at, inverse, self.edge.least())
     }
 
     /// The mean colour of the best ranked cameras that see the surface, [`MOST_AVERAGED`] at most.
     #[inline(always)]
-    fn averaged(&self, surface: &Surface, [x, y]: [f32; 2], inverse: f32) -> Option<[f32; 3]> {
+    fn averaged(&self, surface: &Surface, at: [f32; 2], inverse: f32) -> Option<[f32; 3]> {
         let (mut sum, mut count) = ([0.0; 3], 0u16);
         for camera in self.cameras {
-            let Some(place) = camera.locate(x, y, inverse) else { continue };
-            if camera.is_hidden(place, self.edge.least()) {
-                continue;
-            }
-            let Some(color) = camera.picture.color(surface.level, place[0], place[1]) else { continue };
+            let Some(color) = camera.see(surface.level, at, inverse, self.edge.least()) else { continue };
             (0..3).for_each(|c| sum[c] += color[c]);
             count += 1;
             if count == MOST_AVERAGED {
@@ -316,7 +317,7 @@ impl Painter<'_> {
         triangle: &Triangle,
         weights: [f32; 3],
         surface: &Surface,
-        [x, y]: [f32; 2],
+        at: [f32; 2],
         inverse: f32,
     ) -> Option<[f32; 3]> {
         let mut owners = [0, 1, 2].map(|k| if weights[k] > 0.0 { triangle.owners[k] } else { u16::MAX });
@@ -328,10 +329,7 @@ impl Painter<'_> {
                 continue;
             }
             let Some(camera) = self.cameras.get(owner as usize) else { continue };
-            let Some(place) = camera.locate(x, y, inverse) else { continue };
-            if !camera.is_hidden(place, self.edge.least())
-                && let Some(color) = camera.picture.color(surface.level, place[0], place[1])
-            {
+            if let Some(color) = camera.see(surface.level, at, inverse, self.edge.least()) {
                 return Some(color);
             }
         }
@@ -344,9 +342,8 @@ impl Painter<'_> {
         let (mut sum, mut total) = ([0.0; 3], 0.0);
         for k in (0..3).filter(|k| weights[*k] > 0.0) {
             let Some(camera) = self.cameras.get(triangle.owners[k] as usize) else { continue };
-            let [x, y] = triangle.at[k];
-            let Some([x, y, _]) = camera.locate(x, y, triangle.inverse_depth[k]) else { continue };
-            let Some(color) = camera.picture.color(surface.level, x, y) else { continue };
+            let looked = camera.look(surface.level, triangle.at[k], triangle.inverse_depth[k], 0.0);
+            let Some((color, _)) = looked else { continue };
             (0..3).for_each(|c| sum[c] += color[c] * weights[k]);
             total += weights[k];
         }
@@ -359,7 +356,7 @@ impl Painter<'_> {
         triangle: &Triangle,
         weights: [f32; 3],
         surface: &Surface,
-        [x, y]: [f32; 2],
+        at: [f32; 2],
         inverse: f32,
     ) -> Option<[f32; 3]> {
         let owners = triangle.owners;
@@ -371,17 +368,13 @@ impl Painter<'_> {
             }
             let weight: f32 = (k..3).filter(|j| owners[*j] == owners[k]).map(|j| weights[j].max(0.0)).sum();
             let Some(camera) = self.cameras.get(owners[k] as usize).filter(|_| weight > 0.0) else { continue };
-            let Some(place) = camera.locate(x, y, inverse) else { continue };
-            if camera.is_hidden(place, self.edge.least()) {
-                continue;
-            }
-            let Some(color) = camera.picture.color(surface.level, place[0], place[1]) else { continue };
+            let Some(color) = camera.see(surface.level, at, inverse, self.edge.least()) else { continue };
             (0..3).for_each(|c| sum[c] += color[c] * weight);
             total += weight;
         }
         match total > 0.0 {
             true => Some(sum.map(|c| c / total)),
-            false => self.best(triangle, weights, surface, [x, y], inverse),
+            false => self.best(triangle, weights, surface, at, inverse),
         }
     }
 }
