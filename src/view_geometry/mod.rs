@@ -9,6 +9,8 @@
 //! frame but for the pictures at hand; [`GeometryRenderer`] has the grid, the mesh and the frame. The one invariant that the
 //! steps share is the grid's: a node lies in its own cell.
 
+#[cfg(test)]
+mod castle;
 mod delaunay;
 mod fuse;
 #[cfg(test)]

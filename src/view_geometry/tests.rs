@@ -82,15 +82,15 @@ pub(super) fn saved(view: &LoadedView, folder: &Path, name: &str) -> View {
 }
 
 /// Views on disk, opened; the folder lives as long as the pictures are needed.
-fn opened(views: &[LoadedView]) -> (tempfile::TempDir, ViewGeometry) {
+pub(super) fn opened(views: &[LoadedView], grid: &SampleGrid) -> (tempfile::TempDir, ViewGeometry) {
     let folder = tempfile::tempdir().expect("a folder");
     let on_disk: Vec<View> =
         views.iter().enumerate().map(|(i, view)| saved(view, folder.path(), &i.to_string())).collect();
-    let geometry = open(folder.path(), &on_disk, ViewGeometry::DEFAULT_BUDGET).expect("opens");
+    let geometry = open(folder.path(), &on_disk, grid, ViewGeometry::DEFAULT_BUDGET).expect("opens");
     (folder, geometry)
 }
 
-fn open(folder: &Path, views: &[View], budget: usize) -> Result<ViewGeometry, GeometryError> {
+fn open(folder: &Path, views: &[View], grid: &SampleGrid, budget: usize) -> Result<ViewGeometry, GeometryError> {
     let set = ImageSet {
         folder: folder.into(),
         format: "of a test",
@@ -99,18 +99,20 @@ fn open(folder: &Path, views: &[View], budget: usize) -> Result<ViewGeometry, Ge
         headbox_centre: None,
         notes: Vec::new(),
     };
-    ViewGeometry::open(&set, &views.iter().collect::<Vec<_>>(), &SampleGrid::default(), budget, &Silent)
+    ViewGeometry::open(&set, &views.iter().collect::<Vec<_>>(), grid, budget, &Silent)
 }
 
 const SIZE: [u32; 2] = [96, 72];
+
+const DEFAULT: SampleGrid = SampleGrid { spacing_px: 3, coarsest: 3 };
 
 fn settings(texturing: Texturing) -> GeometrySettings {
     GeometrySettings { texturing, hole_color_srgb: [255, 0, 255], ..GeometrySettings::default() }
 }
 
-fn frame(geometry: &ViewGeometry, camera: &Camera, texturing: Texturing) -> (Frame, GeometryStats) {
+pub(super) fn frame(geometry: &ViewGeometry, camera: &Camera, settings: &GeometrySettings) -> (Frame, GeometryStats) {
     let mut renderer = GeometryRenderer::new();
-    let (frame, stats) = renderer.render(geometry, camera, &settings(texturing), Patience::Wait);
+    let (frame, stats) = renderer.render(geometry, camera, settings, Patience::Wait);
     (frame.clone(), stats)
 }
 
@@ -134,20 +136,20 @@ fn off_the_pattern(frame: &Frame, camera: &Camera, plane_z: f64) -> (u8, u64) {
 fn a_plane_is_shown_as_it_is_from_between_its_cameras() {
     let eyes = [DVec3::ZERO, DVec3::new(0.4, 0.1, 0.1), DVec3::new(-0.3, -0.2, 0.0), DVec3::new(0.1, 0.3, -0.2)];
     let views = eyes.map(|eye| plane_view(eye, eye.z + 3.0, SIZE));
-    let (_folder, geometry) = opened(&views);
+    let (_folder, geometry) = opened(&views, &DEFAULT);
     for eye in [DVec3::new(0.1, 0.05, -0.3), eyes[1]] {
         let camera = frame_at(eye, [111, 70]);
         for texturing in [Texturing::Multi, Texturing::Blended, Texturing::Averaged] {
-            let (frame, stats) = frame(&geometry, &camera, texturing);
+            let (frame, stats) = frame(&geometry, &camera, &settings(texturing));
             // Rounding to levels in the picture, its bilinear interpolation and in the frame.
             let (worst, holes) = off_the_pattern(&frame, &camera, -3.0);
             // At the frame's rim less than a pixel lies beyond the last sample.
             assert!(worst <= 3 && holes < 111 + 70, "{texturing:?} {eye}: off by {worst}, {holes} holes; {stats:?}");
         }
-        let (single, _) = frame(&geometry, &camera, Texturing::Single);
+        let (single, _) = frame(&geometry, &camera, &settings(Texturing::Single));
         let (worst, holes) = off_the_pattern(&single, &camera, -3.0);
         assert!(worst <= 3 && holes < 111 * 70 / 4, "single: off by {worst}, {holes} holes");
-        let (nearest, _) = frame(&geometry, &camera, Texturing::Nearest);
+        let (nearest, _) = frame(&geometry, &camera, &settings(Texturing::Nearest));
         let (worst, _) = off_the_pattern(&nearest, &camera, -3.0);
         assert_eq!(worst > 20, eye != eyes[1], "the nearest picture is right from where it was taken only: {worst}");
     }
@@ -178,7 +180,7 @@ fn pixels_are_those_of_the_slow_way() {
             view_of(*eye, depth, color, SIZE)
         })
         .collect();
-    let (_folder, geometry) = opened(&views);
+    let (_folder, geometry) = opened(&views, &DEFAULT);
     let camera = frame_at(DVec3::new(0.05, 0.1, -0.1), [90, 60]);
     let settings = GeometrySettings { margin: 0.0, ..settings(Texturing::Blended) };
     let mut renderer = GeometryRenderer::new();
@@ -244,11 +246,11 @@ fn square_before_wall(eye: DVec3) -> LoadedView {
 #[test]
 fn no_skin_spans_a_depth_edge_and_the_rim_is_where_it_is() {
     let eyes = [-0.3, 0.0, 0.3].map(|x| DVec3::new(x, 0.0, 0.0));
-    let (_folder, geometry) = opened(&eyes.map(square_before_wall));
+    let (_folder, geometry) = opened(&eyes.map(square_before_wall), &DEFAULT);
     let camera = frame_at(DVec3::new(0.12, 0.04, 0.0), LARGE);
     let expected = square_before_wall(camera.eye());
     for texturing in [Texturing::Multi, Texturing::Blended, Texturing::Averaged] {
-        let (frame, _) = frame(&geometry, &camera, texturing);
+        let (frame, _) = frame(&geometry, &camera, &settings(texturing));
         let (mut wrong, mut mixed) = (0, 0);
         let shown = frame.color.iter().zip(&frame.coverage).zip(&expected.color);
         for ((found, _), truth) in shown.filter(|((_, coverage), _)| !coverage.is_hole()) {
@@ -265,11 +267,11 @@ fn no_skin_spans_a_depth_edge_and_the_rim_is_where_it_is() {
 #[test]
 fn the_same_bytes_on_any_number_of_threads() {
     let eyes = [-0.3, 0.0, 0.3].map(|x| DVec3::new(x, 0.0, 0.0));
-    let (_folder, geometry) = opened(&eyes.map(square_before_wall));
+    let (_folder, geometry) = opened(&eyes.map(square_before_wall), &DEFAULT);
     let camera = frame_at(DVec3::new(0.12, 0.04, 0.0), LARGE);
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-        pool.install(|| frame(&geometry, &camera, Texturing::Blended).0)
+        pool.install(|| frame(&geometry, &camera, &settings(Texturing::Blended)).0)
     };
     assert!(on(1) == on(3));
 }
@@ -295,9 +297,9 @@ fn hard_sets_give_a_frame() {
         ("very far", vec![depth(1e7)], true),
     ];
     for (name, views, shows) in sets {
-        let (_folder, geometry) = opened(&views);
+        let (_folder, geometry) = opened(&views, &DEFAULT);
         for (_, texturing) in Texturing::ALL {
-            let (frame, stats) = frame(&geometry, &camera, texturing);
+            let (frame, stats) = frame(&geometry, &camera, &settings(texturing));
             let covered = frame.coverage.iter().filter(|coverage| !coverage.is_hole()).count();
             // The picture as it is needs no depth but to be ranked.
             let shows = shows || (texturing == Texturing::Nearest && stats.cameras_valid > 0);
@@ -307,8 +309,8 @@ fn hard_sets_give_a_frame() {
         assert!(geometry.nothing_seen().contains("sees"));
     }
     let behind = frame_at(DVec3::new(0.0, 0.0, -10.0), SIZE);
-    let (_folder, geometry) = opened(&[plane()]);
-    let (empty, stats) = frame(&geometry, &behind, Texturing::Blended);
+    let (_folder, geometry) = opened(&[plane()], &DEFAULT);
+    let (empty, stats) = frame(&geometry, &behind, &settings(Texturing::Blended));
     assert_eq!((stats.cameras_valid, empty.hole_count()), (0, 96 * 72), "everything is behind the eye");
     assert!(empty.color.iter().all(|color| *color == [255, 0, 255, 255]));
 }
@@ -318,10 +320,10 @@ fn sets_that_hold_nothing_to_draw_from_are_refused_in_a_sentence() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut view = saved(&plane_view(DVec3::ZERO, 3.0, SIZE), folder.path(), "a");
     view.depth = None;
-    let refused = open(folder.path(), &[view.clone()], 1 << 20).err().expect("refused").to_string();
+    let refused = open(folder.path(), &[view.clone()], &DEFAULT, 1 << 20).err().expect("refused").to_string();
     assert!(refused.contains("none of its 1 views"), "{refused}");
     view.depth = Some(DepthSource::metres(folder.path().join("absent.exr"), DepthKind::EyeDepth, 1.0));
-    let refused = open(folder.path(), &[view], 1 << 20).err().expect("refused").to_string();
+    let refused = open(folder.path(), &[view], &DEFAULT, 1 << 20).err().expect("refused").to_string();
     assert!(refused.contains("absent.exr"), "{refused}");
 }
 
@@ -335,10 +337,10 @@ fn what_vanishes_from_disk_is_replaced_by_the_next_best_camera() {
         .map(|(eye, name)| saved(&plane_view(*eye, 3.0, SIZE), folder.path(), name))
         .collect();
     // Nothing fits: every frame reads its pictures anew.
-    let geometry = open(folder.path(), &views, 0).expect("opens");
+    let geometry = open(folder.path(), &views, &DEFAULT, 0).expect("opens");
     let camera = frame_at(DVec3::ZERO, SIZE);
     std::fs::remove_file(&views[0].color).expect("removed");
-    let (shown, stats) = frame(&geometry, &camera, Texturing::Blended);
+    let (shown, stats) = frame(&geometry, &camera, &settings(Texturing::Blended));
     let (worst, _) = off_the_pattern(&shown, &camera, -3.0);
     assert!(stats.cameras_used == 2 && worst <= 3, "{stats:?}, off by {worst}");
     assert!(geometry.lost().len() == 1 && geometry.lost()[0].contains("a.png"), "{:?}", geometry.lost());
@@ -346,28 +348,28 @@ fn what_vanishes_from_disk_is_replaced_by_the_next_best_camera() {
         std::fs::remove_file(&view.color).expect("removed");
     }
     // A frame that needs none of them lets all go.
-    frame(&geometry, &frame_at(DVec3::new(0.0, 0.0, -9.0), SIZE), Texturing::Blended);
-    let (empty, stats) = frame(&geometry, &camera, Texturing::Blended);
+    frame(&geometry, &frame_at(DVec3::new(0.0, 0.0, -9.0), SIZE), &settings(Texturing::Blended));
+    let (empty, stats) = frame(&geometry, &camera, &settings(Texturing::Blended));
     assert_eq!((stats.cameras_used, empty.hole_count(), geometry.lost().len()), (0, 96 * 72, 3));
 }
 
 #[test]
 fn left_out_cameras_take_no_part() {
     let eyes = [0.0, 0.2].map(|x| DVec3::new(x, 0.0, 0.0));
-    let (_folder, mut geometry) = opened(&eyes.map(|eye| plane_view(eye, 3.0, SIZE)));
+    let (_folder, mut geometry) = opened(&eyes.map(|eye| plane_view(eye, 3.0, SIZE)), &DEFAULT);
     let camera = frame_at(DVec3::ZERO, SIZE);
-    assert_eq!(frame(&geometry, &camera, Texturing::Blended).1.cameras_used, 2);
+    assert_eq!(frame(&geometry, &camera, &settings(Texturing::Blended)).1.cameras_used, 2);
     geometry.leave_out(&[0]);
-    assert_eq!(frame(&geometry, &camera, Texturing::Blended).1.cameras_used, 1);
+    assert_eq!(frame(&geometry, &camera, &settings(Texturing::Blended)).1.cameras_used, 1);
     geometry.leave_out(&[0, 1]);
-    assert_eq!(frame(&geometry, &camera, Texturing::Blended).1.cameras_used, 0);
+    assert_eq!(frame(&geometry, &camera, &settings(Texturing::Blended)).1.cameras_used, 0);
     geometry.leave_out(&[]);
-    assert_eq!(frame(&geometry, &camera, Texturing::Blended).1.cameras_used, 2);
+    assert_eq!(frame(&geometry, &camera, &settings(Texturing::Blended)).1.cameras_used, 2);
 }
 
 #[test]
 fn coarser_settings_are_faster_and_still_show_the_scene() {
-    let (_folder, geometry) = opened(&[DVec3::ZERO, DVec3::X * 0.2].map(|eye| plane_view(eye, 3.0, SIZE)));
+    let (_folder, geometry) = opened(&[DVec3::ZERO, DVec3::X * 0.2].map(|eye| plane_view(eye, 3.0, SIZE)), &DEFAULT);
     let camera = frame_at(DVec3::X * 0.1, SIZE);
     let mut samples = u64::MAX;
     for level in 0..3 {
