@@ -10,9 +10,14 @@ use crate::view_geometry::{
     GeometryRenderer, GeometrySettings, GeometryStats, Patience, SampleGrid, Texturing, ViewGeometry,
 };
 use clap::Args;
+use glam::DVec3;
 use image::RgbImage;
 use std::path::Path;
 use std::time::Instant;
+
+/// What is said of arguments without the variant that they are for.
+pub(super) const GEOMETRY_ALONE: &str = "--cameras, --grid, --sample-spacing, --lod and --pictures-memory are for --variant geometry-blended and its kin (-averaged, -multi, \
+     -single, -nearest), of a folder of images with depth";
 
 /// How view-dependent geometry is made.
 #[derive(Args)]
@@ -64,6 +69,16 @@ impl GeometryArgs {
     }
 }
 
+/// Opens a folder, with the camera of its middle view.
+pub(super) fn open_geometry(folder: &Path, args: &GeometryArgs) -> anyhow::Result<(ViewGeometry, Option<Camera>)> {
+    let set = SetArgs::default().open_registered(folder)?;
+    let views = with_depth(&set)?;
+    let bar = Bar::new();
+    let geometry = ViewGeometry::open(&set, &views, &args.samples(), args.budget(), &bar)?;
+    bar.finish();
+    Ok((geometry, set.central_view().and_then(|view| view.camera())))
+}
+
 /// An image set, with all that drawing it needs.
 pub(super) struct GeometryContent {
     geometry: ViewGeometry,
@@ -85,13 +100,8 @@ impl GeometryContent {
         texturing: Texturing,
         args: &GeometryArgs,
     ) -> anyhow::Result<(Self, FileFrame, DefaultCamera)> {
-        let set = SetArgs::default().open_registered(folder)?;
-        let views = with_depth(&set)?;
-        let bar = Bar::new();
-        let geometry = ViewGeometry::open(&set, &views, &args.samples(), args.budget(), &bar)?;
-        bar.finish();
-        let central = set.central_view().and_then(|view| view.camera());
-        let camera = central.map_or(DefaultCamera::at(glam::DVec3::ZERO), |camera| DefaultCamera::like(&camera));
+        let (geometry, central) = open_geometry(folder, args)?;
+        let camera = central.map_or(DefaultCamera::at(DVec3::ZERO), |camera| DefaultCamera::like(&camera));
         let settings = GeometrySettings { texturing, ..args.settings() };
         let frame = geometry.frame;
         Ok((Self { geometry, renderer: GeometryRenderer::new(), settings }, frame, camera))

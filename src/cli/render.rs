@@ -2,7 +2,7 @@
 
 use super::UsageError;
 use super::args::{CameraArgs, DefaultCamera, Names, by_name};
-use super::geometry::{GeometryArgs, GeometryContent, GeometryRendered, texturing_of};
+use super::geometry::{GEOMETRY_ALONE, GeometryArgs, GeometryContent, GeometryRendered, texturing_of};
 use super::house_file::HouseContent;
 use super::images::{self, SetArgs, is_image_set};
 use super::output::{DEPTH, Outputs, PICTURE, print_json, save_picture, write_text};
@@ -204,8 +204,7 @@ impl Render {
         let alone = matches!(self.files.as_slice(), [folder] if is_image_set(&folder.to_string_lossy()));
         let Some(texturing) = texturing_of(self.variant.as_deref(), alone)? else {
             if self.geometry.are_given() {
-                let message = "--cameras, --grid, --sample-spacing, --lod and --pictures-memory are for --variant geometry-blended and its kin";
-                return Err(UsageError(message.into()).into());
+                return Err(UsageError(GEOMETRY_ALONE.into()).into());
             }
             return Ok(None);
         };

@@ -20,7 +20,7 @@ mod rank;
 mod samples;
 mod store;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 mod texture;
 
 pub use rank::RankWeights;
@@ -297,6 +297,8 @@ pub struct GeometryStats {
     pub cameras_valid: u64,
     /// Cameras that were fused.
     pub cameras_used: u64,
+    /// Pictures of better ranked cameras that were not at hand and are being decoded.
+    pub pictures_missing: u64,
     /// Samples that were projected.
     pub samples: u64,
     /// Nodes that hold something.
@@ -365,8 +367,8 @@ impl GeometryRenderer {
         stats.cameras_valid = self.ranked.len() as u64;
         stats.rank_ms = lap();
         let by_rank = self.ranked.iter().map(|ranked| ranked.camera);
-        let pictures = geometry.pictures.fetch(by_rank, settings.cameras.max(1), patience);
-        stats.cameras_used = pictures.len() as u64;
+        let (pictures, missing) = geometry.pictures.fetch(by_rank, settings.cameras.max(1), patience);
+        (stats.cameras_used, stats.pictures_missing) = (pictures.len() as u64, missing as u64);
         stats.fetch_ms = lap();
         let edge = EdgeRule::new(camera.focal_px() as f32, geometry.depth_noise);
         self.triangles.clear();

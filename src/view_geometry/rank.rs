@@ -4,6 +4,7 @@
 //! enters as what is *not* seen). Distances are over the largest of a valid camera, so that a long sequence does not flatten them.
 
 use super::RealCamera;
+use super::samples::{MAX_PROBES, Probes};
 use crate::capture::Camera;
 use glam::{DVec3, Vec3};
 
@@ -51,7 +52,7 @@ pub(super) fn rank(cameras: &[RealCamera], frame: &Camera, origin: DVec3, weight
             continue;
         }
         let distance = (camera.pose.eye - frame.eye()).cross(forward).length();
-        terms.push((index, distance, cosine.acos() / field, 1.0 - f64::from(seen) / probes.len() as f64));
+        terms.push((index, distance, cosine.acos() / field, 1.0 - f64::from(seen) / f64::from(probes.count)));
     }
     let farthest = terms.iter().map(|(_, distance, ..)| *distance).fold(0.0, f64::max);
     // All on the line of sight: 0 / 0 is 0.
@@ -92,12 +93,16 @@ impl Probing {
         }
     }
 
-    fn count(&self, probes: &[Vec3]) -> u32 {
+    fn count(&self, probes: &Probes) -> u32 {
         let [left, right, up, down] = self.edges;
+        let [across, below, ahead] = self.axes;
+        let [px, py, pz] = &probes.axes;
         let mut count = 0;
-        for probe in probes {
-            let d = *probe - self.eye;
-            let [x, y, depth] = self.axes.map(|axis| axis.dot(d));
+        for i in 0..MAX_PROBES {
+            let (dx, dy, dz) = (px[i] - self.eye.x, py[i] - self.eye.y, pz[i] - self.eye.z);
+            let along = |axis: Vec3| (axis.x * dx + axis.y * dy) + axis.z * dz;
+            let (x, y, depth) = (along(across), along(below), along(ahead));
+            // All false for NaN.
             let inside =
                 (depth > 0.0) & (x >= left * depth) & (x < right * depth) & (y >= up * depth) & (y < down * depth);
             count += u32::from(inside);
@@ -131,13 +136,14 @@ mod tests {
         let field = 2.0 * (half / frame.focal_px()).atan();
         let angle = camera.forward().dot(ahead).clamp(-1.0, 1.0).acos() / field;
         let probes = camera.samples.probes();
-        let inside = |p: &&Vec3| {
+        let probe = |i: usize| Vec3::from_array([0, 1, 2].map(|axis| probes.axes[axis][i]));
+        let inside = |p: &Vec3| {
             frame.project(p.as_dvec3()).is_some_and(|[x, y, _]| {
                 (0.0..f64::from(frame.width())).contains(&x) && (0.0..f64::from(frame.height())).contains(&y)
             })
         };
-        let seen = probes.iter().filter(inside).count();
-        let missed = 1.0 - seen as f64 / probes.len() as f64;
+        let seen = (0..probes.count as usize).map(probe).filter(inside).count();
+        let missed = 1.0 - seen as f64 / f64::from(probes.count);
         (angle <= 1.0 && seen > 0).then(|| if farthest > 0.0 { distance / farthest } else { 0.0 } + angle + missed)
     }
 

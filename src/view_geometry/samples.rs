@@ -13,8 +13,22 @@ pub(super) struct Samples {
     points: Vec<Vec3>,
     /// How many of the points each level of detail has, the finest first.
     counts: Vec<u32>,
-    /// At most [`MAX_PROBES`] points spread over the whole image.
-    probes: Vec<Vec3>,
+    probes: Probes,
+}
+
+/// At most [`MAX_PROBES`] samples spread over the whole image, an array for each axis, so that they are projected side by side; NaN
+/// where there is none.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Probes {
+    pub(super) axes: [[f32; MAX_PROBES]; 3],
+    /// How many there are.
+    pub(super) count: u32,
+}
+
+impl Default for Probes {
+    fn default() -> Self {
+        Self { axes: [[f32::NAN; MAX_PROBES]; 3], count: 0 }
+    }
 }
 
 /// How depth images are sampled.
@@ -73,7 +87,12 @@ impl Samples {
             points.extend_from_slice(of_level);
             counts[level] = points.len() as u32;
         }
-        Self { points, counts, probes: probes.into_iter().flatten().map(|(_, point)| point).collect() }
+        let mut spread = Probes::default();
+        for (i, (_, point)) in probes.iter().flatten().enumerate() {
+            (0..3).for_each(|axis| spread.axes[axis][i] = point[axis]);
+            spread.count += 1;
+        }
+        Self { points, counts, probes: spread }
     }
 
     /// The samples of a level of detail, 0 the finest; beyond the coarsest that one.
@@ -83,13 +102,13 @@ impl Samples {
     }
 
     /// Points spread over the whole image.
-    pub(super) fn probes(&self) -> &[Vec3] {
+    pub(super) fn probes(&self) -> &Probes {
         &self.probes
     }
 
     /// Bytes in memory.
     pub(super) fn bytes(&self) -> usize {
-        size_of_val(self.points.as_slice()) + size_of_val(self.probes.as_slice())
+        size_of_val(self.points.as_slice()) + size_of::<Self>()
     }
 }
 
@@ -126,7 +145,7 @@ mod tests {
         assert_eq!(second, all[..17 * 17]);
         let columns: std::collections::BTreeSet<i32> = second.iter().map(|p| (p.x * 1e4) as i32).collect();
         assert_eq!(columns.len(), 17);
-        assert_eq!(samples.probes().len(), MAX_PROBES);
+        assert_eq!(samples.probes().count as usize, MAX_PROBES);
     }
 
     #[test]
@@ -149,7 +168,7 @@ mod tests {
         assert_eq!(samples.of_level(0).len(), 7 * 9);
         let none = view_of(DVec3::ZERO, |_, _| f32::NAN, |_, _| [9; 3], [48, 32]);
         let samples = Samples::new(&none, &SampleGrid::default(), DVec3::ZERO);
-        assert!(samples.of_level(0).is_empty() && samples.probes().is_empty());
+        assert!(samples.of_level(0).is_empty() && samples.probes().count == 0);
         let tiny = view_of(DVec3::ZERO, |_, _| 1.0, |_, _| [9; 3], [2, 1]);
         assert_eq!(Samples::new(&tiny, &SampleGrid::default(), DVec3::ZERO).of_level(0).len(), 2);
     }

@@ -66,13 +66,13 @@ impl PictureStore {
         }
     }
 
-    /// The pictures of the first `count` cameras that have one, of these in order of rank.
+    /// The pictures of the first `count` cameras that have one, in order of rank, and how many better ones are still to come.
     pub(super) fn fetch(
         &self,
         ranked: impl Iterator<Item = u32>,
         count: usize,
         patience: Patience,
-    ) -> Vec<(u32, Arc<Picture>)> {
+    ) -> (Vec<(u32, Arc<Picture>)>, usize) {
         let ranked: Vec<u32> = ranked.collect();
         if patience == Patience::Wait {
             self.decode_missing(&ranked, count);
@@ -97,8 +97,9 @@ impl PictureStore {
             }
         }
         state.evict(self.shared.budget, now);
-        if patience == Patience::Never && !missing.is_empty() {
-            missing.truncate(count);
+        missing.truncate(count);
+        let to_come = missing.len();
+        if patience == Patience::Never && to_come > 0 {
             missing.reverse();
             // What was wanted before and is not any more need not be decoded.
             state.queued = missing;
@@ -107,7 +108,7 @@ impl PictureStore {
             // The thread ends with the store alone.
             let _ = worker.send(());
         }
-        found
+        (found, to_come)
     }
 
     /// Decodes until the first `count` readable cameras of a ranking are held.
@@ -221,7 +222,7 @@ mod tests {
         (0..count).map(view).collect()
     }
 
-    fn cameras(found: &[(u32, Arc<Picture>)]) -> Vec<u32> {
+    fn cameras((found, _): &(Vec<(u32, Arc<Picture>)>, usize)) -> Vec<u32> {
         found.iter().map(|(camera, _)| *camera).collect()
     }
 

@@ -41,7 +41,7 @@ pub(super) fn view_of(
 }
 
 /// A view of a plane with a smooth pattern at Z = `eye.z - distance`.
-pub(super) fn plane_view(eye: DVec3, distance: f64, size_px: [u32; 2]) -> LoadedView {
+pub(crate) fn plane_view(eye: DVec3, distance: f64, size_px: [u32; 2]) -> LoadedView {
     let focal = FOCAL * f64::from(size_px[0]);
     let color = |x: u32, y: u32| {
         let [u, v] =
@@ -57,7 +57,7 @@ fn pattern(x: f64, y: f64) -> [u8; 3] {
 }
 
 /// A frame that looks as the views do.
-pub(super) fn frame_at(eye: DVec3, [width, height]: [u32; 2]) -> Camera {
+pub(crate) fn frame_at(eye: DVec3, [width, height]: [u32; 2]) -> Camera {
     Camera::from_parts(eye, DMat3::IDENTITY, FOCAL * f64::from(width), width, height).expect("a camera")
 }
 
@@ -82,7 +82,7 @@ pub(super) fn saved(view: &LoadedView, folder: &Path, name: &str) -> View {
 }
 
 /// Views on disk, opened; the folder lives as long as the pictures are needed.
-pub(super) fn opened(views: &[LoadedView], grid: &SampleGrid) -> (tempfile::TempDir, ViewGeometry) {
+pub(crate) fn opened(views: &[LoadedView], grid: &SampleGrid) -> (tempfile::TempDir, ViewGeometry) {
     let folder = tempfile::tempdir().expect("a folder");
     let on_disk: Vec<View> =
         views.iter().enumerate().map(|(i, view)| saved(view, folder.path(), &i.to_string())).collect();
