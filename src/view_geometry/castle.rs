@@ -1,7 +1,7 @@
 //! The paper's experiment (E12): a castle's wall with a gate, seen from a row of places; the middle view is taken away, shown from the
 //! others, and compared with itself.
 
-use super::tests::{frame, opened, view_of};
+use super::tests::{frame, frame_at, opened, view_of};
 use super::*;
 use glam::DVec2;
 
@@ -71,7 +71,7 @@ fn a_view_that_was_taken_away_comes_back_nearer_than_in_the_paper() {
     let views = [-0.6, -0.3, 0.3, 0.6].map(|x| picture(DVec3::X * x));
     let truth = picture(DVec3::ZERO);
     let (_folder, geometry) = opened(&views, &SampleGrid { spacing_px: SPACING_PX, coarsest: 3 });
-    let camera = super::tests::frame_at(DVec3::ZERO, SIZE);
+    let camera = frame_at(DVec3::ZERO, SIZE);
     let modes = [Texturing::Nearest, Texturing::Single, Texturing::Multi, Texturing::Blended, Texturing::Averaged];
     let measured = modes.map(|texturing| {
         let settings = GeometrySettings { texturing, grid_px: SPACING_PX as f32, ..GeometrySettings::default() };

@@ -267,7 +267,7 @@ mod tests {
                 Vec3::new(2.0 * a, 2.0 * b, -2.0 + c)
             })
             .collect();
-        let grid = fused(&[points.clone()], &frame, &settings(0.0));
+        let grid = fused(std::slice::from_ref(&points), &frame, &settings(0.0));
         let mut nearest = vec![None::<(f64, [f64; 3])>; grid.owner.len()];
         for point in &points {
             let Some(at) = frame.project(point.as_dvec3()) else { continue };

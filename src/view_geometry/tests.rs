@@ -320,7 +320,8 @@ fn sets_that_hold_nothing_to_draw_from_are_refused_in_a_sentence() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut view = saved(&plane_view(DVec3::ZERO, 3.0, SIZE), folder.path(), "a");
     view.depth = None;
-    let refused = open(folder.path(), &[view.clone()], &DEFAULT, 1 << 20).err().expect("refused").to_string();
+    let refused =
+        open(folder.path(), std::slice::from_ref(&view), &DEFAULT, 1 << 20).err().expect("refused").to_string();
     assert!(refused.contains("none of its 1 views"), "{refused}");
     view.depth = Some(DepthSource::metres(folder.path().join("absent.exr"), DepthKind::EyeDepth, 1.0));
     let refused = open(folder.path(), &[view], &DEFAULT, 1 << 20).err().expect("refused").to_string();

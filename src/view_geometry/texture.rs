@@ -74,7 +74,7 @@ impl TextureCamera {
     fn locate(&self, x: f32, y: f32, inverse_depth: f32) -> Option<[f32; 3]> {
         let h = self.start + self.right * x + self.down * y + self.shift * inverse_depth;
         let per = 1.0 / h.z;
-        (h.z > 0.0).then(|| [h.x * per, h.y * per, inverse_depth * per])
+        (h.z > 0.0).then_some([h.x * per, h.y * per, inverse_depth * per])
     }
 
     /// The copy of its picture that is as fine as the frame there: texels for a pixel are the focal lengths' ratio over that of depths.
