@@ -9,7 +9,7 @@ use clap_complete::Shell;
 use std::io::Write;
 
 /// Each subcommand's examples.
-const EXAMPLES: [(&str, &str); 15] = [
+const EXAMPLES: [(&str, &str); 16] = [
     ("demo", "headbox demo --quick --no-window"),
     ("scenes", "headbox scenes"),
     (
@@ -37,9 +37,16 @@ const EXAMPLES: [(&str, &str); 15] = [
          headbox render room.ldi -o frame.jpg --eye 0.1,1.6,0 --look-at 2,1,0 --size 1920x1080\n  \
          headbox render scans/kitchen -o frame.png --variant geometry-averaged     a folder of images with depth, without a capture\n  \
          headbox render home.house --path walk.json -o frames     a frame per pose, and their times\n  \
+         headbox render room.ldi --path walk.json -o walk.mp4 --panorama    a film, here in all directions\n  \
          headbox render room.ldi -o - | display                   a PNG to another program",
     ),
-    ("export", "headbox export room.ldi -o room.html                     a page to look around in, for any browser"),
+    (
+        "export",
+        "headbox export room.ldi -o room.html                     a page to look around in, for any browser\n  \
+         headbox export room.ldi -o room.glb --triangles 100000   for Unity, Unreal, Godot, three.js, Blender\n  \
+         headbox export room.ldi -o room.ply                      for viewers and editors of Gaussian splats",
+    ),
+    ("serve", "headbox serve *.ldi                                      http://127.0.0.1:8080/ shows them"),
     ("walk", "headbox walk home.house -o walk-report --poses 20 --variants texture,window-ldi"),
     ("truth", "headbox truth room.obj -o truth.png --samples 64"),
     ("compare", "headbox compare truth.png frame.png --map error.png"),

@@ -30,6 +30,7 @@ mod progress;
 mod render;
 mod report;
 mod scenes;
+mod serve;
 mod sprite;
 mod truth;
 #[cfg(feature = "viewer")]
@@ -72,8 +73,10 @@ enum Command {
     Info(info::Info),
     /// Render a frame of a cube LDI, of sprites or of both, or a frame per pose of a path
     Render(render::Render),
-    /// Take a capture to where headbox is not installed: a page to look around in
+    /// Take a capture to where headbox is not installed: a page to look around in, engines, splat viewers
     Export(export::Export),
+    /// Show captures to browsers, over HTTP: a list, and a page for each
+    Serve(serve::Serve),
     /// Measure a walk through a .house file (to just walk, use view): time and error of every way to draw it, against truth and primary rays
     Walk(walk::Walk),
     /// Ray-trace a reference frame of a scene
@@ -134,6 +137,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Info(command) => command.run(),
         Command::Render(command) => command.run(),
         Command::Export(command) => command.run(),
+        Command::Serve(command) => command.run(),
         Command::Walk(command) => command.run(),
         Command::Truth(command) => command.run(),
         Command::Compare(command) => command.run(),

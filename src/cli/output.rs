@@ -2,6 +2,7 @@
 
 use super::UsageError;
 use crate::capture::{Scene, files, picture};
+use crate::export::film;
 use image::codecs::jpeg::JpegEncoder;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -77,7 +78,9 @@ pub(super) const PLAN: Endings = Endings { what: "a plan", allowed: &["png", "sv
 /// Camera paths.
 pub(super) const PATH: Endings = Endings { what: "a camera path", allowed: &["json"] };
 /// What captures are exported to.
-pub(super) const EXPORT: Endings = Endings { what: "an export", allowed: &["html"] };
+pub(super) const EXPORT: Endings = Endings { what: "an export", allowed: &["html", "glb", "ply"] };
+/// Films of a path.
+pub(super) const FILM: Endings = Endings { what: "a film", allowed: &film::ENDINGS };
 /// Pages of text.
 pub(super) const PAGE: Endings = Endings { what: "a page", allowed: &["md"] };
 

@@ -1,26 +1,28 @@
 //! `headbox render`.
 
 use super::UsageError;
-use super::args::{CameraArgs, DefaultCamera, Names, by_name};
+use super::args::{CameraArgs, DefaultCamera, Names, by_name, parse_length};
 use super::geometry::{GEOMETRY_ALONE, GeometryArgs, GeometryContent, GeometryRendered, texturing_of};
 use super::house_file::HouseContent;
 use super::images::{self, SetArgs, is_image_set};
-use super::output::{DEPTH, Outputs, PICTURE, print_json, save_picture, write_text};
+use super::output::{DEPTH, FILM, Outputs, PICTURE, print_json, save_picture, write_text};
 use super::progress::Bar;
 use crate::capture::scene::FileFrame;
 use crate::capture::statistics::median;
 use crate::capture::{Camera, simd};
 use crate::compose::{ComposeSettings, Composer, Composition};
 use crate::container::Container;
+use crate::export::{film, panorama};
 use crate::frame::Frame;
 use crate::packed::PackedCube;
 use crate::path;
 use crate::portal::file::HOUSE_FILE;
+use crate::progress::Progress;
 use crate::render::splat::SplatKernel;
 use crate::render::{Parallel, RenderSettings, Renderer};
 use crate::sprite::{DepthPicture, RenderOptions, SPRITE_FILE, Sampling, SpriteSet, Variant, write_depth_exr};
 use crate::view_geometry::Texturing;
-use anyhow::bail;
+use anyhow::{Context, bail};
 use clap::Args;
 use image::RgbImage;
 use serde_json::{Value, json};
@@ -33,8 +35,8 @@ pub(super) struct Render {
     /// one .house file
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Picture to write (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output, PNG), or with --path the folder for
-    /// frames and times.csv
+    /// Picture to write (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output, PNG); with --path the folder for frames
+    /// and times.csv, or a film (.mp4 or .webm, which need ffmpeg, .apng or .gif)
     #[arg(short, long)]
     output: PathBuf,
     #[command(flatten)]
@@ -42,6 +44,16 @@ pub(super) struct Render {
     /// Render a frame per pose of this JSON file
     #[arg(long, value_name = "PATH.json")]
     path: Option<PathBuf>,
+    /// Frames a second of a film; 30 if absent
+    #[arg(long, requires = "path", value_parser = clap::value_parser!(u32).range(1..=240))]
+    fps: Option<u32>,
+    /// Frames for both eyes side by side, so many metres apart: 0.064 for people
+    #[arg(long, value_name = "METRES", value_parser = parse_length, conflicts_with = "panorama")]
+    stereo: Option<f64>,
+    /// All directions about the eye, twice as wide as high (equirectangular), as players of 360-degree pictures and films have it; the
+    /// height is that of --size or of the path
+    #[arg(long)]
+    panorama: bool,
     /// How samples become pixels, or how parallax inside sprites is drawn: see the list that a wrong name prints. For a folder of
     /// images also geometry-blended and its kin: view-dependent geometry, made for each frame, instead of a cube LDI
     #[arg(long, value_name = "NAME")]
@@ -113,6 +125,7 @@ impl Render {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let outputs = Outputs::new(self.json, self.files.iter().chain(&self.path));
         match &self.path {
+            Some(_) if film::is_film(&self.output) => outputs.file(&self.output, &FILM)?,
             Some(_) => outputs.folder(&self.output)?,
             None => {
                 let outputs = outputs.file(&self.output, &PICTURE)?.maybe_file(self.depth.as_ref(), &DEPTH)?;
@@ -124,7 +137,10 @@ impl Render {
             Some(path) => {
                 let cameras = path::read(path, &frame)?;
                 content.warn_if_outside(&cameras, &frame);
-                self.render_path(&mut content, &cameras)
+                match film::is_film(&self.output) {
+                    true => self.render_film(&mut content, &cameras),
+                    false => self.render_path(&mut content, &cameras),
+                }
             }
             None => {
                 let camera = self.camera.camera(&frame, &default_camera)?;
@@ -250,7 +266,60 @@ impl Render {
         Ok(settings)
     }
 
+    /// What a camera sees, for one eye, for two, or all about it.
+    fn picture(&self, content: &mut Content, camera: &Camera) -> anyhow::Result<RgbImage> {
+        let mut draw = |camera: &Camera| anyhow::Ok(content.render(camera, 1)?.image);
+        match self.stereo {
+            Some(distance_m) => panorama::side_by_side(camera, distance_m, draw),
+            None if self.panorama => panorama::equirectangular(camera, camera.height(), draw),
+            None => draw(camera),
+        }
+    }
+
+    fn render_film(&self, content: &mut Content, cameras: &[Camera]) -> anyhow::Result<()> {
+        let started = Instant::now();
+        let Some(first) = cameras.first() else { bail!("the path has no poses") };
+        let [width, height] = [first.width(), first.height()];
+        let size = match (self.stereo, self.panorama) {
+            (Some(_), _) => [2 * width, height],
+            (None, true) => [2 * height, height],
+            (None, false) => [width, height],
+        };
+        let fps = self.fps.unwrap_or(30);
+        let bar = Bar::new();
+        bar.begin("frames", "frames", cameras.len() as u64);
+        let mut frames = cameras.iter().map(|camera| {
+            let picture = self.picture(content, camera).map_err(std::io::Error::other);
+            bar.advance(1);
+            picture
+        });
+        film::write(&self.output, size, fps, cameras.len() as u32, &mut frames)
+            .with_context(|| format!("{} could not be written", self.output.display()))?;
+        bar.finish();
+        let (count, seconds) = (cameras.len(), started.elapsed().as_secs_f64());
+        if self.json {
+            print_json(&json!({"frames": count, "fps": fps, "size": size, "seconds": seconds}));
+        } else {
+            let [width, height] = size;
+            println!(
+                "{}: {count} frames of {width}x{height} at {fps} a second, in {seconds:.1} s",
+                self.output.display()
+            );
+        }
+        Ok(())
+    }
+
     fn render_one(&self, content: &mut Content, camera: &Camera) -> anyhow::Result<()> {
+        if self.stereo.is_some() || self.panorama {
+            let picture = self.picture(content, camera)?;
+            save_picture(&self.output, &picture)?;
+            let (width, height) = picture.dimensions();
+            match self.json {
+                true => print_json(&json!({"size": [width, height], "variant": content.variant()})),
+                false => println!("{}: {width}x{height}", self.output.display()),
+            }
+            return Ok(());
+        }
         if let Content::Cube { settings, .. } = content {
             settings.depth = self.depth.is_some();
         } else if self.depth.is_some() || self.coverage.is_some() {
@@ -291,6 +360,9 @@ impl Render {
     }
 
     fn render_path(&self, content: &mut Content, cameras: &[Camera]) -> anyhow::Result<()> {
+        if self.stereo.is_some() || self.panorama {
+            return Err(UsageError("--stereo and --panorama are for films and single frames".into()).into());
+        }
         let folder = &self.output;
         let mut csv = String::from("pose,ms,depth_pixels_in,splatted,hole_pixels\n");
         let mut times = Vec::with_capacity(cameras.len());

@@ -8,7 +8,8 @@
 //! and three sections are added: `planes` ([`Plane`]), `tiles` ([`PlaneTile`]), and `texels`: three bytes of colour for each
 //! texel of all tiles, then a byte of alpha for each texel of the tiles that are not opaque.
 
-use super::planes::{Plane, PlaneSet, PlaneTile};
+use super::plane_set::PlaneSet;
+use super::planes::{Plane, PlaneTile};
 use super::{BlockIndex, PackedCube, PackedSegment, SegmentSide, SplatIndexLayout, runs};
 use crate::capture::rig::Face;
 use crate::container::{Container, ContainerWriter, FileError, FileKind, Section};

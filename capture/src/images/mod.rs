@@ -38,6 +38,7 @@ pub use pose::Pose;
 pub use register::{Kept, Registration, RegistrationReport};
 pub use view::{LoadedView, View};
 
+use crate::picture::PictureError;
 use crate::scene::FileFrame;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
@@ -105,6 +106,13 @@ impl ImagesError {
 
     pub(crate) fn io(path: &Path, cause: std::io::Error) -> Self {
         Self::Io { path: path.into(), cause }
+    }
+
+    fn picture(path: &Path, error: PictureError) -> Self {
+        match error {
+            PictureError::Io(cause) => Self::io(path, cause),
+            error => Self::Picture { path: path.into(), cause: error.to_string() },
+        }
     }
 }
 
