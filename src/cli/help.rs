@@ -1,6 +1,7 @@
 //! What `--help` shows beside the arguments: examples and the names that an argument takes; completions and the manual.
 
 use super::Cli;
+use crate::lumigraph::Blend;
 use crate::portal::variant::Variant as HouseVariant;
 use crate::render::splat::SplatKernel;
 use crate::sprite::Variant as SpriteVariant;
@@ -9,7 +10,7 @@ use clap_complete::Shell;
 use std::io::Write;
 
 /// Each subcommand's examples.
-const EXAMPLES: [(&str, &str); 16] = [
+const EXAMPLES: [(&str, &str); 17] = [
     ("demo", "headbox demo --quick --no-window"),
     ("scenes", "headbox scenes"),
     (
@@ -24,6 +25,11 @@ const EXAMPLES: [(&str, &str); 16] = [
         "sprite",
         "headbox sprite builtin:sprites -o layers.sprite --size 512x384\n  \
          headbox sprite --color photo.png --depth depth.exr --depth-kind eye -o photo.sprite",
+    ),
+    (
+        "lumigraph",
+        "headbox lumigraph room.obj -o room.lumi\n  \
+         headbox lumigraph stage.glb -o stage.lumi --plane 0,1.6,5 --normal 0,0,-1 --extent 2 --cameras 8x8 --layers 64",
     ),
     (
         "house",
@@ -85,9 +91,10 @@ fn names_for(command: &str) -> String {
             let cubes: Vec<&str> = SplatKernel::ALL.iter().map(|(name, _)| *name).collect();
             let sprites: Vec<&str> = SpriteVariant::ALL.iter().map(|variant| variant.name()).collect();
             format!(
-                "\n\nVariants:\n  of a .ldi: {}\n  of a .sprite: {}\n  of a .house: {houses}",
+                "\n\nVariants:\n  of a .ldi: {}\n  of a .sprite: {}\n  of a .lumi: {}\n  of a .house: {houses}",
                 cubes.join(", "),
-                sprites.join(", ")
+                sprites.join(", "),
+                Blend::ALL.map(|(name, _)| name).join(", ")
             )
         }
         "walk" => format!("\n\nVariants:\n  {houses}"),

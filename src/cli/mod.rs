@@ -24,6 +24,7 @@ mod house;
 mod house_file;
 mod images;
 mod info;
+mod lumigraph;
 mod merge;
 mod output;
 mod progress;
@@ -65,6 +66,8 @@ enum Command {
     Merge(merge::Merge),
     /// Make sprites with depth of a scene, or of a picture and its depth
     Sprite(Box<sprite::SpriteCommand>),
+    /// Make a lumigraph of a scene: images on a camera plane, as few layers as a view needs
+    Lumigraph(Box<lumigraph::LumigraphCommand>),
     /// A home to walk through: read its rooms and doors, say what is wrong with them, draw its plan, write a .house file
     House(house::House),
     /// What a folder of pictures with known cameras holds, and whether its poses and depths agree
@@ -132,6 +135,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Capture(command) => command.run(),
         Command::Merge(command) => command.run(),
         Command::Sprite(command) => command.run(),
+        Command::Lumigraph(command) => command.run(),
         Command::House(command) => command.run(),
         Command::Images(command) => command.run(),
         Command::Info(command) => command.run(),

@@ -71,6 +71,8 @@ pub(super) const CUBE: Endings = Endings { what: "a cube LDI", allowed: &["ldi"]
 pub(super) const SHARD: Endings = Endings { what: "a shard of a capture", allowed: &["shard"] };
 /// Sprites with depth.
 pub(super) const SPRITES: Endings = Endings { what: "sprites with depth", allowed: &["sprite"] };
+/// Lumigraphs.
+pub(super) const LUMIGRAPH: Endings = Endings { what: "a lumigraph", allowed: &["lumi"] };
 /// Houses.
 pub(super) const HOUSE: Endings = Endings { what: "a house", allowed: &["house"] };
 /// Plans of houses.

@@ -14,6 +14,7 @@ use crate::compose::{ComposeSettings, Composer, Composition};
 use crate::container::Container;
 use crate::export::{film, panorama};
 use crate::frame::Frame;
+use crate::lumigraph::{Blend, LUMI_FILE, Lumigraph, LumigraphRenderer, LumigraphSettings};
 use crate::packed::PackedCube;
 use crate::path;
 use crate::portal::file::HOUSE_FILE;
@@ -32,7 +33,7 @@ use std::time::Instant;
 #[derive(Args)]
 pub(super) struct Render {
     /// A .ldi or .sprite file or a folder of images with depth, or several of one world, laid over each other back to front; or
-    /// one .house file
+    /// one .house or .lumi file
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Picture to write (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output, PNG); with --path the folder for frames
@@ -75,6 +76,9 @@ pub(super) struct Render {
     /// Picture of the share of each pixel to that depth pixels cover, 0 to 255, to write; for a single frame of one .ldi
     #[arg(long, value_name = "FILE.png", conflicts_with = "path")]
     coverage: Option<PathBuf>,
+    /// How far two cameras of a .lumi file may disagree where its layers are merged, pixels; 1 if absent, 0 merges none
+    #[arg(long, value_name = "PX", value_parser = parse_merge)]
+    merge: Option<f64>,
     /// How threads share a cube LDI's frame, which is the same in any case; bands if absent
     #[arg(long, value_name = "WAY", value_parser = by_name(WAYS))]
     parallel: Option<Parallel>,
@@ -84,6 +88,10 @@ pub(super) struct Render {
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
+}
+
+fn parse_merge(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|px| (0.0..=1e6).contains(px)).ok_or("give pixels, 0 or more".into())
 }
 
 /// How threads can share a frame.
@@ -117,6 +125,7 @@ impl Rendered {
 enum Content {
     House(Box<HouseContent>),
     Geometry(Box<GeometryContent>),
+    Lumigraph { lumigraph: Box<Lumigraph>, renderer: Box<LumigraphRenderer>, settings: LumigraphSettings },
     Cube { cube: Box<PackedCube>, renderer: Box<Renderer>, settings: RenderSettings },
     Layers { layers: Box<Composition>, composer: Box<Composer>, settings: ComposeSettings, frame: Frame },
 }
@@ -154,6 +163,12 @@ impl Render {
     fn open(&self) -> anyhow::Result<(Content, FileFrame, DefaultCamera)> {
         if let Some(content) = self.open_house()? {
             return Ok(content);
+        }
+        if let Some(content) = self.open_lumigraph()? {
+            return Ok(content);
+        }
+        if self.merge.is_some() {
+            return Err(UsageError("--merge is for .lumi files".into()).into());
         }
         if let Some(content) = self.open_geometry()? {
             return Ok(content);
@@ -230,6 +245,33 @@ impl Render {
         }
         let (content, frame, camera) = GeometryContent::open(&self.files[0], texturing, &self.geometry)?;
         Ok(Some((Content::Geometry(Box::new(content)), frame, camera)))
+    }
+
+    /// A `.lumi` file, which comes alone; `None` if there is none among the files.
+    fn open_lumigraph(&self) -> anyhow::Result<Option<(Content, FileFrame, DefaultCamera)>> {
+        let is_lumigraph = |file: &PathBuf| Container::peek_kind(file).ok().flatten() == Some(LUMI_FILE.tag);
+        let Some(file) = self.files.iter().find(|file| is_lumigraph(file)) else { return Ok(None) };
+        if self.files.len() > 1 || self.sampling.is_some() || self.fill_steps.is_some() || self.parallel.is_some() {
+            let message = "a .lumi file is rendered alone, without --sampling, --fill-steps and --parallel";
+            return Err(UsageError(message.into()).into());
+        }
+        let mut settings = LumigraphSettings::default();
+        settings.tolerance_px = self.merge.unwrap_or(settings.tolerance_px);
+        settings.merge = settings.tolerance_px > 0.0;
+        if let Some(wanted) = &self.variant {
+            let found = Blend::ALL.iter().find(|(name, _)| name == wanted);
+            settings.blend = found.map(|(_, blend)| *blend).ok_or_else(|| {
+                let names = Blend::ALL.map(|(name, _)| name).join(", ");
+                UsageError(format!("there is no variant \"{wanted}\"; there are: {names}"))
+            })?;
+        }
+        let lumigraph = Box::new(Lumigraph::read(file)?);
+        let grid = lumigraph.grid();
+        let [column, row] = [grid.columns().len() / 2, grid.rows().len() / 2];
+        let camera =
+            DefaultCamera { eye: grid.origin(), size: (1024, 768), ..DefaultCamera::like(&grid.camera(column, row)) };
+        let frame = lumigraph.info.frame;
+        Ok(Some((Content::Lumigraph { lumigraph, renderer: Box::default(), settings }, frame, camera)))
     }
 
     fn settings(&self, cubes: bool, sprites: bool) -> anyhow::Result<ComposeSettings> {
@@ -395,6 +437,9 @@ impl Content {
         match self {
             Self::House(house) => render_house(house, camera, repeat),
             Self::Geometry(geometry) => render_geometry(geometry, camera, repeat),
+            Self::Lumigraph { lumigraph, renderer, settings } => {
+                render_lumigraph(renderer, lumigraph, camera, settings, repeat)
+            }
             Self::Cube { cube, renderer, settings } => render_cube(renderer, cube, camera, settings, repeat),
             Self::Layers { layers, composer, settings, frame } => {
                 render_layers(composer, layers, camera, settings, frame, repeat)
@@ -426,6 +471,7 @@ impl Content {
         match self {
             Self::House(house) => house.variant(),
             Self::Geometry(geometry) => geometry.variant(),
+            Self::Lumigraph { settings, .. } => settings.blend.name(),
             Self::Cube { settings, .. } => settings.kernel.name(),
             Self::Layers { layers, settings, .. } if layers.sprites().sprites().is_empty() => {
                 settings.cubes.kernel.name()
@@ -444,6 +490,10 @@ impl Content {
                     rendered.splatted,
                     rendered.depth_pixels_in
                 )
+            }
+            Self::Lumigraph { lumigraph, .. } => {
+                let (layers, all) = (&rendered.statistics["layers"], lumigraph.layers().len());
+                format!("{layers} layers of {all}")
             }
             Self::Cube { cube, .. } => {
                 // One depth pixel may be splatted in several bands of rows.
@@ -485,6 +535,31 @@ fn render_geometry(geometry: &mut GeometryContent, camera: &Camera, repeat: u32)
         splatted: stats.triangles,
         hole_pixels: stats.hole_pixels,
     })
+}
+
+fn render_lumigraph(
+    renderer: &mut LumigraphRenderer,
+    lumigraph: &Lumigraph,
+    camera: &Camera,
+    settings: &LumigraphSettings,
+    repeat: u32,
+) -> anyhow::Result<Rendered> {
+    let mut ms = Vec::with_capacity(repeat as usize);
+    loop {
+        let (frame, stats) = renderer.render(lumigraph, camera, settings);
+        ms.push(stats.frame_ms);
+        if ms.len() >= repeat as usize {
+            return Ok(Rendered {
+                image: frame.to_rgb()?,
+                ms,
+                stages: json!({"plan_ms": stats.plan_ms, "draw_ms": stats.frame_ms - stats.plan_ms}),
+                statistics: serde_json::to_value(stats)?,
+                depth_pixels_in: 0,
+                splatted: 0,
+                hole_pixels: stats.hole_pixels,
+            });
+        }
+    }
 }
 
 fn render_cube(

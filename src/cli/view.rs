@@ -16,7 +16,7 @@ use std::time::Instant;
 
 #[derive(Args)]
 pub(super) struct View {
-    /// A .ldi, .sprite or .house file, a folder of images with depth, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the
+    /// A .ldi, .sprite, .lumi or .house file, a folder of images with depth, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the
     /// start page if absent
     file: Option<String>,
     /// Of a folder of images: draw it by view-dependent geometry, such as geometry-averaged, instead of a cube LDI

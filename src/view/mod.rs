@@ -12,6 +12,7 @@
 //! | `effort` | overlays of how a frame was made: footprints, overdraw, clipping |
 //! | `geometry` | a folder of images, drawn without a model |
 //! | `house` | a house, walked; its backdrops are built in the background |
+//! | `lumigraph` | a lumigraph; its overlays |
 //! | `sprite` | a set of sprites with depth |
 //! | `background` | thread pools: of low priority for work nobody waits for, of fewer threads for frames |
 
@@ -23,6 +24,7 @@ mod geometry;
 mod growth;
 mod house;
 mod library;
+mod lumigraph;
 mod overlay;
 mod reference;
 mod sprite;

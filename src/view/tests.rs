@@ -4,11 +4,13 @@ use super::{open, show_geometry};
 use crate::capture::Camera;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
+use crate::lumigraph::{CameraGrid, GridParts, LumigraphCapture, Placement};
 use crate::portal::backdrop::BackdropQuality;
 use crate::portal::house::House;
 use crate::portal::store::Store;
 use crate::portal::variant::Variant;
 use crate::portal::walk_path::WalkPath;
+use crate::progress::Silent;
 use crate::scene_source::SceneSource;
 use crate::sprite::{DisplacementFormat, SlabCapture, SpriteSet, capture_slabs, slabs_at_gaps};
 use crate::view_geometry::tests::{frame_at, opened, plane_view};
@@ -112,7 +114,7 @@ fn write_sprites(file: &Path) {
     let slabs = slabs_at_gaps(&tracer, &camera, 4);
     let format = DisplacementFormat::I16;
     let capture = SlabCapture { tracer: &tracer, lighting: &lighting, lit: false, samples: 4, format };
-    let sprites = capture_slabs(&capture, &camera, &slabs, &crate::progress::Silent).unwrap();
+    let sprites = capture_slabs(&capture, &camera, &slabs, &Silent).unwrap();
     SpriteSet::new(sprites).write(file).unwrap();
 }
 
@@ -232,6 +234,43 @@ fn every_way_to_draw_a_house_shows_backdrops_once_they_are_built() {
     let overlaid = render(&mut *source, start, &settings).0;
     let grey = overlaid.iter().filter(|&&[r, g, b, _]| r == g && g == b).count();
     assert!(grey > 0 && grey < overlaid.len(), "geometry is grey, backdrops are not");
+}
+
+#[test]
+fn a_lumigraph_starts_where_its_cameras_look_and_tells_its_layers() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("a.lumi");
+    let scene = Arc::new(SceneSource::new("builtin:bump").open().unwrap());
+    let origin = scene.headbox.unwrap().centre;
+    let tracer = Tracer::new(scene, origin);
+    let lighting = Lighting::measure(&tracer, 0);
+    let parts = GridParts {
+        origin,
+        world_from_eye: glam::DMat3::IDENTITY,
+        columns: CameraGrid::evenly(3, 1.0),
+        rows: CameraGrid::evenly(3, 1.0),
+        focal_px: 60.0,
+        size_px: [64, 64],
+        convergence: 0.3,
+    };
+    let capture = LumigraphCapture { tracer: &tracer, lighting: &lighting, lit: false, samples: 2 };
+    let raw = capture.run(&CameraGrid::new(parts).unwrap(), &Silent).unwrap();
+    raw.layered(100, Placement::Uniform).unwrap().write(&file).unwrap();
+    let mut source = open(file.to_str().unwrap(), dir.path()).unwrap();
+    let start = source.start_pose();
+    assert!(start.eye == origin && start.forward().distance(DVec3::NEG_Z) < 1e-9 && source.speed_m_per_s() >= 1.0);
+    let (colors, report) = render(&mut *source, start, &[]);
+    let layers = |report: &FrameReport| figure(report, "layers after merging").unwrap();
+    assert!(layers(&report) < 30.0 && figure(&report, "pixels covered") == Some(100.0));
+    let (unmerged, all) = render(&mut *source, start, &[("merge", "0")]);
+    assert!(layers(&all) > 60.0 && unmerged != colors, "{}", layers(&all));
+    assert!(render(&mut *source, start, &[("skip", "off")]).0 == colors);
+    let mut seen = vec![colors];
+    for overlay in ["layer", "merged layers", "camera"] {
+        let (pixels, _) = render(&mut *source, start, &[("overlay", overlay)]);
+        assert!(!seen.contains(&pixels), "{overlay}");
+        seen.push(pixels);
+    }
 }
 
 #[test]
