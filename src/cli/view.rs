@@ -2,10 +2,12 @@
 
 use super::UsageError;
 use super::args::{FrameArgs, Names, by_name, parse_size};
+use super::geometry::{GEOMETRY_ALONE, GeometryArgs, open_geometry, texturing_of};
 use super::images::{self, SetArgs, is_image_set};
 use super::output::print_json;
 use super::progress::Bar;
-use crate::view::{SceneLibrary, open, open_source, show_cube};
+use crate::view::{SceneLibrary, open, open_source, show_cube, show_geometry};
+use crate::view_geometry::GeometrySettings;
 use anyhow::Context;
 use clap::Args;
 use headbox_viewer::{Coming, Exit, FrameSource, ReplayMode, Stereo, ViewerOptions};
@@ -18,6 +20,11 @@ pub(super) struct View {
     /// A .ldi, .sprite, .lumi or .house file, a home (Home.xml, .sh3d, .toml) to walk in, a folder of images with depth, or a
     /// scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the start page if absent
     file: Option<String>,
+    /// Of a folder of images: draw it by view-dependent geometry, such as geometry-averaged, instead of a cube LDI
+    #[arg(long, value_name = "NAME")]
+    variant: Option<String>,
+    #[command(flatten)]
+    geometry: GeometryArgs,
     #[command(flatten)]
     frame: FrameArgs,
     /// Replay this path or camera file
@@ -90,7 +97,7 @@ impl View {
         let mut options = self.options()?;
         let mut source = None;
         if let Some(file) = &self.file {
-            match open_soon(file, self.opener(file))? {
+            match open_soon(file, self.opener(file)?)? {
                 Opened::Already(it) => source = Some(it),
                 Opened::Later(coming) => options.coming = Some(coming),
             }
@@ -103,18 +110,35 @@ impl View {
     }
 
     /// How a file is opened.
-    fn opener(&self, file: &str) -> impl FnOnce() -> anyhow::Result<Box<dyn FrameSource>> + Send + 'static {
-        let (source, out) = (self.frame.source(file), self.out.clone());
-        move || {
-            if !is_image_set(&source.name) {
+    ///
+    /// # Errors
+    /// Options that do not belong to it.
+    fn opener(
+        &self,
+        file: &str,
+    ) -> anyhow::Result<impl FnOnce() -> anyhow::Result<Box<dyn FrameSource>> + Send + 'static> {
+        let is_set = is_image_set(file);
+        let texturing = texturing_of(self.variant.as_deref(), is_set)?;
+        if texturing.is_none() && (self.variant.is_some() || self.geometry.are_given()) {
+            return Err(UsageError(GEOMETRY_ALONE.into()).into());
+        }
+        let (source, geometry, out) = (self.frame.source(file), self.geometry.clone(), self.out.clone());
+        Ok(move || {
+            if !is_set {
                 return Ok(open_source(source, &out)?);
             }
             let folder = Path::new(&source.name);
+            if let Some(texturing) = texturing {
+                let settings = GeometrySettings { texturing, ..geometry.settings() };
+                let (geometry, start) = open_geometry(folder, &geometry)?;
+                let no_start = || format!("{}: its middle view is no perspective picture to start at", source.name);
+                return Ok(show_geometry(geometry, folder, &start.with_context(no_start)?, settings));
+            }
             let bar = Bar::new();
             let cube = images::cube(folder, &SetArgs::default(), &bar)?;
             bar.finish();
             Ok(show_cube(cube, folder))
-        }
+        })
     }
 
     fn options(&self) -> Result<ViewerOptions, UsageError> {

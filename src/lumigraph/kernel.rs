@@ -217,13 +217,18 @@ fn sixteen<S: Simd>(simd: S, block: &Block, pass: Pass, wanted: u64, start: [f32
     let mut found = Found { color: [zero; 3], open: ahead.select(one, zero) };
     let mut behind_something = mask32x16::from_bitmask(simd, 0);
     if ahead.any_true() {
-        let per_forward = one / ahead.select(forward, one);
+        // Of all sixteen, as what holds for the first and the last is taken to hold between them.
+        let per_forward = one / forward.max(LEAST_FORWARD as f32);
         let slopes = [(number * step[0] + start[0]) * per_forward, (number * step[1] + start[1]) * per_forward];
         let steps = match pass {
             Pass::First => &[Step::FIRST],
             Pass::Wider(steps) => steps,
         };
         for &step in steps {
+            // The same cell again shows the same.
+            if leads_away(block, slopes, step.shift) {
+                continue;
+            }
             let rays = rays(simd, block, slopes, step.shift);
             let mut is_open = true;
             for layer in block.layers {
@@ -264,6 +269,26 @@ fn hides<S: Simd>(simd: S, block: &Block, rays: &Rays<S>, of: mask32x16<S>) -> m
         }
     }
     hides
+}
+
+/// Whether there is no cell where a shift leads, for any of the rays: cells nearer by were asked before.
+#[inline(always)]
+fn leads_away<S: Simd>(block: &Block, slopes: [f32x16<S>; 2], shift: [i32; 2]) -> bool {
+    let (view, places) = (&block.plan.view, [&block.plan.columns, &block.plan.rows]);
+    let eye = view.eye.as_vec3().to_array();
+    for axis in 0..2 {
+        if shift[axis] != 0 {
+            let crossings = (slopes[axis] * -eye[2] + eye[axis]).to_array();
+            let last = places[axis].len() as i32 - 2;
+            let ends = [crossings[0], crossings[LANES - 1]];
+            let led =
+                [cell(places[axis], ends[0]) as i32 + shift[axis], cell(places[axis], ends[1]) as i32 + shift[axis]];
+            if led[0].max(led[1]) < 0 || led[0].min(led[1]) > last {
+                return true;
+            }
+        }
+    }
+    false
 }
 
 #[inline(always)]
