@@ -111,3 +111,5 @@ pub mod truth;
 #[cfg(feature = "viewer")]
 #[doc(hidden)]
 pub mod view;
+#[doc(hidden)]
+pub mod view_geometry;

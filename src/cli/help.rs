@@ -41,6 +41,7 @@ const EXAMPLES: [(&str, &str); 17] = [
         "render",
         "headbox render room.ldi -o frame.png\n  \
          headbox render room.ldi -o frame.jpg --eye 0.1,1.6,0 --look-at 2,1,0 --size 1920x1080\n  \
+         headbox render scans/kitchen -o frame.png --variant geometry-averaged     a folder of images with depth, without a capture\n  \
          headbox render home.house --path walk.json -o frames     a frame per pose, and their times\n  \
          headbox render room.ldi --path walk.json -o walk.mp4 --panorama    a film, here in all directions\n  \
          headbox render room.ldi -o - | display                   a PNG to another program",

@@ -18,6 +18,7 @@ mod demo;
 mod demo_sprites;
 mod estimate;
 mod export;
+mod geometry;
 mod help;
 mod house;
 mod house_file;

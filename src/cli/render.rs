@@ -2,6 +2,7 @@
 
 use super::UsageError;
 use super::args::{CameraArgs, DefaultCamera, Names, by_name, parse_length};
+use super::geometry::{GEOMETRY_ALONE, GeometryArgs, GeometryContent, GeometryRendered, texturing_of};
 use super::house_file::HouseContent;
 use super::images::{self, SetArgs, is_image_set};
 use super::output::{DEPTH, FILM, Outputs, PICTURE, print_json, save_picture, write_text};
@@ -21,6 +22,7 @@ use crate::progress::Progress;
 use crate::render::splat::SplatKernel;
 use crate::render::{Parallel, RenderSettings, Renderer};
 use crate::sprite::{DepthPicture, RenderOptions, SPRITE_FILE, Sampling, SpriteSet, Variant, write_depth_exr};
+use crate::view_geometry::Texturing;
 use anyhow::{Context, bail};
 use clap::Args;
 use image::RgbImage;
@@ -53,9 +55,12 @@ pub(super) struct Render {
     /// height is that of --size or of the path
     #[arg(long)]
     panorama: bool,
-    /// How samples become pixels, or how parallax inside sprites is drawn: see the list that a wrong name prints
+    /// How samples become pixels, or how parallax inside sprites is drawn: see the list that a wrong name prints. For a folder of
+    /// images also geometry-blended and its kin: view-dependent geometry, made for each frame, instead of a cube LDI
     #[arg(long, value_name = "NAME")]
     variant: Option<String>,
+    #[command(flatten)]
+    geometry: GeometryArgs,
     /// How colours of sprites are looked up; bilinear if absent
     #[arg(long)]
     sampling: Option<Sampling>,
@@ -119,6 +124,7 @@ impl Rendered {
 /// What the files hold, with all that drawing it needs.
 enum Content {
     House(Box<HouseContent>),
+    Geometry(Box<GeometryContent>),
     Lumigraph { lumigraph: Box<Lumigraph>, renderer: Box<LumigraphRenderer>, settings: LumigraphSettings },
     Cube { cube: Box<PackedCube>, renderer: Box<Renderer>, settings: RenderSettings },
     Layers { layers: Box<Composition>, composer: Box<Composer>, settings: ComposeSettings, frame: Frame },
@@ -163,6 +169,9 @@ impl Render {
         }
         if self.merge.is_some() {
             return Err(UsageError("--merge is for .lumi files".into()).into());
+        }
+        if let Some(content) = self.open_geometry()? {
+            return Ok(content);
         }
         let (mut cubes, mut sprites) = (Vec::new(), None::<SpriteSet>);
         let mut world = None;
@@ -221,6 +230,23 @@ impl Render {
         Ok(Some((Content::House(Box::new(content)), frame, camera)))
     }
 
+    /// A folder of images for a variant of view-dependent geometry; `None` if that is not asked for.
+    fn open_geometry(&self) -> anyhow::Result<Option<(Content, FileFrame, DefaultCamera)>> {
+        let alone = matches!(self.files.as_slice(), [folder] if is_image_set(&folder.to_string_lossy()));
+        let Some(texturing) = texturing_of(self.variant.as_deref(), alone)? else {
+            if self.geometry.are_given() {
+                return Err(UsageError(GEOMETRY_ALONE.into()).into());
+            }
+            return Ok(None);
+        };
+        if self.sampling.is_some() || self.fill_steps.is_some() || self.parallel.is_some() || self.keep_holes {
+            let message = "--sampling, --fill-steps, --parallel and --keep-holes are not for view-dependent geometry";
+            return Err(UsageError(message.into()).into());
+        }
+        let (content, frame, camera) = GeometryContent::open(&self.files[0], texturing, &self.geometry)?;
+        Ok(Some((Content::Geometry(Box::new(content)), frame, camera)))
+    }
+
     /// A `.lumi` file, which comes alone; `None` if there is none among the files.
     fn open_lumigraph(&self) -> anyhow::Result<Option<(Content, FileFrame, DefaultCamera)>> {
         let is_lumigraph = |file: &PathBuf| Container::peek_kind(file).ok().flatten() == Some(LUMI_FILE.tag);
@@ -272,7 +298,9 @@ impl Render {
             (None, None) => {
                 let kernels = SplatKernel::ALL.iter().filter(|_| cubes).map(|(name, _)| *name);
                 let variants = Variant::ALL.iter().filter(|_| sprites).map(|variant| variant.name());
-                let names: Vec<&str> = kernels.chain(variants).collect();
+                let is_set = matches!(self.files.as_slice(), [folder] if is_image_set(&folder.to_string_lossy()));
+                let geometry = Texturing::ALL.iter().filter(|_| is_set).map(|(name, _)| *name);
+                let names: Vec<&str> = kernels.chain(variants).chain(geometry).collect();
                 let message = format!("there is no variant \"{wanted}\"; there are: {}", names.join(", "));
                 return Err(UsageError(message).into());
             }
@@ -408,6 +436,7 @@ impl Content {
     fn render(&mut self, camera: &Camera, repeat: u32) -> anyhow::Result<Rendered> {
         match self {
             Self::House(house) => render_house(house, camera, repeat),
+            Self::Geometry(geometry) => render_geometry(geometry, camera, repeat),
             Self::Lumigraph { lumigraph, renderer, settings } => {
                 render_lumigraph(renderer, lumigraph, camera, settings, repeat)
             }
@@ -441,6 +470,7 @@ impl Content {
     fn variant(&self) -> &'static str {
         match self {
             Self::House(house) => house.variant(),
+            Self::Geometry(geometry) => geometry.variant(),
             Self::Lumigraph { settings, .. } => settings.blend.name(),
             Self::Cube { settings, .. } => settings.kernel.name(),
             Self::Layers { layers, settings, .. } if layers.sprites().sprites().is_empty() => {
@@ -453,6 +483,14 @@ impl Content {
     fn summary(&self, rendered: &Rendered) -> String {
         match self {
             Self::House(house) => format!("{}, {} splats", house.variant(), rendered.splatted),
+            Self::Geometry(geometry) => {
+                format!(
+                    "{}, {} triangles of {} samples",
+                    geometry.variant(),
+                    rendered.splatted,
+                    rendered.depth_pixels_in
+                )
+            }
             Self::Lumigraph { lumigraph, .. } => {
                 let (layers, all) = (&rendered.statistics["layers"], lumigraph.layers().len());
                 format!("{layers} layers of {all}")
@@ -480,6 +518,22 @@ fn render_house(house: &mut HouseContent, camera: &Camera, repeat: u32) -> anyho
         splatted: stats.backdrop.splatted,
         hole_pixels: stats.hole_pixels,
         statistics: serde_json::to_value(stats)?,
+    })
+}
+
+fn render_geometry(geometry: &mut GeometryContent, camera: &Camera, repeat: u32) -> anyhow::Result<Rendered> {
+    let GeometryRendered { image, ms, stats } = geometry.render(camera, repeat)?;
+    Ok(Rendered {
+        image,
+        ms,
+        stages: json!({
+            "rank_ms": stats.rank_ms, "fetch_ms": stats.fetch_ms, "fuse_ms": stats.fuse_ms, "mesh_ms": stats.mesh_ms,
+            "texture_ms": stats.texture_ms,
+        }),
+        statistics: serde_json::to_value(stats)?,
+        depth_pixels_in: stats.samples,
+        splatted: stats.triangles,
+        hole_pixels: stats.hole_pixels,
     })
 }
 

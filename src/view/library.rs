@@ -1,6 +1,8 @@
 //! Which source opens what; the start page.
 
 use super::cube::CubeSource;
+use super::file_name::file_name;
+use super::geometry::GeometrySource;
 use super::house::HouseSource;
 use super::lumigraph::LumigraphSource;
 use super::sprite::SpriteSource;
@@ -15,6 +17,7 @@ use crate::portal::file::HouseFileError;
 use crate::progress::Silent;
 use crate::scene_source::SceneSource;
 use crate::sprite::SpriteSet;
+use crate::view_geometry::{GeometrySettings, ViewGeometry};
 use crate::{scenes, truth};
 use glam::DVec3;
 use headbox_viewer::{Entry, FrameSource, Library, Thumbnail};
@@ -92,6 +95,17 @@ pub fn open_source(source: SceneSource, output_dir: &Path) -> Result<Box<dyn Fra
 /// A cube LDI that was made from `origin`.
 pub fn show_cube(cube: PackedCube, origin: &Path) -> Box<dyn FrameSource> {
     Box::new(CubeSource::from_file(cube, origin))
+}
+
+/// View-dependent geometry of the folder `origin`, from where `start` stands.
+pub fn show_geometry(
+    geometry: ViewGeometry,
+    origin: &Path,
+    start: &Camera,
+    initial: GeometrySettings,
+) -> Box<dyn FrameSource> {
+    let title = format!("{} (images)", file_name(origin));
+    Box::new(GeometrySource::new(title, geometry, start, initial))
 }
 
 fn capture(source: SceneSource, output_dir: &Path) -> Result<CubeSource, OpenError> {

@@ -10,6 +10,7 @@
 //! | `variation` | the LDI with some of its segments, or recoloured by depth, layer, face, segment |
 //! | `overlay` | what is painted instead of colours |
 //! | `effort` | overlays of how a frame was made: footprints, overdraw, clipping |
+//! | `geometry` | a folder of images, drawn without a model |
 //! | `house` | a house, walked; its backdrops are built in the background |
 //! | `lumigraph` | a lumigraph; its overlays |
 //! | `sprite` | a set of sprites with depth |
@@ -19,6 +20,7 @@ mod background;
 mod cube;
 mod effort;
 mod file_name;
+mod geometry;
 mod growth;
 mod house;
 mod library;
@@ -30,7 +32,7 @@ mod sprite;
 mod tests;
 mod variation;
 
-pub use library::{OpenError, SceneLibrary, open, open_source, show_cube};
+pub use library::{OpenError, SceneLibrary, open, open_source, show_cube, show_geometry};
 
 use crate::capture::simd;
 use headbox_viewer::Fact;

@@ -1,6 +1,6 @@
 //! Files of each kind through the sources, without a window.
 
-use super::open;
+use super::{open, show_geometry};
 use crate::capture::Camera;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
@@ -13,6 +13,8 @@ use crate::portal::walk_path::WalkPath;
 use crate::progress::Silent;
 use crate::scene_source::SceneSource;
 use crate::sprite::{DisplacementFormat, SlabCapture, SpriteSet, capture_slabs, slabs_at_gaps};
+use crate::view_geometry::tests::{frame_at, opened, plane_view};
+use crate::view_geometry::{GeometrySettings, SampleGrid};
 use glam::DVec3;
 use headbox_viewer::{Control, FrameReport, FrameRequest, FrameSource, Navigation, Pose, Refinement, SettingValues};
 use std::path::Path;
@@ -278,4 +280,26 @@ fn a_file_that_is_no_house_is_refused_in_one_sentence() {
     std::fs::write(&file, "not a house").unwrap();
     let message = open(file.to_str().unwrap(), dir.path()).err().unwrap().to_string();
     assert!(message.contains("damaged.house") && !message.contains('\n'), "{message}");
+}
+
+#[test]
+fn a_folder_of_images_is_walked_through() {
+    let eyes = [DVec3::ZERO, DVec3::X * 0.2, DVec3::Y * 0.2];
+    let views = eyes.map(|eye| plane_view(eye, 3.0, [96, 64]));
+    let (folder, geometry) = opened(&views, &SampleGrid::default());
+    let start = frame_at(DVec3::new(0.05, 0.05, 0.0), [96, 64]);
+    let mut source = show_geometry(geometry, folder.path(), &start, GeometrySettings::default());
+    assert!(source.title().ends_with("(images)"));
+    let pose = source.start_pose();
+    let (blended, report) = render(&mut *source, pose, &[]);
+    assert_eq!((report.refinement, figure(&report, "cameras used")), (Refinement::Done, Some(3.0)));
+    assert!(blended.iter().all(|pixel| pixel[3] == 255));
+    assert!(blended != render(&mut *source, pose, &[("texturing", "geometry-nearest")]).0, "what textures counts");
+    let (_, one) = render(&mut *source, pose, &[("cameras", "1")]);
+    assert_eq!(figure(&one, "cameras used"), Some(1.0));
+    let (holes, marked) = render(&mut *source, pose, &[("overlay", "holes")]);
+    assert!(holes != blended && !marked.legend.is_empty());
+    let away = Pose::looking_at(pose.eye, pose.eye + DVec3::Z, 60.0);
+    let (_, report) = render(&mut *source, away, &[]);
+    assert!(report.facts.iter().any(|fact| fact.text.contains("none of the 3 cameras")), "{:?}", report.facts);
 }
