@@ -16,6 +16,7 @@ mod house;
 mod interior;
 mod mesh;
 mod sprites;
+mod stages;
 mod texture;
 mod tree;
 mod ward;
@@ -57,6 +58,9 @@ pub fn all() -> &'static [BuiltinScene] {
         ),
         scene("bump", bump::build, "textured plane with a hemisphere and a pyramid, for sprites"),
         scene("sprites", sprites::build, "mountains, hills, balloons and boulders: four layers for sprites with depth"),
+        scene("net", stages::net, "net of knotted cord before a wall, at 1.8 to 3.1 m: for lumigraphs"),
+        scene("statue", stages::statue, "figure on a pedestal before a curtain, at 2.3 to 5.8 m: for lumigraphs"),
+        scene("blocks", stages::blocks, "heap of painted blocks, at 0.9 to 3.4 m: for lumigraphs"),
         scene("poles", hard::poles, "hard case: 240 poles, 1 mm to 4 cm thick, at 2 to 90 m"),
         scene("edge-on", hard::edge_on, "hard case: planes seen edge-on from the centre of the headbox"),
         scene("contact", hard::contact, "hard case: panels 1 mm away from every face of the headbox"),

@@ -492,8 +492,9 @@ impl Content {
                 )
             }
             Self::Lumigraph { lumigraph, .. } => {
-                let (layers, all) = (&rendered.statistics["layers"], lumigraph.layers().len());
-                format!("{layers} layers of {all}")
+                // What is at infinity is drawn, too.
+                let (layers, all) = (&rendered.statistics["layers"], lumigraph.layers().len() + 1);
+                format!("{layers} layers of {all} with infinity")
             }
             Self::Cube { cube, .. } => {
                 // One depth pixel may be splatted in several bands of rows.
