@@ -20,7 +20,7 @@ pub(super) const GEOMETRY_ALONE: &str = "--cameras, --grid, --sample-spacing, --
      -single, -nearest), of a folder of images with depth";
 
 /// How view-dependent geometry is made.
-#[derive(Args)]
+#[derive(Args, Clone)]
 pub(super) struct GeometryArgs {
     /// View-dependent geometry: cameras whose depth samples make a frame; 10 if absent
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]

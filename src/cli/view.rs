@@ -10,14 +10,15 @@ use crate::view::{SceneLibrary, open, open_source, show_cube, show_geometry};
 use crate::view_geometry::GeometrySettings;
 use anyhow::Context;
 use clap::Args;
-use headbox_viewer::{Exit, FrameSource, ReplayMode, Stereo, ViewerOptions};
+use headbox_viewer::{Coming, Exit, FrameSource, ReplayMode, Stereo, ViewerOptions};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
 
 #[derive(Args)]
 pub(super) struct View {
-    /// A .ldi, .sprite, .lumi or .house file, a folder of images with depth, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the
-    /// start page if absent
+    /// A .ldi, .sprite, .lumi or .house file, a home (Home.xml, .sh3d, .toml) to walk in, a folder of images with depth, or a
+    /// scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the start page if absent
     file: Option<String>,
     /// Of a folder of images: draw it by view-dependent geometry, such as geometry-averaged, instead of a cube LDI
     #[arg(long, value_name = "NAME")]
@@ -93,8 +94,14 @@ const FRAMES_BEFORE_PICTURE: u64 = 3;
 
 impl View {
     pub(super) fn run(&self) -> anyhow::Result<()> {
-        let options = self.options()?;
-        let source = self.file.as_deref().map(|file| self.source(file)).transpose()?;
+        let mut options = self.options()?;
+        let mut source = None;
+        if let Some(file) = &self.file {
+            match open_soon(file, self.opener(file)?)? {
+                Opened::Already(it) => source = Some(it),
+                Opened::Later(coming) => options.coming = Some(coming),
+            }
+        }
         let summary = headbox_viewer::run(source, options)?;
         if self.json {
             print_json(&serde_json::to_value(summary)?);
@@ -102,25 +109,36 @@ impl View {
         Ok(())
     }
 
-    fn source(&self, file: &str) -> anyhow::Result<Box<dyn FrameSource>> {
+    /// How a file is opened.
+    ///
+    /// # Errors
+    /// Options that do not belong to it.
+    fn opener(
+        &self,
+        file: &str,
+    ) -> anyhow::Result<impl FnOnce() -> anyhow::Result<Box<dyn FrameSource>> + Send + 'static> {
         let is_set = is_image_set(file);
-        if let Some(texturing) = texturing_of(self.variant.as_deref(), is_set)? {
-            let (geometry, start) = open_geometry(Path::new(file), &self.geometry)?;
-            let start =
-                start.with_context(|| format!("{file}: its middle view is no perspective picture to start at"))?;
-            let settings = GeometrySettings { texturing, ..self.geometry.settings() };
-            return Ok(show_geometry(geometry, Path::new(file), &start, settings));
-        }
-        if self.variant.is_some() || self.geometry.are_given() {
+        let texturing = texturing_of(self.variant.as_deref(), is_set)?;
+        if texturing.is_none() && (self.variant.is_some() || self.geometry.are_given()) {
             return Err(UsageError(GEOMETRY_ALONE.into()).into());
         }
-        if !is_set {
-            return Ok(open_source(self.frame.source(file), &self.out)?);
-        }
-        let bar = Bar::new();
-        let cube = images::cube(Path::new(file), &SetArgs::default(), &bar)?;
-        bar.finish();
-        Ok(show_cube(cube, Path::new(file)))
+        let (source, geometry, out) = (self.frame.source(file), self.geometry.clone(), self.out.clone());
+        Ok(move || {
+            if !is_set {
+                return Ok(open_source(source, &out)?);
+            }
+            let folder = Path::new(&source.name);
+            if let Some(texturing) = texturing {
+                let settings = GeometrySettings { texturing, ..geometry.settings() };
+                let (geometry, start) = open_geometry(folder, &geometry)?;
+                let no_start = || format!("{}: its middle view is no perspective picture to start at", source.name);
+                return Ok(show_geometry(geometry, folder, &start.with_context(no_start)?, settings));
+            }
+            let bar = Bar::new();
+            let cube = images::cube(folder, &SetArgs::default(), &bar)?;
+            bar.finish();
+            Ok(show_cube(cube, folder))
+        })
     }
 
     fn options(&self) -> Result<ViewerOptions, UsageError> {
@@ -141,6 +159,8 @@ impl View {
         Ok(ViewerOptions {
             started: Instant::now(),
             library: Some(Box::new(SceneLibrary { output_dir: self.out.clone() })),
+            file: self.file.as_ref().map(PathBuf::from).filter(|file| file.is_file()),
+            recent_file: recent_file(),
             window_size_points: [width as f32, height as f32],
             panels: !self.no_panels,
             settings: self.set.clone(),
@@ -155,6 +175,46 @@ impl View {
             ..ViewerOptions::default()
         })
     }
+}
+
+/// What is to be shown, or who will bring it.
+enum Opened {
+    Already(Box<dyn FrameSource>),
+    Later(Coming),
+}
+
+/// Opens something; if that takes longer than a person waits for a window, elsewhere, and the window comes first.
+fn open_soon(
+    name: &str,
+    open: impl FnOnce() -> anyhow::Result<Box<dyn FrameSource>> + Send + 'static,
+) -> anyhow::Result<Opened> {
+    /// Whatever opens within this needs no window that says so, and its errors none to be read in.
+    const PATIENCE: Duration = Duration::from_millis(100);
+    // Without room in between, what nobody waits for here any more comes back to its sender.
+    let (soon_sender, soon) = mpsc::sync_channel(0);
+    let (later_sender, later) = mpsc::sync_channel(1);
+    let work = move || {
+        if let Err(mpsc::SendError(opened)) = soon_sender.send(open()) {
+            // The window may be gone too.
+            let _ = later_sender.send(opened.map_err(|error| format!("{error:#}")));
+        }
+    };
+    std::thread::Builder::new().name("open".into()).spawn(work).context("cannot start a thread")?;
+    match soon.recv_timeout(PATIENCE) {
+        Ok(opened) => Ok(Opened::Already(opened?)),
+        Err(_) => Ok(Opened::Later(Coming { name: name.to_owned(), source: later })),
+    }
+}
+
+/// Where the names of the files opened last are kept, by the system's custom; none if it has none.
+fn recent_file() -> Option<PathBuf> {
+    let folder = |key: &str| std::env::var_os(key).map(PathBuf::from).filter(|path| path.is_absolute());
+    let state = if cfg!(windows) {
+        folder("LOCALAPPDATA")
+    } else {
+        folder("XDG_STATE_HOME").or_else(|| Some(folder("HOME")?.join(".local/state")))
+    };
+    Some(state?.join("headbox/recent.json"))
 }
 
 /// Opens the window on a file, and returns when it is closed.

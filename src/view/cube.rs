@@ -5,12 +5,15 @@ use super::effort;
 use super::file_name::file_name;
 use super::growth::{Growth, LitScene, Stand};
 use super::overlay::{Judge, Overlay, paint_coverage, paint_epipole, paint_holes};
+use super::points::Points;
+use super::terms::TERMS;
 use super::variation::{FACE_NAMES, Variation, Variations};
 use crate::capture::Camera;
 use crate::capture::light::Lighting;
 use crate::capture::rig::Face;
 use crate::capture::scene::FileFrame;
 use crate::capture::trace::Tracer;
+use crate::capture::viewpoint::suggest_view;
 use crate::frame::Frame;
 use crate::ldi::CaptureInfo;
 use crate::packed::PackedCube;
@@ -19,16 +22,19 @@ use crate::render::{FrameStats, RenderSettings, Renderer};
 use crate::scene_source::SceneSource;
 use glam::DVec3;
 use headbox_viewer::{
-    EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Pose, Refinement, Setting, SettingValues, Stage,
+    EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Ongoing, Pose, Refinement, Setting, SettingValues,
+    Stage,
 };
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// A cube LDI, shown from anywhere inside its headbox.
 pub(super) struct CubeSource {
     title: String,
-    cube: Arc<PackedCube>,
+    /// None until a growing one has had its first round.
+    cube: Option<Arc<PackedCube>>,
+    place: Place,
     variations: Variations,
     renderer: Renderer,
     threads: FewerThreads,
@@ -36,10 +42,21 @@ pub(super) struct CubeSource {
     growing: Option<Growing>,
 }
 
+/// Where an LDI is looked at from.
+#[derive(Clone, Copy)]
+struct Place {
+    centre: DVec3,
+    half_size_m: f64,
+    ahead: DVec3,
+    frame: FileFrame,
+}
+
 /// What is known of a cube LDI that is still being captured.
 struct Growing {
     growth: Growth,
-    scene: LitScene,
+    begun: Instant,
+    /// Shown before there is anything else.
+    points: Points,
     /// Where the button writes it.
     file: PathBuf,
 }
@@ -53,7 +70,10 @@ const LOOK_AGAIN: Duration = Duration::from_millis(250);
 impl CubeSource {
     pub(super) fn from_file(cube: PackedCube, file: &Path) -> Self {
         let title = format!("{} (cube LDI)", file_name(file));
-        Self::new(title, Arc::new(cube), None)
+        let info = &cube.info;
+        let ahead = info.ahead.unwrap_or_else(|| richest_side(&cube));
+        let place = Place { centre: info.centre, half_size_m: info.half_size_m, ahead, frame: info.frame };
+        Self::new(title, place, Some(Arc::new(cube)), None)
     }
 
     /// A scene that is captured while one looks around in it; can be saved in `output_dir`.
@@ -67,34 +87,44 @@ impl CubeSource {
         let name =
             if source.name.starts_with("builtin:") { source.name.clone() } else { file_name(Path::new(&source.name)) };
         let title = format!("{name} (live capture)");
-        let (growth, scene, cube) = Growth::start(source)?;
-        let growing = Some(Growing { growth, scene, file: output_dir.join(stem + ".ldi") });
-        Ok(Self::new(title, cube, growing))
+        let (growth, found) = Growth::start(source)?;
+        let scene = found.tracer.scene();
+        let (centre, half_size_m) = (found.headbox.centre, found.headbox.half_size_m);
+        let place = Place { centre, half_size_m, ahead: suggest_view(&found.tracer, centre), frame: scene.frame };
+        let (begun, points, file) = (Instant::now(), Points::new(scene, centre), output_dir.join(stem + ".ldi"));
+        Ok(Self::new(title, place, None, Some(Growing { growth, begun, points, file })))
     }
 
-    fn new(title: String, cube: Arc<PackedCube>, growing: Option<Growing>) -> Self {
+    fn new(title: String, place: Place, cube: Option<Arc<PackedCube>>, growing: Option<Growing>) -> Self {
         let (variations, renderer, judge) = (Variations::default(), Renderer::new(), Judge::default());
-        Self { title, cube, variations, renderer, threads: FewerThreads::default(), judge, growing }
+        Self { title, cube, place, variations, renderer, threads: FewerThreads::default(), judge, growing }
     }
 
     /// Takes over what a growing capture has become, and tells how far it is.
     fn grow(&mut self) -> Result<Option<Stand>, String> {
         let Some(growing) = &self.growing else { return Ok(None) };
-        if let Some(newer) = growing.growth.newer_than(&self.cube) {
-            self.cube = newer;
+        if let Some(newer) = growing.growth.newer_than(self.cube.as_ref()) {
+            self.cube = Some(newer);
             self.variations.clear();
         }
         growing.growth.failure().map_or_else(|| Ok(Some(growing.growth.stand())), Err)
     }
 
-    /// How to get the scene that the LDI was captured from.
-    fn scene(&self) -> impl FnOnce() -> Result<LitScene, String> + Send + 'static {
-        let in_hand = self.growing.as_ref().map(|growing| growing.scene.clone());
-        let info = self.cube.info.clone();
+    /// How to get the scene that an LDI was captured from.
+    fn scene(&self, cube: &PackedCube) -> impl FnOnce() -> Result<LitScene, String> + Send + 'static {
+        let in_hand = self.growing.as_ref().map(|growing| growing.growth.lit_scene());
+        let info = cube.info.clone();
         move || match in_hand {
-            Some(scene) => Ok(scene),
+            Some(scene) => scene(),
             None => reopen(&info),
         }
+    }
+
+    /// Work that is going on, and how far it is.
+    fn ongoing(&self, stand: &Stand) -> Option<Ongoing> {
+        let growing = self.growing.as_ref().filter(|_| !stand.ended)?;
+        let [done, all] = stand.rounds;
+        Some(Ongoing::since(format!("capturing, round {} of {all}", done + 1), stand.share, growing.begun))
     }
 }
 
@@ -181,18 +211,19 @@ impl FrameSource for CubeSource {
     }
 
     fn start_pose(&self) -> Pose {
-        let centre = self.cube.info.centre;
-        let ahead = self.cube.info.ahead.unwrap_or_else(|| richest_side(&self.cube));
-        Pose::looking_at(centre, centre + ahead, 60.0)
+        Pose::looking_at(self.place.centre, self.place.centre + self.place.ahead, 60.0)
     }
 
     fn bounds(&self) -> Option<EyeBounds> {
-        let info = &self.cube.info;
-        Some(EyeBounds { centre: info.centre, half_size: DVec3::splat(info.half_size_m) })
+        Some(EyeBounds { centre: self.place.centre, half_size: DVec3::splat(self.place.half_size_m) })
     }
 
     fn file_frame(&self) -> FileFrame {
-        self.cube.info.frame
+        self.place.frame
+    }
+
+    fn terms(&self) -> &'static [(&'static str, &'static str)] {
+        &TERMS
     }
 
     fn settings(&self) -> Vec<Setting> {
@@ -246,8 +277,21 @@ impl FrameSource for CubeSource {
         let settings = render_settings(&request.settings)?;
         let overlay = Overlay::ALL.get(request.settings.choice("overlay")?).map_or(Overlay::None, |&(_, o)| o);
         let growth = self.grow()?;
-        let scene = self.scene();
-        let cube = self.variations.of(&self.cube, &variation(&request.settings, overlay)?);
+        let ongoing = growth.and_then(|stand| self.ongoing(&stand));
+        let Some(whole) = self.cube.clone() else {
+            if let Some(growing) = &mut self.growing {
+                growing.points.paint(&request.camera, pixels);
+            }
+            let refinement = Refinement::Later(LOOK_AGAIN);
+            return Ok(FrameReport {
+                ongoing,
+                refinement,
+                facts: vec![axes_fact(&self.place.frame)],
+                ..FrameReport::default()
+            });
+        };
+        let scene = self.scene(&whole);
+        let cube = self.variations.of(&whole, &variation(&request.settings, overlay)?);
         let renderer = &mut self.renderer;
         let (frame, stats) = self
             .threads
@@ -262,28 +306,20 @@ impl FrameSource for CubeSource {
         if request.settings.toggle("epipole")? {
             paint_epipole(&request.camera, cube.info.centre, pixels);
         }
-        if let Some(stand) = growth {
-            let [done, all] = stand.rounds;
-            figures.push(Figure { name: "rounds captured", value: done as f64, unit: "" });
-            figures.push(Figure { name: "rounds in all", value: all as f64, unit: "" });
-            if !stand.ended {
-                figures.push(Figure { name: "stage of this round", value: stand.stage_share * 100.0, unit: "%" });
-                refinement = Refinement::Later(LOOK_AGAIN);
-            }
+        if ongoing.is_some() {
+            refinement = Refinement::Later(LOOK_AGAIN);
         }
-        Ok(FrameReport {
-            stages,
-            figures,
-            facts: vec![super::simd_fact(), axes_fact(&cube)],
-            refinement,
-            legend: overlay.legend(),
-        })
+        // Truth is what one waits for if one asked for it.
+        let ongoing = self.judge.ongoing(overlay).or(ongoing);
+        let facts = vec![super::simd_fact(), axes_fact(&self.place.frame)];
+        Ok(FrameReport { stages, figures, facts, refinement, legend: overlay.legend(), ongoing })
     }
 
     fn act(&mut self, action: &str) -> Result<String, String> {
         match &self.growing {
             Some(growing) if action == SAVE => {
-                let cube = growing.growth.newer_than(&self.cube).unwrap_or_else(|| Arc::clone(&self.cube));
+                let newest = growing.growth.newer_than(self.cube.as_ref()).or_else(|| self.cube.clone());
+                let cube = newest.ok_or("There is nothing to save before the first round is done.")?;
                 cube.write(&growing.file).map_err(|error| error.to_string())?;
                 let (count, face) = (cube.depth_pixel_count(), cube.face_size_px);
                 Ok(format!("Saved {}: {count} depth pixels, faces of {face} px.", growing.file.display()))
@@ -294,8 +330,7 @@ impl FrameSource for CubeSource {
 }
 
 /// What was taken for the file's axes and unit.
-fn axes_fact(cube: &PackedCube) -> Fact {
-    let frame = cube.info.frame;
+fn axes_fact(frame: &FileFrame) -> Fact {
     Fact { name: "in the file", text: format!("{} is up, 1 is {} m (view --up, --unit)", frame.up, frame.unit_m) }
 }
 

@@ -122,7 +122,7 @@ impl FrameSource for GeometrySource {
         };
         let mut figures = figures(&stats);
         figures.push(figure("memory", geometry.bytes() as f64 / f64::from(1 << 20), "MiB"));
-        Ok(FrameReport { stages: stages(&stats), figures, facts, legend, refinement })
+        Ok(FrameReport { stages: stages(&stats), figures, facts, legend, refinement, ongoing: None })
     }
 }
 

@@ -1,5 +1,5 @@
 //! Progressive capture: a coarse cube LDI in about a second, finer ones while one looks around (as the barnyard of the
-//! papers, sampled in rounds).
+//! papers, sampled in rounds). Until the first is there, the scene's surfaces are shown as points.
 //!
 //! Every round is a whole capture, about four times as dear as the one before: all rounds together take a third longer than
 //! the last alone, each is what `headbox capture` makes with the same settings, to the byte, and nothing needs to be known
@@ -37,15 +37,26 @@ struct Round {
     light_samples: u32,
 }
 
-/// The rounds. The last is what `headbox capture` makes when nothing is said.
-const ROUNDS: [Round; 4] = [
+/// The rounds. The last has the faces of what `headbox capture` makes when nothing is said, with a fifth of its rays: what a
+/// window shows while one waits is to be whole in a minute.
+const ROUNDS: [Round; 3] = [
     Round { face_size_px: 192, strata: 12, rays: 8, light_samples: 1 },
-    Round { face_size_px: 384, strata: 16, rays: 16, light_samples: 4 },
-    Round { face_size_px: 640, strata: 24, rays: 16, light_samples: 4 },
-    Round { face_size_px: 1024, strata: 32, rays: 16, light_samples: 4 },
+    Round { face_size_px: 512, strata: 16, rays: 16, light_samples: 2 },
+    Round { face_size_px: 1024, strata: 24, rays: 10, light_samples: 4 },
 ];
 
+/// Stages of a round: pilot, rays, light.
+const STAGES: f64 = 3.0;
+
 impl Round {
+    /// How much work it is, in any unit: rays, and light at the depth pixels that they become.
+    fn work(&self) -> f64 {
+        /// Depth pixels to a pixel of a face, about.
+        const LAYERS: f64 = 1.5;
+        let rays = f64::from(self.strata).powi(4) * f64::from(self.rays);
+        rays + f64::from(self.face_size_px).powi(2) * LAYERS * f64::from(self.light_samples)
+    }
+
     fn job(&self, scene: &SceneSource, headbox: &Headbox) -> CaptureJob {
         CaptureJob {
             face_size_px: self.face_size_px,
@@ -70,12 +81,15 @@ struct Shared {
     state: Mutex<State>,
     changed: Condvar,
     cancelled: AtomicBool,
+    /// Stages of this round begun.
+    stages: AtomicU64,
     steps_done: AtomicU64,
     steps: AtomicU64,
 }
 
 #[derive(Default)]
 struct State {
+    scene: Option<LitScene>,
     newest: Option<Arc<PackedCube>>,
     rounds_done: usize,
     ended: bool,
@@ -87,58 +101,75 @@ struct State {
 pub(super) struct Stand {
     /// Rounds done, and in all.
     pub(super) rounds: [usize; 2],
-    /// Share of the present stage (pilot, rays, light) that is done, 0 to 1.
-    pub(super) stage_share: f64,
+    /// Share of all work that is done, 0 to 1, about.
+    pub(super) share: f64,
     /// Nothing more will come.
     pub(super) ended: bool,
 }
 
+/// Where a scene is captured, known before anything is traced.
+pub(super) struct Place {
+    pub(super) tracer: Arc<Tracer>,
+    pub(super) headbox: Headbox,
+}
+
 impl Growth {
-    /// Loads a scene, begins to capture it, and returns with the coarsest LDI.
+    /// Loads a scene, begins to capture it, and returns with where.
     ///
     /// # Errors
-    /// One sentence: the scene cannot be opened, or its first capture failed.
-    pub(super) fn start(source: SceneSource) -> Result<(Self, LitScene, Arc<PackedCube>), String> {
+    /// One sentence: the scene cannot be opened.
+    pub(super) fn start(source: SceneSource) -> Result<(Self, Place), String> {
         let scene = Arc::new(source.open().map_err(|error| error.to_string())?);
         let headbox = viewpoint::place_headbox(&scene, None, None).map_err(|error| error.to_string())?;
         let tracer = Arc::new(Tracer::new(scene, headbox.centre));
-        let lighting = Arc::new(Lighting::measure(&tracer, CaptureParameters::DEFAULT.bounces));
-        let lit = LitScene { tracer, lighting, lit: true };
         let pool = background::pool("capture")?;
         let shared = Arc::new(Shared::default());
         let spawned = std::thread::Builder::new().name("capture".into()).spawn({
-            let (shared, lit) = (Arc::clone(&shared), lit.clone());
+            let (shared, tracer) = (Arc::clone(&shared), Arc::clone(&tracer));
             move || {
-                let work =
-                    || pool.install(|| ROUNDS.iter().try_for_each(|r| shared.run(&r.job(&source, &headbox), &lit)));
+                let rounds = || {
+                    let lighting = Arc::new(Lighting::measure(&tracer, CaptureParameters::DEFAULT.bounces));
+                    let scene = shared.is_lit(LitScene { tracer, lighting, lit: true });
+                    ROUNDS.iter().try_for_each(|round| shared.run(&round.job(&source, &headbox), &scene))
+                };
+                let work = || pool.install(rounds);
                 let panicked = |_| Err("The capture stopped because of an error in the program.".into());
                 shared.end(catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(panicked));
             }
         });
         spawned.map_err(|error| format!("Cannot start a thread: {error}."))?;
-        let growth = Self { shared };
-        let first = growth.first()?;
-        Ok((growth, lit, first))
+        Ok((Self { shared }, Place { tracer, headbox }))
     }
 
-    /// Waits for the first LDI.
-    fn first(&self) -> Result<Arc<PackedCube>, String> {
-        let mut state = self.shared.lock();
-        loop {
-            if let Some(cube) = &state.newest {
-                return Ok(Arc::clone(cube));
+    /// A way to wait for the scene with its light.
+    pub(super) fn lit_scene(&self) -> impl FnOnce() -> Result<LitScene, String> + Send + 'static {
+        let shared = Arc::clone(&self.shared);
+        move || {
+            let mut state = shared.lock();
+            loop {
+                match &state.scene {
+                    Some(scene) => return Ok(scene.clone()),
+                    None if state.ended => return Err("The capture ended before there was light.".into()),
+                    None => state = shared.changed.wait(state).unwrap_or_else(PoisonError::into_inner),
+                }
             }
-            if state.ended {
-                return Err(state.failed.take().unwrap_or_default());
-            }
-            state = self.shared.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
     }
 
+    /// Waits for the first LDI; none if there will be none.
+    #[cfg(test)]
+    pub(super) fn first(&self) -> Option<Arc<PackedCube>> {
+        let mut state = self.shared.lock();
+        while state.newest.is_none() && !state.ended {
+            state = self.shared.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+        state.newest.clone()
+    }
+
     /// The finest LDI so far, if it is another than `shown`.
-    pub(super) fn newer_than(&self, shown: &Arc<PackedCube>) -> Option<Arc<PackedCube>> {
+    pub(super) fn newer_than(&self, shown: Option<&Arc<PackedCube>>) -> Option<Arc<PackedCube>> {
         let state = self.shared.lock();
-        state.newest.as_ref().filter(|newest| !Arc::ptr_eq(newest, shown)).map(Arc::clone)
+        state.newest.as_ref().filter(|newest| shown.is_none_or(|shown| !Arc::ptr_eq(newest, shown))).map(Arc::clone)
     }
 
     /// Why a later round failed, told once.
@@ -149,10 +180,17 @@ impl Growth {
     /// How far the capture is.
     pub(super) fn stand(&self) -> Stand {
         let state = self.shared.lock();
-        let [done, all] = [&self.shared.steps_done, &self.shared.steps].map(|n| n.load(Ordering::Relaxed) as f64);
+        let [stages, done, all] = [&self.shared.stages, &self.shared.steps_done, &self.shared.steps]
+            .map(|n| n.load(Ordering::Relaxed) as f64);
+        let of_stage = if all > 0.0 { (done / all).min(1.0) } else { 0.0 };
+        // Stages may come more than once: a round is never told to be done before it is.
+        let of_round = ((stages - 1.0).max(0.0) + of_stage).min(STAGES * 0.97) / STAGES;
+        let work = |rounds: &[Round]| rounds.iter().map(Round::work).sum::<f64>();
+        let (before, rest) = ROUNDS.split_at(state.rounds_done.min(ROUNDS.len()));
+        let now = rest.first().map_or(0.0, |round| round.work() * of_round);
         Stand {
             rounds: [state.rounds_done, ROUNDS.len()],
-            stage_share: if all > 0.0 { (done / all).min(1.0) } else { 0.0 },
+            share: (work(before) + now) / work(&ROUNDS),
             ended: state.ended,
         }
     }
@@ -170,6 +208,13 @@ impl Shared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Tells those who wait that the scene has its light.
+    fn is_lit(&self, scene: LitScene) -> LitScene {
+        self.lock().scene = Some(scene.clone());
+        self.changed.notify_all();
+        scene
+    }
+
     /// One round.
     fn run(&self, job: &CaptureJob, scene: &LitScene) -> Result<(), String> {
         /// Beyond so many bytes the accumulators of large faces go to a temporary file; those of small ones never are as
@@ -184,6 +229,7 @@ impl Shared {
         let mut state = self.lock();
         state.newest = Some(Arc::new(packed));
         state.rounds_done += 1;
+        self.stages.store(0, Ordering::Relaxed);
         self.changed.notify_all();
         Ok(())
     }
@@ -198,6 +244,7 @@ impl Shared {
 
 impl Progress for Shared {
     fn begin(&self, _: &str, _: &str, total: u64) {
+        self.stages.fetch_add(1, Ordering::Relaxed);
         self.steps_done.store(0, Ordering::Relaxed);
         self.steps.store(total, Ordering::Relaxed);
     }
@@ -218,9 +265,11 @@ mod tests {
     #[test]
     fn the_first_round_is_what_a_capture_of_its_settings_makes_and_dropping_gives_the_rest_up() {
         let source = SceneSource::new("builtin:miniature");
-        let (growth, scene, first) = Growth::start(source.clone()).unwrap();
-        let headbox = viewpoint::place_headbox(scene.tracer.scene(), None, None).unwrap();
-        let job = ROUNDS[0].job(&source, &headbox);
+        let (growth, place) = Growth::start(source.clone()).unwrap();
+        assert!(growth.stand().share < 1.0);
+        let (scene, first) = (growth.lit_scene()().unwrap(), growth.first().unwrap());
+        assert!(growth.stand().rounds[0] >= 1 && growth.stand().share > 0.0);
+        let job = ROUNDS[0].job(&source, &place.headbox);
         let silent = crate::progress::Silent;
         let (ldi, _) = job.run(&scene.tracer, &scene.lighting, &Resources::default(), &silent).unwrap();
         assert!(*first == PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).unwrap());

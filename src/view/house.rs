@@ -4,7 +4,9 @@ use super::background::{self, FewerThreads};
 use super::effort::swatch;
 use super::file_name::file_name;
 use super::overlay::{Overlay, paint_backdrops, paint_holes};
+use super::terms::TERMS;
 use crate::capture::bake::{BakeOptions, bake_model};
+use crate::capture::load::{LoadedModel, ModelOptions, load_model};
 use crate::capture::portal_model::PortalModel;
 use crate::capture::scene::FileFrame;
 use crate::portal::backdrop::BackdropQuality;
@@ -19,15 +21,15 @@ use crate::portal::walk_path::WalkPath;
 use crate::scenes;
 use glam::{DVec2, DVec3};
 use headbox_viewer::{
-    Control, Fact, Figure, FrameReport, FrameRequest, FrameSource, Navigation, Pose, Refinement, Room, RoomMap,
-    Setting, Stage,
+    Control, Fact, Figure, FrameReport, FrameRequest, FrameSource, Navigation, Ongoing, Pose, Refinement, Room,
+    RoomMap, Setting, Stage,
 };
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{self, Receiver, TryRecvError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Memory for backdrops, bytes: those of the file, and those that are built while one walks.
 const BUDGET_BYTES: u64 = 2 << 30;
@@ -38,12 +40,20 @@ const LOOK_AGAIN: Duration = Duration::from_millis(250);
 /// What the pixels show: the frame, or where it has holes or shows backdrops.
 const OVERLAYS: [&str; 3] = ["none", "holes", "backdrops"];
 
+/// Of what is found wrong with a model, so much is told in the window.
+const MOST_NOTES: usize = 3;
+
+/// Figure: how many backdrops are still to be built for this view.
+const MISSING: &str = "backdrops missing";
+
 /// Triangles of the built-in house, at most, before its edges are cut to hold light: few enough to be there in a second.
 const BUILTIN_TRIANGLES: usize = 60_000;
 
-/// How finely the light of the built-in house is baked: a third of the vertices of the default.
-const BUILTIN_LIGHT: BakeOptions =
-    BakeOptions { edge_m: 0.4, max_triangles: 1_000_000, samples: 32, smoothing: 2, bounces: 1 };
+/// How finely light is baked, one after the other: a first in a few seconds, and one with a third of the vertices of the default.
+const LIGHTS: [BakeOptions; 2] = [
+    BakeOptions { edge_m: 1.0, max_triangles: 300_000, samples: 8, smoothing: 4, bounces: 1 },
+    BakeOptions { edge_m: 0.4, max_triangles: 1_000_000, samples: 32, smoothing: 2, bounces: 1 },
+];
 
 /// A house, seen from anywhere: the eye may leave it and pass through walls.
 pub(super) struct HouseSource {
@@ -55,17 +65,30 @@ pub(super) struct HouseSource {
     threads: FewerThreads,
     /// The same house with its light baked in, if that is still to come.
     lit: Option<LitLater>,
+    /// What was found wrong with the model.
+    notes: Vec<String>,
 }
 
-/// A house whose light is baked on a thread of low priority, for as long as this lives.
+/// A house whose light is baked on a thread of low priority, for as long as this lives: once for each of [`LIGHTS`].
 struct LitLater {
-    house: Receiver<Result<House, String>>,
-    given_up: Arc<AtomicBool>,
+    houses: Receiver<Result<House, String>>,
+    /// How many have come.
+    come: usize,
+    baking: Arc<Baking>,
+    begun: Instant,
+}
+
+/// How far light is.
+#[derive(Default)]
+struct Baking {
+    given_up: AtomicBool,
+    /// Vertices that are done, and all, of the present light.
+    vertices: [AtomicUsize; 2],
 }
 
 impl Drop for LitLater {
     fn drop(&mut self) {
-        self.given_up.store(true, Ordering::Relaxed);
+        self.baking.given_up.store(true, Ordering::Relaxed);
     }
 }
 
@@ -79,62 +102,106 @@ impl HouseSource {
         Ok(Self::new(format!("{} (house)", file_name(path)), house, store, quality))
     }
 
-    /// The built-in house, in plain colours at first; its light is baked meanwhile.
+    /// The built-in house.
     ///
     /// # Errors
     /// One sentence.
     pub(super) fn builtin() -> Result<Self, String> {
         let mut model = scenes::house(0, BUILTIN_TRIANGLES);
         model.mend();
+        Self::of_model("builtin:house".into(), model)
+    }
+
+    /// A portal model: a home, or a TOML model.
+    ///
+    /// # Errors
+    /// One sentence.
+    pub(super) fn load(path: &Path) -> Result<Self, String> {
+        let LoadedModel { model, findings } =
+            load_model(path, &ModelOptions::default()).map_err(|error| error.to_string())?;
+        let source = Self::of_model(format!("{} (home)", file_name(path)), model)?;
+        let mut notes: Vec<String> = findings.iter().take(MOST_NOTES).map(ToString::to_string).collect();
+        if findings.len() > notes.len() {
+            let more = findings.len() - notes.len();
+            notes.push(format!("{more} more things are told by: headbox house {}", path.display()));
+        }
+        Ok(Self { notes, ..source })
+    }
+
+    /// A model in plain colours at first; its light is baked meanwhile, and its backdrops are built as one walks.
+    fn of_model(title: String, model: PortalModel) -> Result<Self, String> {
         let house = House::new(model.clone()).map_err(|error| error.to_string())?;
         let lit = Some(LitLater::begin(model)?);
-        let plain = Self::new("builtin:house".into(), house, Store::new(BUDGET_BYTES), BackdropQuality::default());
+        let plain = Self::new(title, house, Store::new(BUDGET_BYTES), BackdropQuality::default());
         Ok(Self { lit, ..plain })
     }
 
     fn new(title: String, house: House, store: Store, quality: BackdropQuality) -> Self {
         let (initial, start) = (Variant::of_store(&store), start_in(&house));
         let tour = Tour::new(Arc::new(house), Arc::new(store), quality, initial.settings());
-        Self { title, tour, start, initial, threads: FewerThreads::default(), lit: None }
+        Self { title, tour, start, initial, threads: FewerThreads::default(), lit: None, notes: Vec::new() }
     }
 
     /// Takes the lit house over once it is there. Returns whether it is still to come.
     fn awaits_light(&mut self) -> Result<bool, String> {
-        let Some(lit) = &self.lit else { return Ok(false) };
-        let house = match lit.house.try_recv() {
+        let Some(lit) = &mut self.lit else { return Ok(false) };
+        let house = match lit.houses.try_recv() {
             Err(TryRecvError::Empty) => return Ok(true),
             Err(TryRecvError::Disconnected) => {
                 Err("Light could not be baked because of an error in the program.".into())
             }
             Ok(house) => house,
         };
-        self.lit = None;
+        lit.come += 1;
+        if lit.come == LIGHTS.len() || house.is_err() {
+            self.lit = None;
+        }
         let store = Store::new(BUDGET_BYTES);
         self.tour = Tour::new(Arc::new(house?), Arc::new(store), BackdropQuality::default(), self.tour.settings);
-        Ok(false)
+        Ok(self.lit.is_some())
     }
 }
 
 impl LitLater {
     /// Begins to bake the light of a model.
     fn begin(model: PortalModel) -> Result<Self, String> {
-        let (sender, house) = mpsc::channel();
-        let given_up = Arc::new(AtomicBool::new(false));
-        let unwanted = Arc::clone(&given_up);
+        let (sender, houses) = mpsc::channel();
+        let baking = Arc::new(Baking::default());
+        let watched = Arc::clone(&baking);
         let pool = background::pool("light")?;
         let work = move || {
-            let is_unwanted = || unwanted.load(Ordering::Relaxed);
-            let go_on = |_, _| if is_unwanted() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-            let model = pool.install(|| bake_model(model, &BUILTIN_LIGHT, &go_on));
-            if !is_unwanted() {
-                let house = pool.install(|| House::new(model));
+            for light in &LIGHTS {
+                watched.vertices.iter().for_each(|count| count.store(0, Ordering::Relaxed));
+                let lit = pool.install(|| bake_model(model.clone(), light, &|done, all| watched.note(done, all)));
+                if watched.given_up.load(Ordering::Relaxed) {
+                    return;
+                }
+                let house = pool.install(|| House::new(lit));
                 // The window may show something else by now.
                 let _ = sender.send(house.map_err(|error| error.to_string()));
             }
         };
         let thread = std::thread::Builder::new().name("light".into()).spawn(work);
         thread.map_err(|error| format!("Cannot start a thread: {error}."))?;
-        Ok(Self { house, given_up })
+        Ok(Self { houses, come: 0, baking, begun: Instant::now() })
+    }
+
+    fn ongoing(&self) -> Ongoing {
+        let [done, all] = [0, 1].map(|i| self.baking.vertices[i].load(Ordering::Relaxed) as f64);
+        let share = if all > 0.0 { done / all } else { 0.0 };
+        // Vertices times samples, about: the first light is a small part of all.
+        let [first, second] = [0.1, 0.9];
+        let share = if self.come == 0 { first * share } else { first + second * share };
+        Ongoing::since("computing light", share, self.begun)
+    }
+}
+
+impl Baking {
+    /// Takes down how far light is, in any order; ends the work when nobody wants it.
+    fn note(&self, done: usize, all: usize) -> ControlFlow<()> {
+        self.vertices[0].fetch_max(done, Ordering::Relaxed);
+        self.vertices[1].store(all, Ordering::Relaxed);
+        if self.given_up.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 }
 
@@ -179,6 +246,14 @@ impl FrameSource for HouseSource {
         });
         let openings = openings.collect();
         (!rooms.is_empty()).then_some(RoomMap { rooms, openings })
+    }
+
+    fn notes(&self) -> Vec<String> {
+        self.notes.clone()
+    }
+
+    fn terms(&self) -> &'static [(&'static str, &'static str)] {
+        &TERMS
     }
 
     fn file_frame(&self) -> FileFrame {
@@ -236,7 +311,12 @@ impl FrameSource for HouseSource {
         };
         let refinement =
             if awaits_light || tour.can_improve() { Refinement::Later(LOOK_AGAIN) } else { Refinement::Done };
-        Ok(FrameReport { stages, figures, facts, legend, refinement })
+        let missing = figures.iter().find(|figure| figure.name == MISSING).map_or(0.0, |figure| figure.value);
+        let ongoing = self.lit.as_ref().map(LitLater::ongoing).or_else(|| {
+            let what = format!("building {missing} backdrops");
+            (refinement != Refinement::Done).then_some(Ongoing { what, share: 0.0, left: None })
+        });
+        Ok(FrameReport { stages, figures, facts, legend, refinement, ongoing })
     }
 }
 
@@ -254,7 +334,7 @@ fn figures(stats: &WalkStats) -> Vec<Figure> {
         figure("cells as geometry", f64::from(stats.geometry_cells), ""),
         figure("triangles drawn", stats.raster.triangles_set_up as f64, ""),
         figure("portals as backdrops", f64::from(stats.portals), ""),
-        figure("backdrops missing", stats.missing.len() as f64, ""),
+        figure(MISSING, stats.missing.len() as f64, ""),
         figure("pixels of backdrops", share(stats.backdrop_pixels), "%"),
         figure("depth pixels splatted", stats.backdrop.splatted as f64, ""),
         figure("hole pixels", stats.hole_pixels as f64, ""),

@@ -6,10 +6,10 @@ use super::geometry::GeometrySource;
 use super::house::HouseSource;
 use super::lumigraph::LumigraphSource;
 use super::sprite::SpriteSource;
-use crate::capture::Camera;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
 use crate::capture::viewpoint::{place_headbox, suggest_view};
+use crate::capture::{Camera, linear_from_srgb8, srgb8_from_linear};
 use crate::container::FileError;
 use crate::lumigraph::Lumigraph;
 use crate::packed::PackedCube;
@@ -19,21 +19,25 @@ use crate::scene_source::SceneSource;
 use crate::sprite::SpriteSet;
 use crate::view_geometry::{GeometrySettings, ViewGeometry};
 use crate::{scenes, truth};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use headbox_viewer::{Entry, FrameSource, Library, Thumbnail};
+use image::{Rgb, RgbImage};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Extensions of scene files.
 const SCENES: [&str; 3] = ["obj", "gltf", "glb"];
 
+/// Extensions of homes: portal models in files.
+const HOMES: [&str; 3] = ["xml", "sh3d", "toml"];
+
 /// Why something cannot be shown.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
     /// It is no file of a kind that can be shown.
     #[error(
-        "{name}: only cube LDIs (.ldi), sprites (.sprite), lumigraphs (.lumi), houses (.house), scenes (.obj, .gltf, .glb) and builtin:NAME can \
-         be shown"
+        "{name}: only cube LDIs (.ldi), sprites (.sprite), lumigraphs (.lumi), houses (.house), homes (Home.xml, .sh3d, \
+         .toml), scenes (.obj, .gltf, .glb) and builtin:NAME can be shown"
     )]
     Kind {
         /// What was to be opened.
@@ -86,6 +90,7 @@ pub fn open_source(source: SceneSource, output_dir: &Path) -> Result<Box<dyn Fra
         }
         Some("lumi") => Box::new(LumigraphSource::new(Lumigraph::read(path)?, path)),
         Some("house") => Box::new(HouseSource::read(path)?),
+        Some(extension) if HOMES.contains(&extension) => Box::new(HouseSource::load(path).map_err(OpenError::Scene)?),
         Some(extension) if SCENES.contains(&extension) => Box::new(capture(source, output_dir)?),
         _ => return Err(OpenError::Kind { name: name.to_owned() }),
     };
@@ -124,7 +129,36 @@ impl SceneLibrary {
     /// Triangles of the built-in house in its thumbnail, at most.
     const THUMBNAIL_TRIANGLES: usize = 60_000;
     /// Rays per pixel of a thumbnail.
-    const THUMBNAIL_SAMPLES: u32 = 24;
+    const THUMBNAIL_SAMPLES: u32 = 16;
+}
+
+/// A picture without the grain of few rays. What surfaces are without light has no grain: light is their lit picture divided by it,
+/// averaged over pixels around that look alike without light.
+fn calmed(lit: &RgbImage, unlit: &RgbImage) -> RgbImage {
+    /// Pixels to each side.
+    const REACH: i64 = 6;
+    /// Unlit surfaces that differ by this much count by half.
+    const ALIKE: f32 = 0.05;
+    let (width, height) = lit.dimensions();
+    let linear = |image: &RgbImage, x: i64, y: i64| {
+        let at = |v: i64, end: u32| v.clamp(0, i64::from(end) - 1) as u32;
+        Vec3::from(image.get_pixel(at(x, width), at(y, height)).0.map(linear_from_srgb8))
+    };
+    RgbImage::from_fn(width, height, |x, y| {
+        let (x, y) = (i64::from(x), i64::from(y));
+        let around = (-REACH..=REACH).flat_map(|dy| (-REACH..=REACH).map(move |dx| (dx, dy)));
+        let here = linear(unlit, x, y);
+        // A grain keeps the division from zero where a surface is black.
+        let (mut light, mut surface) = (Vec3::ZERO, Vec3::splat(1e-3));
+        for (dx, dy) in around {
+            let there = linear(unlit, x + dx, y + dy);
+            let apart = 2.0 * (dx * dx + dy * dy) as f32 / (REACH * REACH) as f32;
+            let weight = (-apart - (there - here).length_squared() / (ALIKE * ALIKE)).exp2();
+            light += linear(lit, x + dx, y + dy) * weight;
+            surface += there * weight;
+        }
+        Rgb((here * light / surface).to_array().map(srgb8_from_linear))
+    })
 }
 
 impl Library for SceneLibrary {
@@ -150,12 +184,16 @@ impl Library for SceneLibrary {
         let lighting = Lighting::measure(&tracer, 1);
         let (width, height) = Self::THUMBNAIL_PX;
         let camera = Camera::look_at(eye, eye + suggest_view(&tracer, eye), DVec3::Y, 60.0, [width, height]).ok()?;
-        let pixels = truth::render(&tracer, &lighting, true, &camera, Self::THUMBNAIL_SAMPLES, &Silent).frame.color;
+        let [lit, unlit] = [true, false].map(|lit| {
+            let lighting = if lit { &lighting } else { &Lighting::of_scene(&tracer, 0) };
+            truth::render(&tracer, lighting, lit, &camera, Self::THUMBNAIL_SAMPLES, &Silent).rgb()
+        });
+        let pixels = calmed(&lit, &unlit).pixels().map(|&Rgb([r, g, b])| [r, g, b, 255]).collect();
         Some(Thumbnail { width, height, pixels })
     }
 
     fn extensions(&self) -> Vec<String> {
-        ["ldi", "sprite", "lumi", "house"].into_iter().chain(SCENES).map(str::to_owned).collect()
+        ["ldi", "sprite", "lumi", "house"].into_iter().chain(HOMES).chain(SCENES).map(str::to_owned).collect()
     }
 
     fn open_entry(&mut self, id: &str) -> Result<Box<dyn FrameSource>, String> {
@@ -182,6 +220,7 @@ mod tests {
         assert!(message("no/such.lumi").contains("no/such.lumi"));
         assert!(message("no/such.house").contains("no/such.house"));
         assert!(message("no/such.obj").contains("no/such.obj"));
+        assert!(message("no/Home.xml").contains("no/Home.xml"));
         assert!(message("builtin:nonsense").contains("nonsense"));
     }
 

@@ -6,6 +6,7 @@
 //! | `library` | which source opens what; the start page |
 //! | `cube` | a cube LDI, from a file or growing; its overlays |
 //! | `growth` | the progressive capture of a scene, in rounds on a thread of low priority |
+//! | `points` | a scene as points, until its first round is captured |
 //! | `reference` | ray-traced truth of the current view, refined in the background |
 //! | `variation` | the LDI with some of its segments, or recoloured by depth, layer, face, segment |
 //! | `overlay` | what is painted instead of colours |
@@ -14,6 +15,7 @@
 //! | `house` | a house, walked; its backdrops are built in the background |
 //! | `lumigraph` | a lumigraph; its overlays |
 //! | `sprite` | a set of sprites with depth |
+//! | `terms` | a sentence for each term of the panel |
 //! | `background` | thread pools: of low priority for work nobody waits for, of fewer threads for frames |
 
 mod background;
@@ -26,8 +28,10 @@ mod house;
 mod library;
 mod lumigraph;
 mod overlay;
+mod points;
 mod reference;
 mod sprite;
+mod terms;
 #[cfg(test)]
 mod tests;
 mod variation;

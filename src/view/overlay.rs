@@ -4,12 +4,13 @@ use super::effort::{self, swatch};
 use super::growth::LitScene;
 use super::reference::{Reference, Traced};
 use super::variation::Meaning;
-use crate::capture::Camera;
+use crate::capture::{Camera, linear_from_srgb8, srgb8_from_linear};
 use crate::frame::{Coverage, Frame};
 use crate::metrics;
 use crate::raster::{RasterOutput, Seen};
-use glam::DVec3;
-use headbox_viewer::{Figure, Refinement, Swatch};
+use glam::{DVec3, Vec3};
+use headbox_viewer::{Figure, Ongoing, Refinement, Swatch};
+use image::{Rgb, RgbImage};
 use std::time::Duration;
 
 /// What the pixels show.
@@ -155,6 +156,11 @@ impl Judge {
         }
     }
 
+    /// How far truth is, if the overlay shows it.
+    pub(super) fn ongoing(&self, overlay: Overlay) -> Option<Ongoing> {
+        self.reference.as_ref().filter(|_| overlay.needs_truth())?.ongoing()
+    }
+
     /// Paints truth, or the frame's FLIP error in the magma colours, as far as it is known; `scene` is called once, on
     /// another thread, when the first truth is wanted.
     ///
@@ -181,15 +187,35 @@ impl Judge {
     }
 }
 
+/// A picture with one pixel for each square of `side`, the mean of those of it that there are.
+fn averaged(image: &RgbImage, side: u32) -> RgbImage {
+    let (width, height) = image.dimensions();
+    RgbImage::from_fn(width.div_ceil(side), height.div_ceil(side), |x, y| {
+        let columns = x * side..((x + 1) * side).min(width);
+        let square = (y * side..((y + 1) * side).min(height)).flat_map(|y| columns.clone().map(move |x| (x, y)));
+        let (mut sum, mut count) = (Vec3::ZERO, 0.0);
+        for (x, y) in square {
+            sum += Vec3::from(image.get_pixel(x, y).0.map(linear_from_srgb8));
+            count += 1.0;
+        }
+        Rgb((sum / count).to_array().map(srgb8_from_linear))
+    })
+}
+
 fn judge(overlay: Overlay, frame: &Frame, traced: &Traced, pixels: &mut [[u8; 4]]) -> Result<Vec<Figure>, String> {
-    let image = frame.to_rgb().map_err(|error| error.to_string())?;
-    let truth = &traced.truth.rgb();
+    let mut image = frame.to_rgb().map_err(|error| error.to_string())?;
+    let (truth, side) = (&traced.truth.rgb(), traced.coarseness());
+    if side > 1 {
+        image = averaged(&image, side);
+    }
     let words = |error: metrics::MetricError| error.to_string();
     let map = metrics::flip_map(truth, &image, metrics::DEFAULT_PIXELS_PER_DEGREE).map_err(words)?;
     let psnr_db = metrics::psnr_db(truth, &image).map_err(words)?;
     let shown = if overlay == Overlay::Truth { truth } else { &map.to_magma() };
-    for (pixel, color) in pixels.iter_mut().zip(shown.pixels()) {
-        let [r, g, b] = color.0;
+    let width = frame.width.max(1) as usize;
+    for (i, pixel) in pixels.iter_mut().enumerate() {
+        let (x, y) = ((i % width) as u32 / side, (i / width) as u32 / side);
+        let [r, g, b] = shown.get_pixel_checked(x, y).map_or([0; 3], |color| color.0);
         *pixel = [r, g, b, OPAQUE];
     }
     Ok(vec![

@@ -5,12 +5,16 @@ use super::growth::LitScene;
 use crate::capture::Camera;
 use crate::progress::Progress;
 use crate::truth::{self, Truth};
+use headbox_viewer::Ongoing;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
-/// Rays per pixel of one truth after the other: all together a third more than the last.
-const SAMPLES: [u32; 4] = [2, 8, 32, 128];
+/// One truth after the other: rays per pixel, and the side of the square of pixels that share one. All together take a third
+/// more than the last, the first a five-hundredth of it: a coarse answer is there while one still wonders.
+const ROUNDS: [(u32, u32); 5] = [(4, 4), (2, 1), (8, 1), (32, 1), (128, 1)];
 
 /// Views asked for last that are worth tracing: two eyes with two settings each.
 const VIEWS: usize = 4;
@@ -19,20 +23,26 @@ const VIEWS: usize = 4;
 #[derive(Clone)]
 pub(super) struct Traced {
     camera: Camera,
-    /// Number of entries of [`SAMPLES`] behind it.
+    /// Number of entries of [`ROUNDS`] behind it.
     rounds: usize,
+    /// As many pixels as the view has, or one for each square of [`Self::coarseness`] pixels a side.
     pub(super) truth: Arc<Truth>,
 }
 
 impl Traced {
     /// Rays per pixel.
     pub(super) fn samples(&self) -> u32 {
-        SAMPLES[self.rounds - 1]
+        ROUNDS[self.rounds - 1].0
+    }
+
+    /// Side of the square of pixels that share one.
+    pub(super) fn coarseness(&self) -> u32 {
+        ROUNDS[self.rounds - 1].1
     }
 
     /// Nothing better will come.
     pub(super) fn is_final(&self) -> bool {
-        self.rounds == SAMPLES.len()
+        self.rounds == ROUNDS.len()
     }
 }
 
@@ -45,6 +55,8 @@ pub(super) struct Reference {
 struct Shared {
     state: Mutex<State>,
     changed: Condvar,
+    /// Rows of the present round that are done, and all.
+    rows: [AtomicU64; 2],
 }
 
 #[derive(Default)]
@@ -54,6 +66,10 @@ struct State {
     traced: Vec<Traced>,
     failed: Option<String>,
     closed: bool,
+    /// Whether the scene is there.
+    has_scene: bool,
+    /// The view being traced and its round, and when tracing of the view began.
+    tracing: Option<(Camera, usize, Instant)>,
 }
 
 impl Reference {
@@ -94,6 +110,21 @@ impl Reference {
         Ok(state.traced.iter().find(|t| t.camera == *camera).cloned())
     }
 
+    /// How far truth is; none if it is there.
+    pub(super) fn ongoing(&self) -> Option<Ongoing> {
+        let state = self.shared.lock();
+        if !state.has_scene {
+            return Some(Ongoing { what: "preparing the scene for truth".into(), share: 0.0, left: None });
+        }
+        let (_, round, begun) = state.tracing?;
+        let work = |(samples, side): &(u32, u32)| f64::from(*samples) / f64::from(side * side);
+        let sum = |rounds: &[(u32, u32)]| rounds.iter().map(work).sum::<f64>();
+        let [done, all] = [0, 1].map(|i| self.shared.rows[i].load(Ordering::Relaxed) as f64);
+        let now = work(&ROUNDS[round]) * if all > 0.0 { done / all } else { 0.0 };
+        let what = format!("truth, {} of {} rays per pixel", ROUNDS[round].0, ROUNDS[ROUNDS.len() - 1].0);
+        Some(Ongoing::since(what, (sum(&ROUNDS[..round]) + now) / sum(&ROUNDS), begun))
+    }
+
     /// No view needs truth until one asks again.
     pub(super) fn rest(&self) {
         let mut state = self.shared.lock();
@@ -116,10 +147,13 @@ impl Shared {
     }
 
     fn work(&self, scene: &LitScene) {
+        self.lock().has_scene = true;
         while let Some((camera, rounds)) = self.next() {
             let wanted = StillWanted { shared: self, camera };
-            let samples = SAMPLES[rounds];
-            let truth = truth::render(&scene.tracer, &scene.lighting, scene.lit, &camera, samples, &wanted);
+            let (samples, side) = ROUNDS[rounds];
+            // A view that has a camera has a coarser one.
+            let Some(traced) = coarser(&camera, side) else { return };
+            let truth = truth::render(&scene.tracer, &scene.lighting, scene.lit, &traced, samples, &wanted);
             if wanted.is_cancelled() {
                 continue;
             }
@@ -139,12 +173,34 @@ impl Shared {
             }
             let rounds = |camera: &Camera| state.traced.iter().find(|t| t.camera == *camera).map_or(0, |t| t.rounds);
             let behind = state.asked.iter().map(|camera| (*camera, rounds(camera))).min_by_key(|(_, rounds)| *rounds);
-            match behind.filter(|(_, rounds)| *rounds < SAMPLES.len()) {
-                Some(next) => return Some(next),
-                None => state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner),
+            match behind.filter(|(_, rounds)| *rounds < ROUNDS.len()) {
+                Some((camera, rounds)) => {
+                    let begun = state.tracing.filter(|(before, ..)| *before == camera).map(|(.., begun)| begun);
+                    state.tracing = Some((camera, rounds, begun.unwrap_or_else(Instant::now)));
+                    return Some((camera, rounds));
+                }
+                None => {
+                    state.tracing = None;
+                    state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+                }
             }
         }
     }
+}
+
+/// The same view with fewer pixels: one for each square of `side` pixels, the last ones reaching over the edge.
+fn coarser(camera: &Camera, side: u32) -> Option<Camera> {
+    if side == 1 {
+        return Some(*camera);
+    }
+    let fov_y_deg = |height: u32| 2.0 * (f64::from(height) / 2.0 / camera.focal_px()).atan().to_degrees();
+    let size = [camera.width().div_ceil(side), camera.height().div_ceil(side)];
+    // The middle of the coarse frame lies up to half a square from that of the fine one.
+    let up = camera.world_from_eye().y_axis;
+    let coarse =
+        Camera::look_at(camera.eye(), camera.eye() + camera.forward(), up, fov_y_deg(size[1] * side), size).ok()?;
+    let [x, y] = camera.principal_px();
+    Some(coarse.with_principal_px([x / f64::from(side), y / f64::from(side)]))
 }
 
 /// Gives up once nobody asks for the view any more.
@@ -154,8 +210,14 @@ struct StillWanted<'a> {
 }
 
 impl Progress for StillWanted<'_> {
-    fn begin(&self, _: &str, _: &str, _: u64) {}
-    fn advance(&self, _: u64) {}
+    fn begin(&self, _: &str, _: &str, rows: u64) {
+        self.shared.rows[0].store(0, Ordering::Relaxed);
+        self.shared.rows[1].store(rows, Ordering::Relaxed);
+    }
+
+    fn advance(&self, rows: u64) {
+        self.shared.rows[0].fetch_add(rows, Ordering::Relaxed);
+    }
 
     fn is_cancelled(&self) -> bool {
         let state = self.shared.lock();

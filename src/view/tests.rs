@@ -34,6 +34,20 @@ fn render(source: &mut dyn FrameSource, pose: Pose, settings: &[(&str, &str)]) -
     (pixels, report)
 }
 
+/// Looks at a growing capture until there is more of it than points; every look says how far it is.
+fn first_round(growing: &mut dyn FrameSource) {
+    let start = growing.start_pose();
+    loop {
+        let (pixels, report) = render(growing, start, &[]);
+        assert!(pixels.iter().all(|pixel| pixel[3] == 255));
+        if figure(&report, "depth pixels").is_some() {
+            return;
+        }
+        assert!(report.ongoing.is_some() && report.refinement != Refinement::Done);
+        std::thread::yield_now();
+    }
+}
+
 fn figure(report: &FrameReport, name: &str) -> Option<f64> {
     report.figures.iter().find(|f| f.name == name).map(|f| f.value)
 }
@@ -44,8 +58,7 @@ fn a_growing_capture_is_saved_and_opened_again_and_judged_against_truth() {
     let mut growing = open("builtin:miniature", dir.path()).unwrap();
     let start = growing.start_pose();
     assert!(growing.bounds().unwrap().contains(start.eye));
-    let (_, report) = render(&mut *growing, start, &[]);
-    assert!(figure(&report, "rounds captured") >= Some(1.0));
+    first_round(&mut *growing);
     assert_eq!(growing.act("save").unwrap().matches("miniature.ldi").count(), 1);
     assert!(growing.act("nonsense").is_err());
     drop(growing);
@@ -186,6 +199,7 @@ fn the_built_in_house_is_walked_at_once_and_lit_later() {
 fn a_path_gives_the_same_frames_in_the_window_and_on_the_command_line() {
     let dir = tempfile::tempdir().unwrap();
     let mut growing = open("builtin:miniature", dir.path()).unwrap();
+    first_round(&mut *growing);
     growing.act("save").unwrap();
     let (file, path) = (dir.path().join("miniature.ldi"), dir.path().join("path.json"));
     let mut source = open(file.to_str().unwrap(), dir.path()).unwrap();

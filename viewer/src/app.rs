@@ -10,8 +10,9 @@ use crate::{
     options::ViewerOptions,
     panels::{self, display::Display, open::OpenList, start::StartPage},
     pose::Pose,
+    recent::Recent,
     resolution::ResolutionPolicy,
-    session::{Event, Finished, Session, SourceInfo},
+    session::{Event, Finished, Opening, Session, SourceInfo},
     setting::SettingValues,
     source::Refinement,
     steering::{Eye, Sets},
@@ -21,6 +22,7 @@ use crate::{
 use egui::{CentralPanel, Context, Frame, TextureHandle, Ui, ViewportCommand};
 use headbox_capture::statistics::median;
 use std::{
+    path::PathBuf,
     sync::{Arc, Mutex, PoisonError},
     time::{Duration, Instant},
 };
@@ -32,7 +34,11 @@ pub(crate) struct Viewer {
     /// What is shown; `None` is the start page.
     pub info: Option<SourceInfo>,
     /// What is being opened.
-    pub opening: Option<String>,
+    pub opening: Option<Opening>,
+    /// Files opened last, newest first.
+    pub recent: Recent,
+    /// The file among them that what is being opened will be.
+    pub opening_file: Option<PathBuf>,
     pub eye: Eye,
     pub display: Display,
     pub sets: Sets,
@@ -49,6 +55,8 @@ pub(crate) struct Viewer {
     pub wish: Option<Wish>,
     pub jobs_issued: u64,
     pub show_panels: bool,
+    /// Whether the panel lies over the frame, where the window is too narrow for both.
+    pub unfolded: bool,
     pub show_keys: bool,
     pub full_screen: bool,
     pub open_list: OpenList,
@@ -63,7 +71,7 @@ pub(crate) struct Viewer {
 }
 
 /// A file and the result of writing it, once there is one.
-pub(crate) type PendingShot = (std::path::PathBuf, Arc<Mutex<Option<Result<(), String>>>>);
+pub(crate) type PendingShot = (PathBuf, Arc<Mutex<Option<Result<(), String>>>>);
 
 /// A view as it was last asked for.
 #[derive(Clone, PartialEq)]
@@ -80,6 +88,8 @@ pub(crate) struct Wish {
 /// When what was shown, for the summary.
 #[derive(Default)]
 struct Clock {
+    /// Whether a pass came before this one.
+    passed: bool,
     frames_shown: u64,
     first: Option<Instant>,
     last: Option<Instant>,
@@ -100,6 +110,8 @@ impl Viewer {
             session,
             info: None,
             opening: None,
+            recent: Recent::read(options.recent_file.clone()),
+            opening_file: options.file.clone(),
             eye,
             display,
             sets: Sets::default(),
@@ -114,6 +126,7 @@ impl Viewer {
             wish: None,
             jobs_issued: 0,
             show_panels: options.panels,
+            unfolded: false,
             show_keys: false,
             full_screen: false,
             open_list: OpenList::default(),
@@ -155,12 +168,12 @@ impl Viewer {
             if self.info.is_some() {
                 self.look(ui, now_s);
             } else {
-                panels::start::show(ui, &mut self.start_page, self.opening.as_deref(), &mut self.commands);
+                panels::start::show(ui, &mut self.start_page, self.opening.as_ref(), &self.recent, &mut self.commands);
             }
         });
         panels::messages::show(&ctx, &mut self.messages);
         panels::keys::show(&ctx, &mut self.show_keys);
-        panels::open::show(&ctx, &mut self.open_list, &mut self.commands);
+        panels::open::show(&ctx, &mut self.open_list, &self.recent, &mut self.commands);
         for command in std::mem::take(&mut self.commands) {
             self.execute(&ctx, command, now_s);
         }
@@ -175,7 +188,7 @@ impl Viewer {
         match event {
             Event::Opened(info) => self.opened(ctx, *info, now_s),
             Event::OpenFailed(error) => {
-                self.opening = None;
+                (self.opening, self.opening_file) = (None, None);
                 self.messages.add(Kind::Error, error, now_s);
             }
             Event::Lost(error) => {
@@ -217,12 +230,18 @@ impl Viewer {
         self.eye.speed_m_per_s = info.speed_m_per_s;
         self.tape = Tape::new(self.tape.mode);
         (self.opening, self.wish, self.exporting) = (None, None, None);
+        if let Some(file) = self.opening_file.take() {
+            self.recent.add(&file);
+        }
         if let Some(old) = self.shown.take() {
             self.session.recycle(old.pictures);
         }
         self.policy.reset();
         self.history.clear();
         self.open_list.close();
+        for note in &info.notes {
+            self.messages.add(Kind::Done, note, now_s);
+        }
         self.info = Some(info);
         self.replay_given_path(now_s);
     }
@@ -292,6 +311,14 @@ impl Viewer {
         let first_image = self.clock.frames_shown > 0;
         {
             let mut outcome = self.outcome.lock().unwrap_or_else(PoisonError::into_inner);
+            if self.clock.passed {
+                let elapsed_s = self.options.started.elapsed().as_secs_f64();
+                outcome.summary.window_s.get_or_insert(elapsed_s);
+            } else {
+                // That the first pass is on the screen, the next one knows.
+                self.clock.passed = true;
+                ctx.request_repaint();
+            }
             // `shown` was painted in an earlier pass if a frame was counted before this one.
             if first_image && outcome.summary.first_image_s.is_none() && outcome.summary.frames_shown > 0 {
                 outcome.summary.first_image_s = Some(self.options.started.elapsed().as_secs_f64());

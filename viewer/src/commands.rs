@@ -6,7 +6,7 @@ use crate::{
     eye_path::CameraPath,
     keymap::Command,
     messages::Kind,
-    session::{ExportOrder, Location, Order},
+    session::{ExportOrder, Location, Opening, Order},
 };
 use egui::{Context, ViewportCommand};
 use std::{
@@ -34,6 +34,7 @@ impl Viewer {
             Command::CancelExport => self.session.order(Order::CancelExport),
             Command::ShowOpen => self.show_open(now_s),
             Command::Open(location) => self.open(location),
+            Command::Start => self.back_to_start(ctx),
             Command::Act(action) => self.session.order(Order::Act(action)),
             Command::FullScreen => {
                 self.full_screen = !self.full_screen;
@@ -58,11 +59,29 @@ impl Viewer {
         }
     }
 
+    /// Lets go of the view and shows what can be opened.
+    fn back_to_start(&mut self, ctx: &Context) {
+        if !self.start_page.has_library() {
+            return;
+        }
+        (self.info, self.opening, self.wish, self.exporting) = (None, None, None, None);
+        self.tape.stop();
+        if let Some(old) = self.shown.take() {
+            self.session.recycle(old.pictures);
+        }
+        self.session.order(Order::Close);
+        ctx.send_viewport_cmd(ViewportCommand::Title("headbox".into()));
+    }
+
     fn open(&mut self, location: Location) {
-        self.opening = Some(match &location {
+        self.opening = Some(Opening::begin(match &location {
             Location::Entry(id) => id.clone(),
             Location::File(path) => path.display().to_string(),
-        });
+        }));
+        self.opening_file = match &location {
+            Location::Entry(_) => None,
+            Location::File(path) => Some(path.clone()),
+        };
         self.session.order(Order::Open(location));
     }
 

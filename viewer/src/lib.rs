@@ -72,6 +72,7 @@ mod motion;
 mod options;
 mod panels;
 mod pose;
+mod recent;
 mod resolution;
 mod session;
 mod setting;
@@ -92,8 +93,8 @@ pub use options::{Exit, Summary, ViewerError, ViewerOptions};
 pub use pose::Pose;
 pub use setting::{Control, Setting, SettingError, SettingValue, SettingValues};
 pub use source::{
-    Entry, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Refinement, Room, RoomMap, Stage,
-    Swatch, Thumbnail,
+    Coming, Entry, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Ongoing, Refinement,
+    Room, RoomMap, Stage, Swatch, Thumbnail,
 };
 pub use tape::ReplayMode;
 pub use views::Stereo;

@@ -3,6 +3,7 @@
 use crate::{
     app::{Viewer, Wish},
     keymap::{self, Command},
+    layout,
     motion::{Handling, Steering},
     panels,
     session::Job,
@@ -51,6 +52,7 @@ impl Viewer {
         }
         self.paint_insets(ui.painter(), rect);
         self.paint_legend(ui.painter(), rect);
+        self.paint_strip(ui.painter(), rect);
     }
 
     /// Moves the eye by what the hands or the replay want.
@@ -207,19 +209,32 @@ impl Viewer {
             return;
         }
         let mut corner = rect.right_bottom() - vec2(panels::inset::MARGIN_POINTS, panels::inset::MARGIN_POINTS);
-        if let Some(bounds) = &info.bounds {
-            let area = panels::inset::frame(painter, &mut corner, "Headbox");
+        if let Some(bounds) = &info.bounds
+            && let Some(area) = panels::inset::frame(painter, rect, &mut corner, "Headbox")
+        {
             let aspect = f64::from(rect.width() / rect.height().max(1.0)) / f64::from(self.display.stereo.places());
             panels::inset::paint(painter, area, bounds, &self.eye.pose, aspect);
         }
-        if let Some(plan) = &info.plan {
-            let area = panels::inset::frame(painter, &mut corner, "Plan");
+        if let Some(plan) = &info.plan
+            && let Some(area) = panels::inset::frame(painter, rect, &mut corner, "Plan")
+        {
             panels::room_map::paint(painter, area, plan, &self.eye.pose);
         }
     }
 }
 
 impl Viewer {
+    /// Says what is going on in the background.
+    fn paint_strip(&self, painter: &Painter, rect: Rect) {
+        let mut pictures = self.shown.iter().flat_map(|shown| &shown.pictures);
+        if let Some(ongoing) = pictures.find_map(|picture| picture.report.ongoing.as_ref()) {
+            // Beside the button that unfolds the panel.
+            let folded = self.show_panels && layout::is_narrow(painter.ctx());
+            let left = if folded { rect.left() + layout::UNFOLD_WIDTH_POINTS } else { rect.left() };
+            panels::strip::paint(painter, rect, left, ongoing);
+        }
+    }
+
     /// Says what colours mean, where they are not what is seen: of A, or else of B.
     fn paint_legend(&self, painter: &Painter, rect: Rect) {
         let legends = self.shown.iter().flat_map(|shown| &shown.pictures).map(|picture| &picture.report.legend);

@@ -1,6 +1,11 @@
 //! How the window is started, and how it ended.
 
-use crate::{pose::Pose, source::Library, tape::ReplayMode, views::Stereo};
+use crate::{
+    pose::Pose,
+    source::{Coming, Library},
+    tape::ReplayMode,
+    views::Stereo,
+};
 use serde::Serialize;
 use std::{path::PathBuf, time::Instant};
 
@@ -10,6 +15,12 @@ pub struct ViewerOptions {
     pub started: Instant,
     /// What can be opened from the window: without one, the window shows its one source only.
     pub library: Option<Box<dyn Library>>,
+    /// What is shown as soon as it is there, if no source is given.
+    pub coming: Option<Coming>,
+    /// The file that is shown at first, if it is one: told among those opened last.
+    pub file: Option<PathBuf>,
+    /// Where the names of the files opened last are kept; none: nowhere.
+    pub recent_file: Option<PathBuf>,
     /// Size of the window's inside, points.
     pub window_size_points: [f32; 2],
     /// Whether the side panel and the status line are shown at first.
@@ -49,6 +60,9 @@ impl Default for ViewerOptions {
         Self {
             started: Instant::now(),
             library: None,
+            coming: None,
+            file: None,
+            recent_file: None,
             window_size_points: [1280.0, 800.0],
             panels: true,
             pose: None,
@@ -85,6 +99,8 @@ pub enum Exit {
 /// What a run of the window measured.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Summary {
+    /// From [`ViewerOptions::started`] to the first picture of the window handed to the display, whatever it shows, seconds.
+    pub window_s: Option<f64>,
     /// From [`ViewerOptions::started`] to the first frame handed to the display, seconds.
     pub first_image_s: Option<f64>,
     /// Frames of the source shown.

@@ -9,7 +9,7 @@ use crate::{
     pose::Pose,
     setting::{Setting, SettingValues},
     slot::{Inbox, Slot},
-    source::{Entry, FrameReport, FrameSource, Library, Navigation, RoomMap, Thumbnail},
+    source::{Coming, Entry, FrameReport, FrameSource, Library, Navigation, RoomMap, Thumbnail},
     worker::Worker,
 };
 use egui::{Color32, ColorImage};
@@ -30,10 +30,24 @@ pub(crate) enum Location {
     File(PathBuf),
 }
 
+/// Something that is being opened.
+pub(crate) struct Opening {
+    pub what: String,
+    pub since: Instant,
+}
+
+impl Opening {
+    pub(crate) fn begin(what: String) -> Self {
+        Self { what, since: Instant::now() }
+    }
+}
+
 /// Work that is never skipped.
 pub(crate) enum Order {
     /// Replace the source.
     Open(Location),
+    /// Let go of the source.
+    Close,
     /// Press a button of the source's panel.
     Act(&'static str),
     /// Render a path to PNG files.
@@ -98,9 +112,16 @@ pub(crate) struct SourceInfo {
     pub plan: Option<RoomMap>,
     pub file_frame: FileFrame,
     pub settings: Vec<Setting>,
+    pub notes: Vec<String>,
+    pub terms: &'static [(&'static str, &'static str)],
 }
 
 impl SourceInfo {
+    /// The sentence behind a term.
+    pub(crate) fn term(&self, name: &str) -> Option<&'static str> {
+        self.terms.iter().find(|(term, _)| *term == name).map(|(_, sentence)| *sentence)
+    }
+
     pub(crate) fn of(source: &dyn FrameSource, id: u64) -> Self {
         Self {
             id,
@@ -112,6 +133,8 @@ impl SourceInfo {
             plan: source.plan(),
             file_frame: source.file_frame(),
             settings: source.settings(),
+            notes: source.notes(),
+            terms: source.terms(),
         }
     }
 }
@@ -181,12 +204,13 @@ impl Session {
     /// Starts the thread; `wake` is called whenever there is news.
     pub(crate) fn start(
         source: Option<Box<dyn FrameSource>>,
+        coming: Option<Coming>,
         library: Option<Box<dyn Library>>,
         wake: Wake,
     ) -> std::io::Result<Self> {
         let shared = Arc::new(Shared::default());
         let (sender, events) = mpsc::channel();
-        let worker = Worker::new(Arc::clone(&shared), sender.clone(), Arc::clone(&wake), source, library);
+        let worker = Worker::new(Arc::clone(&shared), sender.clone(), Arc::clone(&wake), source, coming, library);
         let thread = Builder::new().name("render".into()).spawn(move || worker.run())?;
         Ok(Self { shared, sender, events, wake, threads: vec![thread] })
     }

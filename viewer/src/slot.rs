@@ -81,6 +81,11 @@ impl<Order, Job> Inbox<Order, Job> {
         self.changed.notify_one();
     }
 
+    /// Whether nothing more will be asked for.
+    pub(crate) fn is_closed(&self) -> bool {
+        lock(&self.state).closed
+    }
+
     /// Ends every wait, now and later.
     pub(crate) fn close(&self) {
         lock(&self.state).closed = true;

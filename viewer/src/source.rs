@@ -7,7 +7,11 @@ use crate::{
 };
 use glam::DVec3;
 use headbox_capture::{Camera, scene::FileFrame};
-use std::{path::Path, sync::Arc, time::Duration};
+use std::{
+    path::Path,
+    sync::{Arc, mpsc::Receiver},
+    time::{Duration, Instant},
+};
 
 /// Something that can be looked at. Lives on the render thread, which is the only one that calls it, and may take its time
 /// there: the window never waits for it.
@@ -37,6 +41,16 @@ pub trait FrameSource: Send {
     /// A plan to show the eye on, for sources with rooms.
     fn plan(&self) -> Option<RoomMap> {
         None
+    }
+
+    /// What a person should know of the file before looking at it, a sentence each; shown as messages when it is opened.
+    fn notes(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// A sentence for each term that the panel shows (names of figures, facts, options), shown where the pointer rests on it.
+    fn terms(&self) -> &'static [(&'static str, &'static str)] {
+        &[]
     }
 
     /// The axes and unit of the scene's file, in which cameras and paths are saved, as on the command line.
@@ -157,6 +171,38 @@ pub struct FrameReport {
     /// Whether the same request, asked again, would give a better frame: the window asks again while nothing newer is
     /// wanted.
     pub refinement: Refinement,
+    /// Work in the background that will make it better: shown as a strip over the frame.
+    pub ongoing: Option<Ongoing>,
+}
+
+/// Work that is not done yet.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ongoing {
+    /// What is being done, a few words.
+    pub what: String,
+    /// Share that is done, 0 to 1.
+    pub share: f64,
+    /// How long it will still take, as far as can be told.
+    pub left: Option<Duration>,
+}
+
+impl Ongoing {
+    /// Work of which `share` was done since `begun`, at an even pace; no time is told before there is one to go by.
+    pub fn since(what: impl Into<String>, share: f64, begun: Instant) -> Self {
+        /// Shares below this say nothing about the pace.
+        const LEAST: f64 = 0.02;
+        let share = if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 };
+        let left = (share >= LEAST).then(|| begun.elapsed().mul_f64((1.0 - share) / share));
+        Self { what: what.into(), share, left }
+    }
+}
+
+/// A source that is being opened elsewhere: the window shows that it is until there is one.
+pub struct Coming {
+    /// What is being opened.
+    pub name: String,
+    /// The source, or one sentence why there is none.
+    pub source: Receiver<Result<Box<dyn FrameSource>, String>>,
 }
 
 /// Whether a frame can still become better.

@@ -5,7 +5,7 @@ use crate::{
     automation::Outcome,
     options::{Exit, Summary, ViewerError, ViewerOptions},
     panels::theme,
-    session::Session,
+    session::{Opening, Session},
     source::FrameSource,
 };
 use eframe::{App, CreationContext, Frame, NativeOptions, Renderer};
@@ -22,7 +22,7 @@ use std::{
 /// [`ViewerError::NoDisplay`] without a display; [`ViewerError::Scripted`] if anything goes wrong in a run that ends by itself
 /// ([`Exit`]); see there for the others.
 pub fn run(source: Option<Box<dyn FrameSource>>, options: ViewerOptions) -> Result<Summary, ViewerError> {
-    if source.is_none() && options.library.is_none() {
+    if source.is_none() && options.coming.is_none() && options.library.is_none() {
         return Err(ViewerError::NothingToShow);
     }
     if options.exit == Exit::AfterPath && options.path.is_none() {
@@ -75,9 +75,16 @@ fn create(
     theme::install(ctx);
     let waker = ctx.clone();
     let can_open = options.library.is_some();
-    let session =
-        Session::start(source, options.library.take(), Arc::new(move || waker.request_repaint_after(ONE_PASS)))?;
-    Ok(Box::new(Desktop(Viewer::new(session, options, can_open, outcome))))
+    let opening = options.coming.as_ref().map(|coming| coming.name.clone());
+    let session = Session::start(
+        source,
+        options.coming.take(),
+        options.library.take(),
+        Arc::new(move || waker.request_repaint_after(ONE_PASS)),
+    )?;
+    let mut viewer = Viewer::new(session, options, can_open, outcome);
+    viewer.opening = opening.map(Opening::begin);
+    Ok(Box::new(Desktop(viewer)))
 }
 
 struct Desktop(Viewer);

@@ -5,7 +5,7 @@ use crate::{
     session::{Event, ExportOrder, Finished, Job, Location, Order, Picture, Shared, SourceInfo, Wake},
     setting::SettingValues,
     slot::{Next, Wait},
-    source::{Entry, FrameRequest, FrameSource, Library, Refinement},
+    source::{Coming, Entry, FrameRequest, FrameSource, Library, Refinement},
 };
 use egui::ColorImage;
 use headbox_capture::Camera;
@@ -13,7 +13,7 @@ use std::{
     any::Any,
     panic::{AssertUnwindSafe, catch_unwind},
     sync::{Arc, mpsc},
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 /// State of the render thread.
@@ -22,6 +22,7 @@ pub(crate) struct Worker {
     events: mpsc::Sender<Event>,
     wake: Wake,
     source: Option<Box<dyn FrameSource>>,
+    coming: Option<Coming>,
     /// Counts sources, so that jobs meant for an earlier one are known.
     source_id: u64,
     library: Option<Box<dyn Library>>,
@@ -44,10 +45,11 @@ impl Worker {
         events: mpsc::Sender<Event>,
         wake: Wake,
         source: Option<Box<dyn FrameSource>>,
+        coming: Option<Coming>,
         library: Option<Box<dyn Library>>,
     ) -> Self {
         let (unpictured, again, export) = (Vec::new(), None, None);
-        Self { shared, events, wake, source, source_id: 0, library, unpictured, again, export }
+        Self { shared, events, wake, source, coming, source_id: 0, library, unpictured, again, export }
     }
 
     /// Works until the window closes the inbox. The newest view goes first, then exports, refinement and thumbnails.
@@ -60,6 +62,9 @@ impl Worker {
             self.unpictured = entries.iter().rev().cloned().collect();
             self.tell(Event::Offers { entries, extensions });
         }
+        if let Some(coming) = self.coming.take() {
+            self.await_source(&coming);
+        }
         loop {
             match self.shared.inbox.next(self.patience()) {
                 Next::Closed => return,
@@ -70,6 +75,22 @@ impl Worker {
                     Some((job, _)) => self.render(job),
                     None => self.thumbnail_step(),
                 },
+            }
+        }
+    }
+
+    /// Waits for a source that is opened elsewhere, or for the end of the window.
+    fn await_source(&mut self, coming: &Coming) {
+        /// Between two looks at whether the window was closed.
+        const LOOK: Duration = Duration::from_millis(50);
+        while !self.shared.inbox.is_closed() {
+            match coming.source.recv_timeout(LOOK) {
+                Err(mpsc::RecvTimeoutError::Timeout) => {}
+                Err(mpsc::RecvTimeoutError::Disconnected) => {
+                    return self.tell(Event::OpenFailed(format!("{} could not be opened.", coming.name)));
+                }
+                Ok(Ok(source)) => return self.install(source),
+                Ok(Err(error)) => return self.tell(Event::OpenFailed(error)),
             }
         }
     }
@@ -108,6 +129,7 @@ impl Worker {
                 Ok(source) => self.install(source),
                 Err(error) => self.tell(Event::OpenFailed(error)),
             },
+            Order::Close => (self.source, self.again, self.export) = (None, None, None),
             Order::Act(action) => {
                 if let Some(source) = &mut self.source {
                     match guarded(|| source.act(action)) {

@@ -168,6 +168,7 @@ impl FrameSource for CheckerRoom {
             ],
             facts: self.place(request.camera.eye()).into_iter().collect(),
             legend: if overlay == 2 { face_legend() } else { Vec::new() },
+            ongoing: None,
             refinement: if noise > 0 { Refinement::Next } else { Refinement::Done },
         })
     }

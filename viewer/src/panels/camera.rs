@@ -48,9 +48,6 @@ pub(crate) fn show(ui: &mut Ui, eye: &mut Eye, bounds: Option<&EyeBounds>, now_s
         );
     ui.add(Checkbox::new(&mut eye.grab_scene, "Drag moves the scene"))
         .on_hover_text("On: what is under the pointer follows it. Off: the head turns with the pointer.");
-    let forward = eye.pose.forward();
-    ui.weak(format!("looks along {}", vector(forward)))
-        .on_hover_text("Unit vector of the viewing direction in world axes (no unit).");
     if moved {
         eye.motion.stop();
         eye.moved_s = now_s;
@@ -59,10 +56,4 @@ pub(crate) fn show(ui: &mut Ui, eye: &mut Eye, bounds: Option<&EyeBounds>, now_s
 
 fn angle(degrees: &mut f64) -> DragValue<'_> {
     DragValue::new(degrees).speed(0.25).fixed_decimals(1).suffix("°")
-}
-
-fn vector(v: DVec3) -> String {
-    // Adding 0 turns -0 into 0.
-    let v = (v * 100.0).round() / 100.0 + 0.0;
-    format!("{:.2}, {:.2}, {:.2}", v.x, v.y, v.z)
 }

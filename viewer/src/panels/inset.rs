@@ -1,8 +1,8 @@
 //! The small 3-D drawing of the headbox with the eye in it.
 
-use super::theme;
+use super::{strip, theme};
 use crate::{bounds::EyeBounds, pose::Pose};
-use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Stroke, StrokeKind, pos2, vec2};
+use egui::{Align2, FontId, Painter, Pos2, Rect, Stroke, StrokeKind, pos2, vec2};
 use glam::{DMat3, DVec3, dvec3};
 
 /// Distance of the insets from the frame's corner and from each other, points.
@@ -18,12 +18,17 @@ const FRUSTUM_SHARE: f64 = 0.45;
 
 /// Draws an empty inset whose right bottom corner is `corner`, moves the corner up for the next one, and returns the
 /// space to draw in.
-pub(crate) fn frame(painter: &Painter, corner: &mut Pos2, title: &str) -> Rect {
+///
+/// None if there is no room for it: insets stay in the right half of a frame, below its strip.
+pub(crate) fn frame(painter: &Painter, rect: Rect, corner: &mut Pos2, title: &str) -> Option<Rect> {
+    if corner.y - SIZE_POINTS < rect.top() + MARGIN_POINTS + strip::HEIGHT_POINTS || rect.width() < 2.0 * SIZE_POINTS {
+        return None;
+    }
     let rect = Rect::from_min_size(*corner - vec2(SIZE_POINTS, SIZE_POINTS), vec2(SIZE_POINTS, SIZE_POINTS));
     corner.y -= SIZE_POINTS + MARGIN_POINTS;
-    painter.rect(rect, 5.0, Color32::from_black_alpha(150), Stroke::new(1.0, theme::FAINT), StrokeKind::Inside);
-    painter.text(rect.min + vec2(7.0, 5.0), Align2::LEFT_TOP, title, FontId::proportional(11.0), theme::LINE);
-    rect.shrink(6.0)
+    painter.rect(rect, 5.0, theme::INSET, Stroke::new(1.0, theme::FAINT), StrokeKind::Inside);
+    painter.text(rect.min + vec2(7.0, 5.0), Align2::LEFT_TOP, title, FontId::proportional(11.0), theme::INSET_TEXT);
+    Some(rect.shrink(6.0))
 }
 
 /// Orthographic projection of the inset: box-relative metres to points.
@@ -82,7 +87,7 @@ pub(crate) fn paint(painter: &Painter, rect: Rect, bounds: &EyeBounds, pose: &Po
     painter.circle_filled(eye, 3.5, theme::ACCENT);
     let size = bounds.half_size * 2.0;
     let label = format!("{:.2} x {:.2} x {:.2} m", size.x, size.y, size.z);
-    painter.text(rect.right_bottom(), Align2::RIGHT_BOTTOM, label, FontId::proportional(10.0), theme::LINE);
+    painter.text(rect.right_bottom(), Align2::RIGHT_BOTTOM, label, FontId::proportional(10.0), theme::INSET_TEXT);
 }
 
 /// The four corners of the view at a distance of `length` metres along the diagonal rays.

@@ -1,5 +1,6 @@
 //! What the colours of a picture mean, in the corner of the frame.
 
+use super::theme;
 use crate::source::Swatch;
 use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, pos2, vec2};
 
@@ -15,7 +16,7 @@ pub(crate) fn paint(painter: &Painter, corner: Pos2, legend: &[Swatch]) {
     let widest = texts.iter().map(|text| text.size().x).fold(0.0, f32::max);
     let size = vec2(widest + SWATCH_POINTS + 3.0 * BORDER_POINTS, texts.len() as f32 * LINE_POINTS + BORDER_POINTS);
     let rect = Rect::from_min_size(pos2(corner.x, corner.y - size.y), size);
-    painter.rect_filled(rect, 5.0, Color32::from_black_alpha(190));
+    painter.rect_filled(rect, 5.0, theme::LEGEND);
     for (i, line) in legend.iter().enumerate() {
         let middle = rect.top() + BORDER_POINTS / 2.0 + (i as f32 + 0.5) * LINE_POINTS;
         let [r, g, b] = line.color;

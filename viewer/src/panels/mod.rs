@@ -16,6 +16,7 @@ pub(crate) mod source;
 pub(crate) mod start;
 pub(crate) mod statistics;
 pub(crate) mod status;
+pub(crate) mod strip;
 pub(crate) mod theme;
 
 use crate::keymap::Command;

@@ -1,7 +1,7 @@
 //! A small list of files to open. Drawn by the window itself, so that it also works remotely and without a desktop.
 
-use crate::{keymap::Command, session::Location};
-use egui::{Context, ScrollArea};
+use crate::{keymap::Command, recent::Recent, session::Location};
+use egui::{Button, Context, Key, Label, RichText, ScrollArea, TextEdit, Ui, vec2};
 use std::path::{Path, PathBuf};
 
 /// State of the list.
@@ -13,6 +13,8 @@ pub(crate) struct OpenList {
     /// Why `dir` cannot be listed.
     error: Option<String>,
     extensions: Vec<String>,
+    /// What is written in the path field.
+    path: String,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -43,7 +45,22 @@ impl OpenList {
         let listed = list(&dir, &self.extensions);
         self.error = listed.as_ref().err().map(|e| format!("Cannot list {}: {e}.", dir.display()));
         self.contents = listed.unwrap_or_default();
+        self.path = dir.display().to_string();
         self.dir = dir;
+    }
+
+    /// Goes to the folder that is written, or returns the file.
+    pub(crate) fn take_path(&mut self, written: &str) -> Option<PathBuf> {
+        let path = self.dir.join(written.trim());
+        if path.is_dir() {
+            self.go(path);
+            return None;
+        }
+        if path.is_file() {
+            return Some(path);
+        }
+        self.error = Some(format!("There is no {}.", path.display()));
+        None
     }
 }
 
@@ -73,30 +90,45 @@ fn list(dir: &Path, extensions: &[String]) -> std::io::Result<Contents> {
 }
 
 /// The list in a window of its own, while open.
-pub(crate) fn show(ctx: &Context, list: &mut OpenList, commands: &mut Vec<Command>) {
+pub(crate) fn show(ctx: &Context, list: &mut OpenList, recent: &Recent, commands: &mut Vec<Command>) {
     let (mut is_open, mut next_dir, mut chosen) = (list.is_open, None, None);
-    super::dialog(ctx, "Open", &mut is_open).default_size([420.0, 360.0]).show(ctx, |ui| {
+    let room = ctx.content_rect().size() - vec2(40.0, 90.0);
+    let size = vec2(420.0, 360.0).min(room).max(vec2(80.0, 60.0));
+    super::dialog(ctx, "Open", &mut is_open).default_size(size).show(ctx, |ui| {
         ui.horizontal(|ui| {
             if ui.button("Up").on_hover_text("Goes to the folder above.").clicked() {
                 next_dir = list.dir.parent().map(Path::to_owned);
             }
-            ui.label(list.dir.display().to_string());
+            let field = TextEdit::singleline(&mut list.path).desired_width(f32::INFINITY).hint_text("Path");
+            let field = ui.add(field).on_hover_text("A folder or file; Enter goes there or opens it.");
+            if field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter)) {
+                chosen = list.take_path(&list.path.clone());
+            }
         });
-        ui.weak(format!("Files of type {}", list.extensions.join(", ")));
+        ui.add(Label::new(RichText::new(format!("Files of type {}", list.extensions.join(", "))).weak()).wrap());
         ui.separator();
         ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             if let Some(error) = &list.error {
                 ui.label(error);
             }
             for folder in &list.contents.folders {
-                let text = format!("{folder}/");
-                if ui.selectable_label(false, text).on_hover_text("Opens this folder.").clicked() {
+                if row(ui, &format!("{folder}/"), "Opens this folder.") {
                     next_dir = Some(list.dir.join(folder));
                 }
             }
             for file in &list.contents.files {
-                if ui.selectable_label(false, file).on_hover_text("Opens this file.").clicked() {
+                if row(ui, file, "Opens this file.") {
                     chosen = Some(list.dir.join(file));
+                }
+            }
+            let mut paths = recent.paths().peekable();
+            if paths.peek().is_some() {
+                ui.separator();
+                ui.weak("Opened last");
+            }
+            for path in paths {
+                if row(ui, &path.display().to_string(), "Opens this file again.") {
+                    chosen = Some(path.to_owned());
                 }
             }
         });
@@ -106,6 +138,12 @@ pub(crate) fn show(ctx: &Context, list: &mut OpenList, commands: &mut Vec<Comman
         list.go(dir);
     }
     commands.extend(chosen.map(|path| Command::Open(Location::File(path))));
+}
+
+/// A row of the list, all of which can be clicked.
+fn row(ui: &mut Ui, text: &str, tooltip: &str) -> bool {
+    let row = Button::selectable(false, text).truncate().min_size(vec2(ui.available_width(), 0.0));
+    ui.add(row).on_hover_text(tooltip).clicked()
 }
 
 #[cfg(test)]

@@ -27,7 +27,7 @@ pub(crate) fn paint(painter: &Painter, rect: Rect, plan: &RoomMap, pose: &Pose) 
     }
     painter.circle_filled(eye, 3.0, theme::ACCENT);
     let name = here.map_or("outside", |i| plan.rooms[i].name.as_str());
-    painter.text(rect.right_bottom(), Align2::RIGHT_BOTTOM, name, FontId::proportional(10.0), theme::LINE);
+    painter.text(rect.right_bottom(), Align2::RIGHT_BOTTOM, name, FontId::proportional(10.0), theme::INSET_TEXT);
 }
 
 /// RoomMap metres to points, filling a rectangle.

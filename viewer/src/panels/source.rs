@@ -3,6 +3,7 @@
 use super::{button, section};
 use crate::{
     keymap::Command,
+    session::SourceInfo,
     setting::{Control, Setting, SettingValue, SettingValues},
     steering::Sets,
 };
@@ -10,7 +11,8 @@ use egui::{Checkbox, ComboBox, Slider, Ui};
 use std::{ops::RangeInclusive, sync::Arc};
 
 /// The controls, under their headings in order of first appearance.
-pub(crate) fn show(ui: &mut Ui, settings: &[Setting], sets: &mut Sets, compare: bool, commands: &mut Vec<Command>) {
+pub(crate) fn show(ui: &mut Ui, info: &SourceInfo, sets: &mut Sets, compare: bool, commands: &mut Vec<Command>) {
+    let settings = &info.settings;
     if compare {
         ui.horizontal(|ui| {
             ui.label("Settings of");
@@ -31,13 +33,13 @@ pub(crate) fn show(ui: &mut Ui, settings: &[Setting], sets: &mut Sets, compare: 
     for (group, folded) in groups {
         section(ui, group, !folded, |ui| {
             for setting in settings.iter().filter(|s| s.group == group) {
-                control(ui, setting, values, commands);
+                control(ui, info, setting, values, commands);
             }
         });
     }
 }
 
-fn control(ui: &mut Ui, setting: &Setting, values: &mut SettingValues, commands: &mut Vec<Command>) {
+fn control(ui: &mut Ui, info: &SourceInfo, setting: &Setting, values: &mut SettingValues, commands: &mut Vec<Command>) {
     let (label, tip) = (setting.label.as_str(), setting.tooltip.as_str());
     match (&setting.control, values.get_mut(setting.id)) {
         (Control::Action, _) => button(ui, label, tip, Command::Act(setting.id), commands),
@@ -48,7 +50,7 @@ fn control(ui: &mut Ui, setting: &Setting, values: &mut SettingValues, commands:
             let chosen = options.get(*index).map_or("", String::as_str);
             let list = ComboBox::new(setting.id, label).selected_text(chosen).show_ui(ui, |ui| {
                 for (i, option) in options.iter().enumerate() {
-                    ui.selectable_value(index, i, option).on_hover_text(tip);
+                    ui.selectable_value(index, i, option).on_hover_text(info.term(option).unwrap_or(tip));
                 }
             });
             list.response.on_hover_text(tip);

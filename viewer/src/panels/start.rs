@@ -3,17 +3,25 @@
 use super::theme;
 use crate::{
     keymap::Command,
-    session::Location,
+    recent::Recent,
+    session::{Location, Opening},
     source::{Entry, Thumbnail},
 };
 use egui::{
     Align, Button, Color32, ColorImage, Context, Layout, RichText, Sense, TextureHandle, TextureOptions, Ui, vec2,
 };
+use std::time::Duration;
 
 /// Size of a card's picture, points.
 const CARD_POINTS: egui::Vec2 = vec2(200.0, 150.0);
 
 const CARD_GAP_POINTS: f32 = 24.0;
+
+/// Width of a row of the files opened last, points.
+const ROW_POINTS: f32 = 420.0;
+
+/// How often the time that opening takes is told anew.
+const SECOND: Duration = Duration::from_secs(1);
 
 /// State of the page.
 #[derive(Default)]
@@ -52,13 +60,22 @@ impl StartPage {
 }
 
 /// The page: what can be opened, or what is being opened.
-pub(crate) fn show(ui: &mut Ui, page: &mut StartPage, opening: Option<&str>, commands: &mut Vec<Command>) {
+pub(crate) fn show(
+    ui: &mut Ui,
+    page: &mut StartPage,
+    opening: Option<&Opening>,
+    recent: &Recent,
+    commands: &mut Vec<Command>,
+) {
     if opening.is_some() || !page.has_library {
         ui.centered_and_justified(|ui| {
-            ui.label(
-                RichText::new(opening.map_or_else(|| "Opening…".into(), |what| format!("Opening {what}…"))).heading(),
+            let text = opening.map_or_else(
+                || "Opening…".into(),
+                |opening| format!("Opening {}… {} s", opening.what, opening.since.elapsed().as_secs()),
             );
+            ui.add(egui::Label::new(RichText::new(text).heading()).wrap());
         });
+        ui.ctx().request_repaint_after(SECOND);
         return;
     }
     ui.with_layout(Layout::top_down(Align::Center), |ui| {
@@ -70,8 +87,9 @@ pub(crate) fn show(ui: &mut Ui, page: &mut StartPage, opening: Option<&str>, com
         if ui.add(Button::new("Open a file…")).on_hover_text(tip).clicked() {
             commands.push(Command::ShowOpen);
         }
-        ui.add_space(20.0);
+        ui.add_space(14.0);
         egui::ScrollArea::vertical().show(ui, |ui| {
+            opened_last(ui, recent, commands);
             let across = CARD_POINTS.x + CARD_GAP_POINTS;
             let columns = ((ui.available_width() / across) as usize).clamp(1, page.cards.len().max(1));
             let margin = ((ui.available_width() - across * columns as f32 + CARD_GAP_POINTS) / 2.0).max(0.0);
@@ -89,6 +107,23 @@ pub(crate) fn show(ui: &mut Ui, page: &mut StartPage, opening: Option<&str>, com
             }
         });
     });
+}
+
+/// The files opened last, a row each.
+fn opened_last(ui: &mut Ui, recent: &Recent, commands: &mut Vec<Command>) {
+    if recent.paths().next().is_none() {
+        return;
+    }
+    ui.strong("Opened last");
+    let width = ROW_POINTS.min(ui.available_width() - 16.0).max(0.0);
+    for path in recent.paths() {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let row = Button::selectable(false, name).truncate().min_size(vec2(width, 0.0));
+        if ui.add(row).on_hover_text(format!("Opens {}.", path.display())).clicked() {
+            commands.push(Command::Open(Location::File(path.to_owned())));
+        }
+    }
+    ui.add_space(14.0);
 }
 
 /// One offer; true if it was chosen.

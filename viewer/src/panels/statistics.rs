@@ -3,23 +3,16 @@
 use super::chart;
 use crate::{
     history::{History, add_stages},
-    session::Finished,
+    session::{Finished, SourceInfo},
     source::Figure,
 };
 use egui::{Grid, Ui};
 
 /// The rate, the chart, and the figures that the source reports (a column each for A and B).
-pub(crate) fn show(ui: &mut Ui, shown: Option<&Finished>, history: &History) {
-    let median = |value: fn(&crate::history::FrameTimes) -> f64| history.median(value).unwrap_or(0.0);
-    ui.label(format!(
-        "{:.1} ms, {:.0} frames/s, latency {:.0} ms",
-        median(|f| f.render_ms),
-        history.shown_per_s(),
-        median(|f| f.latency_ms),
-    ))
-    .on_hover_text(
-        "Medians over the frames of the chart: milliseconds to render a frame; frames shown per second while something \
-         moves; milliseconds from the wish for a view to its image.",
+pub(crate) fn show(ui: &mut Ui, info: &SourceInfo, shown: Option<&Finished>, history: &History) {
+    ui.label(rate(history)).on_hover_text(
+        "Frames shown per second while something moves; median over the frames of the chart of the milliseconds from the \
+         wish for a view to its image.",
     );
     chart::show(ui, history);
     let Some(shown) = shown else { return };
@@ -47,7 +40,7 @@ pub(crate) fn show(ui: &mut Ui, shown: Option<&Finished>, history: &History) {
         }
         // Facts and figures of the left picture: both eyes see nearly the same.
         for fact in &shown.pictures[0].report.facts {
-            ui.label(fact.name).on_hover_text(format!("{}: in words, reported by the view for this frame.", fact.name));
+            ui.label(fact.name).on_hover_text(info.term(fact.name).unwrap_or("Said by the view of this frame."));
             for picture in shown.pictures.iter().take(sets) {
                 let same = picture.report.facts.iter().find(|f| f.name == fact.name);
                 ui.label(same.map_or("", |f| f.text.as_str()));
@@ -55,7 +48,7 @@ pub(crate) fn show(ui: &mut Ui, shown: Option<&Finished>, history: &History) {
             ui.end_row();
         }
         for figure in &shown.pictures[0].report.figures {
-            ui.label(figure.name).on_hover_text(tooltip(figure));
+            ui.label(figure.name).on_hover_text(tooltip(info, figure));
             for picture in shown.pictures.iter().take(sets) {
                 let same = picture.report.figures.iter().find(|f| f.name == figure.name);
                 ui.monospace(same.map_or_else(String::new, value));
@@ -65,9 +58,23 @@ pub(crate) fn show(ui: &mut Ui, shown: Option<&Finished>, history: &History) {
     });
 }
 
-fn tooltip(figure: &Figure) -> String {
+/// How fast frames come; at rest none do, and there is no rate.
+fn rate(history: &History) -> String {
+    let latency = history.median(|f| f.latency_ms).unwrap_or(0.0);
+    let per_s = history.shown_per_s();
+    if per_s >= 1.0 {
+        format!("{per_s:.0} frames/s, latency {latency:.0} ms")
+    } else {
+        format!("latency {latency:.0} ms")
+    }
+}
+
+fn tooltip(info: &SourceInfo, figure: &Figure) -> String {
     let unit = if figure.unit.is_empty() { "a number without unit" } else { figure.unit };
-    format!("{}: {unit}, reported by the view for this frame.", figure.name)
+    match info.term(figure.name) {
+        Some(sentence) => format!("{sentence} ({unit})"),
+        None => format!("{}: {unit}, said by the view of this frame.", figure.name),
+    }
 }
 
 /// A figure with its unit: whole numbers whole, others with three or four digits.
@@ -86,6 +93,18 @@ fn value(figure: &Figure) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_rate_is_told_at_rest() {
+        let mut history = History::default();
+        assert_eq!(rate(&history), "latency 0 ms");
+        for i in 0..20 {
+            history.push(crate::history::FrameTimes { shown_s: f64::from(i) * 0.05, ..Default::default() });
+        }
+        assert_eq!(rate(&history), "20 frames/s, latency 0 ms");
+        history.push(crate::history::FrameTimes { shown_s: 9.0, ..Default::default() });
+        assert_eq!(rate(&history), "latency 0 ms");
+    }
 
     #[test]
     fn figures_are_readable() {

@@ -6,11 +6,9 @@ use egui::{Align, Layout, Ui};
 /// Where the eye is, what is rendered, how fast.
 pub(crate) fn show(ui: &mut Ui, pose: &Pose, shown: Option<&Finished>, tape: &Tape) {
     ui.horizontal(|ui| {
-        let (eye, yaw, pitch) = (pose.eye, pose.yaw_rad.to_degrees(), pose.pitch_rad.to_degrees());
+        let eye = pose.eye;
         ui.monospace(format!("eye {:8.3} {:8.3} {:8.3} m", eye.x, eye.y, eye.z))
             .on_hover_text("Position of the eye: right, up, back, in metres.");
-        ui.monospace(format!("{:6.1}° {pitch:5.1}°", wrapped(yaw))).on_hover_text("Heading and tilt in degrees.");
-        ui.monospace(format!("view {:.1}°", pose.fov_y_deg)).on_hover_text("Vertical field of view in degrees.");
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             ui.weak("F1: keys").on_hover_text("F1 lists the keys.");
             if let Some(shown) = shown {
@@ -30,9 +28,4 @@ pub(crate) fn show(ui: &mut Ui, pose: &Pose, shown: Option<&Finished>, tape: &Ta
             }
         });
     });
-}
-
-/// Degrees in [-180, 180].
-fn wrapped(degrees: f64) -> f64 {
-    degrees - 360.0 * (degrees / 360.0).round()
 }

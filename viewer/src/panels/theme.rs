@@ -6,14 +6,28 @@ use std::num::NonZeroUsize;
 /// Behind the frame.
 pub(crate) const BACKDROP: Color32 = Color32::from_gray(16);
 /// Behind panels.
-const PANEL: Color32 = Color32::from_rgb(27, 29, 33);
+pub(crate) const PANEL: Color32 = Color32::from_rgb(27, 29, 33);
 /// What is chosen, and the eye in the insets.
 pub(crate) const ACCENT: Color32 = Color32::from_rgb(96, 165, 250);
 /// Warnings: the edge of the headbox, errors.
 pub(crate) const WARNING: Color32 = Color32::from_rgb(248, 113, 113);
+/// Behind the strip of progress.
+pub(crate) const STRIP: Color32 = Color32::from_rgb(22, 36, 58);
+/// Text of labels: lighter than egui's, which is hard to read beside a bright frame.
+const TEXT: Color32 = Color32::from_gray(190);
+/// Text that matters less.
+const WEAK: Color32 = Color32::from_gray(150);
+/// Behind what is chosen.
+const CHOSEN: Color32 = Color32::from_rgb(30, 74, 130);
+/// Behind insets: dark enough for their text over a white frame.
+pub(crate) const INSET: Color32 = Color32::from_black_alpha(190);
+/// Text of insets.
+pub(crate) const INSET_TEXT: Color32 = Color32::from_gray(225);
+/// Behind legends.
+pub(crate) const LEGEND: Color32 = Color32::from_black_alpha(190);
 /// Lines of drawings.
 pub(crate) const LINE: Color32 = Color32::from_gray(150);
-/// Less important lines and text.
+/// Less important lines; never text.
 pub(crate) const FAINT: Color32 = Color32::from_gray(95);
 
 /// Colours of the stages in the chart, told apart by lightness as well as by hue (Tol's "bright" scheme, reordered).
@@ -44,9 +58,9 @@ pub(crate) fn install(ctx: &Context) {
         let mut visuals = Visuals::dark();
         visuals.panel_fill = PANEL;
         visuals.window_fill = PANEL;
-        // Text of labels: lighter than the default, which is hard to read beside a bright frame.
-        visuals.widgets.noninteractive.fg_stroke.color = Color32::from_gray(180);
-        visuals.selection.bg_fill = Color32::from_rgb(30, 74, 130);
+        visuals.widgets.noninteractive.fg_stroke.color = TEXT;
+        visuals.weak_text_color = Some(WEAK);
+        visuals.selection.bg_fill = CHOSEN;
         visuals.selection.stroke = Stroke::new(1.0, Color32::WHITE);
         visuals.slider_trailing_fill = true;
         visuals.window_corner_radius = CornerRadius::same(6);
@@ -59,4 +73,71 @@ pub(crate) fn install(ctx: &Context) {
         style.spacing.combo_width = 140.0;
         style.interaction.selectable_labels = false;
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use egui::Style;
+
+    /// Relative luminance (WCAG 2.1).
+    fn luminance(color: Color32) -> f64 {
+        let linear = |c: u8| {
+            let c = f64::from(c) / 255.0;
+            if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+        };
+        0.2126 * linear(color.r()) + 0.7152 * linear(color.g()) + 0.0722 * linear(color.b())
+    }
+
+    fn contrast(a: Color32, b: Color32) -> f64 {
+        let [a, b] = [a, b].map(luminance);
+        (a.max(b) + 0.05) / (a.min(b) + 0.05)
+    }
+
+    #[test]
+    fn contrast_is_that_of_the_standard() {
+        assert!((contrast(Color32::WHITE, Color32::BLACK) - 21.0).abs() < 1e-9);
+        assert!((contrast(Color32::from_gray(118), Color32::WHITE) - 4.54).abs() < 0.01);
+    }
+
+    /// 4.5:1 is what WCAG 2.1 AA asks of text.
+    #[test]
+    fn all_text_stands_out_from_what_is_behind_it() {
+        let ctx = Context::default();
+        install(&ctx);
+        let style: std::sync::Arc<Style> = ctx.style_of(Theme::Dark);
+        let visuals = &style.visuals;
+        let widgets = &visuals.widgets;
+        let mut pairs = vec![
+            ("label", visuals.text_color(), PANEL),
+            ("weak", visuals.weak_text_color(), PANEL),
+            ("strong", visuals.strong_text_color(), PANEL),
+            ("warning", WARNING, PANEL),
+            ("accent", ACCENT, PANEL),
+            ("chosen", visuals.selection.stroke.color, visuals.selection.bg_fill),
+            ("strip", Color32::WHITE, STRIP),
+            // Insets and legends lie over any frame: over white, their backing is the brightest.
+            ("inset", INSET_TEXT, over_white(INSET)),
+            ("legend", Color32::WHITE, over_white(LEGEND)),
+            ("start page", visuals.text_color(), BACKDROP),
+            ("start page, weak", visuals.weak_text_color(), BACKDROP),
+        ];
+        for (name, widget) in [
+            ("button", &widgets.inactive),
+            ("button under the pointer", &widgets.hovered),
+            ("pressed button", &widgets.active),
+            ("open list", &widgets.open),
+        ] {
+            pairs.push((name, widget.text_color(), widget.weak_bg_fill));
+            pairs.push((name, widget.text_color(), widget.bg_fill));
+        }
+        pairs.push(("field", widgets.inactive.text_color(), visuals.extreme_bg_color));
+        let poor: Vec<_> = pairs.iter().map(|&(name, a, b)| (name, contrast(a, b))).filter(|(_, c)| *c < 4.5).collect();
+        assert!(poor.is_empty(), "{poor:?}");
+    }
+
+    fn over_white(color: Color32) -> Color32 {
+        let left = 255 - color.a();
+        Color32::from_rgb(color.r() + left, color.g() + left, color.b() + left)
+    }
 }

@@ -64,8 +64,10 @@ fn the_divider_can_be_dragged() {
     press(&mut window, Key::B);
     settle(&mut window);
     let pose = window.state().eye.pose;
-    let frame_left = 600.0 - window.state().wish.as_ref().unwrap().size_px[0] as f32 - 8.0;
-    let middle = egui::pos2((frame_left + 592.0) / 2.0, 500.0);
+    // But for a margin of the harness's.
+    let frame_right = SIZE_POINTS[0] - 8.0;
+    let frame_width = window.state().wish.as_ref().unwrap().size_px[0] as f32;
+    let middle = egui::pos2(frame_right - frame_width / 2.0, 500.0);
     window.drag_at(middle);
     window.step();
     window.hover_at(middle - egui::vec2(60.0, 0.0));

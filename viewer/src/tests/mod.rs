@@ -37,9 +37,12 @@ const PASS_S: f32 = 1.0 / 60.0;
 /// Patience with the render thread on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(60);
 
+/// Size of most windows, points: few, so that the tests are quick also without optimisation; all of the side panel is in
+/// view, beside the frame.
+const SIZE_POINTS: [f32; 2] = [700.0, 1400.0];
+
 fn open(source: Option<Box<dyn FrameSource>>, options: ViewerOptions) -> Window {
-    // Few pixels, so that the tests are quick also without optimisation; all of the side panel is in view.
-    open_on(source, options, [600.0, 1400.0], painter::Painter::default())
+    open_on(source, options, SIZE_POINTS, painter::Painter::default())
 }
 
 /// Opens a window of some size, points, that tells `painter` of its textures.
@@ -50,7 +53,7 @@ fn open_on(
     painter: painter::Painter,
 ) -> Window {
     let (library, can_open) = (options.library.take(), source.is_none());
-    let session = Session::start(source, library, Arc::new(|| ())).unwrap();
+    let session = Session::start(source, None, library, Arc::new(|| ())).unwrap();
     let viewer = Viewer::new(session, options, can_open, Arc::new(Mutex::new(Outcome::default())));
     let harness = Harness::builder().with_size(size).with_step_dt(PASS_S).renderer(painter);
     let harness = harness.with_context_setup(crate::panels::theme::install);

@@ -119,3 +119,46 @@ fn the_file_list_opens_on_o() {
     window.run_steps(20);
     assert!(window.query_by_label("Up").is_none());
 }
+
+#[test]
+fn in_a_narrow_window_the_panel_folds_away_and_lies_over_the_frame() {
+    let mut window = room();
+    window.set_size([480.0, 360.0].into());
+    settle(&mut window);
+    let size_px = |window: &Window| window.state().wish.as_ref().unwrap().size_px;
+    // But for a margin of the harness's.
+    let whole = [480 - 16, 360 - 16];
+    assert_eq!(size_px(&window), whole, "the frame has all of the window");
+    assert!(window.query_by_label("Lamp").is_none());
+    click(&mut window, "Panel");
+    window.run_steps(4);
+    assert!(window.query_by_label("Lamp").is_some());
+    assert_eq!(size_px(&window), whole, "the panel takes nothing from it");
+    click(&mut window, "Fold");
+    window.run_steps(4);
+    assert!(window.query_by_label("Lamp").is_none());
+}
+
+#[test]
+fn there_is_a_way_back_to_the_start_page() {
+    let mut window = start_page();
+    window.run_steps(3);
+    click(&mut window, "Checker hall");
+    wait(&mut window, "the hall", |viewer| viewer.shown.is_some());
+    window.run_steps(2);
+    click(&mut window, "Start page");
+    window.run_steps(3);
+    assert!(window.state().info.is_none() && window.query_by_label("Checker hall").is_some());
+    click(&mut window, "Checker hall");
+    wait(&mut window, "the hall again", |viewer| viewer.shown.is_some());
+}
+
+#[test]
+fn the_path_field_goes_to_folders_and_opens_files() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("ball.room"), "ball").unwrap();
+    let mut list = crate::panels::open::OpenList::default();
+    assert_eq!(list.take_path(dir.path().to_str().unwrap()), None);
+    assert_eq!(list.take_path("ball.room"), Some(dir.path().join("ball.room")));
+    assert_eq!(list.take_path("none.room"), None);
+}

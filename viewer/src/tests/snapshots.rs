@@ -130,3 +130,14 @@ fn a_window_of_next_to_no_size_is_laid_out() {
     // The panel keeps the width that it last had room for.
     assert!(room.window.state().wish.as_ref().unwrap().size_px[0] > 500, "the frame has its place again");
 }
+
+/// 480 points are enough for the frame with its inset, and for the panel over it.
+#[test]
+fn narrow_window() {
+    let mut room = of_room(Kind::Headbox, ViewerOptions::default());
+    room.window.set_size([480.0, 360.0].into());
+    settle(&mut room.window);
+    room.compare("narrow");
+    click(&mut room.window, "Panel");
+    room.compare("narrow_unfolded");
+}
