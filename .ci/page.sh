@@ -55,4 +55,17 @@ PY
 grep -q 'of this page is damaged' "$out/damaged.txt"
 .ci/page.py 320x240 --before "$out/old.js" "file://$here/samples.html" "$out/old.png" | tee "$out/old.txt"
 grep -q 'no WebGL 2' "$out/old.txt"
+# A headset, emulated by iwer, where npm can fetch it.
+if command -v npm >/dev/null && timeout 120 npm install --silent --no-save --prefix "$out/npm" iwer@2 >/dev/null 2>&1; then
+    emulator="$out/npm/node_modules/iwer/build/iwer.min.js"
+    {
+        cat "$emulator"
+        echo
+        echo 'const headset = new IWER.XRDevice(IWER.metaQuest3); headset.installRuntime({ forceInstall: true }); headset.stereoEnabled = true;'
+    } >"$out/headset.js"
+    .ci/page.py 320x160 --before "$out/headset.js" --click headset "file://$here/samples.html" "$out/headset.png" | tee "$out/headset.txt"
+    grep -q '"headsetEyes": "2"' "$out/headset.txt"
+else
+    echo "page: headset skipped, npm could not fetch its emulator"
+fi
 echo "page: all is well; pictures are in $out"

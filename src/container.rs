@@ -51,10 +51,12 @@ impl FileKind {
     pub const SPRITES: Self = Self { tag: *b"sprt", name: "sprite", version: 1, oldest: 1 };
     /// `.house`
     pub const HOUSE: Self = Self { tag: *b"hous", name: "house", version: 1, oldest: 1 };
+    /// `.lumi`
+    pub const LUMIGRAPH: Self = Self { tag: *b"lumi", name: "lumigraph", version: 1, oldest: 1 };
     /// Ray-traced frames that reports keep.
     pub const TRUTH: Self = Self { tag: *b"trth", name: "truth frame", version: 1, oldest: 1 };
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::CUBE_LDI, Self::SHARD, Self::SPRITES, Self::HOUSE, Self::TRUTH];
+    pub const ALL: [Self; 6] = [Self::CUBE_LDI, Self::SHARD, Self::SPRITES, Self::HOUSE, Self::LUMIGRAPH, Self::TRUTH];
 }
 
 /// How a file that is none of ours can be used.
@@ -73,7 +75,7 @@ fn what_to_do(path: &Path) -> String {
                 house.display()
             )
         }
-        _ => "give a .ldi, .sprite, .house or .shard file".into(),
+        _ => "give a .ldi, .sprite, .lumi, .house or .shard file".into(),
     }
 }
 

@@ -83,6 +83,8 @@ pub mod frame;
 pub mod gaps;
 #[doc(hidden)]
 pub mod ldi;
+#[doc(hidden)]
+pub mod lumigraph;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod measure;
@@ -109,3 +111,5 @@ pub mod truth;
 #[cfg(feature = "viewer")]
 #[doc(hidden)]
 pub mod view;
+#[doc(hidden)]
+pub mod view_geometry;

@@ -1,46 +1,107 @@
 //! `headbox export`.
 
+use super::UsageError;
 use super::output::{EXPORT, Outputs, print_json};
 use crate::capture::files;
 use crate::container::{Container, FileKind};
-use crate::export::page::Page;
+use crate::export::{ExportError, glb, page::Page, ply};
 use crate::packed::PackedCube;
 use anyhow::{Context, bail};
 use clap::Args;
-use serde_json::json;
+use serde_json::{Value, json};
+use std::io;
 use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 pub(super) struct Export {
     /// A .ldi file
     file: PathBuf,
-    /// What to write; its ending decides the format: .html, a page to look around in that works offline
+    /// What to write; its ending decides the format: .html, a page to look around in that works offline; .glb for engines; .ply, flat
+    /// Gaussians as of 3D Gaussian splatting, or plain points with --points
     #[arg(short, long)]
     output: PathBuf,
-    /// What the export is called; the name of the file if absent
+    /// What the page is called; the name of the file if absent
     #[arg(long)]
     title: Option<String>,
+    /// The most triangles of a .glb; 200000 if absent
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..))]
+    triangles: Option<u64>,
+    /// Write plain points with normal and colour to a .ply
+    #[arg(long)]
+    points: bool,
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
 }
 
+/// Triangles of a .glb unless something else is said.
+const TRIANGLES: u64 = 200_000;
+
 impl Export {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         Outputs::new(self.json, [&self.file]).file(&self.output, &EXPORT)?;
+        let ending = self.output.extension().unwrap_or_default().to_ascii_lowercase();
+        for (given, name, wanted) in [
+            (self.title.is_some(), "--title", "html"),
+            (self.triangles.is_some(), "--triangles", "glb"),
+            (self.points, "--points", "ply"),
+        ] {
+            if given && ending != wanted {
+                return Err(UsageError(format!("{name} is for .{wanted} files")).into());
+            }
+        }
         let cube = open(&self.file)?;
-        let name = self.title.clone().unwrap_or_else(|| name_of(&self.file));
-        let page = Page::new(&cube, &name).with_context(|| self.file.display().to_string())?;
-        files::write_whole(&self.output, |mut to| page.write(&mut to))
-            .with_context(|| format!("{} could not be written", self.output.display()))?;
+        let mut told = json!({"output": self.output, "depth_pixels": cube.depth_pixel_count()});
+        let of_file = || self.file.display().to_string();
+        match ending.to_str() {
+            Some("glb") => self.glb(&cube, &mut told).with_context(of_file)?,
+            Some("ply") => self.write(|to| match self.points {
+                true => ply::write_points(&cube, to),
+                false => ply::write_splats(&cube, to),
+            })?,
+            _ => {
+                let name = self.title.clone().unwrap_or_else(|| name_of(&self.file));
+                let page = Page::new(&cube, &name).with_context(of_file)?;
+                self.write(|to| Ok(page.write(to)?))?;
+            }
+        }
         let bytes = std::fs::metadata(&self.output).map_or(0, |found| found.len());
-        let samples = cube.depth_pixel_count();
+        told["bytes"] = bytes.into();
         if self.json {
-            print_json(&json!({"output": self.output, "bytes": bytes, "depth_pixels": samples}));
+            print_json(&told);
         } else {
-            println!("{}: {:.1} MB, {samples} depth pixels", self.output.display(), bytes as f64 / 1e6);
+            println!("{}: {:.1} MB{}", self.output.display(), bytes as f64 / 1e6, told["words"].as_str().unwrap_or(""));
         }
         Ok(())
+    }
+
+    fn glb(&self, cube: &PackedCube, told: &mut Value) -> anyhow::Result<()> {
+        let mut summary = None;
+        self.write(|to| {
+            summary = Some(glb::write(cube, self.triangles.unwrap_or(TRIANGLES), to)?);
+            Ok(())
+        })?;
+        let Some(summary) = summary else { return Ok(()) };
+        let (triangles, error_px, dropped) = (summary.triangles, summary.error_px, summary.dropped_samples);
+        (told["triangles"], told["error_px"], told["dropped_samples"]) =
+            (triangles.into(), error_px.into(), dropped.into());
+        told["words"] = format!(", {triangles} triangles, samples off by up to {error_px:.1} face pixels").into();
+        if dropped > 0 {
+            eprintln!(
+                "warning: {dropped} samples, in the smallest pieces of surfaces, are left out to stay within the budget; give \
+                 more --triangles, or capture with a smaller --face-size"
+            );
+        }
+        Ok(())
+    }
+
+    /// Writes the output, whole or not at all.
+    fn write(&self, write: impl FnOnce(&mut dyn io::Write) -> Result<(), ExportError>) -> anyhow::Result<()> {
+        let written = files::write_whole(&self.output, |mut to| match write(&mut to) {
+            Err(ExportError::Io(error)) => Err(error),
+            other => other.map_err(io::Error::other),
+        });
+        written.with_context(|| format!("{} could not be written", self.output.display()))
     }
 }
 

@@ -1,6 +1,7 @@
 //! What `--help` shows beside the arguments: examples and the names that an argument takes; completions and the manual.
 
 use super::Cli;
+use crate::lumigraph::Blend;
 use crate::portal::variant::Variant as HouseVariant;
 use crate::render::splat::SplatKernel;
 use crate::sprite::Variant as SpriteVariant;
@@ -9,7 +10,7 @@ use clap_complete::Shell;
 use std::io::Write;
 
 /// Each subcommand's examples.
-const EXAMPLES: [(&str, &str); 15] = [
+const EXAMPLES: [(&str, &str); 17] = [
     ("demo", "headbox demo --quick --no-window"),
     ("scenes", "headbox scenes"),
     (
@@ -26,6 +27,11 @@ const EXAMPLES: [(&str, &str); 15] = [
          headbox sprite --color photo.png --depth depth.exr --depth-kind eye -o photo.sprite",
     ),
     (
+        "lumigraph",
+        "headbox lumigraph room.obj -o room.lumi\n  \
+         headbox lumigraph stage.glb -o stage.lumi --plane 0,1.6,5 --normal 0,0,-1 --extent 2 --cameras 8x8 --layers 64",
+    ),
+    (
         "house",
         "headbox house Home.xml --plan home.svg                   what it has, what is wrong with it, its plan\n  \
          headbox house Home.xml -o home.house --walk walk.json    bake its light, capture what is behind its doors",
@@ -35,10 +41,18 @@ const EXAMPLES: [(&str, &str); 15] = [
         "render",
         "headbox render room.ldi -o frame.png\n  \
          headbox render room.ldi -o frame.jpg --eye 0.1,1.6,0 --look-at 2,1,0 --size 1920x1080\n  \
+         headbox render scans/kitchen -o frame.png --variant geometry-averaged     a folder of images with depth, without a capture\n  \
          headbox render home.house --path walk.json -o frames     a frame per pose, and their times\n  \
+         headbox render room.ldi --path walk.json -o walk.mp4 --panorama    a film, here in all directions\n  \
          headbox render room.ldi -o - | display                   a PNG to another program",
     ),
-    ("export", "headbox export room.ldi -o room.html                     a page to look around in, for any browser"),
+    (
+        "export",
+        "headbox export room.ldi -o room.html                     a page to look around in, for any browser\n  \
+         headbox export room.ldi -o room.glb --triangles 100000   for Unity, Unreal, Godot, three.js, Blender\n  \
+         headbox export room.ldi -o room.ply                      for viewers and editors of Gaussian splats",
+    ),
+    ("serve", "headbox serve *.ldi                                      http://127.0.0.1:8080/ shows them"),
     ("walk", "headbox walk home.house -o walk-report --poses 20 --variants texture,window-ldi"),
     ("truth", "headbox truth room.obj -o truth.png --samples 64"),
     ("compare", "headbox compare truth.png frame.png --map error.png"),
@@ -77,9 +91,10 @@ fn names_for(command: &str) -> String {
             let cubes: Vec<&str> = SplatKernel::ALL.iter().map(|(name, _)| *name).collect();
             let sprites: Vec<&str> = SpriteVariant::ALL.iter().map(|variant| variant.name()).collect();
             format!(
-                "\n\nVariants:\n  of a .ldi: {}\n  of a .sprite: {}\n  of a .house: {houses}",
+                "\n\nVariants:\n  of a .ldi: {}\n  of a .sprite: {}\n  of a .lumi: {}\n  of a .house: {houses}",
                 cubes.join(", "),
-                sprites.join(", ")
+                sprites.join(", "),
+                Blend::ALL.map(|(name, _)| name).join(", ")
             )
         }
         "walk" => format!("\n\nVariants:\n  {houses}"),

@@ -152,8 +152,17 @@ impl HouseFileArgs {
             CameraRecord::new(camera.eye(), camera.forward(), up, walk.fov_y_deg, &frame)
         };
         let poses = walk.cameras(house)?.iter().map(record).collect();
+        say_unvisited(&walk, house);
         let text = serde_json::to_string(&PathRecord { size: Some(walk.size), poses })?;
         write_text(path, &text)
+    }
+}
+
+/// Says which rooms a walk leaves out, if it does.
+pub(super) fn say_unvisited(walk: &WalkPath, house: &House) {
+    let unvisited = walk.unvisited(house);
+    if !unvisited.is_empty() {
+        eprintln!("note: no door leads to {}: the walk does not go there", unvisited.join(", "));
     }
 }
 

@@ -3,9 +3,11 @@
 use super::args::vertical_fov_deg;
 use super::house_file;
 use super::images::{Images, is_image_set};
+use super::lumigraph;
 use super::output::print_json;
 use crate::container::Container;
 use crate::ldi::shard::{self, SHARD};
+use crate::lumigraph::LUMI_FILE;
 use crate::packed::file::CUBE_LDI;
 use crate::packed::{PackedCube, SegmentSide};
 use crate::portal::file::HOUSE_FILE;
@@ -17,7 +19,7 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(super) struct Info {
-    /// A .ldi, .sprite or .house file, a shard, or a folder of images
+    /// A .ldi, .sprite, .lumi or .house file, a shard, or a folder of images
     file: PathBuf,
     /// Check every promise of the layout, sample by sample
     #[arg(long)]
@@ -37,6 +39,7 @@ impl Info {
             Some(tag) if tag == CUBE_LDI.tag => self.cube(),
             Some(tag) if tag == SHARD.tag => self.shard(),
             Some(tag) if tag == SPRITE_FILE.tag => self.sprites(),
+            Some(tag) if tag == LUMI_FILE.tag => Ok(lumigraph::info(&self.file, self.check, self.json)?),
             Some(tag) if tag == HOUSE_FILE.tag => house_file::info(&self.file, self.check, self.json),
             // What it is instead the reader of cubes says best.
             _ => self.cube(),

@@ -18,17 +18,20 @@ mod demo;
 mod demo_sprites;
 mod estimate;
 mod export;
+mod geometry;
 mod help;
 mod house;
 mod house_file;
 mod images;
 mod info;
+mod lumigraph;
 mod merge;
 mod output;
 mod progress;
 mod render;
 mod report;
 mod scenes;
+mod serve;
 mod sprite;
 mod truth;
 #[cfg(feature = "viewer")]
@@ -63,6 +66,8 @@ enum Command {
     Merge(merge::Merge),
     /// Make sprites with depth of a scene, or of a picture and its depth
     Sprite(Box<sprite::SpriteCommand>),
+    /// Make a lumigraph of a scene: images on a camera plane, as few layers as a view needs
+    Lumigraph(Box<lumigraph::LumigraphCommand>),
     /// A home to walk through: read its rooms and doors, say what is wrong with them, draw its plan, write a .house file
     House(house::House),
     /// What a folder of pictures with known cameras holds, and whether its poses and depths agree
@@ -71,8 +76,10 @@ enum Command {
     Info(info::Info),
     /// Render a frame of a cube LDI, of sprites or of both, or a frame per pose of a path
     Render(render::Render),
-    /// Take a capture to where headbox is not installed: a page to look around in
+    /// Take a capture to where headbox is not installed: a page to look around in, engines, splat viewers
     Export(export::Export),
+    /// Show captures to browsers, over HTTP: a list, and a page for each
+    Serve(serve::Serve),
     /// Measure a walk through a .house file (to just walk, use view): time and error of every way to draw it, against truth and primary rays
     Walk(walk::Walk),
     /// Ray-trace a reference frame of a scene
@@ -128,11 +135,13 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Capture(command) => command.run(),
         Command::Merge(command) => command.run(),
         Command::Sprite(command) => command.run(),
+        Command::Lumigraph(command) => command.run(),
         Command::House(command) => command.run(),
         Command::Images(command) => command.run(),
         Command::Info(command) => command.run(),
         Command::Render(command) => command.run(),
         Command::Export(command) => command.run(),
+        Command::Serve(command) => command.run(),
         Command::Walk(command) => command.run(),
         Command::Truth(command) => command.run(),
         Command::Compare(command) => command.run(),

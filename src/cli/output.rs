@@ -2,6 +2,7 @@
 
 use super::UsageError;
 use crate::capture::{Scene, files, picture};
+use crate::export::film;
 use image::codecs::jpeg::JpegEncoder;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -70,6 +71,8 @@ pub(super) const CUBE: Endings = Endings { what: "a cube LDI", allowed: &["ldi"]
 pub(super) const SHARD: Endings = Endings { what: "a shard of a capture", allowed: &["shard"] };
 /// Sprites with depth.
 pub(super) const SPRITES: Endings = Endings { what: "sprites with depth", allowed: &["sprite"] };
+/// Lumigraphs.
+pub(super) const LUMIGRAPH: Endings = Endings { what: "a lumigraph", allowed: &["lumi"] };
 /// Houses.
 pub(super) const HOUSE: Endings = Endings { what: "a house", allowed: &["house"] };
 /// Plans of houses.
@@ -77,7 +80,9 @@ pub(super) const PLAN: Endings = Endings { what: "a plan", allowed: &["png", "sv
 /// Camera paths.
 pub(super) const PATH: Endings = Endings { what: "a camera path", allowed: &["json"] };
 /// What captures are exported to.
-pub(super) const EXPORT: Endings = Endings { what: "an export", allowed: &["html"] };
+pub(super) const EXPORT: Endings = Endings { what: "an export", allowed: &["html", "glb", "ply"] };
+/// Films of a path.
+pub(super) const FILM: Endings = Endings { what: "a film", allowed: &film::ENDINGS };
 /// Pages of text.
 pub(super) const PAGE: Endings = Endings { what: "a page", allowed: &["md"] };
 

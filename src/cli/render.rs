@@ -1,24 +1,29 @@
 //! `headbox render`.
 
 use super::UsageError;
-use super::args::{CameraArgs, DefaultCamera, Names, by_name};
+use super::args::{CameraArgs, DefaultCamera, Names, by_name, parse_length};
+use super::geometry::{GEOMETRY_ALONE, GeometryArgs, GeometryContent, GeometryRendered, texturing_of};
 use super::house_file::HouseContent;
 use super::images::{self, SetArgs, is_image_set};
-use super::output::{DEPTH, Outputs, PICTURE, print_json, save_picture, write_text};
+use super::output::{DEPTH, FILM, Outputs, PICTURE, print_json, save_picture, write_text};
 use super::progress::Bar;
 use crate::capture::scene::FileFrame;
 use crate::capture::statistics::median;
 use crate::capture::{Camera, simd};
 use crate::compose::{ComposeSettings, Composer, Composition};
 use crate::container::Container;
+use crate::export::{film, panorama};
 use crate::frame::Frame;
+use crate::lumigraph::{Blend, LUMI_FILE, Lumigraph, LumigraphRenderer, LumigraphSettings};
 use crate::packed::PackedCube;
 use crate::path;
 use crate::portal::file::HOUSE_FILE;
+use crate::progress::Progress;
 use crate::render::splat::SplatKernel;
 use crate::render::{Parallel, RenderSettings, Renderer};
 use crate::sprite::{DepthPicture, RenderOptions, SPRITE_FILE, Sampling, SpriteSet, Variant, write_depth_exr};
-use anyhow::bail;
+use crate::view_geometry::Texturing;
+use anyhow::{Context, bail};
 use clap::Args;
 use image::RgbImage;
 use serde_json::{Value, json};
@@ -28,11 +33,11 @@ use std::time::Instant;
 #[derive(Args)]
 pub(super) struct Render {
     /// A .ldi or .sprite file or a folder of images with depth, or several of one world, laid over each other back to front; or
-    /// one .house file
+    /// one .house or .lumi file
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Picture to write (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output, PNG), or with --path the folder for
-    /// frames and times.csv
+    /// Picture to write (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output, PNG); with --path the folder for frames
+    /// and times.csv, or a film (.mp4 or .webm, which need ffmpeg, .apng or .gif)
     #[arg(short, long)]
     output: PathBuf,
     #[command(flatten)]
@@ -40,9 +45,22 @@ pub(super) struct Render {
     /// Render a frame per pose of this JSON file
     #[arg(long, value_name = "PATH.json")]
     path: Option<PathBuf>,
-    /// How samples become pixels, or how parallax inside sprites is drawn: see the list that a wrong name prints
+    /// Frames a second of a film; 30 if absent
+    #[arg(long, requires = "path", value_parser = clap::value_parser!(u32).range(1..=240))]
+    fps: Option<u32>,
+    /// Frames for both eyes side by side, so many metres apart: 0.064 for people
+    #[arg(long, value_name = "METRES", value_parser = parse_length, conflicts_with = "panorama")]
+    stereo: Option<f64>,
+    /// All directions about the eye, twice as wide as high (equirectangular), as players of 360-degree pictures and films have it; the
+    /// height is that of --size or of the path
+    #[arg(long)]
+    panorama: bool,
+    /// How samples become pixels, or how parallax inside sprites is drawn: see the list that a wrong name prints. For a folder of
+    /// images also geometry-blended and its kin: view-dependent geometry, made for each frame, instead of a cube LDI
     #[arg(long, value_name = "NAME")]
     variant: Option<String>,
+    #[command(flatten)]
+    geometry: GeometryArgs,
     /// How colours of sprites are looked up; bilinear if absent
     #[arg(long)]
     sampling: Option<Sampling>,
@@ -58,6 +76,9 @@ pub(super) struct Render {
     /// Picture of the share of each pixel to that depth pixels cover, 0 to 255, to write; for a single frame of one .ldi
     #[arg(long, value_name = "FILE.png", conflicts_with = "path")]
     coverage: Option<PathBuf>,
+    /// How far two cameras of a .lumi file may disagree where its layers are merged, pixels; 1 if absent, 0 merges none
+    #[arg(long, value_name = "PX", value_parser = parse_merge)]
+    merge: Option<f64>,
     /// How threads share a cube LDI's frame, which is the same in any case; bands if absent
     #[arg(long, value_name = "WAY", value_parser = by_name(WAYS))]
     parallel: Option<Parallel>,
@@ -67,6 +88,10 @@ pub(super) struct Render {
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
+}
+
+fn parse_merge(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|px| (0.0..=1e6).contains(px)).ok_or("give pixels, 0 or more".into())
 }
 
 /// How threads can share a frame.
@@ -99,6 +124,8 @@ impl Rendered {
 /// What the files hold, with all that drawing it needs.
 enum Content {
     House(Box<HouseContent>),
+    Geometry(Box<GeometryContent>),
+    Lumigraph { lumigraph: Box<Lumigraph>, renderer: Box<LumigraphRenderer>, settings: LumigraphSettings },
     Cube { cube: Box<PackedCube>, renderer: Box<Renderer>, settings: RenderSettings },
     Layers { layers: Box<Composition>, composer: Box<Composer>, settings: ComposeSettings, frame: Frame },
 }
@@ -107,6 +134,7 @@ impl Render {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let outputs = Outputs::new(self.json, self.files.iter().chain(&self.path));
         match &self.path {
+            Some(_) if film::is_film(&self.output) => outputs.file(&self.output, &FILM)?,
             Some(_) => outputs.folder(&self.output)?,
             None => {
                 let outputs = outputs.file(&self.output, &PICTURE)?.maybe_file(self.depth.as_ref(), &DEPTH)?;
@@ -118,7 +146,10 @@ impl Render {
             Some(path) => {
                 let cameras = path::read(path, &frame)?;
                 content.warn_if_outside(&cameras, &frame);
-                self.render_path(&mut content, &cameras)
+                match film::is_film(&self.output) {
+                    true => self.render_film(&mut content, &cameras),
+                    false => self.render_path(&mut content, &cameras),
+                }
             }
             None => {
                 let camera = self.camera.camera(&frame, &default_camera)?;
@@ -131,6 +162,15 @@ impl Render {
     /// Reads the files. Axes, unit and camera are those of the first.
     fn open(&self) -> anyhow::Result<(Content, FileFrame, DefaultCamera)> {
         if let Some(content) = self.open_house()? {
+            return Ok(content);
+        }
+        if let Some(content) = self.open_lumigraph()? {
+            return Ok(content);
+        }
+        if self.merge.is_some() {
+            return Err(UsageError("--merge is for .lumi files".into()).into());
+        }
+        if let Some(content) = self.open_geometry()? {
             return Ok(content);
         }
         let (mut cubes, mut sprites) = (Vec::new(), None::<SpriteSet>);
@@ -190,6 +230,50 @@ impl Render {
         Ok(Some((Content::House(Box::new(content)), frame, camera)))
     }
 
+    /// A folder of images for a variant of view-dependent geometry; `None` if that is not asked for.
+    fn open_geometry(&self) -> anyhow::Result<Option<(Content, FileFrame, DefaultCamera)>> {
+        let alone = matches!(self.files.as_slice(), [folder] if is_image_set(&folder.to_string_lossy()));
+        let Some(texturing) = texturing_of(self.variant.as_deref(), alone)? else {
+            if self.geometry.are_given() {
+                return Err(UsageError(GEOMETRY_ALONE.into()).into());
+            }
+            return Ok(None);
+        };
+        if self.sampling.is_some() || self.fill_steps.is_some() || self.parallel.is_some() || self.keep_holes {
+            let message = "--sampling, --fill-steps, --parallel and --keep-holes are not for view-dependent geometry";
+            return Err(UsageError(message.into()).into());
+        }
+        let (content, frame, camera) = GeometryContent::open(&self.files[0], texturing, &self.geometry)?;
+        Ok(Some((Content::Geometry(Box::new(content)), frame, camera)))
+    }
+
+    /// A `.lumi` file, which comes alone; `None` if there is none among the files.
+    fn open_lumigraph(&self) -> anyhow::Result<Option<(Content, FileFrame, DefaultCamera)>> {
+        let is_lumigraph = |file: &PathBuf| Container::peek_kind(file).ok().flatten() == Some(LUMI_FILE.tag);
+        let Some(file) = self.files.iter().find(|file| is_lumigraph(file)) else { return Ok(None) };
+        if self.files.len() > 1 || self.sampling.is_some() || self.fill_steps.is_some() || self.parallel.is_some() {
+            let message = "a .lumi file is rendered alone, without --sampling, --fill-steps and --parallel";
+            return Err(UsageError(message.into()).into());
+        }
+        let mut settings = LumigraphSettings::default();
+        settings.tolerance_px = self.merge.unwrap_or(settings.tolerance_px);
+        settings.merge = settings.tolerance_px > 0.0;
+        if let Some(wanted) = &self.variant {
+            let found = Blend::ALL.iter().find(|(name, _)| name == wanted);
+            settings.blend = found.map(|(_, blend)| *blend).ok_or_else(|| {
+                let names = Blend::ALL.map(|(name, _)| name).join(", ");
+                UsageError(format!("there is no variant \"{wanted}\"; there are: {names}"))
+            })?;
+        }
+        let lumigraph = Box::new(Lumigraph::read(file)?);
+        let grid = lumigraph.grid();
+        let [column, row] = [grid.columns().len() / 2, grid.rows().len() / 2];
+        let camera =
+            DefaultCamera { eye: grid.origin(), size: (1024, 768), ..DefaultCamera::like(&grid.camera(column, row)) };
+        let frame = lumigraph.info.frame;
+        Ok(Some((Content::Lumigraph { lumigraph, renderer: Box::default(), settings }, frame, camera)))
+    }
+
     fn settings(&self, cubes: bool, sprites: bool) -> anyhow::Result<ComposeSettings> {
         let mut settings = ComposeSettings::default();
         if !sprites && (self.sampling.is_some() || self.fill_steps.is_some()) {
@@ -214,7 +298,9 @@ impl Render {
             (None, None) => {
                 let kernels = SplatKernel::ALL.iter().filter(|_| cubes).map(|(name, _)| *name);
                 let variants = Variant::ALL.iter().filter(|_| sprites).map(|variant| variant.name());
-                let names: Vec<&str> = kernels.chain(variants).collect();
+                let is_set = matches!(self.files.as_slice(), [folder] if is_image_set(&folder.to_string_lossy()));
+                let geometry = Texturing::ALL.iter().filter(|_| is_set).map(|(name, _)| *name);
+                let names: Vec<&str> = kernels.chain(variants).chain(geometry).collect();
                 let message = format!("there is no variant \"{wanted}\"; there are: {}", names.join(", "));
                 return Err(UsageError(message).into());
             }
@@ -222,7 +308,60 @@ impl Render {
         Ok(settings)
     }
 
+    /// What a camera sees, for one eye, for two, or all about it.
+    fn picture(&self, content: &mut Content, camera: &Camera) -> anyhow::Result<RgbImage> {
+        let mut draw = |camera: &Camera| anyhow::Ok(content.render(camera, 1)?.image);
+        match self.stereo {
+            Some(distance_m) => panorama::side_by_side(camera, distance_m, draw),
+            None if self.panorama => panorama::equirectangular(camera, camera.height(), draw),
+            None => draw(camera),
+        }
+    }
+
+    fn render_film(&self, content: &mut Content, cameras: &[Camera]) -> anyhow::Result<()> {
+        let started = Instant::now();
+        let Some(first) = cameras.first() else { bail!("the path has no poses") };
+        let [width, height] = [first.width(), first.height()];
+        let size = match (self.stereo, self.panorama) {
+            (Some(_), _) => [2 * width, height],
+            (None, true) => [2 * height, height],
+            (None, false) => [width, height],
+        };
+        let fps = self.fps.unwrap_or(30);
+        let bar = Bar::new();
+        bar.begin("frames", "frames", cameras.len() as u64);
+        let mut frames = cameras.iter().map(|camera| {
+            let picture = self.picture(content, camera).map_err(std::io::Error::other);
+            bar.advance(1);
+            picture
+        });
+        film::write(&self.output, size, fps, cameras.len() as u32, &mut frames)
+            .with_context(|| format!("{} could not be written", self.output.display()))?;
+        bar.finish();
+        let (count, seconds) = (cameras.len(), started.elapsed().as_secs_f64());
+        if self.json {
+            print_json(&json!({"frames": count, "fps": fps, "size": size, "seconds": seconds}));
+        } else {
+            let [width, height] = size;
+            println!(
+                "{}: {count} frames of {width}x{height} at {fps} a second, in {seconds:.1} s",
+                self.output.display()
+            );
+        }
+        Ok(())
+    }
+
     fn render_one(&self, content: &mut Content, camera: &Camera) -> anyhow::Result<()> {
+        if self.stereo.is_some() || self.panorama {
+            let picture = self.picture(content, camera)?;
+            save_picture(&self.output, &picture)?;
+            let (width, height) = picture.dimensions();
+            match self.json {
+                true => print_json(&json!({"size": [width, height], "variant": content.variant()})),
+                false => println!("{}: {width}x{height}", self.output.display()),
+            }
+            return Ok(());
+        }
         if let Content::Cube { settings, .. } = content {
             settings.depth = self.depth.is_some();
         } else if self.depth.is_some() || self.coverage.is_some() {
@@ -263,6 +402,9 @@ impl Render {
     }
 
     fn render_path(&self, content: &mut Content, cameras: &[Camera]) -> anyhow::Result<()> {
+        if self.stereo.is_some() || self.panorama {
+            return Err(UsageError("--stereo and --panorama are for films and single frames".into()).into());
+        }
         let folder = &self.output;
         let mut csv = String::from("pose,ms,depth_pixels_in,splatted,hole_pixels\n");
         let mut times = Vec::with_capacity(cameras.len());
@@ -294,6 +436,10 @@ impl Content {
     fn render(&mut self, camera: &Camera, repeat: u32) -> anyhow::Result<Rendered> {
         match self {
             Self::House(house) => render_house(house, camera, repeat),
+            Self::Geometry(geometry) => render_geometry(geometry, camera, repeat),
+            Self::Lumigraph { lumigraph, renderer, settings } => {
+                render_lumigraph(renderer, lumigraph, camera, settings, repeat)
+            }
             Self::Cube { cube, renderer, settings } => render_cube(renderer, cube, camera, settings, repeat),
             Self::Layers { layers, composer, settings, frame } => {
                 render_layers(composer, layers, camera, settings, frame, repeat)
@@ -324,6 +470,8 @@ impl Content {
     fn variant(&self) -> &'static str {
         match self {
             Self::House(house) => house.variant(),
+            Self::Geometry(geometry) => geometry.variant(),
+            Self::Lumigraph { settings, .. } => settings.blend.name(),
             Self::Cube { settings, .. } => settings.kernel.name(),
             Self::Layers { layers, settings, .. } if layers.sprites().sprites().is_empty() => {
                 settings.cubes.kernel.name()
@@ -335,6 +483,18 @@ impl Content {
     fn summary(&self, rendered: &Rendered) -> String {
         match self {
             Self::House(house) => format!("{}, {} splats", house.variant(), rendered.splatted),
+            Self::Geometry(geometry) => {
+                format!(
+                    "{}, {} triangles of {} samples",
+                    geometry.variant(),
+                    rendered.splatted,
+                    rendered.depth_pixels_in
+                )
+            }
+            Self::Lumigraph { lumigraph, .. } => {
+                let (layers, all) = (&rendered.statistics["layers"], lumigraph.layers().len());
+                format!("{layers} layers of {all}")
+            }
             Self::Cube { cube, .. } => {
                 // One depth pixel may be splatted in several bands of rows.
                 format!("{} splats of {} depth pixels", rendered.splatted, cube.depth_pixel_count())
@@ -359,6 +519,47 @@ fn render_house(house: &mut HouseContent, camera: &Camera, repeat: u32) -> anyho
         hole_pixels: stats.hole_pixels,
         statistics: serde_json::to_value(stats)?,
     })
+}
+
+fn render_geometry(geometry: &mut GeometryContent, camera: &Camera, repeat: u32) -> anyhow::Result<Rendered> {
+    let GeometryRendered { image, ms, stats } = geometry.render(camera, repeat)?;
+    Ok(Rendered {
+        image,
+        ms,
+        stages: json!({
+            "rank_ms": stats.rank_ms, "fetch_ms": stats.fetch_ms, "fuse_ms": stats.fuse_ms, "mesh_ms": stats.mesh_ms,
+            "texture_ms": stats.texture_ms,
+        }),
+        statistics: serde_json::to_value(stats)?,
+        depth_pixels_in: stats.samples,
+        splatted: stats.triangles,
+        hole_pixels: stats.hole_pixels,
+    })
+}
+
+fn render_lumigraph(
+    renderer: &mut LumigraphRenderer,
+    lumigraph: &Lumigraph,
+    camera: &Camera,
+    settings: &LumigraphSettings,
+    repeat: u32,
+) -> anyhow::Result<Rendered> {
+    let mut ms = Vec::with_capacity(repeat as usize);
+    loop {
+        let (frame, stats) = renderer.render(lumigraph, camera, settings);
+        ms.push(stats.frame_ms);
+        if ms.len() >= repeat as usize {
+            return Ok(Rendered {
+                image: frame.to_rgb()?,
+                ms,
+                stages: json!({"plan_ms": stats.plan_ms, "draw_ms": stats.frame_ms - stats.plan_ms}),
+                statistics: serde_json::to_value(stats)?,
+                depth_pixels_in: 0,
+                splatted: 0,
+                hole_pixels: stats.hole_pixels,
+            });
+        }
+    }
 }
 
 fn render_cube(

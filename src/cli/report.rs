@@ -3,6 +3,7 @@
 use super::UsageError;
 use super::args::{FrameArgs, UNITS, parse_length, parse_up, parse_vector};
 use super::capture::place_headbox;
+use super::geometry::GeometryArgs;
 use super::images::{SetArgs, is_image_set};
 use super::output::{NO_INPUTS, Outputs, PAGE, save_picture, write_text};
 use super::progress::{Bar, Planned};
@@ -12,7 +13,7 @@ use crate::capture::scene::UpAxis;
 use crate::capture::trace::Tracer;
 use crate::container::Container;
 use crate::ldi::from_images::ImagesJob;
-use crate::measure::images::{self, Shown};
+use crate::measure::images::{self, Geometry, Shown};
 use crate::measure::machine::{Machine, commit};
 use crate::measure::plan::{Plan, Quality, most_to_see};
 use crate::measure::report::figures::{figures, short};
@@ -85,6 +86,8 @@ pub(super) struct ReportCommand {
     #[command(flatten)]
     images: SetArgs,
     #[command(flatten)]
+    geometry: GeometryArgs,
+    #[command(flatten)]
     frame: FrameArgs,
 }
 
@@ -127,15 +130,15 @@ fn parse_named(text: &str) -> Result<Named, String> {
     Ok(named)
 }
 
-/// Pictures of one size, from left to right.
-fn side_by_side(pictures: &[&RgbImage]) -> RgbImage {
-    let width: u32 = pictures.iter().map(|picture| picture.width()).sum();
-    let height = pictures.iter().map(|picture| picture.height()).max().unwrap_or(0);
-    let mut sheet = RgbImage::new(width, height);
-    let mut x = 0;
-    for picture in pictures {
-        image::imageops::replace(&mut sheet, *picture, i64::from(x), 0);
-        x += picture.width();
+/// Pictures of one size, from left to right, so many in a row.
+fn sheet(pictures: &[&RgbImage], across: usize) -> RgbImage {
+    let [width, height] =
+        [RgbImage::width, RgbImage::height].map(|side| pictures.iter().map(|picture| side(picture)).max().unwrap_or(0));
+    let rows = pictures.len().div_ceil(across);
+    let mut sheet = RgbImage::new(width * pictures.len().min(across) as u32, height * rows as u32);
+    for (number, picture) in pictures.iter().enumerate() {
+        let [x, y] = [number % across, number / across].map(|place| place as i64);
+        image::imageops::replace(&mut sheet, *picture, x * i64::from(width), y * i64::from(height));
     }
     sheet
 }
@@ -242,12 +245,17 @@ impl ReportCommand {
         let bar = Bar::new();
         let mut failed = None;
         let mut save = |shown: Shown| {
-            let [nearest, near, ldi] = &shown.frames;
             let path = output.join(format!("{}.png", shown.view.replace(['/', '.'], "_")));
-            failed =
-                failed.take().or(save_picture(&path, &side_by_side(&[&shown.photograph, nearest, near, ldi])).err());
+            let pictures: Vec<&RgbImage> = std::iter::once(&shown.photograph).chain(&shown.frames).collect();
+            failed = failed.take().or(save_picture(&path, &sheet(&pictures, 4)).err());
         };
-        let report = images::measure(&set, &ImagesJob::suggest(&set), self.hold_out, &bar, &mut save)?;
+        let job = ImagesJob::suggest(&set);
+        let geometry = Geometry {
+            settings: self.geometry.settings(),
+            samples: self.geometry.samples(),
+            budget: self.geometry.budget(),
+        };
+        let report = images::measure(&set, &job, &geometry, self.hold_out, &bar, &mut save)?;
         bar.finish();
         if let Some(error) = failed {
             return Err(error);

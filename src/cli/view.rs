@@ -2,10 +2,13 @@
 
 use super::UsageError;
 use super::args::{FrameArgs, Names, by_name, parse_size};
+use super::geometry::{GEOMETRY_ALONE, GeometryArgs, open_geometry, texturing_of};
 use super::images::{self, SetArgs, is_image_set};
 use super::output::print_json;
 use super::progress::Bar;
-use crate::view::{SceneLibrary, open, open_source, show_cube};
+use crate::view::{SceneLibrary, open, open_source, show_cube, show_geometry};
+use crate::view_geometry::GeometrySettings;
+use anyhow::Context;
 use clap::Args;
 use headbox_viewer::{Exit, FrameSource, ReplayMode, Stereo, ViewerOptions};
 use std::path::{Path, PathBuf};
@@ -13,9 +16,14 @@ use std::time::Instant;
 
 #[derive(Args)]
 pub(super) struct View {
-    /// A .ldi, .sprite or .house file, a folder of images with depth, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the
+    /// A .ldi, .sprite, .lumi or .house file, a folder of images with depth, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the
     /// start page if absent
     file: Option<String>,
+    /// Of a folder of images: draw it by view-dependent geometry, such as geometry-averaged, instead of a cube LDI
+    #[arg(long, value_name = "NAME")]
+    variant: Option<String>,
+    #[command(flatten)]
+    geometry: GeometryArgs,
     #[command(flatten)]
     frame: FrameArgs,
     /// Replay this path or camera file
@@ -95,7 +103,18 @@ impl View {
     }
 
     fn source(&self, file: &str) -> anyhow::Result<Box<dyn FrameSource>> {
-        if !is_image_set(file) {
+        let is_set = is_image_set(file);
+        if let Some(texturing) = texturing_of(self.variant.as_deref(), is_set)? {
+            let (geometry, start) = open_geometry(Path::new(file), &self.geometry)?;
+            let start =
+                start.with_context(|| format!("{file}: its middle view is no perspective picture to start at"))?;
+            let settings = GeometrySettings { texturing, ..self.geometry.settings() };
+            return Ok(show_geometry(geometry, Path::new(file), &start, settings));
+        }
+        if self.variant.is_some() || self.geometry.are_given() {
+            return Err(UsageError(GEOMETRY_ALONE.into()).into());
+        }
+        if !is_set {
             return Ok(open_source(self.frame.source(file), &self.out)?);
         }
         let bar = Bar::new();

@@ -2,7 +2,7 @@
 
 use super::UsageError;
 use super::args::parse_size;
-use super::house_file::variant_by_name;
+use super::house_file::{say_unvisited, variant_by_name};
 use super::output::{Outputs, print_json, save_picture, write_text};
 use super::progress::Bar;
 use crate::drawing::sheet::{Sheet, SheetCell, SheetRow};
@@ -58,6 +58,7 @@ impl Walk {
             seed: self.seed,
             ..WalkPath::default()
         };
+        say_unvisited(&path, &house);
         let settings = MeasureSettings {
             path,
             quality,

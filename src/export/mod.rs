@@ -1,9 +1,18 @@
 //! To where headbox is not installed: a page, an engine, a splat viewer, a film package.
 
+mod atlas;
+pub mod film;
+pub mod glb;
+mod mesh;
 pub mod page;
+pub mod panorama;
+pub mod ply;
+mod sheets;
+mod surfels;
 
+use crate::capture::picture::PictureError;
 use crate::capture::{Camera, CameraError};
-use crate::packed::PackedCube;
+use crate::packed::{PackError, PackedCube};
 use crate::render::Renderer;
 use image::codecs::jpeg::JpegEncoder;
 use std::io;
@@ -34,7 +43,10 @@ pub enum ExportError {
     Camera(#[from] CameraError),
     /// A picture could not be encoded.
     #[error(transparent)]
-    Picture(#[from] image::ImageError),
+    Picture(#[from] PictureError),
+    /// It could not be packed again.
+    #[error(transparent)]
+    Pack(#[from] PackError),
 }
 
 /// A JPEG file of what the centre of the headbox sees where there is most to see.
@@ -47,6 +59,6 @@ pub(crate) fn poster(cube: &PackedCube) -> Result<Vec<u8>, ExportError> {
     let frame = renderer.render(cube, &camera, &Default::default());
     let picture = frame.to_rgb().map_err(io::Error::other)?;
     let mut file = Vec::new();
-    JpegEncoder::new_with_quality(&mut file, QUALITY).encode_image(&picture)?;
+    JpegEncoder::new_with_quality(&mut file, QUALITY).encode_image(&picture).map_err(PictureError::from)?;
     Ok(file)
 }

@@ -27,7 +27,7 @@ pub enum MergeRule {
 }
 
 /// Colours closer than this in every channel (sRGB levels) count as equal for [`MergeRule::ColorsApart`].
-const SAME_COLOR_LEVELS: u8 = 16;
+pub(crate) const SAME_COLOR_LEVELS: u8 = 16;
 
 /// Turns the lit parts of one pixel (sorted by bin and class) into depth pixels, farthest first, appended to `out`, each
 /// with the bins of its cluster. Their alpha is still to be measured ([`super::coverage`]).

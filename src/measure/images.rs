@@ -1,12 +1,14 @@
 //! Frames left out of an image set, judged against their photographs (E12's protocol, for S12).
 //!
 //! Every N-th view is left out. It is then shown from the others: by `nearest`, the one view nearest to it warped alone, by `near`, the
-//! three nearest merged (what S24 builds while one moves), and by `ldi`, all of them merged into one cube. Errors are taken where all show something, so that
+//! three nearest merged (what S24 builds while one moves), by `ldi`, all of them merged into one cube, and by view-dependent geometry
+//! in each of its ways of texturing (E9). Errors are taken where all show something, so that
 //! none gains by leaving out what is hard; the share that each covers stands beside them. Frames are exposed as the
 //! photograph was. Where its camera stood is estimated with that of the others, as is usual for sets without surveyed cameras.
 
 use crate::capture::Camera;
 use crate::capture::images::{ImageSet, ImagesError, Lens, LoadedView, Registration, View};
+use crate::frame::Frame;
 use crate::ldi::CubeLdi;
 use crate::ldi::from_images::ImagesJob;
 use crate::measure::machine::{Machine, commit};
@@ -16,6 +18,9 @@ use crate::metrics;
 use crate::packed::{PackError, PackedCube, SplatIndexLayout, Split};
 use crate::progress::Progress;
 use crate::render::{RenderSettings, Renderer};
+use crate::view_geometry::{
+    GeometryError, GeometryRenderer, GeometrySettings, Patience, SampleGrid, Texturing, ViewGeometry,
+};
 use glam::DVec3;
 use image::{Rgb, RgbImage};
 use serde::Serialize;
@@ -29,6 +34,9 @@ pub enum ImagesReportError {
     /// A cube could not be packed.
     #[error(transparent)]
     Pack(#[from] PackError),
+    /// There is no view-dependent geometry.
+    #[error(transparent)]
+    Geometry(#[from] GeometryError),
     /// There is nothing to leave out.
     #[error("{0} views with depth: at least two are needed, so that one can be left out")]
     TooFew(usize),
@@ -39,7 +47,7 @@ pub enum ImagesReportError {
 pub struct HeldOut {
     /// The set.
     pub scene: String,
-    /// One of [`VARIANTS`].
+    /// One of the [`variants`].
     pub variant: &'static str,
     /// The view that was left out.
     pub view: String,
@@ -47,13 +55,17 @@ pub struct HeldOut {
     pub psnr_db: f64,
     /// Mean FLIP there.
     pub flip: f64,
+    /// Mean absolute difference there, levels of 255 (E12).
+    pub mad: f64,
+    /// The same near depth edges of the view, which is what the paper's crop shows (C28); NaN without any.
+    pub mad_at_edges: f64,
     /// Share of the photograph's pixels that this variant covers.
     pub covered: f64,
     /// Of the frame, by the clock, ms.
     pub frame_ms: f64,
-    /// From files to the cube, by the clock, ms.
+    /// From files to what frames are drawn from, by the clock, ms.
     pub build_ms: f64,
-    /// Of the cube, bytes.
+    /// Of that, bytes.
     pub bytes: u64,
 }
 
@@ -76,12 +88,17 @@ pub struct Shown {
     pub view: String,
     /// The photograph.
     pub photograph: RgbImage,
-    /// Of [`VARIANTS`]; magenta where nothing is known.
-    pub frames: [RgbImage; 3],
+    /// One for each of the [`variants`]; magenta where nothing is known.
+    pub frames: Vec<RgbImage>,
 }
 
-/// Ways to show a view: the nearest other one alone, the [`NEAR`] nearest, all.
-pub const VARIANTS: [&str; 3] = ["nearest", "near", "ldi"];
+/// Cubes that show a view: of the nearest other one alone, of the [`NEAR`] nearest, of all.
+const CUBES: [&str; 3] = ["nearest", "near", "ldi"];
+
+/// Ways to show a view: by cubes, and by view-dependent geometry.
+pub fn variants() -> impl Iterator<Item = &'static str> + Clone {
+    CUBES.into_iter().chain(Texturing::ALL.into_iter().map(|(name, _)| name))
+}
 
 /// Views that a cube is built of while one moves (S24).
 const NEAR: usize = 3;
@@ -92,6 +109,16 @@ const HOLE: [u8; 3] = [255, 0, 255];
 /// A pixel counts as covered from this share of 255 on.
 const COVERED: u8 = 128;
 
+/// How view-dependent geometry is made and drawn.
+pub struct Geometry {
+    /// Of frames; how they are textured does not count.
+    pub settings: GeometrySettings,
+    /// Of depth images.
+    pub samples: SampleGrid,
+    /// Bytes for pictures.
+    pub budget: usize,
+}
+
 /// Measures a set; `show` is given every view's frames. With `hold_out` 1 each view is left out alone, else every
 /// `hold_out`-th at once.
 ///
@@ -100,6 +127,7 @@ const COVERED: u8 = 128;
 pub fn measure(
     set: &ImageSet,
     job: &ImagesJob,
+    geometry: &Geometry,
     hold_out: usize,
     progress: &dyn Progress,
     show: &mut dyn FnMut(Shown),
@@ -113,8 +141,23 @@ pub fn measure(
         1 => (0..views.len()).map(|i| vec![i]).collect(),
         n => vec![(n / 2..views.len()).step_by(n).collect()],
     };
-    let mut bench = Bench { set, job, views: &views, progress, renderer: Renderer::new(), rows: Vec::new() };
+    let started = std::time::Instant::now();
+    let opened = ViewGeometry::open(set, &views, &geometry.samples, geometry.budget, progress)?;
+    let geometry_ms = started.elapsed().as_secs_f64() * 1e3;
+    let mut bench = Bench {
+        set,
+        job,
+        views: &views,
+        progress,
+        renderer: Renderer::new(),
+        geometry: opened,
+        geometry_ms,
+        settings: GeometrySettings { hole_color_srgb: HOLE, ..geometry.settings },
+        geometry_renderer: GeometryRenderer::new(),
+        rows: Vec::new(),
+    };
     for left_out in &rounds {
+        bench.geometry.leave_out(left_out);
         let kept: Vec<&View> = (0..views.len()).filter(|i| !left_out.contains(i)).map(|i| views[i]).collect();
         let all = bench.cube(job.centre, &kept)?;
         for &i in left_out {
@@ -130,6 +173,10 @@ struct Bench<'a> {
     views: &'a [&'a View],
     progress: &'a dyn Progress,
     renderer: Renderer,
+    geometry: ViewGeometry,
+    geometry_ms: f64,
+    settings: GeometrySettings,
+    geometry_renderer: GeometryRenderer,
     rows: Vec<HeldOut>,
 }
 
@@ -172,11 +219,16 @@ impl Bench<'_> {
         let Some(nearest) = near.first() else { return Ok(()) };
         let centre = nearest.color_pose().eye;
         let [alone, few] = [self.cube(centre, &near[..1])?, self.cube(centre, &near)?];
-        let drawn = [&alone, &few, all].map(|cube| self.draw(cube, &camera, gain));
+        let mut drawn: Vec<Drawn> =
+            [&alone, &few, all].into_iter().map(|cube| self.draw(cube, &camera, gain)).collect();
+        drawn.extend(Texturing::ALL.into_iter().map(|(_, texturing)| self.draw_geometry(texturing, &camera, gain)));
         let judged: Vec<bool> =
             (0..visible.len()).map(|p| visible[p] && drawn.iter().all(|drawn| drawn.covered[p])).collect();
-        for (variant, drawn) in VARIANTS.into_iter().zip(&drawn) {
+        let edges = near_edges(&held, &camera);
+        let at_edges: Vec<bool> = judged.iter().zip(&edges).map(|(judged, edge)| *judged && *edge).collect();
+        for (variant, drawn) in variants().zip(&drawn) {
             let (psnr_db, flip) = errors(&photograph, &drawn.picture, &judged);
+            let mad = |pixels: &[bool]| mean_difference(&photograph, &drawn.picture, pixels);
             let covered =
                 drawn.covered.iter().zip(&visible).filter(|(covered, visible)| **covered && **visible).count();
             self.rows.push(HeldOut {
@@ -185,13 +237,15 @@ impl Bench<'_> {
                 view: view.name.clone(),
                 psnr_db,
                 flip,
+                mad: mad(&judged),
+                mad_at_edges: mad(&at_edges),
                 covered: covered as f64 / visible.iter().filter(|visible| **visible).count().max(1) as f64,
                 frame_ms: drawn.frame_ms,
                 build_ms: drawn.build_ms,
                 bytes: drawn.bytes,
             });
         }
-        let frames = drawn.map(|drawn| drawn.picture);
+        let frames = drawn.into_iter().map(|drawn| drawn.picture).collect();
         show(Shown { view: view.name.clone(), photograph, frames });
         Ok(())
     }
@@ -213,12 +267,27 @@ impl Bench<'_> {
         views
     }
 
-    /// Draws a cube, each channel's levels times its gain.
+    /// Draws a cube.
     fn draw(&mut self, (cube, build_ms): &Built, camera: &Camera, gain: [f32; 3]) -> Drawn {
         let settings = RenderSettings { hole_color_srgb: HOLE, keep_holes: true, ..RenderSettings::default() };
         self.renderer.render(cube, camera, &settings);
         self.renderer.render(cube, camera, &settings);
         let (frame, stats) = self.renderer.render_with_stats(cube, camera, &settings);
+        Drawn::new(frame, gain, stats.frame_ms, *build_ms, cube.bytes())
+    }
+
+    /// Draws view-dependent geometry in a way.
+    fn draw_geometry(&mut self, texturing: Texturing, camera: &Camera, gain: [f32; 3]) -> Drawn {
+        let settings = GeometrySettings { texturing, ..self.settings };
+        self.geometry_renderer.render(&self.geometry, camera, &settings, Patience::Wait);
+        let (frame, stats) = self.geometry_renderer.render(&self.geometry, camera, &settings, Patience::Wait);
+        Drawn::new(frame, gain, stats.frame_ms, self.geometry_ms, self.geometry.bytes())
+    }
+}
+
+impl Drawn {
+    /// Of a frame, each channel's levels times its gain.
+    fn new(frame: &Frame, gain: [f32; 3], frame_ms: f64, build_ms: f64, bytes: usize) -> Self {
         let pixel = |x: u32, y: u32| {
             let color = frame.color[(y * frame.width + x) as usize];
             let exposed = |c: usize| (f32::from(color[c]) * gain[c] + 0.5).min(255.0) as u8;
@@ -228,12 +297,12 @@ impl Bench<'_> {
                 Rgb([0, 1, 2].map(exposed))
             }
         };
-        Drawn {
+        Self {
             picture: RgbImage::from_fn(frame.width, frame.height, pixel),
             covered: frame.coverage.iter().map(|coverage| coverage.splat_share() >= COVERED).collect(),
-            frame_ms: stats.frame_ms,
-            build_ms: *build_ms,
-            bytes: cube.bytes() as u64,
+            frame_ms,
+            build_ms,
+            bytes: bytes as u64,
         }
     }
 }
@@ -282,6 +351,40 @@ fn errors(photograph: &RgbImage, frame: &RgbImage, judged: &[bool]) -> (f64, f64
     (10.0 * (255.0f64.powi(2) / mean_square).log10(), flip)
 }
 
+/// Mean absolute difference over the pixels that are judged, levels of 255; NaN if there are none.
+fn mean_difference(photograph: &RgbImage, frame: &RgbImage, judged: &[bool]) -> f64 {
+    let pixels = photograph.pixels().zip(frame.pixels()).zip(judged).filter(|(_, judged)| **judged);
+    let (mut sum, mut count) = (0u64, 0u64);
+    for ((truth, test), _) in pixels {
+        sum += (0..3).map(|c| u64::from(truth[c].abs_diff(test[c]))).sum::<u64>();
+        count += 3;
+    }
+    sum as f64 / count as f64
+}
+
+/// Which of a camera's pixels lie near a depth edge of the view, or near where its depth ends.
+fn near_edges(view: &LoadedView, camera: &Camera) -> Vec<bool> {
+    /// Neighbours whose depths differ by more than this share belong to different surfaces.
+    const EDGE: f32 = 0.1;
+    /// Half of a window's side, pixels.
+    const NEAR_PX: usize = 6;
+    let [width, height] = view.size_px.map(|side| side as usize);
+    let depth = |x: usize, y: usize| view.depth.get(y * width + x).copied().unwrap_or(f32::NAN);
+    let parts = |a: f32, b: f32| (a - b).abs() > EDGE * a.min(b);
+    let mut near = vec![false; camera.width() as usize * camera.height() as usize];
+    for (x, y) in (0..height.saturating_sub(1)).flat_map(|y| (0..width.saturating_sub(1)).map(move |x| (x, y))) {
+        let here = depth(x, y);
+        if !(parts(here, depth(x + 1, y)) || parts(here, depth(x, y + 1))) {
+            continue;
+        }
+        let columns = x.saturating_sub(NEAR_PX)..(x + NEAR_PX + 1).min(width);
+        for row in y.saturating_sub(NEAR_PX)..(y + NEAR_PX + 1).min(height) {
+            near[row * width + columns.start..row * width + columns.end].fill(true);
+        }
+    }
+    near
+}
+
 impl ImagesReport {
     /// Some lines and a table.
     pub fn summary(&self) -> String {
@@ -290,12 +393,15 @@ impl ImagesReport {
         let mean = |variant: &'static str, value: fn(&HeldOut) -> f64| {
             Spread::of(&of(variant).map(value).collect::<Vec<_>>()).map_or(f64::NAN, |spread| spread.mean)
         };
-        let mut table = Table::new(["variant", "PSNR dB", "FLIP", "covered", "frame ms", "build ms", "MB"]);
-        for variant in VARIANTS {
+        let head = ["variant", "PSNR dB", "FLIP", "MAD", "MAD at edges", "covered", "frame ms", "build ms", "MB"];
+        let mut table = Table::new(head);
+        for variant in variants() {
             table.row([
                 variant.into(),
                 format!("{:.2}", psnr(variant)),
                 format!("{:.4}", mean(variant, |row| row.flip)),
+                format!("{:.2}", mean(variant, |row| row.mad)),
+                format!("{:.2}", mean(variant, |row| row.mad_at_edges)),
                 percent(mean(variant, |row| row.covered)),
                 figure(mean(variant, |row| row.frame_ms)),
                 figure(mean(variant, |row| row.build_ms)),

@@ -3,7 +3,7 @@
 use super::blocks::BlockIndex;
 use super::decode::INVERSE_DEPTH_CODE_MAX;
 use super::layout::{PackedCube, PackedDepthPixel, PackedSegment, SegmentSide, SplatIndexLayout};
-use super::planes::PlaneSet;
+use super::plane_set::PlaneSet;
 use super::splat_index::DepthCodeRange;
 use crate::ldi::{CubeLdi, DepthPixel, LayeredDepthImage, LdiError};
 

@@ -8,7 +8,8 @@
 //! and three sections are added: `planes` ([`Plane`]), `tiles` ([`PlaneTile`]), and `texels`: three bytes of colour for each
 //! texel of all tiles, then a byte of alpha for each texel of the tiles that are not opaque.
 
-use super::planes::{Plane, PlaneSet, PlaneTile};
+use super::plane_set::PlaneSet;
+use super::planes::{Plane, PlaneTile};
 use super::{BlockIndex, PackedCube, PackedSegment, SegmentSide, SplatIndexLayout, runs};
 use crate::capture::rig::Face;
 use crate::container::{Container, ContainerWriter, FileError, FileKind, Section};
@@ -192,10 +193,13 @@ fn segment_header(segment: &PackedSegment) -> SegmentHeader {
     }
 }
 
-fn read_environment(mut section: Section, size_px: u32) -> Result<Environment, FileError> {
+/// An environment from its section, checked.
+pub(crate) fn read_environment(mut section: Section, size_px: u32) -> Result<Environment, FileError> {
     let texels = section.array((size_px as usize).saturating_mul(size_px as usize).saturating_mul(6))?;
     section.end()?;
-    Ok(Environment { size_px, texels })
+    let environment = Environment { size_px, texels };
+    environment.validate().map_err(|error| section.damaged("an environment", error.to_string()))?;
+    Ok(environment)
 }
 
 /// The colours of all texels, then the alphas of those that may be open.

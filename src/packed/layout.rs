@@ -8,7 +8,7 @@
 //! ```
 
 use super::blocks::BlockIndex;
-use super::planes::PlaneSet;
+use super::plane_set::PlaneSet;
 use crate::capture::rig::Face;
 use crate::environment::Environment;
 use crate::ldi::CaptureInfo;

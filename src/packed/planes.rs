@@ -5,7 +5,6 @@
 //! direction through a pixel at depth 1, satisfy n . P = 1 if and only if q = n . d. So a plane that does not pass through the
 //! centre is one vector, the same for all faces, and q = 0 everywhere, the plane at infinity, is n = 0.
 
-use super::mips::LazyMips;
 use crate::capture::rig::Face;
 use glam::{DVec3, Vec3};
 
@@ -73,36 +72,6 @@ impl PlaneTile {
     /// Number of texels.
     pub fn texel_count(&self) -> usize {
         usize::from(self.width) * usize::from(self.height)
-    }
-}
-
-/// All pictures on planes of a cube.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct PlaneSet {
-    /// What each is within, in pixels of the frame that `primitives::Bound` names; 0 if there are none.
-    pub error_px: f64,
-    /// The planes.
-    pub planes: Vec<Plane>,
-    /// Pictures, ordered by plane, face and place.
-    pub tiles: Vec<PlaneTile>,
-    /// Rows from top to bottom: sRGB times alpha, and alpha, so that a mean of texels does not darken toward those that are open.
-    pub texels: Vec<[u8; 4]>,
-    /// Samples that the pictures stand for.
-    pub samples: u64,
-    /// Smaller pictures, made from the others when frames need them.
-    pub mips: LazyMips,
-}
-
-impl PlaneSet {
-    /// A texel of a straight colour.
-    pub fn covered([r, g, b, alpha]: [u8; 4]) -> [u8; 4] {
-        let times = |c: u8| ((u32::from(c) * u32::from(alpha) + 127) / 255) as u8;
-        [times(r), times(g), times(b), alpha]
-    }
-
-    /// Bytes in memory.
-    pub fn bytes(&self) -> usize {
-        size_of_val(&self.planes[..]) + size_of_val(&self.tiles[..]) + size_of_val(&self.texels[..])
     }
 }
 

@@ -38,6 +38,8 @@ const AHEAD_M: f64 = 1.2;
 /// A portal whose lower edge is at most this high above the floor, and that is at least as high as a child, is a door.
 const SILL_M: f64 = 0.3;
 const DOOR_HEIGHT_M: f64 = 1.5;
+/// And at least as wide as one.
+const DOOR_WIDTH_M: f64 = 0.3;
 
 impl WalkPath {
     /// The cameras, equally spaced along a walk that enters every cell which doors join to the first (the outside only if it
@@ -46,7 +48,7 @@ impl WalkPath {
     /// # Errors
     /// If size or field of view are no camera's.
     pub fn cameras(&self, house: &House) -> Result<Vec<Camera>, CameraError> {
-        let line = self.line(house.plan());
+        let (line, _) = self.line(house.plan());
         let Some(first) = line.first() else { return Ok(Vec::new()) };
         let mut lengths = vec![0.0];
         for pair in line.windows(2) {
@@ -80,15 +82,37 @@ impl WalkPath {
         (0..self.poses).map(pose).collect()
     }
 
-    /// Corners of the walk, world metres: a depth-first tour of the rooms and back.
-    fn line(&self, plan: &PortalModel) -> Vec<DVec3> {
-        let count = plan.cells.len() as u32;
-        let rooms: Vec<u32> = (0..count).filter(|&cell| self.standing_point(plan, cell).is_some()).collect();
-        let Some(&start) = rooms.get(self.random(0) as usize % rooms.len().max(1)) else { return Vec::new() };
-        let mut line = Vec::new();
-        let mut visited = vec![false; count as usize];
-        self.tour(plan, start, &mut visited, &mut line);
-        line
+    /// Names of the rooms that the walk does not enter: no door leads there from where it begins, or there is nowhere to
+    /// stand in them.
+    pub fn unvisited<'a>(&self, house: &'a House) -> Vec<&'a str> {
+        let plan = house.plan();
+        let (_, visited) = self.line(plan);
+        let cells = (0_u32..).zip(&plan.cells).filter(|(cell, _)| plan.outside != Some(*cell));
+        cells.filter(|(cell, _)| !visited[*cell as usize]).map(|(_, it)| it.name.as_str()).collect()
+    }
+
+    /// Corners of the walk, world metres: a depth-first tour of the rooms and back; and which cells it enters. It begins where
+    /// the most rooms can be entered.
+    fn line(&self, plan: &PortalModel) -> (Vec<DVec3>, Vec<bool>) {
+        let count = plan.cells.len();
+        let rooms: Vec<u32> = (0..count as u32).filter(|&cell| self.standing_point(plan, cell).is_some()).collect();
+        let begin = self.random(0) as usize % rooms.len().max(1);
+        let mut best = (Vec::new(), vec![false; count]);
+        let entered = |visited: &[bool]| visited.iter().filter(|v| **v).count();
+        let mut seen = vec![false; count];
+        for &start in rooms[begin..].iter().chain(&rooms[..begin]) {
+            // What another walk entered it would begin in itself.
+            if seen[start as usize] {
+                continue;
+            }
+            let mut walk = (Vec::new(), vec![false; count]);
+            self.tour(plan, start, &mut walk.1, &mut walk.0);
+            seen.iter_mut().zip(&walk.1).for_each(|(seen, entered)| *seen |= entered);
+            if entered(&walk.1) > entered(&best.1) {
+                best = walk;
+            }
+        }
+        best
     }
 
     fn random(&self, stream: u32) -> u32 {
@@ -137,7 +161,8 @@ impl WalkPath {
         let opening = Opening::new(portal, side)?;
         let floor = plan.cells.get(from as usize)?.space.iter().map(|p| p.floor_y).fold(f64::INFINITY, f64::min);
         let sill = opening.centre.y - opening.half.y;
-        if sill > floor + SILL_M || 2.0 * opening.half.y < DOOR_HEIGHT_M {
+        let too_small = 2.0 * opening.half.y < DOOR_HEIGHT_M || 2.0 * opening.half.x < DOOR_WIDTH_M;
+        if sill > floor + SILL_M || too_small {
             return None;
         }
         let top = opening.centre.y + opening.half.y - 0.1;

@@ -40,7 +40,6 @@ impl SrgbTable {
     }
 
     /// The nearest 8-bit sRGB value of linear light; values outside 0..1 are clamped, NaN becomes 0.
-    #[cfg(any(test, feature = "cli"))]
     #[inline(always)]
     pub(super) fn encode(&self, linear: f32) -> u8 {
         // NaN becomes the first entry's value, whose level is 0.
@@ -73,7 +72,6 @@ impl SrgbTable {
 }
 
 /// The same bytes as [`srgb8_from_linear`], by the table.
-#[cfg(feature = "cli")]
 #[inline]
 pub(crate) fn encode_srgb(linear: f32) -> u8 {
     SrgbTable::get().encode(linear)

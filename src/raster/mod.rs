@@ -25,7 +25,6 @@ mod shade;
 mod view;
 mod weights;
 
-#[cfg(feature = "cli")]
 pub(crate) use encode::encode_srgb;
 pub use mesh::RasterMesh;
 

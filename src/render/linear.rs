@@ -10,22 +10,29 @@ use std::sync::LazyLock;
 /// The two transfer curves as tables, 12 bits for linear light.
 pub(crate) struct LinearLight {
     linear: [u16; 256],
-    srgb: [u8; LINEAR_MAX as usize + 1],
+    srgb: [u8; LinearLight::MAX as usize + 1],
 }
-
-const LINEAR_MAX: u16 = 4095;
 
 static RECIPROCALS: [u64; 256] = splat::reciprocals();
 
 static TABLES: LazyLock<LinearLight> = LazyLock::new(|| LinearLight {
-    linear: std::array::from_fn(|c| (linear_from_srgb8(c as u8) * f32::from(LINEAR_MAX) + 0.5) as u16),
-    srgb: std::array::from_fn(|v| srgb8_from_linear(v as f32 / f32::from(LINEAR_MAX))),
+    linear: std::array::from_fn(|c| (linear_from_srgb8(c as u8) * f32::from(LinearLight::MAX) + 0.5) as u16),
+    srgb: std::array::from_fn(|v| srgb8_from_linear(v as f32 / f32::from(LinearLight::MAX))),
 });
 
 impl LinearLight {
+    /// Linear light of white.
+    pub(crate) const MAX: u16 = 4095;
+
     /// The tables.
     pub(crate) fn tables() -> &'static Self {
         &TABLES
+    }
+
+    /// The sRGB value of linear light up to [`Self::MAX`]; of more, that of white.
+    #[inline(always)]
+    pub(crate) fn srgb(&self, linear: u32) -> u8 {
+        self.srgb[(linear as usize).min(usize::from(Self::MAX))]
     }
 
     /// The mean of two colours with integer weights, whose sum is 1 to 255.
@@ -37,7 +44,7 @@ impl LinearLight {
         let mean = |a: u8, b: u8| {
             let sum = u64::from(linear(a) * of_a + linear(b) * of_b + total / 2);
             // sum / total, as sum is below 2^21.
-            self.srgb[((sum * reciprocal) >> 32) as usize & usize::from(LINEAR_MAX)]
+            self.srgb[((sum * reciprocal) >> 32) as usize & usize::from(Self::MAX)]
         };
         [mean(a[0], b[0]), mean(a[1], b[1]), mean(a[2], b[2])]
     }

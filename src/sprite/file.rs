@@ -9,7 +9,7 @@ use super::displacement::Values;
 use super::{Displacement, DisplacementFormat, Plane, Sprite, SpriteError, SpriteInfo, SpriteSet, SpriteWithDepth};
 use crate::capture::{Camera, CameraError};
 use crate::container::{Container, ContainerWriter, FileError, FileKind, Section};
-use crate::environment::Environment;
+use crate::packed::file::read_environment;
 use glam::{DMat3, DVec3};
 use image::RgbaImage;
 use serde::{Deserialize, Serialize};
@@ -91,14 +91,6 @@ impl SpriteSet {
         (set.info, set.environment) = (info, environment);
         Ok(set)
     }
-}
-
-fn read_environment(mut section: Section, size_px: u32) -> Result<Environment, FileError> {
-    let texels = section.array((size_px as usize).saturating_mul(size_px as usize).saturating_mul(6))?;
-    section.end()?;
-    let environment = Environment { size_px, texels };
-    environment.validate().map_err(|error| section.damaged("an environment", error.to_string()))?;
-    Ok(environment)
 }
 
 impl SpriteWithDepth {

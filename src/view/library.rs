@@ -1,18 +1,23 @@
 //! Which source opens what; the start page.
 
 use super::cube::CubeSource;
+use super::file_name::file_name;
+use super::geometry::GeometrySource;
 use super::house::HouseSource;
+use super::lumigraph::LumigraphSource;
 use super::sprite::SpriteSource;
 use crate::capture::Camera;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
 use crate::capture::viewpoint::{place_headbox, suggest_view};
 use crate::container::FileError;
+use crate::lumigraph::Lumigraph;
 use crate::packed::PackedCube;
 use crate::portal::file::HouseFileError;
 use crate::progress::Silent;
 use crate::scene_source::SceneSource;
 use crate::sprite::SpriteSet;
+use crate::view_geometry::{GeometrySettings, ViewGeometry};
 use crate::{scenes, truth};
 use glam::DVec3;
 use headbox_viewer::{Entry, FrameSource, Library, Thumbnail};
@@ -27,7 +32,7 @@ const SCENES: [&str; 3] = ["obj", "gltf", "glb"];
 pub enum OpenError {
     /// It is no file of a kind that can be shown.
     #[error(
-        "{name}: only cube LDIs (.ldi), sprites (.sprite), houses (.house), scenes (.obj, .gltf, .glb) and builtin:NAME can \
+        "{name}: only cube LDIs (.ldi), sprites (.sprite), lumigraphs (.lumi), houses (.house), scenes (.obj, .gltf, .glb) and builtin:NAME can \
          be shown"
     )]
     Kind {
@@ -79,6 +84,7 @@ pub fn open_source(source: SceneSource, output_dir: &Path) -> Result<Box<dyn Fra
             let source = SpriteSource::new(SpriteSet::read(path)?, path);
             Box::new(source.ok_or_else(|| OpenError::NoSprites { path: path.into() })?)
         }
+        Some("lumi") => Box::new(LumigraphSource::new(Lumigraph::read(path)?, path)),
         Some("house") => Box::new(HouseSource::read(path)?),
         Some(extension) if SCENES.contains(&extension) => Box::new(capture(source, output_dir)?),
         _ => return Err(OpenError::Kind { name: name.to_owned() }),
@@ -89,6 +95,17 @@ pub fn open_source(source: SceneSource, output_dir: &Path) -> Result<Box<dyn Fra
 /// A cube LDI that was made from `origin`.
 pub fn show_cube(cube: PackedCube, origin: &Path) -> Box<dyn FrameSource> {
     Box::new(CubeSource::from_file(cube, origin))
+}
+
+/// View-dependent geometry of the folder `origin`, from where `start` stands.
+pub fn show_geometry(
+    geometry: ViewGeometry,
+    origin: &Path,
+    start: &Camera,
+    initial: GeometrySettings,
+) -> Box<dyn FrameSource> {
+    let title = format!("{} (images)", file_name(origin));
+    Box::new(GeometrySource::new(title, geometry, start, initial))
 }
 
 fn capture(source: SceneSource, output_dir: &Path) -> Result<CubeSource, OpenError> {
@@ -138,7 +155,7 @@ impl Library for SceneLibrary {
     }
 
     fn extensions(&self) -> Vec<String> {
-        ["ldi", "sprite", "house"].into_iter().chain(SCENES).map(str::to_owned).collect()
+        ["ldi", "sprite", "lumi", "house"].into_iter().chain(SCENES).map(str::to_owned).collect()
     }
 
     fn open_entry(&mut self, id: &str) -> Result<Box<dyn FrameSource>, String> {
@@ -162,6 +179,7 @@ mod tests {
         assert!(message("notes.txt").contains("notes.txt: only"), "{}", message("notes.txt"));
         assert!(message("no/such.ldi").contains("no/such.ldi"));
         assert!(message("no/such.sprite").contains("no/such.sprite"));
+        assert!(message("no/such.lumi").contains("no/such.lumi"));
         assert!(message("no/such.house").contains("no/such.house"));
         assert!(message("no/such.obj").contains("no/such.obj"));
         assert!(message("builtin:nonsense").contains("nonsense"));

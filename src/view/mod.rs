@@ -10,7 +10,9 @@
 //! | `variation` | the LDI with some of its segments, or recoloured by depth, layer, face, segment |
 //! | `overlay` | what is painted instead of colours |
 //! | `effort` | overlays of how a frame was made: footprints, overdraw, clipping |
+//! | `geometry` | a folder of images, drawn without a model |
 //! | `house` | a house, walked; its backdrops are built in the background |
+//! | `lumigraph` | a lumigraph; its overlays |
 //! | `sprite` | a set of sprites with depth |
 //! | `background` | thread pools: of low priority for work nobody waits for, of fewer threads for frames |
 
@@ -18,9 +20,11 @@ mod background;
 mod cube;
 mod effort;
 mod file_name;
+mod geometry;
 mod growth;
 mod house;
 mod library;
+mod lumigraph;
 mod overlay;
 mod reference;
 mod sprite;
@@ -28,7 +32,7 @@ mod sprite;
 mod tests;
 mod variation;
 
-pub use library::{OpenError, SceneLibrary, open, open_source, show_cube};
+pub use library::{OpenError, SceneLibrary, open, open_source, show_cube, show_geometry};
 
 use crate::capture::simd;
 use headbox_viewer::Fact;

@@ -1,16 +1,20 @@
 //! Files of each kind through the sources, without a window.
 
-use super::open;
+use super::{open, show_geometry};
 use crate::capture::Camera;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
+use crate::lumigraph::{CameraGrid, GridParts, LumigraphCapture, Placement};
 use crate::portal::backdrop::BackdropQuality;
 use crate::portal::house::House;
 use crate::portal::store::Store;
 use crate::portal::variant::Variant;
 use crate::portal::walk_path::WalkPath;
+use crate::progress::Silent;
 use crate::scene_source::SceneSource;
 use crate::sprite::{DisplacementFormat, SlabCapture, SpriteSet, capture_slabs, slabs_at_gaps};
+use crate::view_geometry::tests::{frame_at, opened, plane_view};
+use crate::view_geometry::{GeometrySettings, SampleGrid};
 use glam::DVec3;
 use headbox_viewer::{Control, FrameReport, FrameRequest, FrameSource, Navigation, Pose, Refinement, SettingValues};
 use std::path::Path;
@@ -110,7 +114,7 @@ fn write_sprites(file: &Path) {
     let slabs = slabs_at_gaps(&tracer, &camera, 4);
     let format = DisplacementFormat::I16;
     let capture = SlabCapture { tracer: &tracer, lighting: &lighting, lit: false, samples: 4, format };
-    let sprites = capture_slabs(&capture, &camera, &slabs, &crate::progress::Silent).unwrap();
+    let sprites = capture_slabs(&capture, &camera, &slabs, &Silent).unwrap();
     SpriteSet::new(sprites).write(file).unwrap();
 }
 
@@ -233,10 +237,69 @@ fn every_way_to_draw_a_house_shows_backdrops_once_they_are_built() {
 }
 
 #[test]
+fn a_lumigraph_starts_where_its_cameras_look_and_tells_its_layers() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("a.lumi");
+    let scene = Arc::new(SceneSource::new("builtin:bump").open().unwrap());
+    let origin = scene.headbox.unwrap().centre;
+    let tracer = Tracer::new(scene, origin);
+    let lighting = Lighting::measure(&tracer, 0);
+    let parts = GridParts {
+        origin,
+        world_from_eye: glam::DMat3::IDENTITY,
+        columns: CameraGrid::evenly(3, 1.0),
+        rows: CameraGrid::evenly(3, 1.0),
+        focal_px: 60.0,
+        size_px: [64, 64],
+        convergence: 0.3,
+    };
+    let capture = LumigraphCapture { tracer: &tracer, lighting: &lighting, lit: false, samples: 2 };
+    let raw = capture.run(&CameraGrid::new(parts).unwrap(), &Silent).unwrap();
+    raw.layered(100, Placement::Uniform).unwrap().write(&file).unwrap();
+    let mut source = open(file.to_str().unwrap(), dir.path()).unwrap();
+    let start = source.start_pose();
+    assert!(start.eye == origin && start.forward().distance(DVec3::NEG_Z) < 1e-9 && source.speed_m_per_s() >= 1.0);
+    let (colors, report) = render(&mut *source, start, &[]);
+    let layers = |report: &FrameReport| figure(report, "layers after merging").unwrap();
+    assert!(layers(&report) < 30.0 && figure(&report, "pixels covered") == Some(100.0));
+    let (unmerged, all) = render(&mut *source, start, &[("merge", "0")]);
+    assert!(layers(&all) > 60.0 && unmerged != colors, "{}", layers(&all));
+    assert!(render(&mut *source, start, &[("skip", "off")]).0 == colors);
+    let mut seen = vec![colors];
+    for overlay in ["layer", "merged layers", "camera"] {
+        let (pixels, _) = render(&mut *source, start, &[("overlay", overlay)]);
+        assert!(!seen.contains(&pixels), "{overlay}");
+        seen.push(pixels);
+    }
+}
+
+#[test]
 fn a_file_that_is_no_house_is_refused_in_one_sentence() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("damaged.house");
     std::fs::write(&file, "not a house").unwrap();
     let message = open(file.to_str().unwrap(), dir.path()).err().unwrap().to_string();
     assert!(message.contains("damaged.house") && !message.contains('\n'), "{message}");
+}
+
+#[test]
+fn a_folder_of_images_is_walked_through() {
+    let eyes = [DVec3::ZERO, DVec3::X * 0.2, DVec3::Y * 0.2];
+    let views = eyes.map(|eye| plane_view(eye, 3.0, [96, 64]));
+    let (folder, geometry) = opened(&views, &SampleGrid::default());
+    let start = frame_at(DVec3::new(0.05, 0.05, 0.0), [96, 64]);
+    let mut source = show_geometry(geometry, folder.path(), &start, GeometrySettings::default());
+    assert!(source.title().ends_with("(images)"));
+    let pose = source.start_pose();
+    let (blended, report) = render(&mut *source, pose, &[]);
+    assert_eq!((report.refinement, figure(&report, "cameras used")), (Refinement::Done, Some(3.0)));
+    assert!(blended.iter().all(|pixel| pixel[3] == 255));
+    assert!(blended != render(&mut *source, pose, &[("texturing", "geometry-nearest")]).0, "what textures counts");
+    let (_, one) = render(&mut *source, pose, &[("cameras", "1")]);
+    assert_eq!(figure(&one, "cameras used"), Some(1.0));
+    let (holes, marked) = render(&mut *source, pose, &[("overlay", "holes")]);
+    assert!(holes != blended && !marked.legend.is_empty());
+    let away = Pose::looking_at(pose.eye, pose.eye + DVec3::Z, 60.0);
+    let (_, report) = render(&mut *source, away, &[]);
+    assert!(report.facts.iter().any(|fact| fact.text.contains("none of the 3 cameras")), "{:?}", report.facts);
 }

@@ -187,6 +187,27 @@ fn threads_bands_and_levels_change_no_bit() {
     assert_eq!(*pool.install(|| Renderer::new().render(&cube, &camera, &settings).clone()).color, *reference.color);
 }
 
+/// Frames whose smaller pictures are made on the way; the seconds are those in which even a machine with much to do draws them.
+const FRESH_FRAMES: usize = 600;
+const FRESH_SECONDS: u64 = 240;
+
+#[test]
+fn tasks_that_need_the_same_smaller_pictures_do_not_wait_for_each_other() {
+    let cube = mixed(&quick(&room(6.0), FACE_PX), 0.5);
+    let camera = |size| Camera::look_at(dvec3(0.2, 0.1, -0.3), dvec3(1.0, -0.4, -3.0), DVec3::Y, 75.0, size);
+    let camera = camera([48, 36]).expect("valid");
+    let settings = RenderSettings { band_rows: 1, ..RenderSettings::default() };
+    let (done, all_done) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(8).build().expect("threads");
+        let frames = || Renderer::new().render(&cube.clone(), &camera, &settings).color.clone();
+        let reference = pool.install(frames);
+        done.send((0..FRESH_FRAMES).all(|_| pool.install(frames) == reference))
+    });
+    let same = all_done.recv_timeout(std::time::Duration::from_secs(FRESH_SECONDS));
+    assert_eq!(same, Ok(true), "each frame is drawn, and is the same");
+}
+
 #[test]
 fn depths_are_those_of_the_scene() {
     let scene = room(6.0);

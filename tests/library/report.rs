@@ -85,8 +85,18 @@ fn two_runs_agree_on_errors_to_the_last_digit() {
 fn every_group_has_one_baseline_and_rows_that_make_sense() {
     let report = &*REPORT;
     let groups = report.groups("builtin:bump");
-    for expected in ["representation", "footprints", CLIPPING, "threads", "near/far split", "sampler", "rays", "layers"]
-    {
+    let expected = [
+        "representation",
+        "footprints",
+        CLIPPING,
+        "threads",
+        "near/far split",
+        "primitives",
+        "sampler",
+        "rays",
+        "layers",
+    ];
+    for expected in expected {
         assert!(groups.contains(&expected), "{expected}: {groups:?}");
     }
     for group in groups {
@@ -107,6 +117,9 @@ fn every_group_has_one_baseline_and_rows_that_make_sense() {
         find("layers", "the nearest of each pixel (a depth image a face)").depth_pixels
             <= find("layers", "all").depth_pixels
     );
+    let (samples, planes) = (find("primitives", "samples alone"), find("primitives", "planes within 0.5 px"));
+    assert!(planes.depth_pixels <= samples.depth_pixels && planes.bytes <= samples.bytes, "{planes:?}");
+    assert_eq!(planes.flip, find("representation", "LDI, what is flat on planes").flip, "one measurement, two groups");
     let warp = report.group("builtin:bump", "incremental warp (single pixels, 1 thread)");
     // Where rounding moves a pixel over a border it shows its neighbour: few pixels of 24x18.
     assert!(warp.into_iter().all(|row| row.psnr_to_baseline_db > 25.0));

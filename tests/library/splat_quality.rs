@@ -24,7 +24,7 @@ const RATIOS: [f64; 4] = [0.5, 1.3, 2.0, 3.0];
 /// size, from the centre at f2/f1 = 1.3: found 1.0 and 1.1 dB, plus 0.3 dB.
 const BELOW_CUBE_MAP_DB: [f64; 2] = [1.3, 1.4];
 
-/// By how many dB the PSNR may fall from the centre to eyes anywhere in the headbox (issue: 1.5).
+/// By how many dB the PSNR may fall from the centre to eyes anywhere in the headbox.
 const OFF_CENTRE_DB: f64 = 1.5;
 
 /// What packing depth pixels into 8 bytes, with all 11 bits for the normal, may cost at any of the ratios: found 0.06 dB.

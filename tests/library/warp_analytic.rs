@@ -102,7 +102,7 @@ fn a_slanted_plane_warps_to_its_homography() {
     }
 }
 
-/// The project's promise for eyes anywhere in the headbox (issue: holes at most 0.1 %).
+/// The project's promise for eyes anywhere in the headbox.
 const HOLE_SHARE: f64 = 0.001;
 
 #[test]

@@ -15,6 +15,7 @@ use headbox::ldi::build;
 use headbox::ldi::job::CaptureJob;
 use headbox::ldi::parameters::{CaptureParameters, Resources};
 use headbox::ldi::shard::{self, ShardInfo};
+use headbox::lumigraph::{CameraGrid, GridParts, Lumigraph, LumigraphCapture, LumigraphRenderer, Placement};
 use headbox::measure::report::figures::figures;
 use headbox::measure::report::row::Report;
 use headbox::measure::report::{results, summary};
@@ -120,6 +121,15 @@ fn read_sprite(path: &Path) -> bool {
     true
 }
 
+fn read_lumigraph(path: &Path) -> bool {
+    let Ok(lumigraph) = Lumigraph::read(path) else { return false };
+    let mut renderer = LumigraphRenderer::new();
+    for eye in [DVec3::ZERO, DVec3::new(0.3, 0.1, 3.2)] {
+        renderer.render(&lumigraph, &camera(eye, DVec3::NEG_Z), &Default::default());
+    }
+    true
+}
+
 fn read_path(path: &Path) -> bool {
     path::read(path, &FileFrame::default()).is_ok()
 }
@@ -163,6 +173,30 @@ fn shard_files() {
 fn sprite_files() {
     let originals = [DisplacementFormat::I8, DisplacementFormat::F32].map(sprite_bytes);
     try_mutations("a.sprite", &originals, true, read_sprite);
+}
+
+fn lumigraph_bytes(layers: usize) -> Vec<u8> {
+    let tracer = tracer();
+    let lighting = Lighting::of_scene(&tracer, 0);
+    let parts = GridParts {
+        origin: job().centre,
+        world_from_eye: glam::DMat3::IDENTITY,
+        columns: vec![-0.2, 0.0, 0.1],
+        rows: vec![0.0, 0.3],
+        focal_px: 9.0,
+        size_px: [11, 7],
+        convergence: 0.3,
+    };
+    let grid = CameraGrid::new(parts).expect("a grid");
+    let capture = LumigraphCapture { tracer: &tracer, lighting: &lighting, lit: false, samples: 1 };
+    let raw = capture.run(&grid, &Silent).expect("captured");
+    let lumigraph = raw.layered(layers, Placement::Histogram).expect("layered");
+    bytes_of(|path| lumigraph.write(path).expect("written"))
+}
+
+#[test]
+fn lumigraph_files() {
+    try_mutations("a.lumi", &[5, 60_000].map(lumigraph_bytes), true, read_lumigraph);
 }
 
 #[test]

@@ -22,24 +22,28 @@ pub struct Watched;
 
 // SAFETY: every call goes to the system's allocator unchanged; an atomic number is all that is added.
 unsafe impl GlobalAlloc for Watched {
+    // SAFETY: as the trait asks; the size is noted, and the call handed on unchanged.
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
         // SAFETY: the caller keeps the contract of `alloc`, which is the system's.
         unsafe { System.alloc(layout) }
     }
 
+    // SAFETY: as the trait asks; the size is noted, and the call handed on unchanged.
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
         // SAFETY: as above.
         unsafe { System.alloc_zeroed(layout) }
     }
 
+    // SAFETY: as the trait asks; the size is noted, and the call handed on unchanged.
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         LARGEST.fetch_max(size, Ordering::Relaxed);
         // SAFETY: as above.
         unsafe { System.realloc(pointer, layout, size) }
     }
 
+    // SAFETY: as the trait asks; the call is handed on unchanged.
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
         // SAFETY: as above.
         unsafe { System.dealloc(pointer, layout) }

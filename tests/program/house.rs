@@ -89,11 +89,16 @@ cells = ["above", "garden"]
 polygon = [[1, 3.6, 3], [2, 3.6, 3], [2, 4.6, 3], [1, 4.6, 3]]
 "#;
 
+/// What [`STOREYS`] is made of: a box with a floor between its storeys.
+const HUT: &str = "v 0 0 0\nv 4 0 0\nv 4 0 3\nv 0 0 3\nv 0 2.6 0\nv 4 2.6 0\nv 4 2.6 3\nv 0 2.6 3\n\
+                   v 0 5 0\nv 4 5 0\nv 4 5 3\nv 0 5 3\n\
+                   f 1 2 3 4\nf 5 6 7 8\nf 9 10 11 12\nf 1 2 10 9\nf 2 3 11 10\nf 3 4 12 11\nf 4 1 9 12\n";
+
 #[test]
 fn each_storey_has_a_plan() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("hut.toml"), STOREYS).unwrap();
-    std::fs::write(dir.path().join("hut.obj"), "v 0 0 0\nv 4 0 0\nv 0 0 3\nf 1 2 3\n").unwrap();
+    std::fs::write(dir.path().join("hut.obj"), HUT).unwrap();
     let output = headbox(dir.path(), &["house", "hut.toml", "--rays", "0", "--json", "--plan", "plan.svg"]);
     let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(json["plans"], serde_json::json!(["plan.svg", "plan_2.svg"]));
@@ -108,7 +113,7 @@ fn each_storey_has_a_plan() {
 #[test]
 fn what_is_wrong_with_a_model_is_told_and_what_is_done_instead() {
     let dir = tempfile::tempdir().unwrap();
-    std::fs::write(dir.path().join("hut.obj"), "v 0 0 0\nv 4 0 0\nv 0 0 3\nf 1 2 3\n").unwrap();
+    std::fs::write(dir.path().join("hut.obj"), HUT).unwrap();
     let says = |name: &str, model: &str| {
         std::fs::write(dir.path().join("hut.toml"), model).unwrap();
         let output = headbox(dir.path(), &["house", "hut.toml", "--rays", "100"]);

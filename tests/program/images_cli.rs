@@ -77,7 +77,39 @@ fn a_folder_of_images_is_captured_rendered_told_of_and_measured() {
     assert!(pictures[0] == pictures[1], "a folder and its capture look the same");
     let (summary, _) = succeeds(dir.path(), &["report", "room", "--hold-out", "4", "-o", "out"]);
     assert!(["| nearest |", "| near |", "| ldi |"].iter().all(|row| summary.contains(row)), "{summary}");
+    let rows = ["nearest", "single", "multi", "blended", "averaged"].map(|name| format!("| geometry-{name} |"));
+    assert!(rows.iter().all(|row| summary.contains(row)), "{summary}");
     assert!(dir.path().join("out/report.json").is_file());
+}
+
+#[test]
+fn a_folder_of_images_is_drawn_by_view_dependent_geometry() {
+    let dir = tempfile::tempdir().unwrap();
+    room(dir.path(), DEPTH_FOCAL);
+    let render = |output: &str, more: &[&str]| {
+        let base = ["render", "room", "-o", output, "--size", "96x72", "--fov", "40"];
+        headbox(dir.path(), &[base.as_slice(), more].concat())
+    };
+    for variant in ["geometry-nearest", "geometry-single", "geometry-multi", "geometry-blended", "geometry-averaged"] {
+        let drawn = render("g.png", &["--variant", variant, "--grid", "3", "--cameras", "4", "--json"]);
+        let stats: serde_json::Value = serde_json::from_slice(&drawn.stdout).unwrap();
+        assert_eq!(stats["variant"], variant);
+        assert!(stats["hole_fraction"].as_f64().unwrap() < 0.3, "{variant}: {stats}");
+    }
+    // The views look along +Z in their file's axes.
+    let away = render("away.png", &["--variant", "geometry-blended", "--eye", "0,0,0", "--look-at", "0,0,-1"]);
+    let said = String::from_utf8(away.stderr).unwrap();
+    assert!(away.status.success() && said.contains("none of the 8 cameras") && said.contains("empty"), "{said}");
+    for (wrong, expected) in [
+        (vec!["--cameras", "3"], "--variant geometry-blended"),
+        (vec!["--variant", "geometry-blended", "--keep-holes"], "--keep-holes"),
+        (vec!["--variant", "geometry-other"], "geometry-averaged"),
+    ] {
+        let refused = render("no.png", &wrong);
+        let said = String::from_utf8(refused.stderr).unwrap();
+        assert!(refused.status.code() == Some(2) && said.contains(expected), "{wrong:?}: {said}");
+        assert!(!dir.path().join("no.png").exists());
+    }
 }
 
 #[test]

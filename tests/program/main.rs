@@ -3,6 +3,7 @@
 mod cli;
 mod house;
 mod images_cli;
+mod lumigraph_cli;
 mod portal_cli;
 mod sprite_cli;
 mod words;

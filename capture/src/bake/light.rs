@@ -2,6 +2,7 @@
 
 use super::{BakeOptions, Progress};
 use crate::light::{LightSample, Lighting, LitPoint, luminance};
+use crate::portal_model::Side;
 use crate::sampler::{random4, unit_float};
 use crate::scene::{Scene, Triangle};
 use crate::trace::Tracer;
@@ -24,6 +25,8 @@ pub(super) struct VertexLight<'a> {
     pub(super) tracer: &'a Tracer,
     pub(super) lighting: &'a Lighting,
     pub(super) options: &'a BakeOptions,
+    /// Of triangles of the source scene, the side that is seen; of those beyond its end, any.
+    pub(super) sides: &'a [Side],
 }
 
 /// Vertices with one normal each, and the triangles around each.
@@ -79,9 +82,18 @@ impl VertexLight<'_> {
         }
     }
 
-    /// Light on the brighter side of a vertex.
+    /// Light on the side of a vertex that is seen, else on the brighter one.
     fn light(&self, scene: &Scene, sources: &[u32], corners: &Corners, vertex: usize) -> Light {
         let at = |side: f32, samples: u32| self.light_of_side(scene, sources, corners, vertex, side, samples);
+        let around = &corners.around[corners.first[vertex] as usize..corners.first[vertex + 1] as usize];
+        let seen = around.iter().find_map(|&(triangle, _)| match self.sides.get(sources[triangle as usize] as usize) {
+            Some(Side::Front) => Some(1.0),
+            Some(Side::Back) => Some(-1.0),
+            Some(Side::Any) | None => None,
+        });
+        if let Some(side) = seen {
+            return at(side, self.options.samples.max(1));
+        }
         let [front, back] = [1.0, -1.0].map(|side| at(side, SIDE_SAMPLES));
         let level = |light: &Light| luminance((light.sun + light.soft).to_array());
         at(if level(&back) > level(&front) { -1.0 } else { 1.0 }, self.options.samples.max(1))

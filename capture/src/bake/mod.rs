@@ -9,13 +9,14 @@
 //!
 //! Geometry, images and truth of one baked scene therefore agree by construction. What is lost against the unbaked one
 //! is light between vertices (the shorter the edges, the less) and the difference between the two sides of a thin
-//! surface: each vertex has the light of the brighter side, so that the winding of a file does not matter.
+//! surface: each vertex has the light of the side that its room sees, or else of the brighter one, so that the winding of a file does
+//! not matter.
 
 mod light;
 mod subdivide;
 
 use crate::light::Lighting;
-use crate::portal_model::PortalModel;
+use crate::portal_model::{PortalModel, Side};
 use crate::scene::{Scene, Sky};
 use crate::trace::Tracer;
 use light::VertexLight;
@@ -66,12 +67,17 @@ pub type Progress<'a> = dyn Fn(usize, usize) -> ControlFlow<()> + Sync + 'a;
 
 /// Bakes the light of a valid scene ([`Scene::validate`]). The same bytes on any number of threads.
 pub fn bake(source: &Arc<Scene>, options: &BakeOptions, progress: &Progress<'_>) -> Baked {
+    bake_sides(source, &[], options, progress)
+}
+
+/// As [`bake`], where it is known of some triangles which side is seen.
+fn bake_sides(source: &Arc<Scene>, sides: &[Side], options: &BakeOptions, progress: &Progress<'_>) -> Baked {
     let [low, high] = source.bounds();
     let tracer = Tracer::new(Arc::clone(source), (low + high) / 2.0);
     let lighting = Lighting::measure(&tracer, options.bounces);
     let (mut scene, pieces, edge_m) = cut(source, options);
     let sources = owners(&pieces);
-    let light = VertexLight { tracer: &tracer, lighting: &lighting, options };
+    let light = VertexLight { tracer: &tracer, lighting: &lighting, options, sides };
     light.bake(&mut scene, &sources, progress);
 
     let exposure = lighting.exposure;
@@ -88,9 +94,11 @@ pub fn bake(source: &Arc<Scene>, options: &BakeOptions, progress: &Progress<'_>)
     Baked { scene, pieces, edge_m, exposure }
 }
 
-/// Bakes the light of a portal model's scene (see [`bake`]); each cell keeps its surfaces.
-pub fn bake_model(model: PortalModel, options: &BakeOptions, progress: &Progress<'_>) -> PortalModel {
-    let baked = bake(&Arc::new(model.scene), options, progress);
+/// Bakes the light of a portal model's scene (see [`bake`]); each cell keeps its surfaces. Those that border a room are lit as
+/// they are seen from it: the underside of a floor, which nobody sees, may be in the sun.
+pub fn bake_model(mut model: PortalModel, options: &BakeOptions, progress: &Progress<'_>) -> PortalModel {
+    let sides = model.sides();
+    let baked = bake_sides(&Arc::new(std::mem::take(&mut model.scene)), &sides, options, progress);
     let piece = |triangle: u32| baked.pieces.get(triangle as usize).copied().unwrap_or_default();
     let mut cells = model.cells;
     for cell in &mut cells {

@@ -1,7 +1,6 @@
 //! Depth in files, and what it means.
 
 use super::ImagesError;
-use super::pictures::not_read;
 use crate::DepthKind;
 use crate::picture;
 use exr::meta::MetaData;
@@ -125,7 +124,7 @@ fn read_grey(path: &Path, unit: f32) -> Result<DepthPicture, ImagesError> {
 
 fn read_integers(path: &Path, unit: f32, eight_bits: bool) -> Result<DepthPicture, ImagesError> {
     let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
-    let image = picture::read(path, 2 * MAX_PIXELS as u64).map_err(|error| not_read(path, error))?;
+    let image = picture::read(path, 2 * MAX_PIXELS as u64).map_err(|error| ImagesError::picture(path, error))?;
     let values: Vec<u16> = match &image {
         image::DynamicImage::ImageLuma8(grey) if eight_bits => grey.as_raw().iter().map(|&v| u16::from(v)).collect(),
         image::DynamicImage::ImageLuma8(_) => {

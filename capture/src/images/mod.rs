@@ -38,13 +38,14 @@ pub use pose::Pose;
 pub use register::{Kept, Registration, RegistrationReport};
 pub use view::{LoadedView, View};
 
+use crate::picture::PictureError;
 use crate::scene::FileFrame;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 
 /// Standard deviation of inverse depth of consumer depth sensors, 1/m: structured light errs by some 1.5 mm at a metre and
 /// six at two (Khoshelham and Elberink 2012).
-pub const SENSOR_NOISE: f32 = 0.0015;
+const SENSOR_NOISE: f32 = 0.0015;
 
 /// Why an image set could not be read. Each message is one sentence that names the file and, where there is one, the field.
 #[derive(Debug, thiserror::Error)]
@@ -106,6 +107,13 @@ impl ImagesError {
     pub(crate) fn io(path: &Path, cause: std::io::Error) -> Self {
         Self::Io { path: path.into(), cause }
     }
+
+    fn picture(path: &Path, error: PictureError) -> Self {
+        match error {
+            PictureError::Io(cause) => Self::io(path, cause),
+            error => Self::Picture { path: path.into(), cause: error.to_string() },
+        }
+    }
 }
 
 /// How an image set is opened.
@@ -165,6 +173,15 @@ impl ImageSet {
     /// The views whose depth is known.
     pub fn with_depth(&self) -> impl Iterator<Item = &View> {
         self.views.iter().filter(|view| view.depth.is_some())
+    }
+
+    /// Standard deviation of the views' inverse depths, 1/m: that of sensors where depth is in integers beside perspective pictures, else 0.
+    pub fn depth_noise(&self) -> f32 {
+        let from_sensor =
+            |view: &View| view.depth.as_ref().is_some_and(|depth| depth.path.extension().is_some_and(|e| e == "png"));
+        let first = self.with_depth().next();
+        let sensor = first.is_some_and(|view| from_sensor(view) && matches!(view.lens, Lens::Pinhole(_)));
+        if sensor { SENSOR_NOISE } else { 0.0 }
     }
 
     /// The mean of the cameras' up directions, or +Y if they cancel out.

@@ -3,7 +3,7 @@
 use super::ImagesError;
 use super::depth::{MAX_PIXELS, extension};
 use crate::material::srgb8_from_linear;
-use crate::picture::{self, PictureError};
+use crate::picture;
 use exr::meta::MetaData;
 use std::path::Path;
 
@@ -35,17 +35,10 @@ pub(super) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
 }
 
 fn read_other(path: &Path) -> Result<ColorPicture, ImagesError> {
-    let decoded = picture::read(path, 8 * MAX_PIXELS as u64).map_err(|error| not_read(path, error))?;
+    let decoded = picture::read(path, 8 * MAX_PIXELS as u64).map_err(|error| ImagesError::picture(path, error))?;
     let picture = decoded.into_rgba8();
     let (width, height) = picture.dimensions();
     Ok((width, height, picture.pixels().map(|pixel| pixel.0).collect()))
-}
-
-pub(super) fn not_read(path: &Path, error: PictureError) -> ImagesError {
-    match error {
-        PictureError::Io(cause) => ImagesError::io(path, cause),
-        error => ImagesError::Picture { path: path.into(), cause: error.to_string() },
-    }
 }
 
 fn read_exr(path: &Path) -> Result<ColorPicture, ImagesError> {

@@ -111,6 +111,49 @@ pub enum Finding {
         /// Name of the cell that the search began in.
         from: String,
     },
+    /// A cell is open to the outside where it has no door or window.
+    #[error(
+        "{cell} has no wall to the outside over {width:.2} x {height:.2} m about {:.2}, {:.2}, {:.2}: one may be missing; it \
+         is taken as a portal",
+        at.x, at.y, at.z
+    )]
+    NoWall {
+        /// Name of the cell.
+        cell: String,
+        /// How wide it is open, metres.
+        width: f64,
+        /// How high, metres.
+        height: f64,
+        /// The middle of what is open, world metres.
+        at: DVec3,
+    },
+    /// Two cells saw each other past all portals.
+    #[error(
+        "{} and {} see each other without a portal ({rays} rays, one at {:.2}, {:.2}, {:.2}); they are joined to one cell",
+        cells[0], cells[1], at.x, at.y, at.z
+    )]
+    Joined {
+        /// Their names.
+        cells: [String; 2],
+        /// How many rays passed.
+        rays: usize,
+        /// Where one of them was found, world metres.
+        at: DVec3,
+    },
+    /// Surfaces of different materials lie in one plane over each other.
+    #[error(
+        "{cell}: surfaces of different materials lie over each other in one plane over {area:.2} m2, most about {:.2}, {:.2}, \
+         {:.2} m; they will flicker (move one, or leave it out)",
+        at.x, at.y, at.z
+    )]
+    Coplanar {
+        /// Name of the cell.
+        cell: String,
+        /// Their common area, square metres.
+        area: f64,
+        /// The middle of the largest piece, world metres.
+        at: DVec3,
+    },
     /// Light passes between two cells where there is no portal.
     #[error(
         "{rays} of {of} rays pass from {from} into {into} without crossing a portal (one at {:.2}, {:.2}, {:.2}); what \

@@ -1,7 +1,7 @@
 //! Whether cells see each other only through portals: found by rays, as a leak is a hole in what the model says.
 
 use super::polygon::Polygon;
-use super::{Finding, PortalModel, distance_to_outline};
+use super::{Finding, Portal, PortalModel, distance_to_outline};
 use crate::sampler::{random4, unit_float};
 use crate::trace::{Ray, Tracer};
 use glam::{DVec2, DVec3};
@@ -35,7 +35,23 @@ impl PortalModel {
     /// through the portals they cross, and reports those that end in another cell: one finding for each pair of cells.
     /// `tracer` is over this model's scene. The same on any number of threads.
     pub fn leaks(&self, tracer: &Tracer, rays_per_cell: u32, seed: u64) -> Vec<Finding> {
-        let polygons: Vec<Option<Polygon>> = self.portals.iter().map(|p| Polygon::new(&p.polygon).ok()).collect();
+        let name = |cell: u32| self.cells[cell as usize].name.clone();
+        let of = rays_per_cell as usize * (0..self.cells.len() as u32).filter(|&cell| !self.is_outside(cell)).count();
+        let finding = |((from, into), (rays, at))| Finding::Leak { from: name(from), into: name(into), rays, of, at };
+        self.stray_pairs(tracer, rays_per_cell, seed).into_iter().map(finding).collect()
+    }
+
+    /// How many rays pass from one cell to another past all portals, and where one of them was found.
+    pub(super) fn stray_pairs(
+        &self,
+        tracer: &Tracer,
+        rays_per_cell: u32,
+        seed: u64,
+    ) -> BTreeMap<(u32, u32), (usize, DVec3)> {
+        // Portals to cells that do not exist lead nowhere.
+        let is_sound = |p: &Portal| p.cells.iter().all(|&cell| (cell as usize) < self.cells.len());
+        let polygons: Vec<Option<Polygon>> =
+            self.portals.iter().map(|p| if is_sound(p) { Polygon::new(&p.polygon).ok() } else { None }).collect();
         let cells: Vec<u32> = (0..self.cells.len() as u32).filter(|&cell| !self.is_outside(cell)).collect();
         let rays: Vec<(u32, u32)> =
             cells.into_iter().flat_map(|cell| (0..rays_per_cell).map(move |ray| (cell, ray))).collect();
@@ -50,15 +66,7 @@ impl PortalModel {
         for stray in strays.into_iter().flatten() {
             pairs.entry((stray.from, stray.into)).or_insert((0, stray.at)).0 += 1;
         }
-        let name = |cell: u32| self.cells[cell as usize].name.clone();
-        let finding = |((from, into), (count, at))| Finding::Leak {
-            from: name(from),
-            into: name(into),
-            rays: count,
-            of: rays.len(),
-            at,
-        };
-        pairs.into_iter().map(finding).collect()
+        pairs
     }
 
     /// A point well inside a cell and a unit direction, uniform both; none if no attempt found a point.
@@ -102,7 +110,8 @@ impl PortalModel {
             .iter()
             .enumerate()
             .filter_map(|(index, polygon)| Some((polygon.as_ref()?.hit(origin, direction, EDGE_M)?, index)))
-            .filter(|&(t, _)| t < reach)
+            // A surface in a portal's plane closes it.
+            .filter(|&(t, _)| t + EDGE_M < reach)
             .collect();
         crossings.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut current = cell;

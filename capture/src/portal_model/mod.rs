@@ -6,14 +6,17 @@
 //! * A **portal** is a planar convex polygon shared by exactly two cells. Nothing but a portal lets light pass from one
 //!   cell to another: what is seen of another cell is seen through portals.
 
+mod borders;
 mod check;
+mod coplanar;
+mod joins;
 mod leaks;
 mod polygon;
 
 pub use check::{Finding, Flaw, Severity};
 pub use polygon::Shape;
 
-use crate::scene::Scene;
+use crate::scene::{Headbox, Scene};
 use glam::{DVec2, DVec3};
 use std::ops::Range;
 
@@ -104,6 +107,58 @@ impl PortalModel {
             [a, b] if b == cell => Some((index, a)),
             _ => None,
         })
+    }
+}
+
+/// The side of a triangle that is seen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Side {
+    /// The one that its normal points to.
+    Front,
+    /// The other one.
+    Back,
+    /// Either.
+    Any,
+}
+
+impl PortalModel {
+    /// For each triangle the side that its cell sees: where the cell ends at the surface, only one.
+    pub(crate) fn sides(&self) -> Vec<Side> {
+        /// How far before and behind a surface its cell is looked for, metres: less than a wall is thick.
+        const PROBE_M: f64 = 0.02;
+        let mut sides = vec![Side::Any; self.scene.triangles.len()];
+        for (cell, it) in (0_u32..).zip(&self.cells).filter(|(cell, _)| !self.is_outside(*cell)) {
+            for triangle in it.triangles.clone() {
+                let [a, b, c] = self.scene.corners(triangle);
+                let normal = (b - a).cross(c - a).normalize_or_zero();
+                let is_in = |side: f64| self.cell_at((a + b + c) / 3.0 + normal * (side * PROBE_M)) == Some(cell);
+                sides[triangle as usize] = match [is_in(1.0), is_in(-1.0)] {
+                    [true, false] => Side::Front,
+                    [false, true] => Side::Back,
+                    _ => Side::Any,
+                };
+            }
+        }
+        sides
+    }
+
+    /// Where a person would stand in the largest room, if the scene does not say where to look from: exposure is measured there.
+    pub(crate) fn suggest_headbox(&mut self) {
+        /// Of an eye above the floor, and half of a headbox about it, metres.
+        const EYE_M: f64 = 1.6;
+        const HALF_SIZE_M: f64 = 0.4;
+        let doubled_area = |prism: &&Prism| {
+            let next = prism.outline.iter().cycle().skip(1);
+            prism.outline.iter().zip(next).map(|(a, b)| a.perp_dot(*b)).sum::<f64>().abs()
+        };
+        let rooms = self.cells.iter().flat_map(|cell| &cell.space);
+        let Some(largest) = rooms.max_by(|a, b| doubled_area(a).total_cmp(&doubled_area(b))) else { return };
+        let middle = largest.outline.iter().sum::<DVec2>() / largest.outline.len().max(1) as f64;
+        let height = (largest.ceiling_y - largest.floor_y).min(2.0 * EYE_M) / 2.0;
+        let centre = DVec3::new(middle.x, largest.floor_y + height, middle.y);
+        if self.scene.headbox.is_none() && largest.contains(centre) {
+            self.scene.headbox = Some(Headbox { centre, half_size_m: HALF_SIZE_M });
+        }
     }
 }
 

@@ -8,6 +8,7 @@ mod load_model;
 mod load_mutated;
 mod load_obj;
 mod load_real;
+mod open_plan;
 mod portal_model;
 mod trace;
 mod trace_edge_cases;

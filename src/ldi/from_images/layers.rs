@@ -5,7 +5,7 @@
 
 use crate::capture::rig::Face;
 use crate::capture::srgb8_from_linear;
-use crate::ldi::merge::MergeRule;
+use crate::ldi::merge::{MergeRule, SAME_COLOR_LEVELS};
 use crate::ldi::{DepthPixel, EncodedNormal, LayeredDepthImage};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -40,9 +40,6 @@ struct Layer {
     area: f32,
     image: u32,
 }
-
-/// Colours closer than this in every channel (sRGB levels) count as equal for [`MergeRule::ColorsApart`].
-const SAME_COLOR_LEVELS: u8 = 16;
 
 /// The layers of a cube, which grow as samples come.
 pub(crate) struct LayerCube {

@@ -15,7 +15,7 @@ use super::accumulate::DepthBins;
 use super::merge::MergeRule;
 use super::parameters::CaptureParameters;
 use super::{CaptureInfo, CubeLdi};
-use crate::capture::images::{ImageSet, ImagesError, Lens, SENSOR_NOISE, View};
+use crate::capture::images::{ImageSet, ImagesError, View};
 use crate::environment::Environment;
 use crate::progress::Progress;
 use footprint::Target;
@@ -60,16 +60,12 @@ impl ImagesJob {
         focal.sort_by(f64::total_cmp);
         // In the middle of a face a radian has half as many pixels as its side.
         let side = focal.get(focal.len() / 2).map_or(1024.0, |focal| (2.0 * focal).ceil());
-        let from_sensor =
-            |view: &View| view.depth.as_ref().is_some_and(|depth| depth.path.extension().is_some_and(|e| e == "png"));
-        let sensor =
-            set.with_depth().next().is_some_and(|view| from_sensor(view) && matches!(view.lens, Lens::Pinhole(_)));
         Self {
             centre,
             half_size_m: most.max(0.05),
             face_size_px: (side as u32).clamp(16, super::MAX_FACE_SIZE_PX).next_multiple_of(16),
             merge_rule: MergeRule::Average,
-            depth_noise: if sensor { SENSOR_NOISE } else { 0.0 },
+            depth_noise: set.depth_noise(),
         }
     }
 

@@ -1,8 +1,8 @@
 //! The first lines of a summary: what to use, how good it is, what it costs.
 
 use super::figures::short;
-use super::row::{Report, Row, SceneFacts};
-use super::summary::{bytes, chosen, list, ms, times};
+use super::row::{Report, Row, SceneFacts, chosen};
+use super::words::{bytes, list, ms, times};
 use std::fmt::Write;
 
 /// What was measured, and five lines of what came of it. Ranges are over the scenes.

@@ -11,16 +11,22 @@ use crate::ldi::parameters::{CaptureParameters, Resources, Sampler};
 use crate::ldi::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
 use crate::measure::plan::Plan;
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::primitives;
 use crate::progress::Progress;
 use crate::scene_source::SceneSource;
+use std::sync::Arc;
 use std::time::Instant;
+
+/// The group of what flat parts become: pictures on planes within some bound, or nothing but samples.
+pub(super) const PRIMITIVES: &str = "primitives";
 
 /// The groups for which the default capture stands, its name in each, and whether it is the one that others are compared
 /// with.
-pub(super) const DEFAULT: [(&str, &str, bool); 8] = [
+pub(super) const DEFAULT: [(&str, &str, bool); 9] = [
     ("layers", "all", true),
     ("near/far split", "by each face's depths", true),
     ("normal in the splat index", "11 bits", true),
+    (PRIMITIVES, "samples alone", true),
     ("novelty stopping", "on", true),
     ("aimed rays", "until 0.01 % of pixels lack something", true),
     ("merging (D1)", "average", true),
@@ -29,7 +35,7 @@ pub(super) const DEFAULT: [(&str, &str, bool); 8] = [
 ];
 
 /// Those of them whose other rows need no other capture.
-pub(super) const REPACKED: [(&str, &str, bool); 2] = [DEFAULT[1], DEFAULT[2]];
+pub(super) const REPACKED: [(&str, &str, bool); 3] = [DEFAULT[1], DEFAULT[2], DEFAULT[3]];
 
 /// Captures that take less than this, seconds, are made [`SHORT_REPEATS`] times.
 const SHORT_S: f64 = 0.5;
@@ -96,6 +102,15 @@ impl Captures<'_> {
     /// [`ReportError::Pack`].
     pub fn pack(&self, made: &Made, split: Split) -> Result<PackedCube, ReportError> {
         Ok(PackedCube::pack(&made.ldi, SplatIndexLayout::Normal, split)?)
+    }
+
+    /// Packs a capture in the default layout, what is flat as pictures on planes.
+    ///
+    /// # Errors
+    /// [`ReportError::Pack`].
+    pub fn pack_planes(&self, made: &Made, error_px: f64) -> Result<Arc<PackedCube>, ReportError> {
+        let (layout, split) = (SplatIndexLayout::Normal, Split::Auto);
+        Ok(Arc::new(primitives::pack(made.ldi.clone(), layout, split, error_px)?))
     }
 
     /// Captures that differ from the default, `made`, in one thing each.

@@ -1,6 +1,6 @@
 //! Everything that is compared in a scene, made.
 
-use super::captures::{Captures, DEFAULT, Made, REPACKED};
+use super::captures::{Captures, DEFAULT, Made, PRIMITIVES, REPACKED};
 use super::contender::{
     BakedLight, BakedRays, Contender, CubeMapDraw, ExactDraw, LdiDraw, OracleDraw, PathTraced, PointCloud, RasterDraw,
     Role, SpriteDraw, WarpArithmetic, WarpOnly, sprite_bytes,
@@ -12,6 +12,7 @@ use crate::measure::cube_map::CubeMap;
 use crate::measure::plan::EyeSet;
 use crate::measure::plan::{Place, Plan};
 use crate::packed::{ExactCube, PackedCube, SplatIndexLayout, Split};
+use crate::primitives::DEFAULT_ERROR_PX;
 use crate::progress::{Progress, Silent};
 use crate::render::splat::SplatKernel;
 use crate::render::{Parallel, RenderSettings};
@@ -35,9 +36,15 @@ const OPAQUE_PACKING: &str = "depth pixel, opaque rectangles";
 /// The default form in both.
 const PACKED: &str = "8 bytes, 11 bits of normal";
 
+/// What `capture` writes where nothing is said.
+pub(super) const WITH_PLANES: &str = "LDI, what is flat on planes";
+
 /// The default capture, as far as facts need it.
 pub(super) struct DefaultCapture {
+    /// As samples alone, about which most groups are; or as it was given.
     pub(super) cube: Arc<PackedCube>,
+    /// With what is flat on planes, if it was made here.
+    pub(super) with_planes: Option<Arc<PackedCube>>,
 }
 
 /// The contenders of a scene as they gather.
@@ -63,7 +70,7 @@ impl<'a> Field<'a> {
             Some(cube) => {
                 let cube = Arc::new(cube.clone());
                 self.add_renderings(&cube, None, &[]);
-                cube
+                DefaultCapture { cube, with_planes: None }
             }
             None => {
                 let made = captures.make(|_| {}, progress)?;
@@ -71,16 +78,17 @@ impl<'a> Field<'a> {
                 let stands_for: &[_] = if self.plan.quality.variations { &DEFAULT } else { &REPACKED };
                 self.add_renderings(&cube, Some(made.seconds), stands_for);
                 self.add_repacked(&captures, &made)?;
+                let with_planes = Some(self.add_primitives(&captures, &made)?);
                 if self.plan.quality.variations {
                     self.add_quantised(&made.ldi, &cube);
                     self.add_captures(&captures, &made, progress)?;
                 }
-                cube
+                DefaultCapture { cube, with_planes }
             }
         };
-        self.add_without_representation(&default, progress);
-        self.add_sprites(&default)?;
-        Ok(DefaultCapture { cube: default })
+        self.add_without_representation(&default.cube, progress);
+        self.add_sprites(&default.cube)?;
+        Ok(default)
     }
 
     /// A contender that draws a packed cube.
@@ -187,6 +195,22 @@ impl<'a> Field<'a> {
         ];
         self.contenders.push(self.ldi(roles, &Arc::new(paper), RenderSettings::default(), Some(made.seconds)));
         Ok(())
+    }
+
+    /// The default capture with what is flat as pictures on planes, within several bounds; that of the default bound.
+    fn add_primitives(&mut self, captures: &Captures, made: &Made) -> Result<Arc<PackedCube>, ReportError> {
+        let default = captures.pack_planes(made, DEFAULT_ERROR_PX)?;
+        let within = |error_px: f64| Role::other(PRIMITIVES, format!("planes within {error_px} px"));
+        let roles = vec![Role::other("representation", WITH_PLANES), within(DEFAULT_ERROR_PX)];
+        self.contenders.push(self.ldi(roles, &default, RenderSettings::default(), Some(made.seconds)));
+        if self.plan.quality.variations {
+            for error_px in [0.25, 1.0, 2.0] {
+                let cube = captures.pack_planes(made, error_px)?;
+                let settings = RenderSettings::default();
+                self.contenders.push(self.ldi(vec![within(error_px)], &cube, settings, Some(made.seconds)));
+            }
+        }
+        Ok(default)
     }
 
     /// What quantisation costs, one number at a time, by the renderer that needs none.

@@ -21,3 +21,4 @@ pub mod row;
 pub mod scene;
 pub mod subject;
 pub mod summary;
+mod words;

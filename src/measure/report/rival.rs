@@ -1,5 +1,6 @@
 //! Frames of the LDI beside Embree's primary rays, eye by eye, in turns.
 
+use super::field::DefaultCapture;
 use super::subject::{ReportError, Subject};
 use crate::capture::statistics::median;
 use crate::measure::embree::{Embree, PROGRAM};
@@ -28,7 +29,7 @@ pub struct RivalRows {
 /// One kernel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct KernelAgainstRival {
-    /// Its name on the command line.
+    /// Its name on the command line, and what it draws if that is more than samples.
     pub kernel: String,
     /// Milliseconds, as the rival's.
     pub ms_median: f64,
@@ -40,19 +41,20 @@ pub struct KernelAgainstRival {
 const ROUNDS: u32 = 7;
 
 /// Whoever takes turns.
-enum Way {
-    Ours(Box<Renderer>, RenderSettings),
+enum Way<'a> {
+    Ours(Box<Renderer>, RenderSettings, &'a PackedCube),
     Rays(Embree),
 }
 
-/// Measures all kernels on a cube against the rival; `None` where [`PROGRAM`] is not set.
+/// Measures the default kernel on a capture with pictures on planes, and all kernels on its samples alone, against the rival; `None` where
+/// [`PROGRAM`] is not set.
 ///
 /// # Errors
 /// [`ReportError::Rival`] if it is set, and the program does not do what it should.
 pub(super) fn measure(
     subject: &Subject,
     plan: &Plan,
-    cube: &PackedCube,
+    capture: &DefaultCapture,
     pool: &ThreadPool,
 ) -> Result<Option<RivalRows>, ReportError> {
     let Some(program) = std::env::var_os(PROGRAM) else {
@@ -64,16 +66,22 @@ pub(super) fn measure(
     let version = embree.version.clone();
     let default = RenderSettings::default().kernel;
     let others = SplatKernel::ALL.map(|(_, kernel)| kernel).into_iter().filter(|kernel| *kernel != default);
-    let kernels: Vec<SplatKernel> = std::iter::once(default).chain(others).collect();
-    let ours = |&kernel: &SplatKernel| {
-        Way::Ours(Box::new(Renderer::new()), RenderSettings { kernel, ..RenderSettings::default() })
-    };
-    let mut ways: Vec<Way> = kernels.iter().map(ours).chain([Way::Rays(embree)]).collect();
+    let samples =
+        std::iter::once(default).chain(others).map(|kernel| (kernel.name().to_owned(), kernel, &capture.cube));
+    let planes = capture.with_planes.iter().map(|cube| (format!("{} and planes", default.name()), default, cube));
+    let (names, ours): (Vec<String>, Vec<Way>) = planes
+        .chain(samples)
+        .map(|(name, kernel, cube)| {
+            let settings = RenderSettings { kernel, ..RenderSettings::default() };
+            (name, Way::Ours(Box::new(Renderer::new()), settings, cube))
+        })
+        .unzip();
+    let mut ways: Vec<Way> = ours.into_iter().chain([Way::Rays(embree)]).collect();
     let mut by_way: Vec<Vec<f64>> = vec![Vec::new(); ways.len()];
     for eye in plan.eyes.iter().filter(|eye| eye.place != Place::Path) {
         let mut failed = None;
         let times = in_turns(&mut ways, ROUNDS, |_, way| match way {
-            Way::Ours(renderer, settings) => Some(pool.install(|| {
+            Way::Ours(renderer, settings, cube) => Some(pool.install(|| {
                 let started = Instant::now();
                 renderer.render_with_stats(cube, &eye.camera, settings);
                 started.elapsed().as_secs_f64() * 1e3
@@ -86,14 +94,14 @@ pub(super) fn measure(
         by_way.iter_mut().zip(&times).for_each(|(all, times)| all.extend(least(times)));
     }
     let rays = by_way.pop().unwrap_or_default();
-    let of_kernel = |(kernel, ms): (&SplatKernel, &Vec<f64>)| {
+    let of_kernel = |(kernel, ms): (String, &Vec<f64>)| {
         let ratios: Vec<f64> = ms.iter().zip(&rays).map(|(ours, theirs)| ours / theirs).collect();
         KernelAgainstRival {
-            kernel: kernel.name().into(),
+            kernel,
             ms_median: median(ms.iter().copied()).unwrap_or(0.0),
             over_rays: median(ratios).unwrap_or(0.0),
         }
     };
-    let kernels = kernels.iter().zip(&by_way).map(of_kernel).collect();
+    let kernels = names.into_iter().zip(&by_way).map(of_kernel).collect();
     Ok(Some(RivalRows { version, threads, ms_median: median(rays.iter().copied()).unwrap_or(0.0), kernels }))
 }

@@ -27,7 +27,7 @@ pub fn run(
 ) -> Result<(SceneFacts, Vec<Row>), ReportError> {
     let mut field = Field::new(subject, plan)?;
     let default = field.add_all(progress)?;
-    let rival = rival::measure(subject, plan, &default.cube, &field.all)?;
+    let rival = rival::measure(subject, plan, &default, &field.all)?;
     let mut contenders = field.contenders;
     let measured = judge::draw_in_turns(&mut contenders, &plan.eyes, plan.quality.rounds, progress);
     let truths = Truths::new(&subject.tracer, &subject.lighting, subject.lit, cache);

@@ -3,7 +3,8 @@
 use super::brief::brief;
 use super::figures::short;
 use super::rival::KernelAgainstRival;
-use super::row::{Report, Row, SceneFacts};
+use super::row::{Report, Row, SceneFacts, chosen};
+use super::words::{bytes, list, ms, times};
 use crate::measure::stats::pareto_front;
 use std::fmt::Write;
 
@@ -103,13 +104,6 @@ fn choice(rows: &[&Row]) -> String {
         text += &steadier(fast, &drawn);
     }
     text
-}
-
-/// What to look around with: of the rows that do not trace and are within 10 % of the least error, the fastest.
-pub(super) fn chosen<'a>(rows: &[&'a Row]) -> Option<&'a Row> {
-    let drawn = || rows.iter().copied().filter(|row| !row.traces);
-    let least = drawn().map(|row| row.flip).min_by(f64::total_cmp)?;
-    drawn().filter(|row| row.flip <= least * 1.1).min_by(|a, b| a.ms_median.total_cmp(&b.ms_median))
 }
 
 /// What the steadiest of those that draw adds to the choice, if it is another.
@@ -294,34 +288,4 @@ fn difference(row: &Row, base: &Row) -> String {
         parts.push(format!("{:.2} % holes for {:.2} %", mine * 100.0, theirs * 100.0));
     }
     parts.join(", ")
-}
-
-/// A ratio of times.
-pub(super) fn times(ratio: f64) -> String {
-    if (0.97..1.03).contains(&ratio) {
-        "the same time".into()
-    } else if ratio < 9.95 {
-        format!("{ratio:.2} times the time")
-    } else {
-        format!("{ratio:.0} times the time")
-    }
-}
-
-/// A number of milliseconds.
-pub(super) fn ms(ms: f64) -> String {
-    if ms < 10.0 { format!("{ms:.2} ms") } else { format!("{ms:.0} ms") }
-}
-
-/// A number of bytes.
-pub(super) fn bytes(bytes: u64) -> String {
-    format!("{:.1} MB", bytes as f64 / 1e6)
-}
-
-/// `a`, `a and b`, `a, b and c`.
-pub(super) fn list(mut items: Vec<String>) -> String {
-    match (items.pop(), items.is_empty()) {
-        (Some(last), false) => format!("{} and {last}", items.join(", ")),
-        (Some(last), true) => last,
-        (None, _) => "nothing".into(),
-    }
 }

@@ -79,6 +79,11 @@ impl PlanesInView {
             *slot = Some((tile.face, in_view));
             self.tiles.extend(in_view.tile(tile, index, set, &self.frame));
         }
+        for level in 0..=mips::LEVELS {
+            if self.tiles.iter().any(|tile| tile.level == level) {
+                set.make_level(level);
+            }
+        }
         self.tiles.sort_unstable_by(|a, b| b.nearest.total_cmp(&a.nearest).then(a.index.cmp(&b.index)));
     }
 

@@ -101,6 +101,9 @@ pub(super) struct Home {
     pub(super) openings: Vec<Opening>,
     pub(super) walls: Vec<Wall>,
     pub(super) pieces: Vec<Piece>,
+    /// Colours of the sky and of the ground around it, sRGB from 0 to 1.
+    pub(super) sky_color: Option<[f32; 3]>,
+    pub(super) ground_color: Option<[f32; 3]>,
     /// Rooms, walls, furniture, doors and windows left out because a number is missing or no number.
     pub(super) unreadable: usize,
 }
@@ -132,7 +135,8 @@ impl Home {
             })
             .collect();
         let level_of = |node: Node| node.attribute("level").and_then(|id| levels.get(id)).copied().unwrap_or(ground);
-        let mut home = Self::default();
+        let around = |attribute| elements(root, "environment").find_map(|node| color(node, attribute));
+        let mut home = Self { sky_color: around("skyColor"), ground_color: around("groundColor"), ..Self::default() };
         for node in elements(root, "room") {
             match room(node, level_of(node)) {
                 Some(room) => home.rooms.push(room),

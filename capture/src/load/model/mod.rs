@@ -10,7 +10,9 @@ mod toml;
 
 use super::{LoadError, extension_of};
 use crate::portal_model::{Finding, PortalModel};
+use crate::trace::Tracer;
 use std::path::Path;
+use std::sync::Arc;
 
 /// What the user says about a portal model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -28,9 +30,24 @@ pub struct LoadedModel {
     pub findings: Vec<Finding>,
 }
 
+/// Adds portals where no wall stands between cells ([`PortalModel::open_borders`]), before triangles are dealt out to them.
+fn open_borders(model: &mut PortalModel) -> Vec<Finding> {
+    let [low, high] = model.scene.bounds();
+    let scene = Arc::new(std::mem::take(&mut model.scene));
+    let tracer = Tracer::new(Arc::clone(&scene), (low + high) / 2.0);
+    let findings = model.open_borders(&tracer);
+    drop(tracer);
+    model.scene = Arc::unwrap_or_clone(scene);
+    findings
+}
+
 impl LoadedModel {
-    fn new(mut model: PortalModel) -> Self {
-        let findings = model.mend();
+    /// Mends a model whose triangles are dealt out; `found` is what was said of it before.
+    fn new(mut model: PortalModel, found: Vec<Finding>) -> Self {
+        let joined = model.join_leaking();
+        model.suggest_headbox();
+        let mut findings = model.mend();
+        findings.extend(found.into_iter().chain(joined).chain(model.coplanar()));
         Self { model, findings }
     }
 }
@@ -43,7 +60,7 @@ impl LoadedModel {
 /// there is. Of an archive without one it is made from the plan and the models in the archive: walls with their openings,
 /// floors, ceilings and furniture, without textures; corners of walls overlap, and what is no OBJ becomes a box. Each room with a ceiling becomes a cell; a balcony or terrace open to the sky is outside. Each door and
 /// window becomes a portal in the middle of its wall, between the rooms on its two sides or a room and the outside; the
-/// space in the wall belongs to the room on its side. Leaves and panes that close an opening are left out with their
+/// space in the wall belongs to the room on its side. Where no wall stands at the border of a room there is a portal too. Leaves and panes that close an opening are left out with their
 /// handles, open ones stay. Furniture goes as a whole to the cell that it stands in; walls and floors go, triangle by
 /// triangle, to the cell that they face, cut where they face several; the rest is outside.
 ///

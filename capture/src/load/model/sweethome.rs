@@ -5,10 +5,11 @@ use super::home::{Home, Opening, Room};
 use super::leaves::closing_groups;
 use super::plain::PlainHome;
 use super::{LoadedModel, ModelOptions};
+use crate::linear_from_srgb;
 use crate::load::obj::load_text as load_obj_text;
 use crate::load::{Group, GroupedScene, LoadError, LoadOptions, folder_of, load_grouped, read};
 use crate::portal_model::{Cell, Portal, PortalModel, Prism};
-use crate::scene::{FileFrame, UpAxis};
+use crate::scene::{FileFrame, Sky, UpAxis};
 use glam::{DVec2, DVec3};
 use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
@@ -32,15 +33,18 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
     let home = Home::parse(&String::from_utf8_lossy(unpacked.as_ref().unwrap_or(&bytes))).map_err(malformed)?;
     let mut notes = Vec::new();
     let grouped = match find_export(path) {
-        Ok(obj) => load_grouped(&obj, &LoadOptions { up: Some(UpAxis::Y), unit_m: Some(UNIT_M) })?,
+        Ok(Some(obj)) => load_grouped(&obj, &LoadOptions { up: Some(UpAxis::Y), unit_m: Some(UNIT_M) })?,
+        Ok(None) => without_export(path, &home, &bytes, &mut notes)?,
         Err(_) if is_archive => without_export(path, &home, &bytes, &mut notes)?,
         Err(cause) => return Err(malformed(cause)),
     };
 
+    let mut scene = grouped.scene;
+    scene.sky = Some(surroundings(&home));
     let mut cells = cells_of(&home, &mut notes);
     let outside = cells.len() as u32;
     cells.push(Cell { name: "Outside".into(), space: Vec::new(), triangles: 0..0 });
-    let mut model = PortalModel { scene: grouped.scene, cells, portals: Vec::new(), outside: Some(outside) };
+    let mut model = PortalModel { scene, cells, portals: Vec::new(), outside: Some(outside) };
     for opening in &home.openings {
         add_portal(&mut model, opening);
     }
@@ -51,15 +55,32 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
         ));
     }
 
+    let found = super::open_borders(&mut model);
     let doors = DoorGroups::find(&model, &home, &grouped.groups);
     let portions = portions_of(&model, &grouped.groups, &doors, options, &mut notes);
     model.scene.summary.notes.extend(notes);
     model.scene.name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     Assignment { groups: &grouped.groups, portions: &portions }.apply(&mut model);
-    Ok(LoadedModel::new(model))
+    Ok(LoadedModel::new(model, found))
 }
 
-/// The geometry of an archive without an export.
+/// Sky and ground in the home's own colours, as bright as under the default sun.
+fn surroundings(home: &Home) -> Sky {
+    /// What a home shows that says nothing: Sweet Home 3D's own.
+    const SKY: [f32; 3] = [0.8, 0.894, 0.988];
+    const GROUND: [f32; 3] = [0.659; 3];
+    /// Light on level ground under sun and sky, over pi.
+    const ON_GROUND: f32 = 1.2;
+    let horizon = home.sky_color.unwrap_or(SKY).map(linear_from_srgb);
+    Sky {
+        // A clear sky is deeper above.
+        zenith: horizon.map(|c| c * c),
+        horizon,
+        ground: home.ground_color.unwrap_or(GROUND).map(|c| linear_from_srgb(c) * ON_GROUND),
+    }
+}
+
+/// The geometry of a home without an export.
 fn without_export(
     path: &Path,
     home: &Home,
@@ -67,7 +88,11 @@ fn without_export(
     notes: &mut Vec<String>,
 ) -> Result<GroupedScene, LoadError> {
     let plain = PlainHome::new(home, archive);
-    notes.push("there is no OBJ export beside the archive: walls are made from the plan, without textures".into());
+    notes.push(
+        "there is no OBJ beside it: walls are made from the plan, without textures (for all of it, choose 3D view > Export to \
+         OBJ format in Sweet Home 3D and save into the same folder)"
+            .into(),
+    );
     if plain.boxes > 0 {
         notes.push(format!("{} pieces of furniture are boxes, as their models are no OBJ", plain.boxes));
     }
@@ -86,8 +111,8 @@ fn unpack(bytes: &[u8]) -> Result<Vec<u8>, String> {
     Ok(text)
 }
 
-/// The OBJ export that belongs to a plan: of its own name, `home.obj`, or the only one in its folder.
-fn find_export(plan: &Path) -> Result<PathBuf, String> {
+/// The OBJ export that belongs to a plan: of its own name, `home.obj`, or the only one in its folder; none if there is none.
+fn find_export(plan: &Path) -> Result<Option<PathBuf>, String> {
     let folder = if folder_of(plan) == Path::new("") { Path::new(".") } else { folder_of(plan) };
     let entries = std::fs::read_dir(folder).map_err(|cause| format!("its folder cannot be read: {cause}"))?;
     let mut all: Vec<PathBuf> = entries.filter_map(|entry| entry.ok().map(|entry| entry.path())).collect();
@@ -97,11 +122,9 @@ fn find_export(plan: &Path) -> Result<PathBuf, String> {
     let wanted = [stem(plan), "home".to_owned()];
     let named = wanted.iter().find_map(|name| all.iter().find(|path| stem(path) == *name));
     match (named, all.as_slice()) {
-        (Some(path), _) => Ok(path.clone()),
-        (None, [only]) => Ok(only.clone()),
-        (None, []) => Err("there is no OBJ beside it; in Sweet Home 3D, choose 3D view > Export to OBJ format and \
-                           save into the same folder"
-            .into()),
+        (Some(path), _) => Ok(Some(path.clone())),
+        (None, [only]) => Ok(Some(only.clone())),
+        (None, []) => Ok(None),
         (None, several) => {
             Err(format!("{} OBJ files lie beside it; call the one that belongs to it home.obj", several.len()))
         }

@@ -96,6 +96,7 @@ pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
     let portals = file.portal.iter().map(portal).collect();
     let mut model = PortalModel { scene: grouped.scene, cells, portals, outside: Some(outside as u32) };
     model.scene.name = file.name.unwrap_or_else(|| path.file_stem().unwrap_or_default().to_string_lossy().into_owned());
+    let found = super::open_borders(&mut model);
     let claimed = |name: &str| file.cell.iter().position(|cell| cell.groups.iter().any(|group| matches(group, name)));
     let portions: Vec<Portion> = grouped
         .groups
@@ -114,7 +115,7 @@ pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
         }
     }
     Assignment { groups: &grouped.groups, portions: &portions }.apply(&mut model);
-    Ok(LoadedModel::new(model))
+    Ok(LoadedModel::new(model, found))
 }
 
 fn repeated_name(cells: &[FileCell]) -> Option<&str> {

@@ -1,0 +1,295 @@
+//! `headbox lumigraph`.
+
+use super::UsageError;
+use super::args::{FrameArgs, Names, by_name, parse_length, parse_size, parse_vector};
+use super::capture::place_headbox;
+use super::output::{LUMIGRAPH, Outputs, peak_rss_mb, print_json};
+use super::progress::Bar;
+use crate::capture::light::Lighting;
+use crate::capture::scene::FileFrame;
+use crate::capture::trace::{Ray, Tracer};
+use crate::capture::{Camera, Scene, viewpoint};
+use crate::container::FileError;
+use crate::lumigraph::{CameraGrid, GridParts, Lumigraph, LumigraphCapture, MAX_LAYERS, Placement, RawLumigraph};
+use clap::Args;
+use glam::DVec3;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+#[derive(Args)]
+pub(super) struct LumigraphCommand {
+    /// A scene (an .obj, .gltf or .glb file, or builtin:NAME)
+    scene: String,
+    #[command(flatten)]
+    frame: FrameArgs,
+    /// The .lumi file to write; `-` for standard output
+    #[arg(short, long)]
+    output: PathBuf,
+    #[command(flatten)]
+    grid: GridArgs,
+    #[command(flatten)]
+    quality: QualityArgs,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// Where the cameras stand.
+#[derive(Args)]
+struct GridArgs {
+    /// Middle of the cameras; the centre of the scene's headbox if absent
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
+    plane: Option<DVec3>,
+    /// Where the cameras look, across their plane; the direction in which there is most to see if absent
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
+    normal: Option<DVec3>,
+    /// Direction that points up in the images; the file's up axis if absent
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
+    up_vector: Option<DVec3>,
+    /// From the first camera of a row to its last; columns have the same spacing. The edge of the scene's headbox if absent
+    #[arg(long, value_name = "LENGTH", value_parser = parse_length)]
+    extent: Option<f64>,
+    /// Cameras in a row and in a column
+    #[arg(long, value_name = "CxR", default_value = "4x4", value_parser = parse_cameras)]
+    cameras: (u32, u32),
+    /// Size of an image, pixels
+    #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = parse_size)]
+    size: (u32, u32),
+    /// Vertical field of view of an image, degrees
+    #[arg(long, value_name = "DEG", default_value_t = 60.0, value_parser = parse_fov)]
+    fov: f64,
+    /// How far from the plane all images show the same part of the scene; the middle of the disparities if absent
+    #[arg(long, value_name = "LENGTH", value_parser = parse_length, conflicts_with = "parallel")]
+    focus: Option<f64>,
+    /// Look straight ahead with every camera, as the paper has it
+    #[arg(long)]
+    parallel: bool,
+}
+
+/// What decides how good images and layers are.
+#[derive(Args)]
+struct QualityArgs {
+    /// Layers at most; up to 255 take one byte a pixel, more take two
+    #[arg(long, value_name = "N", default_value_t = 255, value_parser = clap::value_parser!(u32).range(1..=MAX_LAYERS as i64))]
+    layers: u32,
+    /// Time the points of the sampling curve on frames of this size and keep the fastest: every camera, every second, every fourth and
+    /// so on, as long as the outermost stay, each with the layers that it needs
+    #[arg(long, value_name = "WxH", value_parser = parse_size, conflicts_with = "layers")]
+    optimum: Option<(u32, u32)>,
+    /// Where layers are put
+    #[arg(long, value_name = "WHERE", default_value = "histogram", value_parser = by_name(PLACEMENTS))]
+    placement: Placement,
+    /// Rays per pixel
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    samples: u32,
+    /// Diffuse bounces of light beyond direct light
+    #[arg(long, value_name = "B", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64))]
+    bounces: u32,
+    /// Albedo and emission without light
+    #[arg(long)]
+    unlit: bool,
+}
+
+/// Where layers can be put.
+const PLACEMENTS: Names<Placement> = &[
+    ("histogram", "Where surfaces are: the widest layer is as narrow as can be", Placement::Histogram),
+    ("uniform", "Equal shares of the range of disparity, as the paper has it", Placement::Uniform),
+];
+
+fn placement_name(placement: Placement) -> &'static str {
+    PLACEMENTS.iter().find(|(.., known)| *known == placement).map_or("", |(name, ..)| name)
+}
+
+/// Cameras of a row or column, at most.
+const MAX_CAMERAS: u32 = 256;
+
+fn parse_cameras(text: &str) -> Result<(u32, u32), String> {
+    let counts = text.split_once(['x', 'X']).and_then(|(c, r)| Some((c.parse().ok()?, r.parse().ok()?)));
+    let allowed = 1..=MAX_CAMERAS;
+    match counts {
+        Some((columns, rows)) if allowed.contains(&columns) && allowed.contains(&rows) => Ok((columns, rows)),
+        _ => Err(format!("give COLUMNSxROWS, each from 1 to {MAX_CAMERAS}, such as 4x4")),
+    }
+}
+
+fn parse_fov(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|fov| (0.1..=170.0).contains(fov)).ok_or("give degrees from 0.1 to 170".into())
+}
+
+impl LumigraphCommand {
+    pub(super) fn run(&self) -> anyhow::Result<()> {
+        let start = Instant::now();
+        let outputs = Outputs::new(self.json, [Path::new(&self.scene)]).file(&self.output, &LUMIGRAPH)?;
+        let source = self.frame.source(&self.scene);
+        let scene = Arc::new(source.open()?);
+        outputs.scene_is_open(&scene)?;
+        let (grid, tracer) = self.grid.place(&scene)?;
+        let lighting = Lighting::measure(&tracer, self.quality.bounces);
+        let bar = Bar::new();
+        let QualityArgs { samples, unlit, .. } = self.quality;
+        let capture = LumigraphCapture { tracer: &tracer, lighting: &lighting, lit: !unlit, samples };
+        let raw = capture.run(&grid, &bar)?;
+        let mut lumigraph = self.layered(&raw, &bar)?;
+        bar.finish();
+        (lumigraph.info.source, lumigraph.info.frame) = (source.name, scene.frame);
+        lumigraph.write(&self.output)?;
+        self.tell(&lumigraph, start.elapsed().as_secs_f64());
+        Ok(())
+    }
+
+    fn layered(&self, raw: &RawLumigraph, bar: &Bar) -> anyhow::Result<Lumigraph> {
+        let QualityArgs { layers, placement, optimum, .. } = self.quality;
+        match optimum {
+            None => Ok(raw.layered(layers as usize, placement)?),
+            Some((width, height)) => {
+                let frames = [[0.5, 0.5], [0.2, 0.3], [0.7, 0.9]].map(|at| frame_from(raw.grid(), at, [width, height]));
+                Ok(raw.fastest(&frames, placement, bar)?)
+            }
+        }
+    }
+
+    fn tell(&self, lumigraph: &Lumigraph, seconds: f64) {
+        if self.json {
+            let mut facts = lumigraph_json(lumigraph);
+            facts["total_s"] = json!(seconds);
+            facts["peak_rss_mb"] = json!(peak_rss_mb());
+            print_json(&facts);
+            return;
+        }
+        let (columns, rows) = (lumigraph.grid().columns().len(), lumigraph.grid().rows().len());
+        let (file, layers) = (self.output.display(), lumigraph.layers().len());
+        println!("{file}: {columns}x{rows} images, {layers} layers, {seconds:.2} s");
+        for point in &lumigraph.info.curve {
+            let [columns, rows] = point.cameras;
+            println!("  {columns}x{rows} images, {} layers: {:.2} ms a frame", point.layers, point.ms);
+        }
+        println!("look at it: headbox render {file} -o frame.png");
+    }
+}
+
+impl GridArgs {
+    /// The cameras, and a tracer about their plane.
+    fn place(&self, scene: &Arc<Scene>) -> anyhow::Result<(CameraGrid, Tracer)> {
+        let usage = |error: String| UsageError(error);
+        let frame = &scene.frame;
+        let headbox = place_headbox(scene, self.plane, None)?;
+        let (origin, edge_m) =
+            (headbox.centre, self.extent.map_or(2.0 * headbox.half_size_m, |edge| edge * frame.unit_m));
+        let tracer = Tracer::new(Arc::clone(scene), origin);
+        let normal = self.normal.map(|normal| frame.world_direction_from_file(normal));
+        let normal = normal.unwrap_or_else(|| viewpoint::suggest_view(&tracer, origin));
+        let up = self.up_vector.map_or(DVec3::Y, |up| frame.world_direction_from_file(up));
+        let world_from_eye = CameraGrid::facing(normal, up)
+            .ok_or_else(|| usage("--normal has no direction; give three numbers that are not all 0".into()))?;
+        let [columns, rows] = [self.cameras.0, self.cameras.1].map(|count| count as usize);
+        // Of a single column, the rows' own extent.
+        let spacing = edge_m / (columns.max(2) - 1) as f64;
+        let (width, height) = self.size;
+        let mut parts = GridParts {
+            origin,
+            world_from_eye,
+            columns: CameraGrid::evenly(columns, edge_m),
+            rows: CameraGrid::evenly(rows, if columns > 1 { spacing * (rows - 1) as f64 } else { edge_m }),
+            focal_px: f64::from(height) / 2.0 / (self.fov.to_radians() / 2.0).tan(),
+            size_px: [width, height],
+            convergence: 0.0,
+        };
+        if !self.parallel {
+            let focus_m = self.focus.map(|focus| focus * frame.unit_m);
+            parts.convergence = focus_m.map_or_else(|| middle_disparity(&tracer, &parts), |focus| 1.0 / focus);
+        }
+        let grid = CameraGrid::new(parts).map_err(|error| usage(error.to_string()))?;
+        Ok((grid, tracer))
+    }
+}
+
+/// A frame straight ahead from a place on the plane (shares of the grid's width and height), with the images' vertical field of view.
+fn frame_from(grid: &CameraGrid, at: [f64; 2], [width, height]: [u32; 2]) -> Camera {
+    let place = |places: &[f64], share: f64| places[0] + share * (places[places.len() - 1] - places[0]);
+    let axes = grid.world_from_eye();
+    let eye = grid.origin() + axes.x_axis * place(grid.columns(), at[0]) + axes.y_axis * place(grid.rows(), at[1]);
+    let focal_px = grid.focal_px() * f64::from(height) / f64::from(grid.size_px()[1]);
+    // The size was checked when it was read.
+    Camera::from_parts(eye, axes, focal_px, width, height).unwrap_or_else(|_| grid.camera(0, 0).with_eye(eye))
+}
+
+/// The middle of the disparities that a camera amid the others sees, without the outermost twentieths, 1/m; 0 if it sees nothing.
+fn middle_disparity(tracer: &Tracer, parts: &GridParts) -> f64 {
+    const RAYS: u32 = 48;
+    let half = parts.size_px.map(|side| f64::from(side) / 2.0 / parts.focal_px);
+    let place = |i: u32| f64::from(2 * i + 1) / f64::from(RAYS) - 1.0;
+    let ray = |i: u32| {
+        let slopes = DVec3::new(place(i % RAYS) * half[0], place(i / RAYS) * half[1], -1.0);
+        let direction = (parts.world_from_eye * slopes).as_vec3();
+        let origin = (parts.origin - tracer.origin()).as_vec3();
+        tracer.closest(&Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY }).map(|hit| hit.t)
+    };
+    let mut disparities: Vec<f64> = (0..RAYS * RAYS)
+        .map(|i| ray(i).map_or(0.0, |depth| 1.0 / f64::from(depth)))
+        .filter(|d| d.is_finite())
+        .collect();
+    disparities.sort_by(f64::total_cmp);
+    let at = |share: usize| disparities.get(disparities.len() * share / 20).copied().unwrap_or(0.0);
+    0.5 * (at(1) + at(19))
+}
+
+/// What there is to know of a lumigraph.
+pub(super) fn lumigraph_json(lumigraph: &Lumigraph) -> serde_json::Value {
+    let (grid, frame) = (lumigraph.grid(), &lumigraph.info.frame);
+    let in_file = |point: DVec3| frame.file_from_world(point);
+    let along = |places: &[f64]| places.iter().map(|place| place / frame.unit_m).collect::<Vec<_>>();
+    json!({
+        "cameras": [grid.columns().len(), grid.rows().len()], "size": grid.size_px(), "layers": lumigraph.layers().len(),
+        "index_bytes": lumigraph.index_bytes(), "plane": in_file(grid.origin()),
+        "look_at": in_file(grid.origin() - grid.world_from_eye().z_axis), "columns": along(grid.columns()),
+        "rows": along(grid.rows()), "focal_px": grid.focal_px(), "convergence_per_m": grid.convergence(),
+        "disparity_per_m": lumigraph.range(), "environment_size": lumigraph.environment.size_px, "capture": lumigraph.info,
+    })
+}
+
+/// `headbox info` of a `.lumi` file.
+pub(super) fn info(path: &Path, check: bool, json: bool) -> Result<(), FileError> {
+    // What reading accepts a renderer can rely on; --check has nothing to add but the word.
+    let lumigraph = Lumigraph::read(path)?;
+    let bytes = std::fs::metadata(path).map_err(|source| FileError::Io { path: path.into(), source })?.len();
+    if json {
+        let mut facts = lumigraph_json(&lumigraph);
+        facts["kind"] = json!(crate::lumigraph::LUMI_FILE.name);
+        facts["bytes"] = json!(bytes);
+        facts["depth_pixels"] = json!(null);
+        facts["faces"] = json!([]);
+        facts["ok"] = json!(true);
+        print_json(&facts);
+        return Ok(());
+    }
+    let (grid, info) = (lumigraph.grid(), &lumigraph.info);
+    let frame: &FileFrame = &info.frame;
+    let [width, height] = grid.size_px();
+    let extent = |places: &[f64]| (places[places.len() - 1] - places[0]) / frame.unit_m;
+    println!("{}: {}, {bytes} bytes", path.display(), crate::lumigraph::LUMI_FILE.name);
+    println!("  source      {}", info.source);
+    println!("  world       1 file unit = {} m, {} up in the file", frame.unit_m, frame.up);
+    println!("  plane       at {} (in the file's axes and unit)", frame.file_from_world(grid.origin()));
+    let normal =
+        frame.file_from_world(grid.origin() - grid.world_from_eye().z_axis) - frame.file_from_world(grid.origin());
+    println!("  normal      {}", normal.normalize_or_zero());
+    println!(
+        "  cameras     {}x{} over {}x{} file units",
+        grid.columns().len(),
+        grid.rows().len(),
+        extent(grid.columns()),
+        extent(grid.rows())
+    );
+    println!("  images      {width}x{height} pixels, focal length {:.2} px", grid.focal_px());
+    let (layers, bits) = (lumigraph.layers().len(), 8 * lumigraph.index_bytes());
+    println!("  layers      {layers}, of {bits} bits a pixel, {}", placement_name(info.placement));
+    if let Some([min, max]) = lumigraph.range() {
+        println!("  depth       {:.3} to {:.3} m", 1.0 / max, 1.0 / min);
+    }
+    if check {
+        println!("ok: every promise of the layout holds");
+    }
+    Ok(())
+}

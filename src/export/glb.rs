@@ -1,0 +1,257 @@
+//! GLB files for engines: quadrilaterals with unlit textures, and the environment as a box around them.
+
+use super::atlas::{self, PAGE_PX, Picture};
+use super::mesh::{self, Chart, Tolerance};
+use super::{ExportError, surfels};
+use crate::capture::picture::{self, PictureError};
+use crate::capture::rig::Face;
+use crate::ldi::CubeLdi;
+use crate::packed::{PackedCube, Split};
+use crate::primitives;
+use glam::DVec3;
+use image::ExtendedColorType;
+use image::codecs::jpeg::JpegEncoder;
+use serde_json::{Value, json};
+use std::io::Write;
+
+/// Error, face pixels, with which quadrilaterals begin; it grows until they are within the budget.
+const FIRST_ERROR_PX: f64 = 0.1;
+const GROWTH: f64 = 1.6;
+const LAST_ERROR_PX: f64 = 64.0;
+/// Error, px, of the pictures on planes that are made of a capture without.
+const PLANES_ERROR_PX: f64 = 1.0;
+/// The least alpha that is drawn. Where two surfaces meet each has a rim that is half open; with 0.5 the background shows between them.
+const ALPHA_CUTOFF: f64 = 0.35;
+/// Of opaque textures.
+const JPEG_QUALITY: u8 = 92;
+
+/// What became of a capture.
+#[derive(Clone, Copy, Debug)]
+pub struct GlbSummary {
+    /// Triangles in the file.
+    pub triangles: u64,
+    /// By how much a sample may be elsewhere, face pixels.
+    pub error_px: f64,
+    /// Samples left out because the budget does not hold them.
+    pub dropped_samples: u64,
+}
+
+/// Writes a cube LDI with at most `budget` triangles, the environment's apart.
+///
+/// # Errors
+/// [`ExportError`].
+pub fn write(cube: &PackedCube, budget: u64, to: &mut dyn Write) -> Result<GlbSummary, ExportError> {
+    let with_planes;
+    let cube = if cube.planes.tiles.is_empty() && cube.depth_pixel_count() > 0 {
+        let mut ldi: CubeLdi = cube.unpack();
+        let planes = primitives::choose(&mut ldi, PLANES_ERROR_PX);
+        with_planes = PackedCube { planes, ..PackedCube::pack(&ldi, cube.layout, Split::None)? };
+        &with_planes
+    } else {
+        cube
+    };
+    let mut error_px = FIRST_ERROR_PX;
+    let triangles = |charts: &[Chart]| charts.iter().map(|chart| 2 * chart.quads.len() as u64).sum::<u64>();
+    let mut charts = mesh::charts(cube, Tolerance::new(cube, error_px));
+    while triangles(&charts) > budget && error_px < LAST_ERROR_PX {
+        error_px *= GROWTH;
+        charts = mesh::charts(cube, Tolerance::new(cube, error_px));
+    }
+    let dropped_samples = drop_smallest(&mut charts, budget);
+    let mut file = File::default();
+    file.charts(&charts)?;
+    file.environment(cube)?;
+    if file.primitives.is_empty() {
+        return Err(ExportError::Empty);
+    }
+    file.write(cube.info.centre, to)?;
+    Ok(GlbSummary { triangles: triangles(&charts), error_px, dropped_samples })
+}
+
+/// Leaves out what shows least, until the rest is within the budget; the number of samples that are gone.
+fn drop_smallest(charts: &mut Vec<Chart>, budget: u64) -> u64 {
+    charts.sort_by_key(|chart| std::cmp::Reverse(chart.samples));
+    let (mut sum, mut kept) = (0, 0);
+    for chart in charts.iter() {
+        sum += 2 * chart.quads.len() as u64;
+        if sum > budget {
+            break;
+        }
+        kept += 1;
+    }
+    charts.drain(kept..).map(|chart| u64::from(chart.samples)).sum()
+}
+
+/// A file that grows.
+#[derive(Default)]
+struct File {
+    bytes: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+    images: Vec<Value>,
+    materials: Vec<Value>,
+    primitives: Vec<Value>,
+}
+
+/// Vertices of one material.
+#[derive(Default)]
+struct Mesh {
+    positions: Vec<[f32; 3]>,
+    /// 16 bits for 0 to 1.
+    texcoords: Vec<[u16; 2]>,
+    indices: Vec<u32>,
+}
+
+impl Mesh {
+    /// Corners as of [`mesh::Quad`]; `texels` over the size of the texture.
+    fn add(&mut self, corners: [DVec3; 4], texels: [[f64; 2]; 4]) {
+        let first = self.positions.len() as u32;
+        self.positions.extend(corners.map(|corner| corner.as_vec3().to_array()));
+        self.texcoords.extend(texels.map(|at| at.map(|c| (c.clamp(0.0, 1.0) * 65_535.0).round() as u16)));
+        self.indices.extend([0, 2, 1, 1, 2, 3].map(|i| first + i));
+    }
+}
+
+impl File {
+    fn view(&mut self, bytes: &[u8], target: Option<u32>) -> usize {
+        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
+        let mut view = json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len()});
+        if let Some(target) = target {
+            view["target"] = target.into();
+        }
+        self.views.push(view);
+        self.bytes.extend_from_slice(bytes);
+        self.views.len() - 1
+    }
+
+    fn accessor(&mut self, bytes: &[u8], element_array: bool, more: Value) -> usize {
+        let view = self.view(bytes, Some(if element_array { 34963 } else { 34962 }));
+        let mut accessor = more;
+        accessor["bufferView"] = view.into();
+        self.accessors.push(accessor);
+        self.accessors.len() - 1
+    }
+
+    /// A texture of a page or of a face, and a mesh with it.
+    fn primitive(&mut self, mesh: &Mesh, image: &[u8], mime: &str, mask: bool) {
+        if mesh.indices.is_empty() {
+            return;
+        }
+        let view = self.view(image, None);
+        self.images.push(json!({"bufferView": view, "mimeType": mime}));
+        let mut material = json!({
+            "pbrMetallicRoughness": {
+                "baseColorTexture": {"index": self.images.len() - 1}, "metallicFactor": 0.0, "roughnessFactor": 1.0,
+            },
+            "doubleSided": true,
+            "extensions": {"KHR_materials_unlit": {}},
+        });
+        if mask {
+            (material["alphaMode"], material["alphaCutoff"]) = ("MASK".into(), ALPHA_CUTOFF.into());
+        }
+        self.materials.push(material);
+        let bound = |pick: fn(f32, f32) -> f32| {
+            mesh.positions.iter().copied().reduce(|a, b| [0, 1, 2].map(|i| pick(a[i], b[i]))).unwrap_or_default()
+        };
+        let count = mesh.positions.len();
+        let position = json!({
+            "componentType": 5126, "count": count, "type": "VEC3", "min": bound(f32::min), "max": bound(f32::max),
+        });
+        let position = self.accessor(bytemuck::cast_slice(&mesh.positions), false, position);
+        let texcoord = json!({"componentType": 5123, "normalized": true, "count": count, "type": "VEC2"});
+        let texcoord = self.accessor(bytemuck::cast_slice(&mesh.texcoords), false, texcoord);
+        let indices = json!({"componentType": 5125, "count": mesh.indices.len(), "type": "SCALAR"});
+        let indices = self.accessor(bytemuck::cast_slice(&mesh.indices), true, indices);
+        self.primitives.push(json!({
+            "attributes": {"POSITION": position, "TEXCOORD_0": texcoord}, "indices": indices, "material": self.materials.len() - 1,
+        }));
+    }
+
+    /// Charts on pages: those that hide all behind them as JPEG, the others as PNG with a mask.
+    fn charts(&mut self, charts: &[Chart]) -> Result<(), ExportError> {
+        for opaque in [true, false] {
+            let of_kind: Vec<&Chart> = charts.iter().filter(|chart| chart.opaque == opaque).collect();
+            let pictures: Vec<&Picture> = of_kind.iter().map(|chart| &chart.picture).collect();
+            let (places, pages) = atlas::pack(&pictures);
+            let mut meshes: Vec<Mesh> = pages.iter().map(|_| Mesh::default()).collect();
+            for (chart, place) in of_kind.iter().zip(&places) {
+                let size = [PAGE_PX as f64, pages[place.page].height as f64];
+                let corner = [place.x as f64, place.y as f64];
+                for quad in &chart.quads {
+                    let texels = quad.texels.map(|at| [0, 1].map(|i| (corner[i] + at[i]) / size[i]));
+                    meshes[place.page].add(quad.corners, texels);
+                }
+            }
+            for (page, mesh) in pages.iter().zip(&meshes) {
+                let (width, height) = (PAGE_PX as u32, page.height as u32);
+                if opaque {
+                    let rgb: Vec<u8> = page.texels.iter().flat_map(|[r, g, b, _]| [*r, *g, *b]).collect();
+                    let mut jpeg = Vec::new();
+                    let mut encoder = JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY);
+                    encoder.encode(&rgb, width, height, ExtendedColorType::Rgb8).map_err(PictureError::from)?;
+                    self.primitive(mesh, &jpeg, "image/jpeg", false);
+                } else {
+                    let png = picture::png(page.texels.as_flattened(), width, height, ExtendedColorType::Rgba8)?;
+                    self.primitive(mesh, &png, "image/png", true);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A box around everything, whose sides are the faces of the environment.
+    fn environment(&mut self, cube: &PackedCube) -> Result<(), ExportError> {
+        let size = cube.environment.size_px;
+        let per_face = size as usize * size as usize;
+        // Behind what is at infinity and not environment, or they would fight for the same depth.
+        let distance = 2.0 / surfels::infinity(cube);
+        for (face, texels) in Face::ALL.into_iter().zip(cube.environment.texels.chunks_exact(per_face.max(1))) {
+            if texels.iter().all(|texel| texel[3] == 0) {
+                continue;
+            }
+            let side = f64::from(size);
+            let corners = [[0.0, 0.0], [side, 0.0], [0.0, side], [side, side]];
+            let mut mesh = Mesh::default();
+            // The middles of the outermost texels are the rim of the picture, or it would wrap round.
+            let inset = |c: f64| c.clamp(0.5, side - 0.5) / side;
+            mesh.add(
+                corners.map(|[x, y]| face.direction(x, y, size) * distance),
+                corners.map(|[x, y]| [inset(x), inset(y)]),
+            );
+            let png = picture::png(texels.as_flattened(), size, size, ExtendedColorType::Rgba8)?;
+            self.primitive(&mesh, &png, "image/png", texels.iter().any(|texel| texel[3] == 0));
+        }
+        Ok(())
+    }
+
+    fn write(mut self, centre: DVec3, to: &mut dyn Write) -> Result<(), ExportError> {
+        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
+        let textures: Vec<Value> = (0..self.images.len()).map(|i| json!({"source": i, "sampler": 0})).collect();
+        let all = json!({
+            "asset": {"version": "2.0", "generator": "headbox"},
+            "extensionsUsed": ["KHR_materials_unlit"],
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": [{"name": "headbox", "mesh": 0, "translation": centre.to_array()}],
+            "meshes": [{"primitives": self.primitives}],
+            "materials": self.materials, "textures": textures, "images": self.images,
+            "samplers": [{"magFilter": 9729, "minFilter": 9729, "wrapS": 33071, "wrapT": 33071}],
+            "accessors": self.accessors, "bufferViews": self.views,
+            "buffers": [{"byteLength": self.bytes.len()}],
+        });
+        let mut json = all.to_string().into_bytes();
+        json.resize(json.len().next_multiple_of(4), b' ');
+        let total = 12 + 8 + json.len() as u64 + 8 + self.bytes.len() as u64;
+        let length =
+            u32::try_from(total).map_err(|_| ExportError::TooLarge { bytes: total, limit: u64::from(u32::MAX) })?;
+        to.write_all(b"glTF")?;
+        for word in [2, length, json.len() as u32] {
+            to.write_all(&word.to_le_bytes())?;
+        }
+        to.write_all(b"JSON")?;
+        to.write_all(&json)?;
+        to.write_all(&(self.bytes.len() as u32).to_le_bytes())?;
+        to.write_all(b"BIN\0")?;
+        Ok(to.write_all(&self.bytes)?)
+    }
+}

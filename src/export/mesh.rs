@@ -1,0 +1,316 @@
+//! A capture as textured quadrilaterals: pictures on planes, and sheets of samples cut where a plane no longer holds them.
+
+use super::atlas::Picture;
+use super::sheets::{SHEET_COLUMNS, SHEET_ROWS, Sheet, sheets};
+use crate::capture::rig::Face;
+use crate::packed::PackedCube;
+use glam::{DMat3, DVec3, dvec3};
+use rayon::prelude::*;
+
+/// By how much of a pixel a quadrilateral is larger than its samples, so that neighbours leave no crack.
+const OVERLAP_PX: f64 = 0.1;
+
+/// A part of a picture in space.
+#[derive(Clone, Copy)]
+pub(super) struct Quad {
+    /// Upper left, upper right, lower left, lower right; metres from the centre.
+    pub(super) corners: [DVec3; 4],
+    /// The same corners on the picture, its pixels.
+    pub(super) texels: [[f64; 2]; 4],
+}
+
+/// A picture and where its parts lie in space.
+pub(super) struct Chart {
+    pub(super) picture: Picture,
+    pub(super) quads: Vec<Quad>,
+    /// Whether each texel hides what is behind it.
+    pub(super) opaque: bool,
+    /// How much it shows, px.
+    pub(super) samples: u32,
+}
+
+/// What quadrilaterals may be off.
+#[derive(Clone, Copy)]
+pub(super) struct Tolerance {
+    /// By which an eye anywhere in the headbox sees a sample elsewhere, and by which a texel is, face pixels.
+    pub(super) error_px: f64,
+    /// The same in inverse depth, 1/m.
+    inverse_depth: f64,
+}
+
+impl Tolerance {
+    pub(super) fn new(cube: &PackedCube, error_px: f64) -> Self {
+        let inverse_depth = error_px * 2.0 / (f64::from(cube.face_size_px) * cube.info.half_size_m);
+        Self { error_px, inverse_depth }
+    }
+
+    /// Whether texels are where they belong although engines take them for spread evenly over a quadrilateral that recedes. Of a
+    /// length L whose ends are r times as far as each other, the middle is off by L (r - 1) / (2 (r + 1)).
+    fn holds_texels(&self, length_px: f64, [q0, q1]: [f64; 2]) -> bool {
+        let ratio = q0.max(q1) / q0.min(q1);
+        length_px * (ratio - 1.0) / (2.0 * (ratio + 1.0)) <= self.error_px.max(0.25)
+    }
+}
+
+/// All charts of a cube.
+pub(super) fn charts(cube: &PackedCube, tolerance: Tolerance) -> Vec<Chart> {
+    let mut charts = planes(cube, tolerance);
+    let of_sheets = sheets(cube).into_par_iter().map(|sheet| sheet_chart(cube, &sheet, tolerance));
+    charts.extend(of_sheets.collect::<Vec<_>>());
+    charts
+}
+
+/// Inverse depth on a face as coefficients of (1, x, y).
+type Affine = DVec3;
+
+/// A rectangle of a face with corners where an affine inverse depth says, within bounds.
+struct Rectangle {
+    face: Face,
+    face_px: u32,
+    /// Left, top, right, bottom, face pixels.
+    sides: [f64; 4],
+    /// Face position of the picture's corner.
+    picture: [f64; 2],
+}
+
+impl Rectangle {
+    fn quad(&self, inverse_depth: Affine, [least, most]: [f64; 2]) -> Quad {
+        let [left, top, right, bottom] = self.sides;
+        let corners = [[left, top], [right, top], [left, bottom], [right, bottom]];
+        Quad {
+            corners: corners.map(|[x, y]| {
+                let q = inverse_depth.dot(dvec3(1.0, x, y)).clamp(least, most);
+                self.face.direction(x, y, self.face_px) / q
+            }),
+            texels: corners.map(|[x, y]| [x - self.picture[0], y - self.picture[1]]),
+        }
+    }
+}
+
+fn planes(cube: &PackedCube, tolerance: Tolerance) -> Vec<Chart> {
+    let (set, face_px) = (&cube.planes, cube.face_size_px);
+    let infinity = super::surfels::infinity(cube);
+    let chart = |tile: &crate::packed::PlaneTile| {
+        let (width, height) = (usize::from(tile.width), usize::from(tile.height));
+        let picture = framed(set.texels.get(tile.texel_range())?, width, height);
+        let face = Face::ALL[usize::from(tile.face) % 6];
+        let inverse_depth = Affine::from(set.planes.get(tile.plane as usize)?.inverse_depth(face, face_px));
+        let (x0, y0) = (f64::from(tile.x0), f64::from(tile.y0));
+        let (right, bottom) = (x0 + width as f64, y0 + height as f64);
+        let mut quads = Vec::new();
+        let whole = Rectangle { face, face_px, sides: [x0, y0, right, bottom], picture: [x0 - 1.0, y0 - 1.0] };
+        cut_plane(whole, inverse_depth, infinity, tolerance, &mut quads);
+        Some(Chart { picture, quads, opaque: tile.opaque == 1, samples: tile.texel_count() as u32 })
+    };
+    set.tiles.par_iter().filter_map(chart).collect()
+}
+
+/// A picture on a plane with straight colours, and around it once more its outermost texels: the renderer's tents reach beyond them
+/// to what comes next, here half a texel has to do.
+fn framed(texels: &[[u8; 4]], width: usize, height: usize) -> Picture {
+    let straight = |[r, g, b, a]: [u8; 4]| {
+        let of = |c: u8| (u32::from(c) * 255 / u32::from(a).max(1)).min(255) as u8;
+        [of(r), of(g), of(b), a]
+    };
+    let inside = |i: usize, length: usize| i.saturating_sub(1).min(length.saturating_sub(1));
+    let rows = (0..height + 2).map(|row| inside(row, height) * width);
+    let framed =
+        rows.flat_map(|start| (0..width + 2).map(move |column| straight(texels[start + inside(column, width)])));
+    let mut picture = Picture { width: width + 2, height: height + 2, texels: framed.collect() };
+    spread(&mut picture);
+    picture
+}
+
+/// Cuts a rectangle until its texels are where they belong.
+fn cut_plane(whole: Rectangle, inverse_depth: Affine, least: f64, tolerance: Tolerance, to: &mut Vec<Quad>) {
+    let [left, top, right, bottom] = whole.sides;
+    let q = |x: f64, y: f64| inverse_depth.dot(dvec3(1.0, x, y)).max(least);
+    let across = [q(left, top), q(right, top)];
+    let down = [q(left, top), q(left, bottom)];
+    let holds = [tolerance.holds_texels(right - left, across), tolerance.holds_texels(bottom - top, down)];
+    let halves = |at: usize| {
+        let middle = f64::midpoint(whole.sides[at], whole.sides[at + 2]);
+        let (mut first, mut second) = (whole.sides, whole.sides);
+        (first[at + 2], second[at]) = (middle, middle);
+        [first, second]
+    };
+    let cut = match holds {
+        [false, _] if right - left > 1.0 => halves(0),
+        [_, false] if bottom - top > 1.0 => halves(1),
+        _ => return to.push(whole.quad(inverse_depth, [least, f64::INFINITY])),
+    };
+    for sides in cut {
+        cut_plane(Rectangle { sides, ..whole }, inverse_depth, least, tolerance, to);
+    }
+}
+
+/// Column, row, and inverse depth with its change to the right and below.
+type Placed = (usize, usize, [f64; 3]);
+
+/// A sheet that is being cut.
+struct SheetCut<'a> {
+    sheet: &'a Sheet,
+    face_px: u32,
+    tolerance: Tolerance,
+}
+
+fn sheet_chart(cube: &PackedCube, sheet: &Sheet, tolerance: Tolerance) -> Chart {
+    let cut = SheetCut { sheet, face_px: cube.face_size_px, tolerance };
+    let mut quads = Vec::new();
+    cut.cut([1, 1, SHEET_COLUMNS - 1, SHEET_ROWS - 1], &mut quads);
+    let texels: Vec<[u8; 4]> =
+        sheet.entries.iter().map(|entry| entry.map_or([0; 4], |entry| entry.color_srgb)).collect();
+    let opaque = texels.iter().all(|texel| texel[3] == 255);
+    let mut picture = Picture { width: SHEET_COLUMNS, height: SHEET_ROWS, texels };
+    spread(&mut picture);
+    Chart { picture, quads, opaque, samples: sheet.samples }
+}
+
+/// Gives texels without a sample the mean colour of those beside them, so that rims do not darken between texels.
+fn spread(Picture { width, height, texels }: &mut Picture) {
+    let known = texels.clone();
+    for at in (0..texels.len()).filter(|at| known[*at][3] == 0) {
+        let (x, y) = (at % *width, at / *width);
+        let rows = y.saturating_sub(1)..(y + 2).min(*height);
+        let around = rows.flat_map(|y| (x.saturating_sub(1)..(x + 2).min(*width)).map(move |x| (x, y)));
+        let (mut sum, mut count) = ([0u32; 3], 0);
+        for [r, g, b, _] in around.map(|(x, y)| known[y * *width + x]).filter(|texel| texel[3] > 0) {
+            sum = [sum[0] + u32::from(r), sum[1] + u32::from(g), sum[2] + u32::from(b)];
+            count += 1;
+        }
+        if count > 0 {
+            let [r, g, b] = sum.map(|c| (c / count) as u8);
+            texels[at] = [r, g, b, 0];
+        }
+    }
+}
+
+impl SheetCut<'_> {
+    /// Inverse depth of an entry, and its change to the right and below.
+    fn sample(&self, column: usize, row: usize) -> Option<[f64; 3]> {
+        let entry = self.sheet.entries[row * SHEET_COLUMNS + column]?;
+        Some([entry.inverse_depth, entry.slopes[0], entry.slopes[1]])
+    }
+
+    /// The middle of an entry on the face.
+    fn at(&self, column: usize, row: usize) -> [f64; 2] {
+        [self.sheet.origin[0] + column as f64 + 0.5, self.sheet.origin[1] + row as f64 + 0.5]
+    }
+
+    /// Cuts entries (left, top, right, bottom) until a plane holds the samples among them.
+    fn cut(&self, [left, top, right, bottom]: [usize; 4], to: &mut Vec<Quad>) {
+        let samples: Vec<Placed> = (top..bottom)
+            .flat_map(|row| (left..right).map(move |column| (column, row)))
+            .filter_map(|(column, row)| Some((column, row, self.sample(column, row)?)))
+            .collect();
+        let bound = |of: fn(&Placed) -> usize| {
+            let ends = (samples.iter().map(of).min(), samples.iter().map(of).max());
+            ends.0.zip(ends.1)
+        };
+        let (Some((left, last_column)), Some((top, last_row))) = (bound(|s| s.0), bound(|s| s.1)) else { return };
+        let (right, bottom) = (last_column + 1, last_row + 1);
+        let plane = self.fit(&samples);
+        let (mut least, mut most, mut off) = (f64::INFINITY, 0.0f64, 0.0f64);
+        for (column, row, [q, ..]) in &samples {
+            let [x, y] = self.at(*column, *row);
+            (least, most) = (least.min(*q), most.max(*q));
+            off = off.max((plane.dot(dvec3(1.0, x, y)) - q).abs());
+        }
+        let single = right - left == 1 && bottom - top == 1;
+        let longer = (right - left).max(bottom - top) as f64;
+        let holds = off <= self.tolerance.inverse_depth && self.tolerance.holds_texels(longer, [least, most]);
+        if single || holds {
+            let [x, y] = self.sheet.origin;
+            let sides = [
+                x + left as f64 - OVERLAP_PX,
+                y + top as f64 - OVERLAP_PX,
+                x + right as f64 + OVERLAP_PX,
+                y + bottom as f64 + OVERLAP_PX,
+            ];
+            let rectangle =
+                Rectangle { face: self.sheet.face, face_px: self.face_px, sides, picture: self.sheet.origin };
+            // A plane of few samples must not run away at their rim.
+            to.push(rectangle.quad(plane, [least * 0.8, most * 1.25]));
+        } else if right - left >= bottom - top {
+            let middle = usize::midpoint(left, right);
+            self.cut([left, top, middle, bottom], to);
+            self.cut([middle, top, right, bottom], to);
+        } else {
+            let middle = usize::midpoint(top, bottom);
+            self.cut([left, top, right, middle], to);
+            self.cut([left, middle, right, bottom], to);
+        }
+    }
+
+    /// The plane of some samples by least squares, drawn a little to their mean slope, which decides where they lie in a line.
+    fn fit(&self, samples: &[Placed]) -> Affine {
+        let count = samples.len().max(1) as f64;
+        let mean = |of: &dyn Fn(&Placed) -> f64| samples.iter().map(of).sum::<f64>() / count;
+        let [middle_x, middle_y] = [0, 1].map(|i| mean(&|s| self.at(s.0, s.1)[i]));
+        let [q, slope_x, slope_y] = [0, 1, 2].map(|i| mean(&|s| s.2[i]));
+        let prior = 0.05 * count;
+        let (mut matrix, mut right) =
+            (DMat3::from_diagonal(dvec3(0.0, prior, prior)), dvec3(0.0, slope_x, slope_y) * prior);
+        for (column, row, [q, ..]) in samples {
+            let [x, y] = self.at(*column, *row);
+            let v = dvec3(1.0, x - middle_x, y - middle_y);
+            matrix += DMat3::from_cols(v * v.x, v * v.y, v * v.z);
+            right += v * *q;
+        }
+        let found = matrix.inverse() * right;
+        let [a, b, c] = if found.is_finite() { found.to_array() } else { [q, slope_x, slope_y] };
+        dvec3(a - b * middle_x - c * middle_y, b, c)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ldi::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
+    use crate::packed::{SplatIndexLayout, Split};
+
+    /// A wall across the right half of a face, two metres away, before one all over it, four metres away.
+    fn two_walls(face_px: u32) -> PackedCube {
+        let sample = |depth: f64| DepthPixel {
+            inverse_depth: (1.0 / depth) as f32,
+            normal: EncodedNormal::new(glam::Vec3::Z),
+            color_srgb: [(depth * 50.0) as u8, 7, 9, 255],
+        };
+        let faces = Face::ALL.map(|face| {
+            let mut ldi = LayeredDepthImage::empty(face, face_px);
+            for i in 0..face_px * face_px {
+                if face == Face::NegZ {
+                    ldi.samples.push(sample(4.0));
+                    ldi.samples.extend((i % face_px >= face_px / 2).then(|| sample(2.0)));
+                }
+                ldi.offsets[i as usize + 1] = ldi.samples.len() as u32;
+            }
+            ldi
+        });
+        let mut info = crate::ldi::CaptureInfo::default();
+        (info.half_size_m, info.exposure) = (0.4, 1.0);
+        let ldi = CubeLdi { info, faces: faces.to_vec(), environment: Default::default() };
+        PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::None).unwrap()
+    }
+
+    #[test]
+    fn walls_are_quadrilaterals_on_their_planes() {
+        let face_px = 64;
+        let cube = two_walls(face_px);
+        let charts = charts(&cube, Tolerance::new(&cube, 0.5));
+        let mut area = [0.0; 2];
+        for quad in charts.iter().flat_map(|chart| &chart.quads) {
+            let wall = usize::from(quad.corners[0].z < -3.0);
+            // Normals of eleven bits are up to 2.9 degrees off, and have a little part in the fit.
+            quad.corners.iter().for_each(|corner| assert!((corner.z + [2.0, 4.0][wall]).abs() < 1e-3, "{corner}"));
+            let [a, b, c, _] = quad.corners;
+            area[wall] += (b - a).length() * (c - a).length();
+        }
+        // Widths on the walls, and overlaps of a fifth of a pixel in at least 14.
+        for (found, expected) in area.into_iter().zip([2.0 * 4.0, 8.0 * 8.0]) {
+            assert!(found >= expected && found < expected * 1.05, "{found} {expected}");
+        }
+        let quads: usize = charts.iter().map(|chart| chart.quads.len()).sum();
+        assert!(quads <= charts.len() && charts.len() <= 40, "{quads} {}", charts.len());
+    }
+}

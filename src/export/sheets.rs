@@ -1,0 +1,153 @@
+//! The samples of a cube as small images of surfaces, which a mesh can follow.
+//!
+//! A face is cut into places of [`PLACE_COLUMNS`] x [`PLACE_ROWS`] pixels. The samples of a place are dealt out to *sheets*, images with
+//! at most one sample a pixel, such that samples that lie beside each other on one surface lie beside each other on one sheet. A
+//! sheet has a border of one pixel on all sides, with the samples of the places around, so that textures meet.
+
+use crate::capture::rig::Face;
+use crate::ldi::accumulate::DepthBins;
+use crate::packed::{PackedCube, PackedSegment};
+use crate::render::rules::MAX_SLOPE;
+use crate::render::surface::SurfaceCanvas;
+use rayon::prelude::*;
+
+/// Columns of a sheet with its border.
+pub(super) const SHEET_COLUMNS: usize = 32;
+/// Rows of a sheet with its border.
+pub(super) const SHEET_ROWS: usize = 16;
+/// Entries of a sheet.
+pub(super) const SHEET_LEN: usize = SHEET_COLUMNS * SHEET_ROWS;
+const PLACE_COLUMNS: u32 = SHEET_COLUMNS as u32 - 2;
+const PLACE_ROWS: u32 = SHEET_ROWS as u32 - 2;
+
+/// A sample on a sheet.
+#[derive(Clone, Copy)]
+pub(super) struct Entry {
+    /// 1/m.
+    pub(super) inverse_depth: f64,
+    /// Change of the inverse depth over one pixel to the right and below on the sample's plane, 1/m.
+    pub(super) slopes: [f64; 2],
+    /// sRGB, straight alpha.
+    pub(super) color_srgb: [u8; 4],
+}
+
+/// One image of surfaces.
+pub(super) struct Sheet {
+    pub(super) face: Face,
+    /// Face position of its upper left corner; -1 where a border lies beyond the face.
+    pub(super) origin: [f64; 2],
+    /// [`SHEET_LEN`] entries, row by row.
+    pub(super) entries: Vec<Option<Entry>>,
+    /// Samples inside the border.
+    pub(super) samples: u32,
+}
+
+/// All sheets of a cube that hold samples inside their borders.
+pub(super) fn sheets(cube: &PackedCube) -> Vec<Sheet> {
+    let places = Face::ALL.into_iter().flat_map(|face| {
+        let rows = 0..cube.face_size_px.div_ceil(PLACE_ROWS);
+        rows.flat_map(move |row| {
+            let columns = 0..cube.face_size_px.div_ceil(PLACE_COLUMNS);
+            columns.map(move |column| (face, column * PLACE_COLUMNS, row * PLACE_ROWS))
+        })
+    });
+    let places: Vec<_> = places.collect();
+    let of_place = |(face, x0, y0): &(Face, u32, u32)| place(cube, *face, *x0, *y0);
+    places.par_iter().map(of_place).collect::<Vec<_>>().into_iter().flatten().collect()
+}
+
+fn place(cube: &PackedCube, face: Face, x0: u32, y0: u32) -> Vec<Sheet> {
+    let segments: Vec<&PackedSegment> = cube.segments.iter().filter(|segment| segment.face == face).collect();
+    let dealer = Dealer {
+        tolerance: f64::from(SurfaceCanvas::tolerance(cube.face_size_px)),
+        bin: DepthBins::new(cube.info.half_size_m, cube.face_size_px).inverse_depth(1.0),
+    };
+    let mut dealt: Vec<Vec<Option<Entry>>> = Vec::new();
+    for at in 0..SHEET_LEN {
+        let (column, row) = ((at % SHEET_COLUMNS) as u32, (at / SHEET_COLUMNS) as u32);
+        let Some((x, y)) = (x0 + column).checked_sub(1).zip((y0 + row).checked_sub(1)) else { continue };
+        let samples: Vec<Entry> = segments.iter().flat_map(|segment| entries(cube, segment, x, y)).collect();
+        dealer.deal(&samples, at, &mut dealt);
+    }
+    let inside = |at: usize| {
+        (1..SHEET_COLUMNS - 1).contains(&(at % SHEET_COLUMNS)) && (1..SHEET_ROWS - 1).contains(&(at / SHEET_COLUMNS))
+    };
+    let origin = [f64::from(x0) - 1.0, f64::from(y0) - 1.0];
+    let sheets = dealt.into_iter().map(|entries| {
+        let samples = entries.iter().enumerate().filter(|(at, entry)| entry.is_some() && inside(*at)).count() as u32;
+        Sheet { face, origin, entries, samples }
+    });
+    sheets.filter(|sheet| sheet.samples > 0).collect()
+}
+
+/// The samples of a face pixel in a segment.
+fn entries<'a>(
+    cube: &'a PackedCube,
+    segment: &'a PackedSegment,
+    x: u32,
+    y: u32,
+) -> impl Iterator<Item = Entry> + use<'a> {
+    let within = x.checked_sub(segment.x0).zip(y.checked_sub(segment.y0));
+    let pixel = within.filter(|(x, _)| *x < segment.width).map_or(&[][..], |(x, y)| segment.pixel(x, y));
+    let face_px = cube.face_size_px;
+    let d = segment.face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face_px);
+    let step = 2.0 / f64::from(face_px);
+    let most = f64::from(MAX_SLOPE) * step;
+    pixel.iter().map(move |pixel| {
+        let found = segment.decode(cube.layout, *pixel);
+        let (n, q) = (found.normal, found.inverse_depth);
+        let slopes =
+            [segment.face.right(), -segment.face.up()].map(|to| (n.dot(to) * step / n.dot(d)).min(most).max(-most) * q);
+        Entry { inverse_depth: q, slopes, color_srgb: found.color_srgb }
+    })
+}
+
+/// What decides whether samples are of one surface.
+struct Dealer {
+    tolerance: f64,
+    bin: f64,
+}
+
+impl Dealer {
+    fn connects(&self, a: f64, b: f64) -> bool {
+        (a - b).abs() <= (a.max(b) * self.tolerance).max(self.bin)
+    }
+
+    /// Deals the samples of one pixel out: first those that go on a surface, each to the sheet where it does best, then the
+    /// others to sheets that are still free there.
+    fn deal(&self, samples: &[Entry], at: usize, sheets: &mut Vec<Vec<Option<Entry>>>) {
+        let mut placed = vec![false; samples.len()];
+        let (column, row) = (at % SHEET_COLUMNS, at / SHEET_COLUMNS);
+        let before = [
+            (column > 0).then(|| at - 1),
+            (row > 0).then(|| at - SHEET_COLUMNS),
+            (row > 0 && column + 1 < SHEET_COLUMNS).then(|| at + 1 - SHEET_COLUMNS),
+        ];
+        for sheet in sheets.iter_mut() {
+            let mut best = None;
+            for near in before.into_iter().flatten().filter_map(|at| sheet[at]) {
+                for (i, sample) in samples.iter().enumerate().filter(|(i, _)| !placed[*i]) {
+                    let apart = (near.inverse_depth - sample.inverse_depth).abs();
+                    let is_best = best.is_none_or(|(least, _)| apart < least);
+                    if is_best && self.connects(near.inverse_depth, sample.inverse_depth) {
+                        best = Some((apart, i));
+                    }
+                }
+            }
+            if let Some((_, i)) = best {
+                sheet[at] = Some(samples[i]);
+                placed[i] = true;
+            }
+        }
+        for (sample, _) in samples.iter().zip(&placed).filter(|(_, placed)| !**placed) {
+            match sheets.iter_mut().find(|sheet| sheet[at].is_none()) {
+                Some(sheet) => sheet[at] = Some(*sample),
+                None => {
+                    let mut sheet = vec![None; SHEET_LEN];
+                    sheet[at] = Some(*sample);
+                    sheets.push(sheet);
+                }
+            }
+        }
+    }
+}

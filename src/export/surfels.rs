@@ -1,0 +1,166 @@
+//! A capture as pieces of surfaces in space, for formats that know no cameras.
+
+use crate::capture::rig::Face;
+use crate::packed::PackedCube;
+use crate::render::rules::MAX_SLOPE;
+use glam::{DVec3, Vec3};
+use std::io;
+
+/// A piece of a surface: what one sample stands for.
+pub(super) struct Surfel {
+    /// World axes, metres from the centre of the headbox.
+    pub(super) position: DVec3,
+    /// Unit normal, world axes.
+    pub(super) normal: DVec3,
+    /// Where the next samples of the surface lie, to the right and below on the face, metres.
+    pub(super) along: [DVec3; 2],
+    /// Straight alpha.
+    pub(super) color_srgb: [u8; 4],
+}
+
+impl Surfel {
+    /// What a face sees in the direction `d` (eye depth 1) at an inverse depth, on a plane with a normal.
+    fn new(face: Face, face_px: u32, d: DVec3, inverse_depth: f64, normal: DVec3, color_srgb: [u8; 4]) -> Self {
+        let pixel = 2.0 / f64::from(face_px);
+        let most = f64::from(MAX_SLOPE) * pixel;
+        let along = [face.right(), -face.up()].map(|step| {
+            // On a plane, inverse depth is proportional to n . d. `min` and `max` also turn 0 / 0 into a number.
+            let slope = (normal.dot(step) * pixel / normal.dot(d)).min(most).max(-most);
+            (step * pixel - d * slope) / inverse_depth
+        });
+        Self { position: d / inverse_depth, normal, along, color_srgb }
+    }
+}
+
+/// Inverse depth, 1/m, at which what is at infinity is put: so far that no eye in the headbox sees it move by a face pixel.
+pub(super) fn infinity(cube: &PackedCube) -> f64 {
+    let farthest = cube.segments.iter().map(|s| s.inverse_depth(0)).fold(f64::INFINITY, f64::min);
+    let still = 1.0 / (cube.info.half_size_m * f64::from(cube.face_size_px));
+    still.min(farthest / 2.0)
+}
+
+/// Number of [`for_each`].
+pub(super) fn count(cube: &PackedCube, sky: bool) -> u64 {
+    let mut count = 0;
+    // Counting fails nowhere.
+    let _ = for_each(cube, sky, &mut |_| {
+        count += 1;
+        Ok(())
+    });
+    count
+}
+
+/// Hands over all samples, all texels of pictures on planes, and with `sky` those of the environment, far away.
+pub(super) fn for_each(cube: &PackedCube, sky: bool, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
+    samples(cube, to)?;
+    texels(cube, to)?;
+    if sky { environment(cube, to) } else { Ok(()) }
+}
+
+fn samples(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
+    let face_px = cube.face_size_px;
+    for segment in &cube.segments {
+        for y in 0..segment.height {
+            for x in 0..segment.width {
+                let d =
+                    segment.face.direction(f64::from(segment.x0 + x) + 0.5, f64::from(segment.y0 + y) + 0.5, face_px);
+                for pixel in segment.pixel(x, y) {
+                    let found = segment.decode(cube.layout, *pixel);
+                    let q = found.inverse_depth.max(f64::MIN_POSITIVE);
+                    to(Surfel::new(segment.face, face_px, d, q, found.normal, found.color_srgb))?;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+fn texels(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
+    let (set, face_px, infinity) = (&cube.planes, cube.face_size_px, infinity(cube));
+    for tile in &set.tiles {
+        let (Some(plane), Some(texels)) = (set.planes.get(tile.plane as usize), set.texels.get(tile.texel_range()))
+        else {
+            continue;
+        };
+        let face = Face::ALL[usize::from(tile.face) % 6];
+        let n = plane.normal_per_distance.as_dvec3();
+        let [q, along_x, along_y] = plane.inverse_depth(face, face_px);
+        for (i, [r, g, b, a]) in texels.iter().copied().enumerate().filter(|(_, texel)| texel[3] > 0) {
+            let (column, row) = (i % usize::from(tile.width), i / usize::from(tile.width));
+            let (x, y) = (f64::from(tile.x0) + column as f64 + 0.5, f64::from(tile.y0) + row as f64 + 0.5);
+            let d = face.direction(x, y, face_px);
+            let normal = -n.try_normalize().unwrap_or(d.normalize());
+            let straight = |c: u8| (u32::from(c) * 255 / u32::from(a)).min(255) as u8;
+            let color_srgb = [straight(r), straight(g), straight(b), a];
+            to(Surfel::new(face, face_px, d, (q + along_x * x + along_y * y).max(infinity), normal, color_srgb))?;
+        }
+    }
+    Ok(())
+}
+
+fn environment(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
+    // Behind what is at infinity and not environment.
+    let (size_px, q) = (cube.environment.size_px, infinity(cube) / 2.0);
+    let per_face = size_px as usize * size_px as usize;
+    let known = cube.environment.texels.iter().enumerate().filter(|(_, texel)| texel[3] > 0);
+    for (i, color_srgb) in known {
+        let (x, y) = ((i % per_face) as u32 % size_px, (i % per_face) as u32 / size_px);
+        let face = Face::ALL[(i / per_face) % 6];
+        let d = face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, size_px);
+        to(Surfel::new(face, size_px, d, q, -d.normalize(), *color_srgb))?;
+    }
+    Ok(())
+}
+
+/// A Gaussian on a surface: the axes of its ellipse and the normal, orthonormal and right-handed, and its two deviations.
+pub(super) struct Ellipse {
+    pub(super) axes: [Vec3; 3],
+    pub(super) deviations: [f32; 2],
+}
+
+impl Surfel {
+    /// The ellipse of a Gaussian with a deviation of `spacings` between samples: the principal axes of both steps.
+    pub(super) fn ellipse(&self, spacings: f64) -> Ellipse {
+        let [a, b] = self.along;
+        let first = a.try_normalize().unwrap_or_else(|| self.normal.any_orthonormal_vector());
+        let normal = a.cross(b).try_normalize().unwrap_or(self.normal);
+        let second = normal.cross(first);
+        // The covariance a a^T + b b^T in the plane, and the angle to its larger axis.
+        let (x, y) = (b.dot(first), b.dot(second));
+        let (xx, xy, yy) = (a.length_squared() + x * x, x * y, y * y);
+        let angle = (2.0 * xy).atan2(xx - yy) / 2.0;
+        let (mean, apart) = ((xx + yy) / 2.0, ((xx - yy) / 2.0).hypot(xy));
+        let deviation = |variance: f64| (variance.max(0.0).sqrt() * spacings) as f32;
+        let major = first * angle.cos() + second * angle.sin();
+        let axes = [major, normal.cross(major), normal].map(|axis| axis.as_vec3());
+        Ellipse { axes, deviations: [deviation(mean + apart), deviation(mean - apart)] }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::dvec3;
+
+    #[test]
+    fn ellipses_have_the_covariance_of_both_steps() {
+        let along = [dvec3(0.2, 0.0, 0.1), dvec3(-0.05, 0.3, 0.02)];
+        let surfel = Surfel { position: DVec3::ZERO, normal: DVec3::Z, along, color_srgb: [0; 4] };
+        let Ellipse { axes, deviations } = surfel.ellipse(0.5);
+        for probe in [dvec3(1.0, 0.0, 0.0), dvec3(0.3, -0.7, 0.2), dvec3(0.0, 0.1, 1.0)] {
+            let expected: f64 = along.iter().map(|step| (step.dot(probe) * 0.5).powi(2)).sum();
+            let found: f32 = (0..2).map(|i| (axes[i].dot(probe.as_vec3()) * deviations[i]).powi(2)).sum();
+            assert!((f64::from(found) - expected).abs() < 1e-6, "{found} {expected}");
+        }
+        assert!((axes[0].cross(axes[1]) - axes[2]).length() < 1e-6, "right-handed");
+    }
+
+    #[test]
+    fn steps_stay_on_the_plane() {
+        let normal = dvec3(0.3, 0.5, 0.8).normalize();
+        let d = Face::NegZ.direction(10.5, 30.5, 64);
+        let surfel = Surfel::new(Face::NegZ, 64, d, 0.25, normal, [0; 4]);
+        assert!((surfel.position - d * 4.0).length() < 1e-12);
+        surfel.along.iter().for_each(|step| assert!(step.dot(normal).abs() < 1e-12));
+    }
+}

@@ -1,0 +1,338 @@
+//! The cameras of a lumigraph: a grid on a plane, all looking along its normal (L4).
+//!
+//! *Plane space* has its origin on the plane; x goes right, y up and z *forward*, to where the cameras look, so that a surface of
+//! depth z has disparity 1/z, and an eye behind the plane a negative z. A ray is known by its eye and its *slopes*: x and y for
+//! each unit of z.
+
+use super::LumigraphError;
+use crate::capture::Camera;
+use glam::{DMat3, DVec2, DVec3};
+
+/// Cameras in columns and rows, not necessarily evenly spaced (the paper's limitation 1), with one focal length and size.
+///
+/// Invariants: at least one column and one row, each in ascending order; all numbers finite.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraGrid {
+    origin: DVec3,
+    world_from_eye: DMat3,
+    columns: Vec<f64>,
+    rows: Vec<f64>,
+    focal_px: f64,
+    size_px: [u32; 2],
+    convergence: f64,
+}
+
+/// All that a grid is made of.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GridParts {
+    /// A point of the plane, world metres: the origin of plane space.
+    pub origin: DVec3,
+    /// Axes of all cameras, as [`Camera::world_from_eye`]: right, up, and back, which is the plane's normal turned round.
+    pub world_from_eye: DMat3,
+    /// Cameras' places to the right of the origin, metres, ascending.
+    pub columns: Vec<f64>,
+    /// Cameras' places above the origin, metres, ascending.
+    pub rows: Vec<f64>,
+    /// Focal length of the images, pixels.
+    pub focal_px: f64,
+    /// Width and height of the images, pixels.
+    pub size_px: [u32; 2],
+    /// The disparity at which all images show the same part of the scene, 1/m: principal points are moved so. 0 for the paper's
+    /// parallel frusta.
+    pub convergence: f64,
+}
+
+impl CameraGrid {
+    /// A grid of its parts.
+    ///
+    /// # Errors
+    /// [`LumigraphError::NoCameras`], [`LumigraphError::Grid`], [`LumigraphError::Size`], [`LumigraphError::TooLarge`].
+    pub fn new(parts: GridParts) -> Result<Self, LumigraphError> {
+        let GridParts { origin, world_from_eye, columns, rows, focal_px, size_px: [width, height], convergence } =
+            parts;
+        if columns.is_empty() || rows.is_empty() {
+            return Err(LumigraphError::NoCameras);
+        }
+        for (places, name) in [(&columns, "columns"), (&rows, "rows")] {
+            let ascending = places.windows(2).all(|pair| pair[0] < pair[1]);
+            if !ascending || !places.iter().all(|place| place.is_finite()) {
+                return Err(LumigraphError::Grid(name));
+            }
+        }
+        if !origin.is_finite() || !world_from_eye.is_finite() {
+            return Err(LumigraphError::Grid("place"));
+        }
+        if !(1e-3..1e9).contains(&focal_px) || !convergence.is_finite() {
+            return Err(LumigraphError::Grid("focal length"));
+        }
+        let sides = 2..=Camera::MAX_SIDE_PX;
+        if !sides.contains(&width) || !sides.contains(&height) {
+            return Err(LumigraphError::Size(width, height));
+        }
+        let cameras = columns.len().saturating_mul(rows.len());
+        if (cameras as u64).saturating_mul(u64::from(width) * u64::from(height)) > super::MAX_PIXELS {
+            return Err(LumigraphError::TooLarge { cameras, width, height });
+        }
+        Ok(Self { origin, world_from_eye, columns, rows, focal_px, size_px: [width, height], convergence })
+    }
+
+    /// `count` evenly spaced places of an extent about 0; the middle alone for one.
+    pub fn evenly(count: usize, extent: f64) -> Vec<f64> {
+        let place = |i: usize| (i as f64 / (count.max(2) - 1) as f64 - 0.5) * extent;
+        if count == 1 { vec![0.0] } else { (0..count).map(place).collect() }
+    }
+
+    /// The axes of cameras that look along `normal`, with `up` (any length, not along the normal) pointing up.
+    pub fn facing(normal: DVec3, up: DVec3) -> Option<DMat3> {
+        let camera = Camera::look_at(DVec3::ZERO, normal, up, 60.0, [2, 2]).ok()?;
+        Some(camera.world_from_eye())
+    }
+
+    /// A point of the plane: the origin of plane space, world metres.
+    pub fn origin(&self) -> DVec3 {
+        self.origin
+    }
+
+    /// Axes of all cameras: right, up, back.
+    pub fn world_from_eye(&self) -> DMat3 {
+        self.world_from_eye
+    }
+
+    /// Cameras' places to the right of the origin, metres.
+    pub fn columns(&self) -> &[f64] {
+        &self.columns
+    }
+
+    /// Cameras' places above the origin, metres.
+    pub fn rows(&self) -> &[f64] {
+        &self.rows
+    }
+
+    /// Focal length of the images, pixels.
+    pub fn focal_px(&self) -> f64 {
+        self.focal_px
+    }
+
+    /// Width and height of the images, pixels.
+    pub fn size_px(&self) -> [u32; 2] {
+        self.size_px
+    }
+
+    /// The disparity at which all images show the same, 1/m.
+    pub fn convergence(&self) -> f64 {
+        self.convergence
+    }
+
+    /// Number of cameras.
+    pub fn camera_count(&self) -> usize {
+        self.columns.len() * self.rows.len()
+    }
+
+    /// Pixels of an image.
+    pub fn picture_pixels(&self) -> usize {
+        self.size_px[0] as usize * self.size_px[1] as usize
+    }
+
+    /// The widest gap between neighbours in a row or column, metres; 0 for a single camera.
+    pub fn spacing(&self) -> f64 {
+        let widest = |places: &[f64]| places.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+        widest(&self.columns).max(widest(&self.rows))
+    }
+
+    /// A point in plane space.
+    pub fn plane_from_world(&self, point: DVec3) -> DVec3 {
+        self.direction_from_world(point - self.origin)
+    }
+
+    /// A direction in plane space.
+    pub fn direction_from_world(&self, direction: DVec3) -> DVec3 {
+        let in_eye = self.world_from_eye.transpose() * direction;
+        DVec3::new(in_eye.x, in_eye.y, -in_eye.z)
+    }
+
+    /// The camera in a column and row.
+    pub fn camera(&self, column: usize, row: usize) -> Camera {
+        let (right, up) = (self.columns[column], self.rows[row]);
+        let eye = self.origin + self.world_from_eye.x_axis * right + self.world_from_eye.y_axis * up;
+        let [width, height] = self.size_px;
+        let [x, y] = [f64::from(width) / 2.0, f64::from(height) / 2.0];
+        let shift = self.focal_px * self.convergence;
+        Camera::from_parts(eye, self.world_from_eye, self.focal_px, width, height)
+            .map(|camera| camera.with_principal_px([x + shift * right, y - shift * up]))
+            .unwrap_or_else(|_| unreachable!("the size was checked when the grid was made"))
+    }
+
+    /// The same with some of its columns and rows.
+    ///
+    /// # Errors
+    /// [`LumigraphError::NoCameras`] if none is left.
+    pub fn with_places(&self, columns: Vec<f64>, rows: Vec<f64>) -> Result<Self, LumigraphError> {
+        let Self { origin, world_from_eye, focal_px, size_px, convergence, .. } = *self;
+        Self::new(GridParts { origin, world_from_eye, columns, rows, focal_px, size_px, convergence })
+    }
+}
+
+/// A frame's camera in plane space.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct View {
+    pub(super) eye: DVec3,
+    /// The direction of pixel position (0, 0).
+    pub(super) start: DVec3,
+    /// What a column and a row add to it.
+    pub(super) step: [DVec3; 2],
+    size: [f64; 2],
+}
+
+/// Directions that go less forward than this, for each pixel's width of the image plane, never reach a layer: their slopes have no
+/// digits left.
+pub(super) const LEAST_FORWARD: f64 = 1e-6;
+
+impl View {
+    pub(super) fn new(grid: &CameraGrid, camera: &Camera) -> Self {
+        let along = |x: f64, y: f64| grid.direction_from_world(camera.direction(x, y));
+        let start = along(0.0, 0.0);
+        let step = [along(1.0, 0.0) - start, along(0.0, 1.0) - start];
+        let size = [f64::from(camera.width()), f64::from(camera.height())];
+        Self { eye: grid.plane_from_world(camera.eye()), start, step, size }
+    }
+
+    /// Distance of the eye behind the plane; negative in front of it.
+    pub(super) fn behind(&self) -> f64 {
+        -self.eye.z
+    }
+
+    /// The slopes of a pixel position, if it looks forward.
+    pub(super) fn slopes(&self, [x, y]: [f64; 2]) -> Option<DVec2> {
+        let direction = self.start + self.step[0] * x + self.step[1] * y;
+        (direction.z > LEAST_FORWARD).then(|| direction.truncate() / direction.z)
+    }
+
+    /// Width and height of the frame, pixels.
+    pub(super) fn size(&self) -> [f64; 2] {
+        self.size
+    }
+
+    /// Where a ray crosses the camera plane.
+    pub(super) fn crossing(&self, slopes: DVec2) -> DVec2 {
+        self.eye.truncate() - slopes * self.eye.z
+    }
+
+    /// Pixels of the frame for a unit of slope: the most anywhere, and in the middle (the root of how areas grow). They are the focal
+    /// length for a frame that is parallel to the plane. `None` if the middle does not look forward.
+    pub(super) fn px_per_slope(&self) -> Option<[f64; 2]> {
+        let scale = |share_x: f64, share_y: f64| {
+            let at = [self.size[0] * share_x, self.size[1] * share_y];
+            let direction = self.start + self.step[0] * at[0] + self.step[1] * at[1];
+            let slopes = self.slopes(at)?;
+            let [across, down] = self.step.map(|step| (step.truncate() - slopes * step.z) / direction.z);
+            // Singular values of the matrix with these columns.
+            let (area, squares) = (across.perp_dot(down).abs(), across.length_squared() + down.length_squared());
+            let least = 0.5 * (squares - (squares * squares - 4.0 * area * area).max(0.0).sqrt());
+            (area > 0.0 && least > 0.0).then(|| [1.0 / least.sqrt(), 1.0 / area.sqrt()])
+        };
+        let [_, middle] = scale(0.5, 0.5)?;
+        let places = [0.0, 0.5, 1.0];
+        let most = places.iter().flat_map(|&x| places.iter().map(move |&y| [x, y]));
+        let most = most.filter_map(|[x, y]| scale(x, y)).map(|[most, _]| most).fold(middle, f64::max);
+        Some([most, middle])
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// A turned and moved grid of 3 columns, unevenly spaced, and 2 rows.
+    pub(in crate::lumigraph) fn any_grid() -> CameraGrid {
+        let axes = CameraGrid::facing(DVec3::new(0.3, -0.2, -1.0), DVec3::Y).expect("a direction");
+        CameraGrid::new(GridParts {
+            origin: DVec3::new(1.0, 2.0, -3.0),
+            world_from_eye: axes,
+            columns: vec![-0.5, 0.1, 0.4],
+            rows: vec![-0.2, 0.3],
+            focal_px: 50.0,
+            size_px: [64, 48],
+            convergence: 0.25,
+        })
+        .expect("a grid")
+    }
+
+    #[test]
+    fn slopes_and_disparities_find_the_pixels_that_cameras_see() {
+        let grid = any_grid();
+        let eye = grid.origin() + grid.world_from_eye() * DVec3::new(0.2, 0.1, 0.7);
+        let at = eye - grid.world_from_eye().z_axis + DVec3::new(0.1, 0.2, 0.0);
+        let frame = Camera::look_at(eye, at, DVec3::new(0.2, 1.0, 0.0), 40.0, [30, 20]).expect("valid");
+        let view = View::new(&grid, &frame);
+        assert!((view.behind() - 0.7).abs() < 1e-12);
+        for (pixel, d) in [([3.0, 4.5], 0.2), ([29.0, 1.0], 1.3), ([15.0, 10.0], 0.05)] {
+            let slopes = view.slopes(pixel).expect("forward");
+            // Meets depth 1/d behind the plane at that distance from the eye.
+            let forward = 1.0 / d - view.eye.z;
+            let direction = frame.direction(pixel[0], pixel[1]);
+            let point = eye + direction * (forward / grid.direction_from_world(direction).z);
+            assert!((grid.plane_from_world(point).z - 1.0 / d).abs() < 1e-9);
+            for (column, row) in [(0, 0), (2, 1)] {
+                let [u, v, depth] = grid.camera(column, row).project(point).expect("in front");
+                let (s, t) = (grid.columns()[column], grid.rows()[row]);
+                let shift = grid.focal_px() * (d - grid.convergence());
+                let found = [
+                    32.0 + grid.focal_px() * (view.eye.x * d + (1.0 - view.eye.z * d) * slopes.x) - s * shift,
+                    24.0 - grid.focal_px() * (view.eye.y * d + (1.0 - view.eye.z * d) * slopes.y) + t * shift,
+                ];
+                assert!((found[0] - u).abs() < 1e-9 && (found[1] - v).abs() < 1e-9 && (depth * d - 1.0).abs() < 1e-9);
+            }
+            let crossing = view.crossing(slopes);
+            let back = direction * (view.behind() / grid.direction_from_world(direction).z);
+            assert!((grid.plane_from_world(eye + back) - crossing.extend(0.0)).length() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn the_scale_of_a_parallel_frame_is_its_focal_length_and_a_turned_ones_is_larger() {
+        let grid = any_grid();
+        let ahead = -grid.world_from_eye().z_axis;
+        let frame = |look: DVec3| Camera::look_at(DVec3::ZERO, look, DVec3::Y, 60.0, [40, 30]).expect("valid");
+        let scale = |look: DVec3| View::new(&grid, &frame(look)).px_per_slope();
+        let focal = frame(ahead).focal_px();
+        let [most, middle] = scale(ahead).expect("forward");
+        // The root of a difference of squares keeps half the digits.
+        assert!((most / focal - 1.0).abs() < 1e-6 && (middle / focal - 1.0).abs() < 1e-6);
+        let [most, middle] = scale(ahead + DVec3::new(0.5, 0.0, 0.0)).expect("forward");
+        assert!(most > focal && most > middle);
+        assert_eq!(scale(-ahead), None);
+    }
+
+    #[test]
+    fn bad_grids_are_refused() {
+        let good = || {
+            let grid = any_grid();
+            GridParts {
+                origin: grid.origin,
+                world_from_eye: grid.world_from_eye,
+                columns: grid.columns,
+                rows: grid.rows,
+                focal_px: grid.focal_px,
+                size_px: grid.size_px,
+                convergence: grid.convergence,
+            }
+        };
+        assert!(CameraGrid::new(good()).is_ok());
+        let refused = |change: fn(&mut GridParts)| {
+            let mut parts = good();
+            change(&mut parts);
+            CameraGrid::new(parts).expect_err("refused")
+        };
+        assert_eq!(refused(|grid| grid.columns.clear()), LumigraphError::NoCameras);
+        assert_eq!(refused(|grid| grid.rows = vec![1.0, 1.0]), LumigraphError::Grid("rows"));
+        assert_eq!(refused(|grid| grid.columns = vec![f64::NAN]), LumigraphError::Grid("columns"));
+        assert_eq!(refused(|grid| grid.origin.x = f64::INFINITY), LumigraphError::Grid("place"));
+        assert_eq!(refused(|grid| grid.focal_px = 0.0), LumigraphError::Grid("focal length"));
+        assert_eq!(refused(|grid| grid.size_px = [1, 9]), LumigraphError::Size(1, 9));
+        let large = refused(|grid| (grid.columns, grid.size_px) = ((0..300).map(f64::from).collect(), [4096, 4096]));
+        assert!(matches!(large, LumigraphError::TooLarge { .. }));
+        assert!(CameraGrid::facing(DVec3::ZERO, DVec3::Y).is_none());
+        assert_eq!(CameraGrid::evenly(1, 3.0), [0.0]);
+        assert_eq!(CameraGrid::evenly(3, 3.0), [-1.5, 0.0, 1.5]);
+    }
+}

@@ -1,0 +1,152 @@
+//! Layered lumigraphs (*Layered Lumigraph with LOD Control*; L1 to L11, corrected by C18 to C22): images from a grid of cameras on a
+//! plane, whose pixels know a layer of disparity. Images and layers stand for each other, and an eye far behind the plane needs few
+//! layers. They serve views from outside: of a stage, through a window, of an object.
+//!
+//! | paper | here |
+//! |---|---|
+//! | sampling curve, best disparity, error for an eye off the plane (Eq. 1 to 8) | `bounds` |
+//! | layers, uniform in disparity or placed where surfaces are | `layers` |
+//! | data structure (table 1) | [`Lumigraph`], `grid`; `file` |
+//! | construction | `capture` |
+//! | optimization for a platform | `optimum` |
+//! | hierarchical representation | `pyramid` |
+//! | merging layers for a frame (table 3) | `merge` |
+//! | rendering (table 2): what a frame needs, rectangles with ranges of layers, the loop over pixels | `render`, `rectangles`, `kernel`; `oracle`; overlays: `show` |
+
+mod bounds;
+mod capture;
+mod error;
+mod file;
+mod grid;
+mod kernel;
+mod layers;
+mod merge;
+mod optimum;
+mod oracle;
+mod pyramid;
+mod rectangles;
+mod render;
+mod show;
+#[cfg(test)]
+mod tests;
+
+pub use bounds::{ErrorBound, detail, max_spacing, min_cameras, min_layers, optimal_disparity};
+pub use capture::{LumigraphCapture, RawLumigraph};
+pub use error::LumigraphError;
+pub use file::LUMI_FILE;
+pub use grid::{CameraGrid, GridParts};
+pub use layers::{Layer, Placement, classify, place, uniform};
+pub use merge::{Merger, merge};
+pub use optimum::CurvePoint;
+pub use oracle::render as render_by_rays;
+pub use render::{Blend, LumigraphRenderer, LumigraphSettings, LumigraphStats};
+pub use show::Show;
+
+use crate::capture::scene::FileFrame;
+use crate::environment::Environment;
+use pyramid::Pyramid;
+use rectangles::Rectangles;
+use serde::{Deserialize, Serialize};
+
+/// Pixels of all images together, at most: indices of texels have 32 bits, and levels of detail add a third.
+pub const MAX_PIXELS: u64 = 3 << 30;
+
+/// Layers that an index of two bytes tells apart, beside what was not seen.
+pub const MAX_LAYERS: usize = 65_535;
+
+/// Where a lumigraph comes from; travels in the `.lumi` file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LumigraphInfo {
+    /// The scene or the pictures, as given on the command line; empty if there is no telling.
+    pub source: String,
+    /// Axes and unit of the source.
+    #[serde(flatten)]
+    pub frame: FileFrame,
+    /// How the layers were placed.
+    pub placement: Placement,
+    /// The points of the sampling curve that were timed, if this is the fastest of them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub curve: Vec<CurvePoint>,
+}
+
+/// What one camera sees (L4).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Picture {
+    /// 8-bit sRGB, row-major, row 0 on top.
+    pub color: Vec<[u8; 3]>,
+    /// The layer of each pixel, counted from 1 for the farthest; 0 where no surface is: at infinity.
+    pub index: Vec<u16>,
+}
+
+/// Images of a grid of cameras, with a layer for each pixel (L4).
+///
+/// Invariants: a picture of the grid's size for each camera, row by row from the lowest; layers positive, finite, ascending and
+/// apart; no index beyond the layers.
+#[derive(Clone, Debug)]
+pub struct Lumigraph {
+    /// Where it comes from.
+    pub info: LumigraphInfo,
+    /// What lies behind all that the images show; of size 0 if that is not known.
+    pub environment: Environment,
+    grid: CameraGrid,
+    layers: Vec<Layer>,
+    pictures: Vec<Picture>,
+    pyramid: Pyramid,
+    rectangles: Rectangles,
+}
+
+impl Lumigraph {
+    /// Puts a lumigraph together, and makes what frames need of it.
+    ///
+    /// # Errors
+    /// [`LumigraphError`] if an invariant does not hold.
+    pub fn new(grid: CameraGrid, layers: Vec<Layer>, pictures: Vec<Picture>) -> Result<Self, LumigraphError> {
+        if layers.len() > MAX_LAYERS {
+            return Err(LumigraphError::TooManyLayers(layers.len()));
+        }
+        let is_sane = |layer: &Layer| layer.min > 0.0 && layer.max >= layer.min && layer.max.is_finite();
+        if !layers.iter().all(is_sane) || !layers.windows(2).all(|pair| pair[0].max < pair[1].min) {
+            return Err(LumigraphError::Layers);
+        }
+        let pixels = grid.picture_pixels();
+        let fits = |picture: &Picture| {
+            let in_range = |index: &u16| usize::from(*index) <= layers.len();
+            picture.color.len() == pixels && picture.index.len() == pixels && picture.index.iter().all(in_range)
+        };
+        if let Some(bad) = pictures.iter().position(|picture| !fits(picture)) {
+            return Err(LumigraphError::Picture(bad));
+        }
+        if pictures.len() != grid.camera_count() {
+            return Err(LumigraphError::Picture(pictures.len().min(grid.camera_count())));
+        }
+        let pyramid = Pyramid::new(&grid, &pictures);
+        let rectangles = Rectangles::new(&grid, &pictures, layers.len());
+        let (info, environment) = (LumigraphInfo::default(), Environment::default());
+        Ok(Self { info, environment, grid, layers, pictures, pyramid, rectangles })
+    }
+
+    /// The cameras.
+    pub fn grid(&self) -> &CameraGrid {
+        &self.grid
+    }
+
+    /// The layers, far ones first.
+    pub fn layers(&self) -> &[Layer] {
+        &self.layers
+    }
+
+    /// What the cameras see, row by row from the lowest.
+    pub fn pictures(&self) -> &[Picture] {
+        &self.pictures
+    }
+
+    /// Bytes that an index takes in a file.
+    pub fn index_bytes(&self) -> usize {
+        if self.layers.len() < 256 { 1 } else { 2 }
+    }
+
+    /// The range of disparity of all surfaces, 1/m; `None` if there are none.
+    pub fn range(&self) -> Option<[f64; 2]> {
+        Some([self.layers.first()?.min, self.layers.last()?.max])
+    }
+}

@@ -1,0 +1,148 @@
+//! The fastest point of the sampling curve on this machine (L6).
+//!
+//! Along the curve fewer images need more layers, for the same bound on the error. Which point draws fastest nobody can compute, so
+//! points are timed: all cameras, every second, every fourth and so on, each with the layers that it needs.
+
+use super::bounds::{detail, min_layers};
+use super::layers::Placement;
+use super::render::{LumigraphRenderer, LumigraphSettings};
+use super::{Lumigraph, LumigraphError, MAX_LAYERS, RawLumigraph};
+use crate::capture::Camera;
+use crate::capture::statistics::median;
+use crate::progress::Progress;
+use serde::{Deserialize, Serialize};
+
+/// A point of the sampling curve.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CurvePoint {
+    /// Columns and rows of cameras.
+    pub cameras: [usize; 2],
+    /// Layers of disparity, at most.
+    pub layers: usize,
+    /// Median time of a frame, ms; 0 before it was taken.
+    pub ms: f64,
+}
+
+/// Frames of which a point's time is the median, in as many rounds.
+const ROUNDS: usize = 5;
+
+impl RawLumigraph {
+    /// The points of the minimum sampling curve that these images hold, most cameras first, for frames of a focal length in pixels
+    /// (Eq. 7): every first, second, fourth camera and so on, as long as the outermost stay.
+    pub fn curve(&self, frame_focal_px: f64) -> Vec<CurvePoint> {
+        let (grid, Some(range)) = (self.grid(), self.range()) else { return Vec::new() };
+        let finest = detail(1.0 / grid.focal_px(), 1.0 / frame_focal_px, None);
+        let counts = [grid.columns().len(), grid.rows().len()];
+        let keeps_ends = |step: usize| counts.iter().all(|count| (count - 1).is_multiple_of(step));
+        let longest = counts[0].max(counts[1]).saturating_sub(1).max(1);
+        let points = (1..=longest).filter(|step| keeps_ends(*step)).filter_map(|step| {
+            let [columns, rows] = counts.map(|count| every(count, step));
+            let spacing = self.with_cameras(&columns, &rows).ok()?.grid().spacing();
+            let layers = min_layers(1.0, range, spacing, finest).ceil().clamp(1.0, MAX_LAYERS as f64) as usize;
+            Some(CurvePoint { cameras: [columns.len(), rows.len()], layers, ms: 0.0 })
+        });
+        points.collect()
+    }
+
+    /// The lumigraph of a point of the curve.
+    ///
+    /// # Errors
+    /// As [`Self::layered`]; [`LumigraphError::NoCameras`] if the images do not hold the point.
+    pub fn at(&self, point: &CurvePoint, placement: Placement) -> Result<Lumigraph, LumigraphError> {
+        let numbers = |of: usize, all: usize| match (of, all) {
+            (1, 1) => Ok(vec![0]),
+            (2.., 2..) if (all - 1).is_multiple_of(of - 1) => Ok(every(all, (all - 1) / (of - 1))),
+            _ => Err(LumigraphError::NoCameras),
+        };
+        let columns = numbers(point.cameras[0], self.grid().columns().len())?;
+        let rows = numbers(point.cameras[1], self.grid().rows().len())?;
+        self.with_cameras(&columns, &rows)?.layered(point.layers, placement)
+    }
+
+    /// Times the points of the curve on frames of these cameras, in turns, and keeps the fastest. Its
+    /// [`LumigraphInfo::curve`](super::LumigraphInfo::curve) tells all of them.
+    ///
+    /// # Errors
+    /// As [`Self::at`]; [`LumigraphError::NothingSeen`] if there is no point.
+    pub fn fastest(
+        &self,
+        frames: &[Camera],
+        placement: Placement,
+        progress: &dyn Progress,
+    ) -> Result<Lumigraph, LumigraphError> {
+        let focal_px = frames.iter().map(Camera::focal_px).fold(0.0, f64::max);
+        let mut points = self.curve(focal_px.max(f64::MIN_POSITIVE));
+        let lumigraphs = points.iter().map(|point| self.at(point, placement)).collect::<Result<Vec<_>, _>>()?;
+        progress.begin("timing", "points", (ROUNDS * points.len()) as u64);
+        let settings = LumigraphSettings { merge: false, ..LumigraphSettings::default() };
+        let mut renderer = LumigraphRenderer::new();
+        let mut times = vec![Vec::new(); points.len()];
+        for _ in 0..ROUNDS {
+            for (lumigraph, times) in lumigraphs.iter().zip(&mut times) {
+                times.extend(frames.iter().map(|camera| renderer.render(lumigraph, camera, &settings).1.frame_ms));
+                progress.advance(1);
+            }
+        }
+        for (point, times) in points.iter_mut().zip(times) {
+            point.ms = median(times).unwrap_or(0.0);
+        }
+        let best = (0..points.len()).min_by(|&a, &b| points[a].ms.total_cmp(&points[b].ms));
+        let best = best.and_then(|best| lumigraphs.into_iter().nth(best));
+        let mut fastest = best.ok_or(LumigraphError::NothingSeen)?;
+        fastest.info.curve = points;
+        Ok(fastest)
+    }
+}
+
+/// Every so many of `count`, from the first on.
+fn every(count: usize, step: usize) -> Vec<usize> {
+    (0..count).step_by(step).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lumigraph::tests::Bed;
+    use crate::lumigraph::{CameraGrid, ErrorBound};
+    use crate::progress::Silent;
+    use glam::DVec3;
+
+    #[test]
+    fn points_lie_on_the_curve_and_the_fastest_is_kept() {
+        let bed = Bed::new(CameraGrid::evenly(5, 1.0), CameraGrid::evenly(5, 1.0), [64, 48]);
+        let raw = bed.raw();
+        let frames = [bed.camera(DVec3::new(0.1, 0.2, 0.0), DVec3::NEG_Z, [40, 30])];
+        let points = raw.curve(frames[0].focal_px());
+        let cameras: Vec<[usize; 2]> = points.iter().map(|point| point.cameras).collect();
+        assert_eq!(cameras, [[5, 5], [3, 3], [2, 2]]);
+        let range = raw.range().expect("a range");
+        let tolerance = (1.0 / bed.grid.focal_px()).max(1.0 / frames[0].focal_px());
+        for point in &points {
+            let bound = ErrorBound { focal: 1.0, spacing: 1.0 / (point.cameras[0] - 1) as f64, behind: 0.0, tolerance };
+            let share = |layers: usize| [range[0], range[0] + (range[1] - range[0]) / layers as f64];
+            assert!(bound.allows(share(point.layers)), "{point:?}");
+            assert!(
+                point.layers == 1 || !bound.allows(share(point.layers - 1)),
+                "{point:?} is on the curve, not above"
+            );
+        }
+        let fastest = raw.fastest(&frames, Placement::Uniform, &Silent).expect("timed");
+        let told = &fastest.info.curve;
+        assert!(told.len() == 3 && told.iter().all(|point| point.ms > 0.0), "{told:?}");
+        let least = told.iter().min_by(|a, b| a.ms.total_cmp(&b.ms)).expect("points");
+        assert_eq!([fastest.grid().columns().len(), fastest.grid().rows().len()], least.cameras);
+        assert!(fastest.layers().len() <= least.layers);
+    }
+
+    #[test]
+    fn images_that_hold_one_point_or_another_grid() {
+        let bed = Bed::new(CameraGrid::evenly(4, 1.0), CameraGrid::evenly(3, 1.0), [16, 12]);
+        let raw = bed.raw();
+        assert_eq!(raw.curve(10.0).len(), 1, "no other keeps the ends of both");
+        let missing = CurvePoint { cameras: [3, 3], layers: 5, ms: 0.0 };
+        assert_eq!(raw.at(&missing, Placement::Uniform).err(), Some(LumigraphError::NoCameras));
+        let single = Bed::new(vec![0.0], vec![0.0], [16, 12]).raw();
+        assert_eq!(single.curve(10.0), [CurvePoint { cameras: [1, 1], layers: 1, ms: 0.0 }]);
+        assert!(single.fastest(&[], Placement::Uniform, &Silent).is_ok());
+    }
+}

@@ -1,0 +1,31 @@
+//! Numbers and lists as a sentence has them.
+
+/// A ratio of times.
+pub(super) fn times(ratio: f64) -> String {
+    if (0.97..1.03).contains(&ratio) {
+        "the same time".into()
+    } else if ratio < 9.95 {
+        format!("{ratio:.2} times the time")
+    } else {
+        format!("{ratio:.0} times the time")
+    }
+}
+
+/// A number of milliseconds.
+pub(super) fn ms(ms: f64) -> String {
+    if ms < 10.0 { format!("{ms:.2} ms") } else { format!("{ms:.0} ms") }
+}
+
+/// A number of bytes.
+pub(super) fn bytes(bytes: u64) -> String {
+    format!("{:.1} MB", bytes as f64 / 1e6)
+}
+
+/// `a`, `a and b`, `a, b and c`.
+pub(super) fn list(mut items: Vec<String>) -> String {
+    match (items.pop(), items.is_empty()) {
+        (Some(last), false) => format!("{} and {last}", items.join(", ")),
+        (Some(last), true) => last,
+        (None, _) => "nothing".into(),
+    }
+}

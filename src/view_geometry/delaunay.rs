@@ -1,0 +1,272 @@
+//! The Delaunay mesh of a frame's nodes (E8), anew for every frame.
+//!
+//! A general triangulation finds neighbours first, which is most of its work. Here they are known: each node lies in its own cell of a
+//! lattice. Four cells about a corner hold a quadrilateral whose sides cannot cross (its upper side lies in the
+//! upper two cells, its lower in the lower two, and so on), so that one of its diagonals lies inside, and all of them together
+//! are a triangulation. From there Lawson's flips lead to Delaunay's, few of them, because the nodes are close to their lattice.
+//! Cells without a sample take part with their middles; triangles at such nodes are left out. So points on a line, or all in one place,
+//! are no special case: they lack neighbours, and give no triangle.
+//!
+//! Positions are integers and all predicates exact: the flips end, and the mesh is the same everywhere.
+
+use super::fuse::{Grid, NOBODY};
+
+/// No half-edge is opposite.
+const NONE: u32 = u32::MAX;
+
+/// Triangles, each three half-edges.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Mesh {
+    /// The node that each half-edge starts at; half-edge 3 t + k goes from corner k of triangle t to the next.
+    pub(super) corners: Vec<u32>,
+    /// The half-edge on the other side, or [`NONE`].
+    twins: Vec<u32>,
+    stack: Vec<u32>,
+    /// Flips of the last frame.
+    pub(super) flips: u64,
+}
+
+impl Mesh {
+    /// Triangulates all nodes of a grid, valid or not.
+    pub(super) fn triangulate(&mut self, grid: &Grid) {
+        self.lattice(grid);
+        self.flips = 0;
+        self.stack.clear();
+        for edge in 0..self.corners.len() as u32 {
+            // Once from each side is once too often.
+            if edge < self.twins[edge as usize] && self.twins[edge as usize] != NONE {
+                self.stack.push(edge);
+                self.legalise(grid);
+            }
+        }
+    }
+
+    /// The triangles of which all corners hold a sample.
+    pub(super) fn valid<'a>(&'a self, grid: &'a Grid) -> impl Iterator<Item = [u32; 3]> + 'a {
+        let triangles = self.corners.as_chunks::<3>().0.iter().copied();
+        triangles.filter(|corners| corners.iter().all(|&node| grid.owner[node as usize] != NOBODY))
+    }
+
+    /// Two triangles for each quadrilateral of neighbouring nodes.
+    fn lattice(&mut self, grid: &Grid) {
+        let (columns, rows) = (grid.columns as usize, grid.rows as usize);
+        let across = columns - 1;
+        let quads = across * (rows - 1);
+        self.corners.clear();
+        self.corners.resize(6 * quads, 0);
+        self.twins.clear();
+        self.twins.resize(6 * quads, NONE);
+        let (corners, twins) = (&mut self.corners, &mut self.twins);
+        // On the left of the quadrilateral at hand: the half-edge of its right side.
+        let mut right_of_last = NONE;
+        for quad in 0..quads {
+            let (column, row) = (quad % across, quad / across);
+            let a = (row * columns + column) as u32;
+            let (b, c, d) = (a + 1, a + columns as u32, a + columns as u32 + 1);
+            let first = 6 * quad as u32;
+            // Half-edges of the sides; the upper one is the first, the lower one the fifth in either case.
+            let (left, right, diagonal) = if down_left(grid, [a, b, c, d]) {
+                corners[6 * quad..6 * quad + 6].copy_from_slice(&[a, b, c, b, d, c]);
+                (first + 2, first + 3, [first + 1, first + 5])
+            } else {
+                corners[6 * quad..6 * quad + 6].copy_from_slice(&[a, b, d, a, d, c]);
+                (first + 5, first + 1, [first + 2, first + 3])
+            };
+            let mut link = |one: u32, other: u32| {
+                twins[one as usize] = other;
+                twins[other as usize] = one;
+            };
+            link(diagonal[0], diagonal[1]);
+            if column > 0 {
+                link(left, right_of_last);
+            }
+            if row > 0 {
+                link(first, 6 * (quad - across) as u32 + 4);
+            }
+            right_of_last = right;
+        }
+    }
+
+    /// Flips edges until no fourth corner lies inside the circle through the other three.
+    fn legalise(&mut self, grid: &Grid) {
+        while let Some(edge) = self.stack.pop() {
+            let twin = self.twins[edge as usize];
+            if twin == NONE {
+                continue;
+            }
+            let (next, previous) = around(edge);
+            let (twin_next, twin_previous) = around(twin);
+            let [from, to, apex, other] = [edge, next, previous, twin_previous].map(|e| self.corners[e as usize]);
+            if !in_circle([from, to, apex, other].map(|node| at(grid, node))) {
+                continue;
+            }
+            self.flips += 1;
+            self.corners[edge as usize] = other;
+            self.corners[twin as usize] = apex;
+            self.link(edge, self.twins[twin_previous as usize]);
+            self.link(twin, self.twins[previous as usize]);
+            self.link(previous, twin_previous);
+            self.stack.extend([edge, next, twin, twin_next]);
+        }
+    }
+
+    fn link(&mut self, one: u32, other: u32) {
+        self.twins[one as usize] = other;
+        if other != NONE {
+            self.twins[other as usize] = one;
+        }
+    }
+}
+
+/// The next and the previous half-edge of a triangle.
+#[inline]
+fn around(edge: u32) -> (u32, u32) {
+    match edge % 3 {
+        0 => (edge + 1, edge + 2),
+        1 => (edge + 1, edge - 1),
+        _ => (edge - 2, edge - 1),
+    }
+}
+
+#[inline]
+fn at(grid: &Grid, node: u32) -> [i64; 2] {
+    [i64::from(grid.x[node as usize]), i64::from(grid.y[node as usize])]
+}
+
+/// Twice the area of a triangle; positive if its corners go from right to down.
+#[inline]
+pub(super) fn doubled_area([a, b, c]: [[i64; 2]; 3]) -> i64 {
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+}
+
+/// Whether the quadrilateral (a, b above; c, d below) is to be cut from b down to c, not from a to d.
+#[inline]
+fn down_left(grid: &Grid, nodes: [u32; 4]) -> bool {
+    let [a, b, c, d] = nodes.map(|node| at(grid, node));
+    let inside = |one: [[i64; 2]; 3], other: [[i64; 2]; 3]| doubled_area(one) > 0 && doubled_area(other) > 0;
+    if !inside([a, b, d], [a, d, c]) {
+        return true;
+    }
+    inside([a, b, c], [b, d, c]) && !in_circle([a, b, c, d])
+}
+
+/// Whether d lies inside the circle through a, b, c, which go from right to down. Exact: sides are below 2^23 parts of a
+/// pixel, so that both factors of each product fit in 48 bits.
+#[inline]
+fn in_circle([a, b, c, d]: [[i64; 2]; 4]) -> bool {
+    let [a, b, c] = [a, b, c].map(|p| [p[0] - d[0], p[1] - d[1]]);
+    let square = |p: [i64; 2]| i128::from(p[0] * p[0] + p[1] * p[1]);
+    let cross = |p: [i64; 2], q: [i64; 2]| i128::from(p[0] * q[1] - p[1] * q[0]);
+    square(a) * cross(b, c) + square(b) * cross(c, a) + square(c) * cross(a, b) > 0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spade::{DelaunayTriangulation, Point2, Triangulation};
+    use std::collections::BTreeSet;
+
+    /// A grid whose nodes lie anywhere in their cells.
+    fn scattered(size: [u32; 2], spacing_px: f32, seed: u32) -> Grid {
+        let mut grid = Grid::default();
+        grid.reset(size[0], size[1], spacing_px);
+        let spacing = grid.spacing;
+        let mut state = seed;
+        let mut off = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as i32 % spacing - spacing / 2
+        };
+        for node in 0..grid.owner.len() {
+            grid.x[node] += off();
+            grid.y[node] += off();
+            grid.owner[node] = 0;
+        }
+        grid
+    }
+
+    fn edges(triangles: impl Iterator<Item = [u32; 3]>) -> BTreeSet<[u32; 2]> {
+        triangles.flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]]).map(|[a, b]| [a.min(b), a.max(b)]).collect()
+    }
+
+    #[test]
+    fn the_mesh_is_that_of_a_general_triangulation() {
+        for seed in 0..6 {
+            let grid = scattered([60, 44], 4.0, seed);
+            let mut mesh = Mesh::default();
+            mesh.triangulate(&grid);
+            let mut general = DelaunayTriangulation::<Point2<f64>>::new();
+            let mut node_of = std::collections::BTreeMap::new();
+            for node in 0..grid.owner.len() {
+                let handle = general.insert(Point2::new(f64::from(grid.x[node]), f64::from(grid.y[node])));
+                node_of.insert(handle.expect("a vertex").index(), node as u32);
+            }
+            let theirs = edges(general.inner_faces().map(|face| face.vertices().map(|v| node_of[&v.fix().index()])));
+            let ours = edges(mesh.valid(&grid));
+            // The general one fills up to the convex hull; away from the rim both are the same.
+            let inner = |node: u32| {
+                let (column, row) = (node % grid.columns, node / grid.columns);
+                (2..grid.columns - 2).contains(&column) && (2..grid.rows - 2).contains(&row)
+            };
+            let is_inner = |edge: &&[u32; 2]| edge.iter().all(|node| inner(*node));
+            let [ours, theirs] =
+                [&ours, &theirs].map(|edges| edges.iter().filter(is_inner).copied().collect::<Vec<_>>());
+            assert!(ours.len() > 200 && ours == theirs, "seed {seed}: {} and {} edges", ours.len(), theirs.len());
+        }
+    }
+
+    #[test]
+    fn triangles_cover_the_grid_once_and_no_corner_lies_in_their_circles() {
+        for (size, spacing, seed) in [([64, 40], 4.0, 1), ([1, 1], 4.0, 2), ([300, 7], 1.0, 3), ([90, 90], 33.3, 4)] {
+            let grid = scattered(size, spacing, seed);
+            let mut mesh = Mesh::default();
+            mesh.triangulate(&grid);
+            let area = |corners: &[u32; 3]| doubled_area(corners.map(|node| at(&grid, node)));
+            let triangles: Vec<[u32; 3]> = mesh.valid(&grid).collect();
+            assert!(triangles.iter().all(|corners| area(corners) > 0));
+            // The area within the rim, once more by the shoelace formula.
+            let (columns, rows) = (grid.columns, grid.rows);
+            let mut rim: Vec<u32> = (0..columns).collect();
+            rim.extend((1..rows).map(|row| row * columns + columns - 1));
+            rim.extend((0..columns - 1).rev().map(|column| (rows - 1) * columns + column));
+            rim.extend((1..rows - 1).rev().map(|row| row * columns));
+            let cross = |a: [i64; 2], b: [i64; 2]| a[0] * b[1] - a[1] * b[0];
+            let around = rim.iter().zip(rim.iter().cycle().skip(1));
+            let expected: i64 = around.map(|(a, b)| cross(at(&grid, *a), at(&grid, *b))).sum();
+            assert_eq!(triangles.iter().map(area).sum::<i64>(), expected);
+            for edge in 0..mesh.corners.len() as u32 {
+                let twin = mesh.twins[edge as usize];
+                if twin == NONE {
+                    continue;
+                }
+                assert_eq!(mesh.twins[twin as usize], edge);
+                let (next, previous) = super::around(edge);
+                let corner = |e: u32| at(&grid, mesh.corners[e as usize]);
+                let other = corner(super::around(twin).1);
+                assert!(!in_circle([corner(edge), corner(next), corner(previous), other]));
+            }
+        }
+    }
+
+    #[test]
+    fn nodes_without_samples_have_no_triangles() {
+        let mut grid = Grid::default();
+        grid.reset(64, 40, 4.0);
+        let mut mesh = Mesh::default();
+        mesh.triangulate(&grid);
+        assert_eq!(mesh.valid(&grid).count(), 0, "nothing");
+        let line = 5 * grid.columns as usize;
+        grid.owner[line..line + 12].fill(0);
+        assert_eq!(mesh.valid(&grid).count(), 0, "nodes on a line");
+        grid.owner[line + 5 + grid.columns as usize] = 0;
+        assert!(mesh.valid(&grid).count() > 0, "and one beside it");
+    }
+
+    #[test]
+    fn circles_are_exact() {
+        let far = 1 << 22;
+        let square = [[0, 0], [far, 0], [far, far]];
+        assert!(!in_circle([square[0], square[1], square[2], [0, far]]), "on the circle");
+        assert!(in_circle([square[0], square[1], square[2], [1, far]]), "a part of a pixel inside");
+        assert!(!in_circle([square[0], square[1], square[2], [-1, far]]));
+    }
+}

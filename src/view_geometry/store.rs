@@ -1,0 +1,268 @@
+//! The cameras' pictures within a budget of bytes (E10).
+//!
+//! Those used longest ago make room. Whoever can wait (a picture for a file) has missing ones decoded at once, side by side; whoever cannot (a
+//! window) takes the best ranked of those at hand, while a thread of its own decodes the missing ones, the best ranked first. A
+//! picture that cannot be read any more is remembered as lost: its camera is passed over, and why is said.
+
+use super::picture::Picture;
+use crate::capture::images::View;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
+
+/// Whether a frame waits for pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Patience {
+    /// Missing pictures are decoded first.
+    Wait,
+    /// The next best cameras serve until they are.
+    Never,
+}
+
+/// Pictures of views.
+pub(super) struct PictureStore {
+    shared: Arc<Shared>,
+    /// To the thread that decodes, once somebody could not wait.
+    worker: OnceLock<Sender<()>>,
+}
+
+struct Shared {
+    views: Vec<View>,
+    budget: usize,
+    state: Mutex<State>,
+}
+
+#[derive(Default)]
+struct State {
+    held: BTreeMap<u32, Held>,
+    /// Why pictures cannot be read.
+    lost: BTreeMap<u32, String>,
+    /// What the thread has yet to decode.
+    queued: Vec<u32>,
+    bytes: usize,
+    clock: u64,
+}
+
+struct Held {
+    picture: Arc<Picture>,
+    last_used: u64,
+}
+
+impl PictureStore {
+    pub(super) fn new(views: Vec<View>, budget: usize) -> Self {
+        Self { shared: Arc::new(Shared { views, budget, state: Mutex::default() }), worker: OnceLock::new() }
+    }
+
+    /// Keeps a picture that is at hand anyhow, if there is room.
+    pub(super) fn offer(&self, camera: u32, picture: impl FnOnce() -> Picture) {
+        if self.shared.lock().bytes >= self.shared.budget {
+            return;
+        }
+        let picture = picture();
+        let mut state = self.shared.lock();
+        if state.bytes + picture.bytes() <= self.shared.budget {
+            state.hold(camera, Arc::new(picture));
+        }
+    }
+
+    /// The pictures of the first `count` cameras that have one, in order of rank, and how many better ones are still to come.
+    pub(super) fn fetch(
+        &self,
+        ranked: impl Iterator<Item = u32>,
+        count: usize,
+        patience: Patience,
+    ) -> (Vec<(u32, Arc<Picture>)>, usize) {
+        let ranked: Vec<u32> = ranked.collect();
+        if patience == Patience::Wait {
+            self.decode_missing(&ranked, count);
+        }
+        let mut guard = self.shared.lock();
+        let state = &mut *guard;
+        state.clock += 1;
+        let now = state.clock;
+        let mut found = Vec::with_capacity(count.min(ranked.len()));
+        let mut missing = Vec::new();
+        for camera in ranked {
+            if found.len() == count {
+                break;
+            }
+            match state.held.get_mut(&camera) {
+                Some(held) => {
+                    held.last_used = now;
+                    found.push((camera, Arc::clone(&held.picture)));
+                }
+                None if state.lost.contains_key(&camera) => {}
+                None => missing.push(camera),
+            }
+        }
+        state.evict(self.shared.budget, now);
+        missing.truncate(count);
+        let to_come = missing.len();
+        if patience == Patience::Never && to_come > 0 {
+            missing.reverse();
+            // What was wanted before and is not any more need not be decoded.
+            state.queued = missing;
+            drop(guard);
+            let worker = self.worker.get_or_init(|| Shared::start(Arc::clone(&self.shared)));
+            // The thread ends with the store alone.
+            let _ = worker.send(());
+        }
+        (found, to_come)
+    }
+
+    /// Decodes until the first `count` readable cameras of a ranking are held.
+    fn decode_missing(&self, ranked: &[u32], count: usize) {
+        loop {
+            let missing: Vec<u32> = {
+                let state = self.shared.lock();
+                let readable = ranked.iter().copied().filter(|camera| !state.lost.contains_key(camera)).take(count);
+                readable.filter(|camera| !state.held.contains_key(camera)).collect()
+            };
+            if missing.is_empty() {
+                return;
+            }
+            missing.into_par_iter().for_each(|camera| self.shared.decode(camera));
+        }
+    }
+
+    /// What could not be read any more: a sentence each.
+    pub(super) fn lost(&self) -> Vec<String> {
+        self.shared.lock().lost.values().cloned().collect()
+    }
+
+    /// Bytes of the pictures at hand.
+    pub(super) fn bytes(&self) -> usize {
+        self.shared.lock().bytes
+    }
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, State> {
+        // A panic elsewhere leaves the state whole: each change is one insertion or removal.
+        self.state.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    }
+
+    fn decode(&self, camera: u32) {
+        let loaded = self.views.get(camera as usize).map(View::load);
+        let mut state = self.lock();
+        match loaded {
+            Some(Ok(view)) => {
+                drop(state);
+                let picture = Arc::new(Picture::new(&view));
+                state = self.lock();
+                state.clock += 1;
+                state.hold(camera, picture);
+            }
+            Some(Err(error)) => {
+                state.lost.insert(camera, error.to_string());
+            }
+            None => {
+                state.lost.insert(camera, format!("there is no view {camera}"));
+            }
+        }
+    }
+
+    /// Starts the thread that decodes what is queued whenever it is told to look.
+    fn start(shared: Arc<Self>) -> Sender<()> {
+        let (sender, receiver): (Sender<()>, Receiver<()>) = channel();
+        let work = move || {
+            while receiver.recv().is_ok() {
+                while let Some(camera) = { shared.lock().next_queued() } {
+                    shared.decode(camera);
+                    let mut state = shared.lock();
+                    let now = state.clock;
+                    state.evict(shared.budget, now);
+                }
+            }
+        };
+        // Without a thread the pictures stay missing, and the next best cameras go on serving.
+        let _ = std::thread::Builder::new().name("pictures".into()).spawn(work);
+        sender
+    }
+}
+
+impl State {
+    fn hold(&mut self, camera: u32, picture: Arc<Picture>) {
+        self.bytes += picture.bytes();
+        if let Some(before) = self.held.insert(camera, Held { picture, last_used: self.clock }) {
+            self.bytes -= before.picture.bytes();
+        }
+    }
+
+    fn next_queued(&mut self) -> Option<u32> {
+        while let Some(camera) = self.queued.pop() {
+            if !self.held.contains_key(&camera) && !self.lost.contains_key(&camera) {
+                return Some(camera);
+            }
+        }
+        None
+    }
+
+    /// Lets pictures go, those used longest ago first, but none that is used `now`.
+    fn evict(&mut self, budget: usize, now: u64) {
+        while self.bytes > budget {
+            let oldest = self.held.iter().filter(|(_, held)| held.last_used < now);
+            let Some((&camera, _)) = oldest.min_by_key(|(camera, held)| (held.last_used, **camera)) else { return };
+            if let Some(held) = self.held.remove(&camera) {
+                self.bytes -= held.picture.bytes();
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{plane_view, saved};
+    use super::*;
+    use glam::DVec3;
+
+    fn views(count: usize, folder: &std::path::Path) -> Vec<View> {
+        let view = |i: usize| saved(&plane_view(DVec3::X * i as f64, 2.0, [32, 24]), folder, &format!("{i}"));
+        (0..count).map(view).collect()
+    }
+
+    fn cameras((found, _): &(Vec<(u32, Arc<Picture>)>, usize)) -> Vec<u32> {
+        found.iter().map(|(camera, _)| *camera).collect()
+    }
+
+    #[test]
+    fn pictures_used_longest_ago_make_room() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let views = views(6, folder.path());
+        let one = Picture::new(&views[0].load().expect("loads")).bytes();
+        let store = PictureStore::new(views, 3 * one);
+        let fetch = |ranked: &[u32]| cameras(&store.fetch(ranked.iter().copied(), 2, Patience::Wait));
+        assert_eq!(fetch(&[0, 1, 2]), [0, 1]);
+        assert_eq!(fetch(&[2, 0]), [2, 0]);
+        assert_eq!(fetch(&[3, 4]), [3, 4]);
+        assert_eq!(store.bytes(), 3 * one);
+        let held: Vec<u32> = store.shared.lock().held.keys().copied().collect();
+        assert_eq!(held, [2, 3, 4], "1 was used before 0 and 2; of these the lower number went");
+    }
+
+    #[test]
+    fn a_picture_that_is_gone_is_passed_over_and_told() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let views = views(3, folder.path());
+        std::fs::remove_file(&views[1].color).expect("removed");
+        let store = PictureStore::new(views, usize::MAX);
+        for patience in [Patience::Wait, Patience::Never] {
+            assert_eq!(cameras(&store.fetch([0, 1, 2].into_iter(), 2, patience)), [0, 2]);
+        }
+        assert!(matches!(&store.lost()[..], [why] if why.contains("1.png")), "{:?}", store.lost());
+    }
+
+    #[test]
+    fn who_cannot_wait_takes_what_is_at_hand_and_has_the_rest_soon() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let store = PictureStore::new(views(4, folder.path()), usize::MAX);
+        store.fetch([3].into_iter(), 1, Patience::Wait);
+        assert_eq!(cameras(&store.fetch([0, 1, 2, 3].into_iter(), 2, Patience::Never)), [3]);
+        let started = std::time::Instant::now();
+        while cameras(&store.fetch([0, 1, 2, 3].into_iter(), 2, Patience::Never)) != [0, 1] {
+            assert!(started.elapsed().as_secs() < 60, "the thread decodes");
+            std::thread::yield_now();
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! Promises of the command line about lumigraphs: capture, info, render, and one clear sentence for each mistake.
+
+#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn headbox(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_headbox")).args(arguments).current_dir(folder).output().unwrap()
+}
+
+fn fails(folder: &Path, code: i32, arguments: &[&str], expected: &str) {
+    let output = headbox(folder, arguments);
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
+    assert!(output.stdout.is_empty(), "{arguments:?} wrote to standard output");
+    assert!(message.contains(expected) && !message.contains("panicked"), "{arguments:?}: {message}");
+}
+
+fn succeeds(folder: &Path, arguments: &[&str]) -> String {
+    let output = headbox(folder, arguments);
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn json(folder: &Path, arguments: &[&str]) -> serde_json::Value {
+    serde_json::from_str(&succeeds(folder, arguments)).unwrap()
+}
+
+const SMALL: [&str; 11] =
+    ["lumigraph", "builtin:bump", "-o", "a.lumi", "--cameras", "3x2", "--size", "80x60", "--samples", "2", "--unlit"];
+const WALL: [&str; 6] = ["--plane", "0,0,3", "--normal", "0,0,-1", "--extent", "1"];
+
+#[test]
+fn a_scene_becomes_a_lumigraph_that_shows_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let said = succeeds(dir.path(), &[SMALL.as_slice(), &WALL].concat());
+    assert!(said.contains("3x2 images") && said.contains("headbox render a.lumi"), "{said}");
+    let info = json(dir.path(), &["info", "a.lumi", "--json"]);
+    assert_eq!((info["kind"].as_str(), info["ok"].as_bool()), (Some("lumigraph"), Some(true)));
+    assert_eq!((&info["cameras"], &info["size"]), (&serde_json::json!([3, 2]), &serde_json::json!([80, 60])));
+    assert_eq!(info["columns"], serde_json::json!([-0.5, 0.0, 0.5]));
+    assert_eq!(info["rows"], serde_json::json!([-0.25, 0.25]), "rows have the columns' spacing");
+    assert_eq!(info["bytes"], std::fs::metadata(dir.path().join("a.lumi")).unwrap().len());
+    let layers = info["layers"].as_u64().unwrap();
+    assert!((100..=255).contains(&layers), "{layers}");
+    assert!(succeeds(dir.path(), &["info", "a.lumi", "--check"]).contains("ok"));
+
+    let view = ["--eye", "0.1,0.1,3.2", "--look-at", "0.1,0,0", "--fov", "40", "--size", "80x60"];
+    let truth = ["truth", "builtin:bump", "-o", "t.png", "--samples", "16", "--unlit"];
+    succeeds(dir.path(), &[truth.as_slice(), &view].concat());
+    let render = |more: &[&str]| {
+        let arguments = ["render", "a.lumi", "-o", "r.png", "--json"];
+        let rendered = json(dir.path(), &[arguments.as_slice(), &view, more].concat());
+        let compared = json(dir.path(), &["compare", "r.png", "t.png", "--json"]);
+        (rendered, compared["psnr_db"].as_f64().unwrap())
+    };
+    let (merged, db) = render(&[]);
+    assert_eq!((merged["variant"].as_str(), merged["hole_fraction"].as_f64()), (Some("shared"), Some(0.0)));
+    assert!(db > 20.0, "{db} dB");
+    let (all, all_db) = render(&["--merge", "0"]);
+    assert_eq!(all["statistics"]["layers"].as_u64(), Some(layers + 1), "and infinity");
+    assert!(merged["statistics"]["layers"].as_u64() < Some(layers / 4) && all_db > 20.0);
+    let (whole, _) = render(&["--variant", "whole"]);
+    assert_eq!(whole["variant"], "whole");
+
+    // Where nothing is said, as a camera amid the others sees it.
+    assert!(succeeds(dir.path(), &["render", "a.lumi", "-o", "d.png"]).contains("layers of"));
+    let path = r#"{"poses": [{"eye": [0, 0, 3], "look_at": [0, 0, 0], "fov": 50}], "size": [16, 12]}"#;
+    std::fs::write(dir.path().join("path.json"), path).unwrap();
+    let frames = headbox(dir.path(), &["render", "a.lumi", "--path", "path.json", "-o", "frames"]);
+    assert!(frames.status.success(), "{}", String::from_utf8_lossy(&frames.stderr));
+}
+
+#[test]
+fn a_lumigraph_needs_nothing_but_a_scene() {
+    let dir = tempfile::tempdir().unwrap();
+    // As small as can be, for time alone.
+    let told = json(dir.path(), &[SMALL.as_slice(), &["--json", "--layers", "300"]].concat());
+    assert_eq!(told["index_bytes"], if told["layers"].as_u64() > Some(255) { 2 } else { 1 });
+    assert!(told["convergence_per_m"].as_f64() > Some(0.0), "the images meet amid the scene");
+    let again = [SMALL.as_slice(), &["--json", "--parallel", "--placement", "uniform", "--threads", "1"]].concat();
+    assert_eq!(json(dir.path(), &again)["convergence_per_m"].as_f64(), Some(0.0));
+    let bytes = std::fs::read(dir.path().join("a.lumi")).unwrap();
+    json(dir.path(), &[&again[..again.len() - 1], &["2"]].concat());
+    assert!(std::fs::read(dir.path().join("a.lumi")).unwrap() == bytes, "the same on any number of threads");
+}
+
+#[test]
+fn the_fastest_point_of_the_curve_is_kept_with_its_figures() {
+    let dir = tempfile::tempdir().unwrap();
+    let small = [
+        "lumigraph",
+        "builtin:bump",
+        "-o",
+        "a.lumi",
+        "--cameras",
+        "3x3",
+        "--size",
+        "40x30",
+        "--samples",
+        "1",
+        "--unlit",
+    ];
+    let told = json(dir.path(), &[small.as_slice(), &WALL, &["--optimum", "40x30", "--json"]].concat());
+    let curve = told["capture"]["curve"].as_array().unwrap();
+    let cameras: Vec<_> = curve.iter().map(|point| point["cameras"].clone()).collect();
+    assert_eq!(cameras, [serde_json::json!([3, 3]), serde_json::json!([2, 2])]);
+    assert!(curve[0]["layers"].as_u64() < curve[1]["layers"].as_u64(), "fewer images need more layers");
+    assert!(cameras.contains(&told["cameras"]) && curve.iter().all(|point| point["ms"].as_f64() > Some(0.0)));
+    assert_eq!(json(dir.path(), &["info", "a.lumi", "--json"])["capture"]["curve"], told["capture"]["curve"]);
+    fails(dir.path(), 2, &[small.as_slice(), &["--optimum", "40x30", "--layers", "9"]].concat(), "cannot be used with");
+}
+
+#[test]
+fn mistakes_are_said_in_a_sentence() {
+    let dir = tempfile::tempdir().unwrap();
+    let with = |more: &[&'static str]| [SMALL.as_slice(), more].concat();
+    fails(dir.path(), 2, &with(&["--normal", "0,0,0"]), "--normal has no direction");
+    fails(dir.path(), 2, &["lumigraph", "builtin:bump", "-o", "a.lumi", "--cameras", "0x4"], "COLUMNSxROWS");
+    fails(dir.path(), 2, &with(&["--extent", "0"]), "greater than 0");
+    fails(dir.path(), 2, &with(&["--layers", "70000"]), "65535");
+    fails(dir.path(), 2, &with(&["--focus", "2", "--parallel"]), "cannot be used with");
+    fails(dir.path(), 2, &with(&["--plane", "1e9,0,0"]), "far from the scene");
+    fails(dir.path(), 2, &["lumigraph", "builtin:bump", "-o", "a.ldi"], ".lumi");
+    fails(dir.path(), 2, &["lumigraph", "builtin:bump", "-o", "a.lumi", "--size", "1x9"], "between 2 and");
+    fails(
+        dir.path(),
+        2,
+        &["lumigraph", "builtin:bump", "-o", "a.lumi", "--cameras", "99x99", "--size", "999x999"],
+        "fewer cameras or smaller images",
+    );
+    fails(dir.path(), 1, &with(&["--plane", "0,0,3", "--normal", "0,0,1"]), "see nothing");
+    assert!(!dir.path().join("a.lumi").exists());
+    succeeds(dir.path(), &[SMALL.as_slice(), &WALL].concat());
+    fails(dir.path(), 2, &["render", "a.lumi", "-o", "a.png", "--variant", "tent"], "shared, whole");
+    fails(dir.path(), 2, &["render", "a.lumi", "a.lumi", "-o", "a.png"], "rendered alone");
+    fails(dir.path(), 2, &["render", "a.lumi", "-o", "a.png", "--merge", "-1"], "0 or more");
+    fails(dir.path(), 2, &["render", "a.lumi", "-o", "a.png", "--depth", "a.exr"], "--depth and --coverage");
+    let bytes = std::fs::read(dir.path().join("a.lumi")).unwrap();
+    std::fs::write(dir.path().join("cut.lumi"), &bytes[..bytes.len() - 9]).unwrap();
+    fails(dir.path(), 1, &["info", "cut.lumi"], "truncated");
+}
