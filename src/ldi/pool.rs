@@ -440,7 +440,7 @@ mod tests {
         let of_pixel = |p: u32| {
             let step = (part(1, 5.1 + 0.1 * p as f32), sample(9.0, 0.0));
             let wall = |light: u32| (part(1, 5.0), sample(light as f32, 0.0));
-            [wall((p ^ p / SIZE) % 2), wall((p ^ p / SIZE) % 2), (part(2 + p as u16, 5.0), sample(7.0, 0.0)), step]
+            [wall((p ^ (p / SIZE)) % 2), wall((p ^ (p / SIZE)) % 2), (part(2 + p as u16, 5.0), sample(7.0, 0.0)), step]
         };
         let (parts, gathered): (Vec<LitPart>, Vec<Gathered>) = (0..SIZE * SIZE).flat_map(of_pixel).unzip();
         let face = FaceParts { size_px: SIZE, offsets: (0..=SIZE * SIZE).map(|p| 4 * p).collect(), parts };

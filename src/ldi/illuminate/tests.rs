@@ -1,7 +1,5 @@
 //! How far light errs from the truth, and what it costs: `cargo test --release --lib light_error -- --ignored --nocapture`.
 
-#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
-
 use super::*;
 use crate::capture::light::Lighting;
 use crate::capture::srgb8_from_linear;
@@ -104,7 +102,7 @@ fn report(name: &str) {
         let start = processor_seconds();
         illuminate(&mut parts, face, &study.shader(), &Silent);
         seconds += processor_seconds() - start;
-        let chosen = |&(p, _): &(u32, [u32; 2])| random4([p, face.index() as u32, 0, 0])[0] % ONE_IN == 0;
+        let chosen = |&(p, _): &(u32, [u32; 2])| random4([p, face.index() as u32, 0, 0])[0].is_multiple_of(ONE_IN);
         let pixels = (0..FACE_SIZE_PX * FACE_SIZE_PX).map(|pixel| [pixel % FACE_SIZE_PX, pixel / FACE_SIZE_PX]);
         let all = pixels.flat_map(|[x, y]| parts.range(x, y).map(move |p| (p as u32, [x, y])));
         let chosen: Vec<(u32, [u32; 2])> = all.filter(chosen).collect();
