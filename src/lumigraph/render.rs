@@ -320,7 +320,7 @@ impl FramePlan {
 }
 
 /// Cells that are asked to each side of a ray's own where all of its cameras look at something that hides what the ray meets.
-const WIDER: i32 = 1;
+const WIDER: i32 = 2;
 
 /// A block of the frame: what layers it shows is found out for all of it at once.
 const BLOCK_COLUMNS: usize = 4 * LANES;
