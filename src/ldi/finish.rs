@@ -3,7 +3,7 @@
 use super::accumulate::DepthBins;
 use super::build::Tracing;
 use super::coverage::{AlphaMeasure, BinSpan};
-use super::illuminate::illuminate;
+use super::illuminate::{ROUNDS, illuminate};
 use super::mend::Mender;
 use super::merge::depth_pixels_of;
 use super::pool::FaceParts;
@@ -39,7 +39,7 @@ pub fn finish(
     if settings.resources.budget.is_some() {
         run.store.spill_all()?; // the LDI that now grows needs the memory
     }
-    progress.begin("light and merge", "rows", 6 * u64::from(settings.face_size_px));
+    progress.begin("light and merge", "rows", 6 * ROUNDS * u64::from(settings.face_size_px));
     let samples = settings.parameters.light_samples;
     let shader = Shader { tracer, lighting, samples, shape_only: false, face_size_px: settings.face_size_px };
     merge(run, info, &shader, settings, progress)
@@ -102,7 +102,7 @@ struct TileParts {
 
 /// Makes parts of all accumulators of a face, and forgets them unless only their shape is looked at: a row of tiles at a time, so that
 /// the parts of a face are in memory only once.
-fn dark_face(run: &Tracing, face: Face, shader: &Shader, progress: &dyn Progress) -> io::Result<FaceParts> {
+pub(super) fn dark_face(run: &Tracing, face: Face, shader: &Shader, progress: &dyn Progress) -> io::Result<FaceParts> {
     let size_px = shader.face_size_px;
     let per_row = run.store.tiles_per_side() as usize;
     let first = face.index() * per_row * per_row;

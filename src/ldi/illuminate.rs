@@ -1,15 +1,15 @@
 //! Light on the parts of a face.
 //!
-//! Soft light is pooled over surfaces ([`super::pool`]), so that a part on a large surface, which shares with hundreds of neighbours,
-//! takes one sample where a leaf takes all. Neighbours take theirs from one evenly spread sequence, along a Morton curve over the
-//! pixels: any square block of them shares an evenly spread set (Ahmed and Wonka 2020, "Screen-Space Blue-Noise Diffusion of Monte
-//! Carlo Sampling Error via Hierarchical Ordering of Pixels"). What lies beyond a sample's first ray is shared by all samples
-//! of the face that arrive in one cell of space ([`Arrival`]).
+//! Soft light is pooled over surfaces ([`super::pool`]), so that a part in the middle of a wall, which shares with thousands of
+//! neighbours, hardly ever takes a sample of its own where a leaf takes all. A first round of few samples tells how far light can be
+//! pooled about each part and what it varies by; the rest go where the error that is left would show. What lies beyond a sample's
+//! first ray is shared by all samples of a round that arrive in one cell of space ([`Arrival`]).
 //!
 //! Sunlight is sampled once everywhere, and again where neighbours on one surface disagree on it: at the edges of its shadows.
 
-use super::pool::{FaceParts, Pooling, same_surface};
+use super::pool::{FaceParts, Gathered, Pooled, Pooling, same_surface};
 use super::shade::{LitPart, Shader, Spot};
+use super::spread::{Share, spread};
 use crate::capture::light::{Arrival, LightSample, luminance};
 use crate::capture::rig::Face;
 use crate::capture::sampler::random4;
@@ -26,22 +26,30 @@ const SUN_AT_EDGE: u32 = 2;
 /// Neighbours on its surface that a part needs to tell whether it lies at the edge of a shadow.
 const ENOUGH_NEIGHBOURS: u32 = 4;
 
+/// Rounds of soft light; each advances the progress by the rows of the face.
+pub(super) const ROUNDS: u64 = 2;
+
+/// Samples of the first round in the widest window, as a multiple of the light samples of a depth pixel.
+const FIRST_ROUND: f32 = 32.0;
+
+/// Error of a colour, sRGB levels, at which a part takes no more samples of one light sample a depth pixel; of more, less by the root
+/// of their number.
+const ENOUGH_LEVELS: f32 = 4.0;
+
 /// Lights all parts of a face: [`LitPart::sun`] and [`LitPart::soft`]. Gives up soon where `progress` says so.
 pub(super) fn illuminate(parts: &mut FaceParts, face: Face, shader: &Shader, progress: &dyn Progress) {
     if shader.samples == 0 {
-        progress.advance(u64::from(parts.size_px));
+        progress.advance(ROUNDS * u64::from(parts.size_px));
         return;
     }
     let light = FaceLight { face, shader, size_px: parts.size_px, progress };
     if shader.lighting.sun.is_some() {
-        light.sun(parts, 0, |_, _, _| 1);
+        light.sun(parts, 0, |_, _| 1);
         let edges = light.shadow_edges(parts);
-        light.sun(parts, 1, |p, _, _| edges[p]);
+        light.sun(parts, 1, |p, _| edges[p]);
     }
-    let pooling = Pooling::new(parts, shader.samples);
-    let samples = share_out(parts, pooling.samples(shader.samples));
-    light.soft(parts, &samples);
-    pooling.pool(parts);
+    let soft = light.soft(parts);
+    parts.parts.iter_mut().zip(soft).for_each(|(part, soft)| part.soft = soft.light);
 }
 
 /// What lighting a face needs beside its parts.
@@ -57,28 +65,40 @@ struct Begun {
     part: u32,
     /// See [`Arrival::cell`].
     cell: u64,
+    /// What it found before it arrived.
+    before: Vec3,
     arrival: Arrival,
 }
 
+impl Gathered {
+    /// Adds a sample, exposed.
+    fn add(&mut self, light: Vec3) {
+        let level = luminance(light.to_array());
+        self.light += light;
+        self.squares += level * level;
+    }
+}
+
 impl FaceLight<'_> {
-    /// Calls `light` with each part of the face in turn, its number and pixel, rows in parallel; what it puts aside comes back, row
-    /// after row. Each row advances the progress by `steps`.
-    fn for_each_part<T: Send>(
+    /// Calls `visit` with the number and the pixel of each part of the face in turn, and with its place in `all`, rows in parallel;
+    /// what it puts aside comes back, row after row. Each row advances the progress by `steps`.
+    fn for_each_part<P: Send, T: Send>(
         &self,
-        parts: &mut FaceParts,
+        offsets: &[u32],
+        all: &mut [P],
         steps: u64,
-        light: impl Fn(&mut LitPart, usize, [u32; 2], &mut Vec<T>) + Sync,
+        visit: impl Fn(&mut P, usize, [u32; 2], &mut Vec<T>) + Sync,
     ) -> Vec<Vec<T>> {
-        let (size, offsets) = (self.size_px, &parts.offsets);
+        let size = self.size_px;
         let mut rows = Vec::with_capacity(size as usize);
-        let mut rest = &mut parts.parts[..];
+        let mut rest = all;
         for y in 0..size {
             let [first, end] = [y, y + 1].map(|y| offsets[(y * size) as usize] as usize);
             let (row, after) = rest.split_at_mut(end - first);
             rows.push((y, first, row));
             rest = after;
         }
-        let light_row = |(y, first, row): (u32, usize, &mut [LitPart])| {
+        let visit_row = |(y, first, row): (u32, usize, &mut [P])| {
             let mut aside = Vec::new();
             if self.progress.is_cancelled() {
                 return aside;
@@ -86,47 +106,85 @@ impl FaceLight<'_> {
             for x in 0..size {
                 let pixel = (y * size + x) as usize;
                 for p in offsets[pixel] as usize..offsets[pixel + 1] as usize {
-                    light(&mut row[p - first], p, [x, y], &mut aside);
+                    visit(&mut row[p - first], p, [x, y], &mut aside);
                 }
             }
             self.progress.advance(steps);
             aside
         };
-        rows.into_par_iter().map(light_row).collect()
+        rows.into_par_iter().map(visit_row).collect()
     }
 
-    /// Sample `number` of `count` that a part takes. Parts of one kind of surface that take as many share a sequence.
-    fn sample(&self, part: &LitPart, [x, y]: [u32; 2], kind: u32, number: u32, count: u32) -> LightSample {
-        let [stream, ..] = random4([self.face.index() as u32, u32::from(part.class), kind, count]);
-        LightSample { stream, index: morton(x, y).wrapping_mul(count).wrapping_add(number) }
+    /// Everything but the light straight from the sun.
+    fn soft(&self, parts: &FaceParts) -> Vec<Pooled> {
+        let pooling = Pooling::new(parts, self.face);
+        let mut gathered = vec![Gathered::default(); parts.parts.len()];
+        let first_round = FIRST_ROUND * self.shader.samples as f32;
+        let wanted: Vec<f32> = pooling.widest.iter().map(|widest| (first_round / widest).min(1.0)).collect();
+        self.gather(parts, &pooling, 0, &wanted, &mut gathered);
+        let pooled = pooling.pool(parts, &gathered, false);
+        let more = |(p, part): (usize, &LitPart)| {
+            self.wanted(part, &pooled[p], pooling.most_samples(p, self.shader.samples as f32))
+        };
+        let wanted: Vec<f32> = parts.parts.par_iter().enumerate().map(more).collect();
+        self.gather(parts, &pooling, 1, &wanted, &mut gathered);
+        pooling.pool(parts, &gathered, true)
     }
 
-    /// Takes samples of everything but the sun.
-    fn soft(&self, parts: &mut FaceParts, samples: &[u16]) {
-        let lighting = self.shader.lighting;
-        let begin = |part: &mut LitPart, p: usize, pixel: [u32; 2], begun: &mut Vec<Begun>| {
-            let spot = self.shader.spot(part);
-            let count = u32::from(samples[p]);
+    /// How many more samples a part takes: as many as bring the error of its colour down to what is enough, and no more than `most`.
+    fn wanted(&self, part: &LitPart, pooled: &Pooled, most: f32) -> f32 {
+        let shown = luminance(LitPart { soft: pooled.light, ..*part }.color().to_array());
+        let albedo = luminance(part.albedo.map(|c| f32::from(c) / 65_535.0));
+        // Slope of the sRGB curve, about; what is brighter than white is shown as white.
+        let slope = 0.44 * shown.max(0.005).powf(-0.58) * if shown > 1.0 { 0.25 } else { 1.0 };
+        // Variance of the colour that one sample a part leaves, squared sRGB levels.
+        let variance = (255.0 * albedo * slope).powi(2) * pooled.variance / pooled.parts.max(1.0);
+        let needed = self.shader.samples as f32 * variance / (ENOUGH_LEVELS * ENOUGH_LEVELS);
+        let taken = pooled.samples / pooled.parts.max(1.0);
+        (needed.min(most) - taken).max(0.0)
+    }
+
+    /// Takes samples of soft light: so many as parts want, in a round of that number.
+    fn gather(&self, parts: &FaceParts, pooling: &Pooling, round: u32, wanted: &[f32], gathered: &mut [Gathered]) {
+        let (lighting, tracer) = (self.shader.lighting, self.shader.tracer);
+        let shares = spread(parts, wanted);
+        let begin = |gathered: &mut Gathered, p: usize, pixel: [u32; 2], begun: &mut Vec<Begun>| {
+            let (part, Share { first, count }) = (&parts.parts[p], shares[p]);
+            if count == 0 {
+                return;
+            }
+            let (spot, stream) = (self.shader.spot(part), self.stream(part, 0x50f7 + round));
             for number in 0..count {
-                let sample = self.sample(part, pixel, 0x50f7, number, count);
+                let sample = LightSample { stream, index: first.wrapping_add(number) };
                 let point = spot.point(&sample, self.face, pixel, self.size_px);
-                let (light, arrival) = lighting.before(self.shader.tracer, &point, &sample);
-                part.soft += light;
-                let Some(arrival) = arrival else { continue };
+                let (before, arrival) = lighting.before(tracer, &point, &sample);
+                let Some(arrival) = arrival else {
+                    gathered.add(before * lighting.exposure);
+                    continue;
+                };
+                gathered.nearness += 1.0 / arrival.distance_m.max(pooling.widths[p]);
                 match arrival.cell() {
-                    Some(cell) => begun.push(Begun { part: p as u32, cell, arrival }),
-                    None => part.soft += arrival.albedo * lighting.beyond(self.shader.tracer, &arrival, &sample),
+                    Some(cell) => begun.push(Begun { part: p as u32, cell, before, arrival }),
+                    None => {
+                        let light = before + arrival.albedo * lighting.beyond(tracer, &arrival, &sample);
+                        gathered.add(light * lighting.exposure);
+                    }
                 }
             }
-            part.light_samples = samples[p];
+            gathered.samples += count as f32;
         };
-        let begun: Vec<Begun> = self.for_each_part(parts, 1, begin).into_iter().flatten().collect();
+        let rows = self.for_each_part(&parts.offsets, gathered, 1, begin);
+        let begun: Vec<Begun> = rows.into_iter().flatten().collect();
         let (cell_of, light) = self.beyond(&begun);
         for (begun, cell) in begun.iter().zip(cell_of) {
-            parts.parts[begun.part as usize].soft += begun.arrival.albedo * light[cell as usize];
+            let light = begun.before + begun.arrival.albedo * light[cell as usize];
+            gathered[begun.part as usize].add(light * lighting.exposure);
         }
-        let exposure = lighting.exposure;
-        parts.parts.par_iter_mut().for_each(|part| part.soft *= exposure / f32::from(part.light_samples.max(1)));
+    }
+
+    /// The stream of samples of one kind that all parts of a class share.
+    fn stream(&self, part: &LitPart, kind: u32) -> u32 {
+        random4([self.face.index() as u32, u32::from(part.class), kind, 1])[0]
     }
 
     /// What lies beyond the samples' arrivals: the number of the cell of each, and the light of each cell.
@@ -159,21 +217,27 @@ impl FaceLight<'_> {
         (cell_of, light)
     }
 
+    /// Sample `number` of `count` of the sun that a part takes. Parts of one kind of surface that take as many share a sequence.
+    fn sun_sample(&self, part: &LitPart, [x, y]: [u32; 2], before: u32, number: u32, count: u32) -> LightSample {
+        let [stream, ..] = random4([self.face.index() as u32, u32::from(part.class), 0x5111 + before, count]);
+        LightSample { stream, index: morton(x, y).wrapping_mul(count).wrapping_add(number) }
+    }
+
     /// Takes `count` more samples of the sun at each part, which has `before`.
-    fn sun(&self, parts: &mut FaceParts, before: u32, count: impl Fn(usize, &LitPart, [u32; 2]) -> u32 + Sync) {
+    fn sun(&self, parts: &mut FaceParts, before: u32, count: impl Fn(usize, [u32; 2]) -> u32 + Sync) {
         let (lighting, tracer) = (self.shader.lighting, self.shader.tracer);
         let gather = |part: &mut LitPart, p: usize, pixel: [u32; 2], requests: &mut Vec<(u32, _)>| {
-            let more = count(p, part, pixel);
+            let more = count(p, pixel);
             if more == 0 {
                 return;
             }
             let spot: Spot = self.shader.spot(part);
             for number in 0..more {
-                let sample = self.sample(part, pixel, 0x5111 + before, number, more);
+                let sample = self.sun_sample(part, pixel, before, number, more);
                 requests.push((p as u32, (spot.point(&sample, self.face, pixel, self.size_px), sample)));
             }
         };
-        let rows = self.for_each_part(parts, 0, gather);
+        let rows = self.for_each_part(&parts.offsets, &mut parts.parts, 0, gather);
         let light_row = |row: Vec<(u32, (_, LightSample))>| {
             let (parts, requests): (Vec<u32>, Vec<_>) = row.into_iter().unzip();
             let light = lighting.sun_radiosities(tracer, &requests);
@@ -224,21 +288,6 @@ impl FaceLight<'_> {
     }
 }
 
-/// Samples of a depth pixel, shared out over its parts by the rays that saw them, at least one each.
-fn share_out(parts: &FaceParts, mut samples: Vec<u16>) -> Vec<u16> {
-    for pixel in parts.offsets.windows(2) {
-        let [mut first, end] = [pixel[0], pixel[1]].map(|p| p as usize);
-        for bin in parts.parts[first..end].chunk_by(|a, b| a.bin == b.bin) {
-            let rays: u64 = bin.iter().map(|part| u64::from(part.count)).sum();
-            for (part, samples) in bin.iter().zip(&mut samples[first..]) {
-                *samples = (u64::from(*samples) * u64::from(part.count)).div_ceil(rays.max(1)) as u16;
-            }
-            first += bin.len();
-        }
-    }
-    samples
-}
-
 /// The place of pixel (x, y) on the Morton curve.
 fn morton(x: u32, y: u32) -> u32 {
     let spread = |mut c: u32| {
@@ -249,3 +298,6 @@ fn morton(x: u32, y: u32) -> u32 {
     };
     spread(x) | spread(y) << 1
 }
+
+#[cfg(test)]
+mod tests;

@@ -129,7 +129,6 @@ mod tests {
             bin,
             class: 0,
             position: f32::from(bin) + offset as f32 / 65_536.0,
-            light_samples: 1,
             albedo: [0; 3],
             primitive: 0,
             barycentric: [0; 2],

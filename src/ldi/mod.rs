@@ -23,6 +23,7 @@ pub mod pool;
 pub mod ray_plan;
 pub mod shade;
 pub mod shard;
+mod spread;
 pub mod store;
 pub(crate) mod tangent;
 mod validate;

@@ -49,8 +49,6 @@ pub struct LitPart {
     pub primitive: u32,
     /// As [`Accumulator::barycentric`].
     pub barycentric: [u16; 2],
-    /// Light samples behind `soft`.
-    pub light_samples: u16,
     /// Mean albedo, linear, 16 bits a channel.
     pub albedo: [u16; 3],
     /// Radiance that the surface emits. Linear, exposed.
@@ -93,7 +91,6 @@ impl Shader<'_> {
             position: (f64::from(acc.bin) + acc.offset_sum as f64 / 65_536.0 / f64::from(acc.count)) as f32,
             primitive: acc.primitive,
             barycentric: acc.barycentric,
-            light_samples: 0,
             albedo: if self.shape_only { [0; 3] } else { self.filtered_albedo(acc, face, x, y, triangle) },
             emission: Vec3::from_array(scene.emission(acc.primitive, u, v)) * exposure,
             sun: Vec3::ZERO,

@@ -27,7 +27,7 @@ pub struct Arrival {
     /// Its albedo.
     pub albedo: Vec3,
     /// Length of the ray, metres.
-    distance_m: f32,
+    pub distance_m: f32,
 }
 
 impl Arrival {

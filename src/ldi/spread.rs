@@ -1,0 +1,61 @@
+//! Samples spread over the parts of a face, any number of them for each part.
+//!
+//! Along a Morton curve over the pixels, what each part wants is added up, and a part takes as many samples as the sum has passed
+//! whole numbers; so they lie as evenly as what is wanted allows. They are numbered in this order, and take the points of an
+//! evenly spread sequence by their numbers: neighbours share an evenly spread set of points (Ahmed and Wonka 2020, "Screen-Space
+//! Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of Pixels").
+
+use super::pool::FaceParts;
+use crate::capture::sampler::{random4, unit_float};
+
+/// The samples of one part: so many from number `first` on, among those of its class.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Share {
+    pub(super) first: u32,
+    pub(super) count: u32,
+}
+
+/// Spreads samples over parts that want so many each, by class ([`LitPart::class`](super::shade::LitPart::class)).
+pub(super) fn spread(parts: &FaceParts, wanted: &[f32]) -> Vec<Share> {
+    let start = |class: u32| (unit_float(random4([class, 0x7368, 0x6172, 0x6521])[0]), 0);
+    let mut of_class: Vec<(f32, u32)> = (0..=u32::from(u16::MAX)).map(start).collect();
+    let mut shares = vec![Share::default(); wanted.len()];
+    let side = parts.size_px.next_power_of_two();
+    for place in 0..side * side {
+        let [x, y] = [place, place >> 1].map(every_other_bit);
+        if x >= parts.size_px || y >= parts.size_px {
+            continue;
+        }
+        for p in parts.range(x, y) {
+            let (sum, next) = &mut of_class[usize::from(parts.parts[p].class)];
+            *sum += wanted[p];
+            let count = sum.floor();
+            *sum -= count;
+            shares[p] = Share { first: *next, count: count as u32 };
+            *next = next.wrapping_add(count as u32);
+        }
+    }
+    shares
+}
+
+/// The number that bits 0, 2, 4... of `bits` make.
+fn every_other_bit(mut bits: u32) -> u32 {
+    bits &= 0x5555_5555;
+    bits = (bits | bits >> 1) & 0x3333_3333;
+    bits = (bits | bits >> 2) & 0x0f0f_0f0f;
+    bits = (bits | bits >> 4) & 0x00ff_00ff;
+    (bits | bits >> 8) & 0x0000_ffff
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_morton_curve_meets_every_pixel_once() {
+        let places: std::collections::HashSet<[u32; 2]> =
+            (0..4096).map(|place: u32| [place, place >> 1].map(every_other_bit)).collect();
+        assert!(places.len() == 4096 && places.iter().flatten().all(|&c| c < 64));
+        assert_eq!([every_other_bit(0b1_0001), every_other_bit(u32::MAX)], [0b101, 0xffff]);
+    }
+}
