@@ -264,7 +264,8 @@ fn a_lumigraph_starts_where_its_cameras_look_and_tells_its_layers() {
         columns: CameraGrid::evenly(3, 1.0),
         rows: CameraGrid::evenly(3, 1.0),
         focal_px: 60.0,
-        size_px: [64, 64],
+        // As wide as the frames below: beyond the images nothing is known.
+        size_px: [96, 64],
         convergence: 0.3,
     };
     let capture = LumigraphCapture { tracer: &tracer, lighting: &lighting, lit: false, samples: 2 };
