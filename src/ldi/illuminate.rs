@@ -34,7 +34,7 @@ const FIRST_ROUND: f32 = 32.0;
 
 /// Error of a colour, sRGB levels, at which a part takes no more samples of one light sample a depth pixel; of more, less by the root
 /// of their number.
-const ENOUGH_LEVELS: f32 = 4.0;
+const ENOUGH_LEVELS: f32 = 1.0;
 
 /// Lights all parts of a face: [`LitPart::sun`] and [`LitPart::soft`]. Gives up soon where `progress` says so.
 pub(super) fn illuminate(parts: &mut FaceParts, face: Face, shader: &Shader, progress: &dyn Progress) {
