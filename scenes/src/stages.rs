@@ -1,5 +1,5 @@
 //! Three stages for lumigraphs: what a wall of cameras looks at, with the planes, fields of view and depths of the scenes that
-//! *Layered Lumigraph with LOD Control* measures (its table 4; L-N1), in metres.
+//! *Layered Lumigraph with LOD Control* measures (its table 4), in metres.
 //!
 //! The camera plane is z = 0, the cameras look along -z, and the headbox's edge is that of their square.
 
