@@ -102,7 +102,7 @@ struct TileParts {
 
 /// Makes parts of all accumulators of a face, and forgets them unless only their shape is looked at: a row of tiles at a time, so that
 /// the parts of a face are in memory only once.
-pub(super) fn dark_face(run: &Tracing, face: Face, shader: &Shader, progress: &dyn Progress) -> io::Result<FaceParts> {
+fn dark_face(run: &Tracing, face: Face, shader: &Shader, progress: &dyn Progress) -> io::Result<FaceParts> {
     let size_px = shader.face_size_px;
     let per_row = run.store.tiles_per_side() as usize;
     let first = face.index() * per_row * per_row;

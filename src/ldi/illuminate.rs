@@ -298,6 +298,3 @@ fn morton(x: u32, y: u32) -> u32 {
     };
     spread(x) | spread(y) << 1
 }
-
-#[cfg(test)]
-mod tests;

@@ -20,6 +20,8 @@ pub struct CameraGrid {
     focal_px: f64,
     size_px: [u32; 2],
     convergence: f64,
+    /// A camera at the origin.
+    first: Camera,
 }
 
 /// All that a grid is made of.
@@ -73,7 +75,9 @@ impl CameraGrid {
         if (cameras as u64).saturating_mul(u64::from(width) * u64::from(height)) > super::MAX_PIXELS {
             return Err(LumigraphError::TooLarge { cameras, width, height });
         }
-        Ok(Self { origin, world_from_eye, columns, rows, focal_px, size_px: [width, height], convergence })
+        let first = Camera::from_parts(origin, world_from_eye, focal_px, width, height);
+        let first = first.map_err(|_| LumigraphError::Size(width, height))?;
+        Ok(Self { origin, world_from_eye, columns, rows, focal_px, size_px: [width, height], convergence, first })
     }
 
     /// `count` evenly spaced places of an extent about 0; the middle alone for one.
@@ -157,9 +161,7 @@ impl CameraGrid {
         let [width, height] = self.size_px;
         let [x, y] = [f64::from(width) / 2.0, f64::from(height) / 2.0];
         let shift = self.focal_px * self.convergence;
-        Camera::from_parts(eye, self.world_from_eye, self.focal_px, width, height)
-            .map(|camera| camera.with_principal_px([x + shift * right, y - shift * up]))
-            .unwrap_or_else(|_| unreachable!("the size was checked when the grid was made"))
+        self.first.with_eye(eye).with_principal_px([x + shift * right, y - shift * up])
     }
 
     /// The same with some of its columns and rows.

@@ -7,17 +7,14 @@
 //! One code for every SIMD level, without fused multiply-adds and approximate reciprocals, so that all give the same bits.
 
 use super::grid::LEAST_FORWARD;
-use super::pyramid::{Level, Pyramid, Texel};
-use super::render::{Blend, FramePlan, LayerInView, Paint};
+use super::plan::{FramePlan, LayerInView, Paint, Step, cell};
+use super::pyramid::{Level, Pyramid};
+use super::settings::Blend;
 use super::show::Show;
+use super::taps::{LANES, add_taps, nearest};
 use crate::render::linear::LinearLight;
-use fearless_simd::{
-    ExtractToken, Level as SimdLevel, Simd, dispatch, f32x16, i32x16, mask32x16, prelude::*, u32x4, u32x16,
-};
+use fearless_simd::{Level as SimdLevel, Simd, dispatch, f32x16, i32x16, mask32x16, prelude::*, u32x16};
 use std::ops::Range;
-
-/// Pixels at a time.
-pub(super) const LANES: usize = 16;
 
 const LANE_NUMBERS: [f32; LANES] = [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
 
@@ -40,32 +37,8 @@ pub(super) struct Block<'a> {
     pub(super) width: usize,
 }
 
-/// Which of the places' gaps a position lies in; the outermost beyond them.
-#[inline(always)]
-pub(super) fn cell(places: &[f32], position: f32) -> usize {
-    match places {
-        [_, inner @ .., _] => inner.partition_point(|place| *place <= position),
-        _ => 0,
-    }
-}
-
 /// Alpha of pixels of which no camera of the ray's cell sees anything, though one looks there: something nearer hides it.
 pub(super) const HIDDEN: u8 = 1;
-
-/// A way to look for what a ray meets.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Step {
-    /// Whose cameras are asked: columns and rows from the ray's own cell.
-    pub(super) shift: [i32; 2],
-    /// Whether the neighbours of a layer count as it: a steep surface falls between layers where no camera finds either of them at its
-    /// own place.
-    pub(super) loose: bool,
-}
-
-impl Step {
-    /// The first: the ray's own cell.
-    pub(super) const FIRST: Self = Self { shift: [0, 0], loose: false };
-}
 
 /// Which pixels are drawn, and from which cameras.
 #[derive(Clone, Copy)]
@@ -418,113 +391,6 @@ fn add_paint<S: Simd>(simd: S, paint: &Paint, numbers: &[u32; LANES], weight: f3
         sum[c] += f32x16::load_array(simd, colors[c]) * weight;
     }
     sum[3] += weight;
-}
-
-/// The indices of the nearest texels at positions that lie `inside` the image.
-#[inline(always)]
-fn nearest<S: Simd>(
-    simd: S,
-    texels: &[Texel],
-    level: Level,
-    base: u32x16<S>,
-    [u, v]: [f32x16<S>; 2],
-    inside: mask32x16<S>,
-) -> i32x16<S> {
-    let zero = f32x16::splat(simd, 0.0);
-    // Positions are not negative: truncation is the floor.
-    let column = inside.select(u, zero).to_int::<i32x16<S>>();
-    let row = inside.select(v, zero).to_int::<i32x16<S>>();
-    let at = (row * level.width as i32 + column).bitcast::<u32x16<S>>() + base + level.first as u32;
-    let at = at.to_array();
-    let index = |i: usize| texels.get(at[i] as usize).map_or(0, |texel| u32::from(texel[3]));
-    // Registers put together from loads, as wide stores before a wider load would stall.
-    let four = [
-        u32x4::load_array(simd, [index(0), index(1), index(2), index(3)]),
-        u32x4::load_array(simd, [index(4), index(5), index(6), index(7)]),
-        u32x4::load_array(simd, [index(8), index(9), index(10), index(11)]),
-        u32x4::load_array(simd, [index(12), index(13), index(14), index(15)]),
-    ];
-    let eight = [simd.combine_u32x4(four[0], four[1]), simd.combine_u32x4(four[2], four[3])];
-    simd.combine_u32x8(eight[0], eight[1]).bitcast::<i32x16<S>>()
-}
-
-/// Adds colour times weight, and weight, of those of the four texels around positions that show one of the layers `indices`.
-#[inline(always)]
-fn add_taps<S: Simd>(
-    simd: S,
-    texels: &[Texel],
-    level: Level,
-    base: u32x16<S>,
-    [u, v]: [f32x16<S>; 2],
-    indices: [u16; 2],
-    weight: f32x16<S>,
-    sum: &mut [f32x16<S>; 4],
-) {
-    let one = f32x16::splat(simd, 1.0);
-    let (right, lower) = (level.width as f32 - 1.0, level.height as f32 - 1.0);
-    let (u, v) = ((u - 0.5).max(0.0).min(right), (v - 0.5).max(0.0).min(lower));
-    let (column, row) = (u.floor().min(right - 1.0), v.floor().min(lower - 1.0));
-    let (to_right, down) = (u - column, v - row);
-    let at = row.to_int::<i32x16<S>>() * level.width as i32 + column.to_int::<i32x16<S>>();
-    let at = at.bitcast::<u32x16<S>>() + base + level.first as u32;
-    let (upper, lower) = (at.to_array(), (at + level.width as u32).to_array());
-    let weights = [weight * (one - down), weight * down];
-    for (at, weight) in [(upper, weights[0]), (lower, weights[1])] {
-        let [left, right] = pairs(simd, texels, &at);
-        add_tap(left, indices, weight * (one - to_right), sum);
-        add_tap(right, indices, weight * to_right, sum);
-    }
-}
-
-/// The texels at some places and right of them, as two words each: red and green, blue and index.
-#[inline(always)]
-fn pairs<S: Simd>(simd: S, texels: &[Texel], at: &[u32; LANES]) -> [[u32x16<S>; 2]; 2] {
-    let part = [
-        four_pairs(simd, texels, [at[0], at[1], at[2], at[3]]),
-        four_pairs(simd, texels, [at[4], at[5], at[6], at[7]]),
-        four_pairs(simd, texels, [at[8], at[9], at[10], at[11]]),
-        four_pairs(simd, texels, [at[12], at[13], at[14], at[15]]),
-    ];
-    let (even, odd) = simd.deinterleave_u32x16(part[0], part[1]);
-    let (more_even, more_odd) = simd.deinterleave_u32x16(part[2], part[3]);
-    let (left_rg, right_rg) = simd.deinterleave_u32x16(even, more_even);
-    let (left_bi, right_bi) = simd.deinterleave_u32x16(odd, more_odd);
-    [[left_rg, left_bi], [right_rg, right_bi]]
-}
-
-#[inline(always)]
-fn four_pairs<S: Simd>(simd: S, texels: &[Texel], at: [u32; 4]) -> u32x16<S> {
-    let halves = [
-        simd.combine_u32x4(pair(simd, texels, at[0]), pair(simd, texels, at[1])),
-        simd.combine_u32x4(pair(simd, texels, at[2]), pair(simd, texels, at[3])),
-    ];
-    simd.combine_u32x8(halves[0], halves[1])
-}
-
-#[inline(always)]
-fn pair<S: Simd>(simd: S, texels: &[Texel], at: u32) -> u32x4<S> {
-    let at = at as usize;
-    match texels.get(at..at + 2) {
-        Some(two) => u32x4::load_array(simd, bytemuck::cast([two[0], two[1]])),
-        None => u32x4::splat(simd, 0),
-    }
-}
-
-#[inline(always)]
-fn add_tap<S: Simd>([rg, bi]: [u32x16<S>; 2], indices: [u16; 2], weight: f32x16<S>, sum: &mut [f32x16<S>; 4]) {
-    let index = (bi >> 16).bitcast::<i32x16<S>>();
-    let shows = index.simd_ge(i32::from(indices[0])) & index.simd_le(i32::from(indices[1]));
-    let weight = shows.select(weight, f32x16::splat(weight.token(), 0.0));
-    sum[0] += float(rg & 0xffff) * weight;
-    sum[1] += float(rg >> 16) * weight;
-    sum[2] += float(bi & 0xffff) * weight;
-    sum[3] += weight;
-}
-
-/// Of numbers below 2^31.
-#[inline(always)]
-fn float<S: Simd>(of: u32x16<S>) -> f32x16<S> {
-    of.bitcast::<i32x16<S>>().to_float::<f32x16<S>>()
 }
 
 /// Straight sRGB colours, with alpha 255 where anything was found, else 0 or, behind something, [`HIDDEN`].

@@ -11,7 +11,7 @@
 //! | optimization for a platform | `optimum` |
 //! | hierarchical representation | `pyramid` |
 //! | merging layers for a frame (table 3) | `merge` |
-//! | rendering (table 2): what a frame needs, rectangles with ranges of layers, the loop over pixels | `render`, `rectangles`, `kernel`; `oracle`; overlays: `show` |
+//! | rendering (table 2): what a frame needs, rectangles with ranges of layers, the loop over pixels | `plan`, `rectangles`, `render`, `kernel`, `taps`; `oracle`; overlays: `show` |
 
 mod bounds;
 mod capture;
@@ -23,10 +23,13 @@ mod layers;
 mod merge;
 mod optimum;
 mod oracle;
+mod plan;
 mod pyramid;
 mod rectangles;
 mod render;
+mod settings;
 mod show;
+mod taps;
 #[cfg(test)]
 mod tests;
 
@@ -39,7 +42,8 @@ pub use layers::{Layer, Placement, classify, place, uniform};
 pub use merge::{Merger, merge};
 pub use optimum::CurvePoint;
 pub use oracle::render as render_by_rays;
-pub use render::{Blend, LumigraphRenderer, LumigraphSettings, LumigraphStats};
+pub use render::LumigraphRenderer;
+pub use settings::{Blend, LumigraphSettings, LumigraphStats};
 pub use show::Show;
 
 use crate::capture::scene::FileFrame;

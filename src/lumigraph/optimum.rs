@@ -5,7 +5,8 @@
 
 use super::bounds::{detail, min_layers};
 use super::layers::Placement;
-use super::render::{LumigraphRenderer, LumigraphSettings};
+use super::render::LumigraphRenderer;
+use super::settings::LumigraphSettings;
 use super::{Lumigraph, LumigraphError, MAX_LAYERS, RawLumigraph};
 use crate::capture::Camera;
 use crate::capture::statistics::median;

@@ -2,10 +2,10 @@
 
 use super::Lumigraph;
 use super::grid::View;
-use super::kernel::Step;
 use super::merge::Merger;
+use super::plan::{MergedLayer, Step, merged_layers, steps};
 use super::pyramid::{Level, Texel};
-use super::render::{Blend, LumigraphSettings, MergedLayer, merged_layers, steps};
+use super::settings::{Blend, LumigraphSettings};
 use crate::capture::{Camera, srgb8_from_linear};
 use crate::frame::{Coverage, Frame};
 use glam::DVec3;

@@ -1,34 +1,8 @@
 //! Promises of the command line: exit codes, one clear sentence for each mistake, JSON keys, whole files or none.
 
-#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
-
+use super::run::{headbox, json, refused, succeeds};
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
-
-fn headbox(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_headbox")).args(arguments).current_dir(folder).output().unwrap()
-}
-
-/// Runs a command that must fail with `code`, and returns what it says.
-fn fails(folder: &Path, code: i32, arguments: &[&str]) -> String {
-    let output = headbox(folder, arguments);
-    let message = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
-    assert!(output.stdout.is_empty(), "{arguments:?} wrote to standard output");
-    assert!(!message.contains("panicked"), "{message}");
-    message
-}
-
-/// Runs a command that must succeed, and returns its standard output.
-fn succeeds(folder: &Path, arguments: &[&str]) -> String {
-    let output = headbox(folder, arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
-}
-
-fn json(folder: &Path, arguments: &[&str]) -> serde_json::Value {
-    serde_json::from_str(&succeeds(folder, arguments)).unwrap()
-}
+use std::process::{Command, Stdio};
 
 /// A small capture of the bump scene.
 const CAPTURE: [&str; 10] =
@@ -42,7 +16,7 @@ fn capture(folder: &Path, more: &[&str]) -> String {
 fn wrong_usage_is_exit_2_and_says_what_is_allowed() {
     let dir = tempfile::tempdir().unwrap();
     let usage = |more: &[&str], expected: &str| {
-        let message = fails(dir.path(), 2, &[CAPTURE.as_slice(), &["-o", "x.ldi"], more].concat());
+        let message = refused(dir.path(), 2, &[CAPTURE.as_slice(), &["-o", "x.ldi"], more].concat());
         assert!(message.contains(expected), "{more:?}: {message}");
     };
     usage(&["--center", "nan,0,0"], "three finite numbers");
@@ -56,7 +30,7 @@ fn wrong_usage_is_exit_2_and_says_what_is_allowed() {
         usage(&["--error-px", error], "a number of frame pixels from 0 to 1000000");
     }
     let range = |name: &str, value: &str, expected: &str| {
-        let message = fails(dir.path(), 2, &["capture", "builtin:bump", "-o", "x.ldi", name, value]);
+        let message = refused(dir.path(), 2, &["capture", "builtin:bump", "-o", "x.ldi", name, value]);
         assert!(message.contains(expected), "{name} {value}: {message}");
     };
     range("--face-size", "0", "1..=8192");
@@ -65,9 +39,9 @@ fn wrong_usage_is_exit_2_and_says_what_is_allowed() {
     range("--rays", "0", "1..=1048576");
     range("--memory", "1", "64..=");
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "nothing was written");
-    let message = fails(dir.path(), 2, &["truth", "builtin:bump", "-o", "t.png", "--fov", "180"]);
+    let message = refused(dir.path(), 2, &["truth", "builtin:bump", "-o", "t.png", "--fov", "180"]);
     assert!(message.contains("between 0.1 and 179"), "{message}");
-    fails(dir.path(), 2, &["no-such-command"]);
+    refused(dir.path(), 2, &["no-such-command"]);
 }
 
 #[test]
@@ -83,7 +57,7 @@ fn outputs_are_refused_before_any_work_and_harm_nothing() {
     let all = || ["a.ldi", "one.obj", "one.mtl", "one.png"].map(before);
     let untouched = all();
     let refused = |code: i32, arguments: &[&str], expected: &str| {
-        let message = fails(dir.path(), code, arguments);
+        let message = refused(dir.path(), code, arguments);
         assert!(message.contains(expected), "{arguments:?}: {message}");
         assert!(all() == untouched, "{arguments:?} harmed a file");
     };
@@ -121,12 +95,12 @@ fn nonsense_is_an_error_or_a_warning_that_says_what_will_be_seen() {
     warns(&["--eye", "0,0,90"], "outside the headbox");
     warns(&["--eye", "0,0,0", "--look-at", "0,-1,0"], "along the up vector");
     warns(&["--eye", "0,0,0", "--up-vector", "0,0,1"], "along the up vector");
-    let message = fails(dir.path(), 2, &[CAPTURE.as_slice(), &["-o", "x.ldi", "--center", "1e30,0,0"]].concat());
+    let message = refused(dir.path(), 2, &[CAPTURE.as_slice(), &["-o", "x.ldi", "--center", "1e30,0,0"]].concat());
     assert!(message.contains("so far from the scene"), "{message}");
     let mut longer = std::fs::read(dir.path().join("a.ldi")).unwrap();
     longer.extend(b"junk");
     std::fs::write(dir.path().join("long.ldi"), longer).unwrap();
-    let message = fails(dir.path(), 1, &["info", "long.ldi"]);
+    let message = refused(dir.path(), 1, &["info", "long.ldi"]);
     assert!(message.contains("4 bytes more"), "{message}");
 }
 
@@ -134,21 +108,21 @@ fn nonsense_is_an_error_or_a_warning_that_says_what_will_be_seen() {
 fn missing_and_wrong_files_are_exit_1_and_named() {
     let dir = tempfile::tempdir().unwrap();
     let write = |name: &str, bytes: &[u8]| std::fs::write(dir.path().join(name), bytes).unwrap();
-    let message = fails(dir.path(), 1, &["capture", "nowhere.obj", "-o", "x.ldi"]);
+    let message = refused(dir.path(), 1, &["capture", "nowhere.obj", "-o", "x.ldi"]);
     assert!(message.contains("nowhere.obj"), "{message}");
-    let message = fails(dir.path(), 1, &["capture", "builtin:nothing", "-o", "x.ldi"]);
+    let message = refused(dir.path(), 1, &["capture", "builtin:nothing", "-o", "x.ldi"]);
     assert!(message.contains("nothing") && message.contains("tree"), "{message}");
     write("empty.obj", b"# no faces\n");
-    let message = fails(dir.path(), 1, &["capture", "empty.obj", "-o", "x.ldi"]);
+    let message = refused(dir.path(), 1, &["capture", "empty.obj", "-o", "x.ldi"]);
     assert!(message.contains("empty.obj"), "{message}");
     write("text.ldi", b"this is not an LDI");
     for command in [["info", "text.ldi"].as_slice(), &["render", "text.ldi", "-o", "x.png"]] {
-        let message = fails(dir.path(), 1, command);
+        let message = refused(dir.path(), 1, command);
         assert!(message.contains("text.ldi") && message.contains("not a headbox file"), "{message}");
     }
-    let message = fails(dir.path(), 1, &["compare", "a.png", "b.png"]);
+    let message = refused(dir.path(), 1, &["compare", "a.png", "b.png"]);
     assert!(message.contains("a.png"), "{message}");
-    let message = fails(dir.path(), 1, &["merge", "text.ldi", "-o", "x.ldi"]);
+    let message = refused(dir.path(), 1, &["merge", "text.ldi", "-o", "x.ldi"]);
     assert!(message.contains("text.ldi"), "{message}");
     assert!(!dir.path().join("x.ldi").exists());
 }
@@ -160,7 +134,7 @@ fn a_damaged_capture_is_refused_and_named() {
     let good = std::fs::read(dir.path().join("a.ldi")).unwrap();
     let refused = |bytes: &[u8], expected: &str| {
         std::fs::write(dir.path().join("b.ldi"), bytes).unwrap();
-        let message = fails(dir.path(), 1, &["info", "b.ldi", "--check"]);
+        let message = refused(dir.path(), 1, &["info", "b.ldi", "--check"]);
         assert!(message.contains("b.ldi") && message.contains(expected), "{message}");
     };
     refused(&good[..good.len() / 2], "truncated");
@@ -230,7 +204,7 @@ fn shards_merge_to_the_same_file() {
     for part in ["1/3", "2/3", "3/3"] {
         capture(dir.path(), &["--shard", part, "-o", &format!("{}.shard", &part[..1])]);
     }
-    let message = fails(dir.path(), 1, &["merge", "1.shard", "3.shard", "-o", "merged.ldi"]);
+    let message = refused(dir.path(), 1, &["merge", "1.shard", "3.shard", "-o", "merged.ldi"]);
     assert!(message.contains("missing: 2/3"), "{message}");
     succeeds(dir.path(), &["merge", "3.shard", "1.shard", "2.shard", "-o", "merged.ldi"]);
     let read = |name| std::fs::read(dir.path().join(name)).unwrap();

@@ -1,7 +1,6 @@
 //! `headbox house`, plans, and baked light beside truth.
 
-#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
-
+use super::run::{headbox, refused};
 use glam::dvec3;
 use headbox::capture::Camera;
 use headbox::capture::bake::{BakeOptions, bake};
@@ -11,19 +10,7 @@ use headbox::progress::Silent;
 use headbox::{metrics, truth};
 use std::ops::ControlFlow;
 use std::path::Path;
-use std::process::{Command, Output};
 use std::sync::Arc;
-
-fn headbox(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_headbox")).args(arguments).current_dir(folder).output().unwrap()
-}
-
-fn message(folder: &Path, code: i32, arguments: &[&str]) -> String {
-    let output = headbox(folder, arguments);
-    let message = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
-    message
-}
 
 #[test]
 fn the_built_in_house_is_sound() {
@@ -139,7 +126,7 @@ fn what_is_wrong_with_a_model_is_told_and_what_is_done_instead() {
     assert!(said.contains("there is no cell besides the outside; all geometry is shown as one cell"), "{said}");
     let walk = headbox(dir.path(), &["house", "hut.toml", "--rays", "0", "--backdrops", "none", "-o", "hut.house"]);
     assert!(walk.status.success(), "{}", String::from_utf8_lossy(&walk.stderr));
-    let said = message(dir.path(), 1, &["walk", "hut.house", "-o", "out"]);
+    let said = refused(dir.path(), 1, &["walk", "hut.house", "-o", "out"]);
     assert!(said.contains("there is no room to walk in"), "{said}");
 }
 
@@ -148,7 +135,7 @@ fn mistakes_are_named() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("Home.xml"), "<home><room>").unwrap();
     let says = |code: i32, arguments: &[&str], expected: &str| {
-        let said = message(dir.path(), code, &[&["house"], arguments].concat());
+        let said = refused(dir.path(), code, &[&["house"], arguments].concat());
         assert!(said.contains(expected), "{arguments:?}: {said}");
     };
     says(2, &["builtin:castle"], "there is builtin:house");

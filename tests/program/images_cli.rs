@@ -2,14 +2,10 @@
 
 #![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
 
+use super::run::headbox;
 use image::{ImageBuffer, Luma, Rgb, RgbImage};
 use std::fmt::Write as _;
 use std::path::Path;
-use std::process::{Command, Output};
-
-fn headbox(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_headbox")).args(arguments).current_dir(folder).output().unwrap()
-}
 
 fn succeeds(folder: &Path, arguments: &[&str]) -> (String, String) {
     let output = headbox(folder, arguments);

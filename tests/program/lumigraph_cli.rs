@@ -1,31 +1,6 @@
 //! Promises of the command line about lumigraphs: capture, info, render, and one clear sentence for each mistake.
 
-#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
-
-use std::path::Path;
-use std::process::{Command, Output};
-
-fn headbox(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_headbox")).args(arguments).current_dir(folder).output().unwrap()
-}
-
-fn fails(folder: &Path, code: i32, arguments: &[&str], expected: &str) {
-    let output = headbox(folder, arguments);
-    let message = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
-    assert!(output.stdout.is_empty(), "{arguments:?} wrote to standard output");
-    assert!(message.contains(expected) && !message.contains("panicked"), "{arguments:?}: {message}");
-}
-
-fn succeeds(folder: &Path, arguments: &[&str]) -> String {
-    let output = headbox(folder, arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
-}
-
-fn json(folder: &Path, arguments: &[&str]) -> serde_json::Value {
-    serde_json::from_str(&succeeds(folder, arguments)).unwrap()
-}
+use super::run::{fails, headbox, json, succeeds};
 
 const SMALL: [&str; 11] =
     ["lumigraph", "builtin:bump", "-o", "a.lumi", "--cameras", "3x2", "--size", "80x60", "--samples", "2", "--unlit"];

@@ -5,5 +5,6 @@ mod house;
 mod images_cli;
 mod lumigraph_cli;
 mod portal_cli;
+mod run;
 mod sprite_cli;
 mod words;

@@ -1,25 +1,24 @@
 //! `headbox house -o`, `render` and `info` on a `.house` file, as a user runs them.
 
+use super::run;
 use serde_json::Value;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Output;
+
+fn words(arguments: &str) -> Vec<&str> {
+    arguments.split(' ').collect()
+}
 
 fn headbox(folder: &Path, arguments: &str) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_headbox"));
-    command.current_dir(folder).args(arguments.split(' ')).output().expect("runs")
+    run::headbox(folder, &words(arguments))
 }
 
 fn json(folder: &Path, arguments: &str) -> Value {
-    let output = headbox(folder, arguments);
-    assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).expect("JSON and nothing else")
+    run::json(folder, &words(arguments))
 }
 
-fn refused(folder: &Path, arguments: &str, code: i32, words: &str) {
-    let output = headbox(folder, arguments);
-    let message = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(code), "{arguments}: {message}");
-    assert!(message.contains(words), "{arguments}: {message}");
+fn refused(folder: &Path, arguments: &str, code: i32, expected: &str) {
+    run::fails(folder, code, &words(arguments), expected);
 }
 
 #[test]

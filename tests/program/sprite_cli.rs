@@ -3,34 +3,10 @@
 
 #![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
 
+use super::run::{fails, json, succeeds};
 use headbox::sprite::Variant;
 use image::{ImageBuffer, Luma, Rgba, RgbaImage};
 use std::path::Path;
-use std::process::{Command, Output};
-
-fn headbox(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_headbox")).args(arguments).current_dir(folder).output().unwrap()
-}
-
-/// Runs a command that must fail with `code` and say `expected`.
-fn fails(folder: &Path, code: i32, arguments: &[&str], expected: &str) {
-    let output = headbox(folder, arguments);
-    let message = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
-    assert!(output.stdout.is_empty(), "{arguments:?} wrote to standard output");
-    assert!(message.contains(expected) && !message.contains("panicked"), "{arguments:?}: {message}");
-}
-
-/// Runs a command that must succeed, and returns its standard output.
-fn succeeds(folder: &Path, arguments: &[&str]) -> String {
-    let output = headbox(folder, arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
-}
-
-fn json(folder: &Path, arguments: &[&str]) -> serde_json::Value {
-    serde_json::from_str(&succeeds(folder, arguments)).unwrap()
-}
 
 fn capture(folder: &Path, scene: &str, more: &[&str]) -> String {
     let arguments = ["sprite", scene, "-o", "a.sprite", "--size", "96x72", "--samples", "8", "--unlit"];

@@ -1,0 +1,294 @@
+//! What a frame needs of a lumigraph: its layers, merged and placed, where they may show, and which cameras are asked (L8, L10; C20).
+
+use super::Lumigraph;
+use super::bounds::ErrorBound;
+use super::grid::View;
+use super::merge::Merger;
+use super::settings::{Blend, LumigraphSettings};
+use super::show::{Show, from_far_to_near, own_color};
+use crate::capture::Camera;
+use glam::DVec2;
+use std::ops::Range;
+
+/// Layers that a frame shows as one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct MergedLayer {
+    /// From the farthest to the nearest.
+    pub(super) indices: [u16; 2],
+    /// The same with the layers next to it in front and behind, as far as they are not much farther apart than cameras may disagree.
+    pub(super) with_neighbours: [u16; 2],
+    /// The disparity at which they are drawn.
+    pub(super) drawn: f64,
+    /// Of the pyramid.
+    pub(super) level: usize,
+}
+
+/// Merged layers of one surface are about as far apart as cameras may disagree.
+const NEIGHBOURS: f64 = 1.5;
+
+/// Merging with less would tell rounding apart.
+const LEAST_TOLERANCE_PX: f64 = 1e-6;
+
+/// Layers nearer to the eye's own depth than this share of it cannot be drawn: they would fill the frame.
+const LEAST_AHEAD: f64 = 1e-6;
+
+/// A coarser level serves from this share of an octave later on: between two levels the coarser one, which is smoothed twice, errs
+/// more (docs/decisions.md: when a coarser level serves).
+const SHARPER: f64 = 0.25;
+
+/// The layers of a frame, near ones first; what is at infinity comes last.
+pub(super) fn merged_layers(
+    lumigraph: &Lumigraph,
+    view: &View,
+    settings: &LumigraphSettings,
+    merger: &mut Merger,
+) -> Vec<MergedLayer> {
+    let layers = lumigraph.layers();
+    let focal_px = lumigraph.grid().focal_px();
+    let [most, middle] = view.px_per_slope().unwrap_or([focal_px; 2]);
+    let tolerance = settings.tolerance_px.max(LEAST_TOLERANCE_PX) * (1.0 / focal_px).max(1.0 / most);
+    let bound = ErrorBound {
+        focal: 1.0,
+        spacing: lumigraph.grid().spacing().max(beside_the_grid(lumigraph, view)),
+        behind: view.behind(),
+        tolerance: if settings.merge { tolerance } else { -1.0 },
+    };
+    merger.update(layers, &bound);
+    let coarsest = if settings.levels { lumigraph.pyramid.levels.len() - 1 } else { 0 };
+    let merged = |indices: [u16; 2], drawn: f64| {
+        let ahead = 1.0 + view.behind() * drawn;
+        let finer = (focal_px * ahead / middle).log2();
+        let level = (finer - SHARPER).floor().clamp(0.0, coarsest as f64) as usize;
+        (ahead > LEAST_AHEAD).then_some(MergedLayer { indices, with_neighbours: indices, drawn, level })
+    };
+    let surfaces = merger.merged().iter().rev().filter_map(|range| {
+        let whole = layers[range.start].through(&layers[range.end - 1]);
+        merged([range.start as u16 + 1, range.end as u16], whole.drawn())
+    });
+    let mut found: Vec<MergedLayer> = surfaces.chain(merged([0, 0], 0.0)).collect();
+    let near_enough = ErrorBound { tolerance: NEIGHBOURS * tolerance, ..bound };
+    for i in 1..found.len() {
+        let (front, behind) = (found[i - 1], found[i]);
+        // What is at infinity is nobody's neighbour.
+        if behind.drawn > 0.0 && near_enough.allows([behind.drawn, front.drawn]) {
+            found[i - 1].with_neighbours[0] = behind.indices[0];
+            found[i].with_neighbours[1] = front.indices[1];
+        }
+    }
+    found
+}
+
+/// How far from the nearest camera rays that may meet something cross the plane beside the grid, metres: there the bound must hold
+/// for a single camera.
+fn beside_the_grid(lumigraph: &Lumigraph, view: &View) -> f64 {
+    let (grid, behind) = (lumigraph.grid(), view.behind());
+    let [width, height] = view.size();
+    let corners = [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]];
+    let of_frame = corners.iter().try_fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], &corner| {
+        let crossing = view.crossing(view.slopes(corner)?);
+        Some([low.min(crossing), high.max(crossing)])
+    });
+    let Some([low, high]) = of_frame else { return 0.0 };
+    let ends = |places: &[f64]| [places[0], places[places.len() - 1]];
+    let (columns, rows) = (ends(grid.columns()), ends(grid.rows()));
+    let mut beside = 0.0f64;
+    for disparity in lumigraph.range().into_iter().flatten() {
+        if 1.0 + behind * disparity <= LEAST_AHEAD {
+            continue;
+        }
+        let [half_x, half_y] = grid.size_px().map(|side| f64::from(side) / 2.0 / grid.focal_px());
+        for (ends, half, eye, frame) in
+            [(columns, half_x, view.eye.x, [low.x, high.x]), (rows, half_y, view.eye.y, [low.y, high.y])]
+        {
+            // The outermost points that the outermost cameras see at this depth, and where the eye's rays to them cross.
+            let crossings = [-1.0, 1.0].map(|side| {
+                let of = |place: f64| place + (side * half - place * grid.convergence()) / disparity;
+                let point = if side < 0.0 { of(ends[0]).min(of(ends[1])) } else { of(ends[0]).max(of(ends[1])) };
+                eye + (point - eye) * behind * disparity / (1.0 + behind * disparity)
+            });
+            let [low, high] = [crossings[0].min(crossings[1]), crossings[0].max(crossings[1])];
+            beside = beside.max(ends[0] - low.max(frame[0])).max(high.min(frame[1]) - ends[1]);
+        }
+    }
+    beside
+}
+
+/// A merged layer in a frame: the texel of a ray with slopes (a, b) in the image of a camera at (s, t) is
+/// `(scale * a + add.x - shift * s, -scale * b + add.y + shift * t)`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LayerInView {
+    pub(super) scale: f32,
+    pub(super) add: [f32; 2],
+    pub(super) shift: f32,
+    pub(super) indices: [u16; 2],
+    /// See [`MergedLayer::with_neighbours`].
+    pub(super) with_neighbours: [u16; 2],
+    /// Of the pyramid.
+    pub(super) level: usize,
+    /// Its buckets in rectangles, and those with its neighbours'.
+    sets: [u64; 2],
+}
+
+impl LayerInView {
+    fn new(lumigraph: &Lumigraph, view: &View, layer: &MergedLayer) -> Self {
+        let grid = lumigraph.grid();
+        let coarser = 0.5f64.powi(layer.level as i32);
+        let focal = grid.focal_px() * coarser;
+        let [x, y] = grid.size_px().map(|side| f64::from(side) / 2.0 * coarser);
+        let MergedLayer { indices, with_neighbours, drawn, level } = *layer;
+        Self {
+            scale: (focal * (1.0 - view.eye.z * drawn)) as f32,
+            add: [(x + focal * view.eye.x * drawn) as f32, (y - focal * view.eye.y * drawn) as f32],
+            shift: (focal * (drawn - grid.convergence())) as f32,
+            indices,
+            with_neighbours,
+            level,
+            sets: [indices, with_neighbours].map(|[first, last]| lumigraph.rectangles.set(first..=last)),
+        }
+    }
+}
+
+/// Colours by number: linear red, green and blue, 65535 for 1.
+pub(super) struct Paint {
+    /// Never [`Show::Colors`].
+    pub(super) show: Show,
+    pub(super) colors: Vec<[f32; 3]>,
+}
+
+impl Paint {
+    fn new(lumigraph: &Lumigraph, show: Show) -> Option<Self> {
+        let layers = lumigraph.layers().len();
+        let colors = match show {
+            Show::Colors => return None,
+            Show::Layers => (0..=layers).map(|i| from_far_to_near(i as f32 / layers.max(1) as f32)).collect(),
+            Show::Merged => (0..=layers as u32).map(own_color).collect(),
+            Show::Cameras => (0..lumigraph.grid().camera_count() as u32).map(own_color).collect(),
+        };
+        Some(Self { show, colors })
+    }
+}
+
+/// What all blocks of a frame share.
+pub(super) struct FramePlan {
+    pub(super) view: View,
+    /// Near ones first.
+    pub(super) layers: Vec<LayerInView>,
+    /// Cameras' places.
+    pub(super) columns: Vec<f32>,
+    pub(super) rows: Vec<f32>,
+    pub(super) blend: Blend,
+    /// What is painted instead of the images' colours.
+    pub(super) paint: Option<Paint>,
+    skip: bool,
+    /// How what is hidden from a ray's own cell is looked for.
+    pub(super) steps: Vec<Step>,
+}
+
+/// How what is hidden from a ray's own cell is looked for, in a grid of so many columns and rows of cameras: first between the layers,
+/// then from the cells beside, near ones first.
+pub(super) fn steps(columns: usize, rows: usize) -> Vec<Step> {
+    let reach = |cameras: usize| WIDER.min(cameras.saturating_sub(2) as i32);
+    let (columns, rows) = (reach(columns), reach(rows));
+    let all = (-rows..=rows).flat_map(|row| (-columns..=columns).map(move |column| [column, row]));
+    let mut beside: Vec<[i32; 2]> = all.filter(|cell| *cell != [0, 0]).collect();
+    beside.sort_by_key(|[column, row]| column * column + row * row);
+    let beside = beside.into_iter().map(|shift| Step { shift, loose: false });
+    std::iter::once(Step { loose: true, ..Step::FIRST }).chain(beside).collect()
+}
+
+impl FramePlan {
+    /// What a frame needs; the merger has the layers of the last one.
+    pub(super) fn new(
+        lumigraph: &Lumigraph,
+        camera: &Camera,
+        settings: &LumigraphSettings,
+        merger: &mut Merger,
+    ) -> Self {
+        let (grid, view) = (lumigraph.grid(), View::new(lumigraph.grid(), camera));
+        let merged = merged_layers(lumigraph, &view, settings, merger);
+        let places = |places: &[f64]| places.iter().map(|place| *place as f32).collect();
+        Self {
+            view,
+            layers: merged.iter().map(|layer| LayerInView::new(lumigraph, &view, layer)).collect(),
+            columns: places(grid.columns()),
+            rows: places(grid.rows()),
+            blend: settings.blend,
+            paint: Paint::new(lumigraph, settings.show),
+            skip: settings.skip,
+            steps: steps(grid.columns().len(), grid.rows().len()),
+        }
+    }
+
+    /// The layers that may show in a block of the frame to the cameras of its rays' cells, and of `beside` cells around them.
+    pub(super) fn layers_of(
+        &self,
+        lumigraph: &Lumigraph,
+        columns: &Range<usize>,
+        rows: &Range<usize>,
+        beside: usize,
+        to: &mut Vec<LayerInView>,
+    ) {
+        to.clear();
+        // What is looked for beside is looked for between layers as well.
+        let set = usize::from(beside > 0);
+        let ends = |range: &Range<usize>| [range.start as f64, range.end as f64];
+        let corners = ends(columns).into_iter().flat_map(|x| ends(rows).map(|y| [x, y]));
+        let slopes = corners.map(|corner| self.view.slopes(corner)).collect::<Option<Vec<DVec2>>>();
+        let Some(slopes) = slopes.filter(|_| self.skip) else {
+            to.extend(&self.layers);
+            return;
+        };
+        let bounds = |points: &mut dyn Iterator<Item = DVec2>| {
+            points.fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
+        };
+        let [low, high] = bounds(&mut slopes.iter().copied()).map(DVec2::as_vec2);
+        let [from, until] = bounds(&mut slopes.iter().map(|&slopes| self.view.crossing(slopes))).map(DVec2::as_vec2);
+        let cameras = |places: &[f32], from: f32, until: f32| {
+            let first = cell(places, from).saturating_sub(beside);
+            first..(cell(places, until) + beside + 2).min(places.len())
+        };
+        let (across, up) = (cameras(&self.columns, from.x, until.x), cameras(&self.rows, from.y, until.y));
+        to.extend(self.layers.iter().filter(|layer| {
+            let (texel, LayerInView { scale, add, shift, .. }) = ((1u32 << layer.level) as f32, **layer);
+            let span = |a: f32, b: f32, moved: f32| {
+                let (a, b) = ((a + moved) * texel, (b + moved) * texel);
+                // A texel more to each side: that of the position, and rounding.
+                [a.min(b) - texel, a.max(b) + texel]
+            };
+            up.clone().any(|row| {
+                let rows = span(add[1] - scale * low.y, add[1] - scale * high.y, shift * self.rows[row]);
+                across.clone().any(|column| {
+                    let columns = span(add[0] + scale * low.x, add[0] + scale * high.x, -shift * self.columns[column]);
+                    lumigraph.rectangles.any(row * self.columns.len() + column, layer.sets[set], columns, rows)
+                })
+            })
+        }));
+    }
+}
+
+/// Cells that are asked to each side of a ray's own where all of its cameras look at something that hides what the ray meets.
+pub(super) const WIDER: i32 = 2;
+
+/// A way to look for what a ray meets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Step {
+    /// Whose cameras are asked: columns and rows from the ray's own cell.
+    pub(super) shift: [i32; 2],
+    /// Whether the neighbours of a layer count as it: a steep surface falls between layers where no camera finds either of them at its
+    /// own place.
+    pub(super) loose: bool,
+}
+
+impl Step {
+    /// The first: the ray's own cell.
+    pub(super) const FIRST: Self = Self { shift: [0, 0], loose: false };
+}
+
+/// Which of the places' gaps a position lies in; the outermost beyond them.
+#[inline(always)]
+pub(super) fn cell(places: &[f32], position: f32) -> usize {
+    match places {
+        [_, inner @ .., _] => inner.partition_point(|place| *place <= position),
+        _ => 0,
+    }
+}

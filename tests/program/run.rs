@@ -1,0 +1,39 @@
+//! The built program, run as users run it.
+
+#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// Runs a command in a folder.
+pub(crate) fn headbox(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_headbox")).args(arguments).current_dir(folder).output().unwrap()
+}
+
+/// Runs a command that must fail with `code`, write nothing to standard output and not panic; returns what it says.
+pub(crate) fn refused(folder: &Path, code: i32, arguments: &[&str]) -> String {
+    let output = headbox(folder, arguments);
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
+    assert!(output.stdout.is_empty(), "{arguments:?} wrote to standard output");
+    assert!(!message.contains("panicked"), "{arguments:?}: {message}");
+    message
+}
+
+/// Runs a command that must fail with `code` and say `expected`.
+pub(crate) fn fails(folder: &Path, code: i32, arguments: &[&str], expected: &str) {
+    let message = refused(folder, code, arguments);
+    assert!(message.contains(expected), "{arguments:?}: {message}");
+}
+
+/// Runs a command that must succeed, and returns its standard output.
+pub(crate) fn succeeds(folder: &Path, arguments: &[&str]) -> String {
+    let output = headbox(folder, arguments);
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// What a command that must succeed writes as JSON.
+pub(crate) fn json(folder: &Path, arguments: &[&str]) -> serde_json::Value {
+    serde_json::from_str(&succeeds(folder, arguments)).unwrap()
+}
