@@ -14,6 +14,7 @@ macro_rules! print {
 mod args;
 mod capture;
 mod compare;
+mod content;
 mod demo;
 mod demo_sprites;
 mod estimate;

@@ -253,14 +253,15 @@ impl Painter<'_> {
         let [a, b, c] = [0, 1, 2].map(|k| weights[k] * triangle.inverse_depth[k]);
         let inverse = (a + b + c) / (weights[0] + weights[1] + weights[2]);
         // Weights on the surface, not in the frame, are those times depth's share.
+        let spot = Spot { triangle, weights: [a, b, c], surface, at: [x, y], inverse };
         let painted = match self.texturing {
             Texturing::Single => self.single(surface, [x, y], inverse),
             Texturing::Averaged => {
                 let mean = self.averaged(surface, [x, y], inverse);
                 mean.or_else(|| self.unseen(triangle, [a, b, c], surface))
             }
-            Texturing::Blended if !surface.is_one => self.blended(triangle, [a, b, c], surface, [x, y], inverse),
-            _ => self.best(triangle, [a, b, c], surface, [x, y], inverse),
+            Texturing::Blended if !surface.is_one => self.blended(&spot),
+            _ => self.best(&spot),
         };
         if let Some(color) = painted {
             band.put(column, row, color);
@@ -312,14 +313,8 @@ impl Painter<'_> {
 
     /// The colour of the best ranked camera of the corners that sees the surface.
     #[inline(always)]
-    fn best(
-        &self,
-        triangle: &Triangle,
-        weights: [f32; 3],
-        surface: &Surface,
-        at: [f32; 2],
-        inverse: f32,
-    ) -> Option<[f32; 3]> {
+    fn best(&self, spot: &Spot) -> Option<[f32; 3]> {
+        let Spot { triangle, weights, surface, at, inverse } = *spot;
         let mut owners = [0, 1, 2].map(|k| if weights[k] > 0.0 { triangle.owners[k] } else { u16::MAX });
         if !surface.is_one {
             owners.sort_unstable();
@@ -351,14 +346,8 @@ impl Painter<'_> {
     }
 
     /// The colours of all cameras of the corners that see the surface, by the corners' weights.
-    fn blended(
-        &self,
-        triangle: &Triangle,
-        weights: [f32; 3],
-        surface: &Surface,
-        at: [f32; 2],
-        inverse: f32,
-    ) -> Option<[f32; 3]> {
+    fn blended(&self, spot: &Spot) -> Option<[f32; 3]> {
+        let Spot { triangle, weights, surface, at, inverse } = *spot;
         let owners = triangle.owners;
         let (mut sum, mut total) = ([0.0; 3], 0.0);
         for k in 0..3 {
@@ -374,9 +363,18 @@ impl Painter<'_> {
         }
         match total > 0.0 {
             true => Some(sum.map(|c| c / total)),
-            false => self.best(triangle, weights, surface, at, inverse),
+            false => self.best(spot),
         }
     }
+}
+
+/// A place on a triangle: the weights of its corners there, where it shows in the frame, pixels, and its inverse depth.
+struct Spot<'a> {
+    triangle: &'a Triangle,
+    weights: [f32; 3],
+    surface: &'a Surface,
+    at: [f32; 2],
+    inverse: f32,
 }
 
 /// What holds for all pixels of a triangle.

@@ -6,16 +6,18 @@
 //! roulette beyond three bounces.
 
 mod arrival;
+mod emitters;
+mod pilot;
 mod sequence;
 
 pub use arrival::Arrival;
 
 use crate::sampler::{cosine_direction, disk_from_square, random4, unit_float};
-use crate::scene::{Scene, Sky, Sun};
+use crate::scene::{Sky, Sun};
 use crate::trace::{Hit, PACKET, Ray, RayPacket, Tracer};
-use crate::viewpoint;
+use emitters::Emitter;
 use glam::{Quat, Vec3};
-use std::sync::Arc;
+use pilot::{Pilot, PilotPoint, percentile};
 
 /// Paths beyond this many bounces are ended at random (Russian roulette).
 const ROULETTE_BOUNCES: u32 = 3;
@@ -47,15 +49,6 @@ pub struct Lighting {
     pub bounces: u32,
     /// Stored value = linear radiance times this.
     pub exposure: f32,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Emitter {
-    primitive: u32,
-    /// Probability of this emitter or one before it.
-    cumulative: f32,
-    /// Probability of this emitter, over its area: density of a light sample, 1/m^2.
-    density: f32,
 }
 
 /// A point to be lit, in the tracer's local frame.
@@ -154,7 +147,7 @@ impl Lighting {
     /// The lights of `scene` with `bounces` diffuse bounces, no fill and an exposure of 1.
     pub fn of_scene(tracer: &Tracer, bounces: u32) -> Self {
         let scene = tracer.scene();
-        let emitters = collect_emitters(tracer);
+        let emitters = emitters::collect(tracer);
         Self { sun: scene.sun, sky: scene.sky, emitters, fill: FillLight::default(), bounces, exposure: 1.0 }
     }
 
@@ -360,116 +353,19 @@ pub fn luminance([r, g, b]: [f32; 3]) -> f32 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
-fn collect_emitters(tracer: &Tracer) -> Vec<Emitter> {
-    let scene: &Arc<Scene> = tracer.scene();
-    let mut emitters = Vec::new();
-    let mut total = 0.0f64;
-    for primitive in 0..scene.triangles.len() as u32 {
-        let material = &scene.materials[scene.triangles[primitive as usize].material as usize];
-        if material.emission.iter().all(|&c| c <= 0.0) {
-            continue;
-        }
-        let [a, b, c] = tracer.triangle(primitive);
-        let area = 0.5 * (b - a).cross(c - a).length();
-        let power = area * luminance(scene.surface(primitive, 1.0 / 3.0, 1.0 / 3.0).emission);
-        if power > 0.0 && power.is_finite() {
-            total += f64::from(power);
-            emitters.push((primitive, power, area, total));
-        }
-    }
-    let to_emitter = |(primitive, power, area, sum): (u32, f32, f32, f64)| Emitter {
-        primitive,
-        cumulative: (sum / total) as f32,
-        density: (f64::from(power) / total / f64::from(area)) as f32,
-    };
-    emitters.into_iter().map(to_emitter).collect()
-}
-
 /// Largest absolute coordinate of a triangle.
 pub fn extent_of(triangle: [Vec3; 3]) -> f32 {
     triangle.iter().map(|corner| corner.abs().max_element()).fold(0.0, f32::max)
-}
-
-struct PilotPoint {
-    point: LitPoint,
-    albedo: [f32; 3],
-    emission: [f32; 3],
-    distance_m: f32,
-}
-
-/// What is seen from seeded points in the suggested headbox, in directions spread evenly over the sphere.
-struct Pilot {
-    surfaces: Vec<PilotPoint>,
-    misses: Vec<Vec3>,
-    /// Window of the view (see [`Self::WINDOWS`]) of each surface, then of each miss.
-    windows: Vec<usize>,
-}
-
-impl Pilot {
-    /// Windows a side into which all directions are cut, by height and by azimuth; all of equal solid angle.
-    const WINDOWS: usize = 8;
-
-    fn new(tracer: &Tracer) -> Self {
-        const RAYS: usize = 4096;
-        let headbox = tracer.scene().headbox.unwrap_or_else(|| viewpoint::suggest_headbox(tracer));
-        let half = headbox.half_size_m as f32;
-        let low = (headbox.centre - tracer.origin()).as_vec3() - half;
-        let (mut surfaces, mut misses) = (Vec::new(), Vec::new());
-        let [mut surface_windows, mut miss_windows] = [const { Vec::new() }; 2];
-        for i in 0..RAYS {
-            let window = i % (Self::WINDOWS * Self::WINDOWS);
-            let place = random4([i as u32, 1, 2, 3]).map(unit_float);
-            let aim = random4([i as u32, 4, 5, 6]).map(unit_float);
-            let origin = low + Vec3::new(place[0], place[1], place[2]) * (2.0 * half);
-            let in_window = |cell: usize, jitter: f32| (cell as f32 + jitter) / Self::WINDOWS as f32;
-            let y = 2.0 * in_window(window / Self::WINDOWS, aim[0]) - 1.0;
-            let (sin, cos) = (in_window(window % Self::WINDOWS, aim[1]) * std::f32::consts::TAU).sin_cos();
-            let rim = (1.0 - y * y).max(0.0).sqrt();
-            let direction = Vec3::new(rim * cos, y, rim * sin);
-            let ray = Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
-            let Some(hit) = tracer.closest(&ray) else {
-                misses.push(direction);
-                miss_windows.push(window);
-                continue;
-            };
-            let (point, surface) = LitPoint::from_hit(tracer, &ray, &hit);
-            let (albedo, emission) = (surface.albedo, surface.emission);
-            surfaces.push(PilotPoint { point, albedo, emission, distance_m: hit.t });
-            surface_windows.push(window);
-        }
-        surface_windows.append(&mut miss_windows);
-        Self { surfaces, misses, windows: surface_windows }
-    }
-
-    /// Geometric mean over the windows of the mean luminance in each; `seen` is in the order of `windows`. The mean
-    /// inside a window tames the noise of single samples, which a logarithm would take for darkness.
-    fn logarithmic_mean(&self, seen: &[f32]) -> f32 {
-        let mut sums = [(0.0f64, 0u32); Self::WINDOWS * Self::WINDOWS];
-        for (&window, &level) in self.windows.iter().zip(seen) {
-            sums[window].0 += f64::from(level);
-            sums[window].1 += 1;
-        }
-        let means: Vec<f64> = sums.iter().filter(|s| s.1 > 0).map(|&(sum, count)| sum / f64::from(count)).collect();
-        let floor = 1e-3 * means.iter().copied().fold(0.0, f64::max);
-        let logarithms = means.iter().map(|mean| mean.max(floor).ln());
-        (logarithms.sum::<f64>() / means.len().max(1) as f64).exp() as f32
-    }
-}
-
-fn percentile(values: &mut [f32], share: f64) -> f32 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let at = ((values.len() - 1) as f64 * share) as usize;
-    *values.select_nth_unstable_by(at, f32::total_cmp).1
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::Material;
+    use crate::scene::Scene;
     use crate::scene::Triangle;
     use glam::{DVec3, dvec3};
+    use std::sync::Arc;
 
     /// Random triangles, some of them lamps, under sun and sky.
     fn tracer() -> Tracer {

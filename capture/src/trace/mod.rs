@@ -22,6 +22,7 @@
 
 mod build;
 mod cutout;
+mod lanes;
 mod packet;
 mod prepared;
 mod single;
@@ -29,7 +30,7 @@ mod tree;
 mod triangle;
 mod twins;
 
-pub use packet::{HitPacket, PACKET, RayPacket};
+pub use lanes::{HitPacket, PACKET, RayPacket};
 
 use crate::Scene;
 use cutout::Cutouts;
