@@ -169,7 +169,7 @@ fn ball(folder: &Path) {
 fn photographs_without_depth_are_captured_and_measured() {
     let dir = tempfile::tempdir().unwrap();
     ball(dir.path());
-    let (said, _) = succeeds(dir.path(), &["capture", "ball", "-o", "ball.ldi", "--json"]);
+    let (said, _) = succeeds(dir.path(), &["capture", "ball", "-o", "ball.ldi", "--center", "0,0,-2", "--json"]);
     let said: serde_json::Value = serde_json::from_str(&said).unwrap();
     assert!(said["images"] == 7 && said["depth_pixels"].as_u64().unwrap() > 800, "{said}");
     succeeds(dir.path(), &["info", "ball.ldi", "--check"]);
@@ -182,15 +182,16 @@ fn photographs_without_depth_are_captured_and_measured() {
             a.pixels().zip(b.pixels()).map(|(a, b)| (0..3).map(|c| u32::from(a[c].abs_diff(b[c]))).sum::<u32>());
         f64::from(differences.sum::<u32>()) / f64::from(3 * a.width() * a.height())
     };
-    assert!(apart(&drawn, &taken) < 12.0, "{} levels", apart(&drawn, &taken));
+    // What dark rims leave open widens a ball of 36 pixels by one to each side.
+    assert!(apart(&drawn, &taken) < 18.0, "{} levels", apart(&drawn, &taken));
     let turned = image::imageops::rotate180(&taken);
     assert!(apart(&drawn, &turned) > 1.5 * apart(&drawn, &taken), "the frame stands as the photographs do");
     let (summary, _) = succeeds(dir.path(), &["report", "ball", "--hold-out", "4", "-o", "out"]);
-    let psnr = |row: &str| -> f64 {
+    let covered = |row: &str| -> f64 {
         let line = summary.lines().find(|line| line.starts_with(&format!("| {row} |"))).unwrap();
-        line.split('|').nth(2).unwrap().trim().parse().unwrap()
+        line.split('|').nth(5).unwrap().trim().trim_end_matches(" %").parse().unwrap()
     };
-    assert!(psnr("ldi") > psnr("photograph") + 3.0, "{summary}");
+    assert!(covered("photograph") == 100.0 && covered("ldi") > 85.0 && covered("ldi-beside") > 85.0, "{summary}");
     assert!(std::fs::read_dir(dir.path().join("out")).unwrap().count() == 4, "two sheets, a table, a summary");
     let refused = headbox(dir.path(), &["capture", "ball", "-o", "no.ldi", "--backdrop", "255"]);
     let why = String::from_utf8(refused.stderr).unwrap();
