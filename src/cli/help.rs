@@ -2,9 +2,9 @@
 
 use super::Cli;
 use crate::lumigraph::Blend;
-use crate::portal::variant::Variant as HouseVariant;
+use crate::portal::variant::HouseVariant;
 use crate::render::splat::SplatKernel;
-use crate::sprite::Variant as SpriteVariant;
+use crate::sprite::SpriteVariant;
 use clap::{Args, Command, CommandFactory};
 use clap_complete::Shell;
 use std::io::Write;

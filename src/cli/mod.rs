@@ -58,40 +58,40 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     /// The main job end to end on a built-in scene: capture, render, compare with truth
-    Demo(demo::Demo),
+    Demo(demo::DemoCommand),
     /// List the built-in scenes, or write one as .obj or .glb
-    Scenes(scenes::Scenes),
+    Scenes(scenes::ScenesCommand),
     /// Capture a scene into a cube LDI (or one shard of it)
-    Capture(capture::Capture),
+    Capture(capture::CaptureCommand),
     /// Merge all shards of a capture into a cube LDI
-    Merge(merge::Merge),
+    Merge(merge::MergeCommand),
     /// Make sprites with depth of a scene, or of a picture and its depth
     Sprite(Box<sprite::SpriteCommand>),
     /// Make a lumigraph of a scene: images on a camera plane, as few layers as a view needs
     Lumigraph(Box<lumigraph::LumigraphCommand>),
     /// A home to walk through: read its rooms and doors, say what is wrong with them, draw its plan, write a .house file
-    House(house::House),
+    House(house::HouseCommand),
     /// What a folder of pictures with known cameras holds, and whether its poses and depths agree
-    Images(images::Images),
+    Images(images::ImagesCommand),
     /// Show what a file holds; check every promise of its layout
-    Info(info::Info),
+    Info(info::InfoCommand),
     /// Render a frame of a cube LDI, of sprites or of both, or a frame per pose of a path
-    Render(render::Render),
+    Render(render::RenderCommand),
     /// Take a capture to where headbox is not installed: a page to look around in, engines, splat viewers
-    Export(export::Export),
+    Export(export::ExportCommand),
     /// Show captures to browsers, over HTTP: a list, and a page for each
-    Serve(serve::Serve),
+    Serve(serve::ServeCommand),
     /// Measure a walk through a .house file (to just walk, use view): time and error of every way to draw it, against truth and primary rays
-    Walk(walk::Walk),
+    Walk(walk::WalkCommand),
     /// Ray-trace a reference frame of a scene
-    Truth(truth::Truth),
+    Truth(truth::TruthCommand),
     /// Compare two images: FLIP, PSNR, SSIM
-    Compare(compare::Compare),
+    Compare(compare::CompareCommand),
     /// Measure speed against error: rows, charts, sentences
     Report(report::ReportCommand),
     /// Look around in a window: in a scene, a cube LDI, sprites or a house
     #[cfg(feature = "viewer")]
-    View(view::View),
+    View(view::ViewCommand),
     /// Print a script by which a shell completes commands
     Completions(help::Completions),
     /// Print the manual, as roff: headbox man | man -l -

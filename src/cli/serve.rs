@@ -25,7 +25,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 const MAX_CONNECTIONS: usize = 64;
 
 #[derive(Args)]
-pub(super) struct Serve {
+pub(super) struct ServeCommand {
     /// .ldi files
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
@@ -49,7 +49,7 @@ enum Content {
     File(File),
 }
 
-impl Serve {
+impl ServeCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let _ = Outputs::new(false, &self.files);
         let resources = self.resources()?;

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 #[derive(Args)]
-pub(super) struct Truth {
+pub(super) struct TruthCommand {
     #[command(flatten)]
     scene: SceneArgs,
     /// Picture to write: .png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output (PNG)
@@ -36,7 +36,7 @@ pub(super) struct Truth {
     json: bool,
 }
 
-impl Truth {
+impl TruthCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let source = self.scene.source();
         let outputs = Outputs::new(self.json, [&source.name]).file(&self.output, &PICTURE)?;

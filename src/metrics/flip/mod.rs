@@ -18,7 +18,7 @@ use image::RgbImage;
 use rayon::prelude::*;
 
 use self::color::{ColorSpace, row_errors};
-use self::weights::Weights;
+use self::weights::FilterWeights;
 use super::rows::{RowRing, across, derive, padded_len, smooth};
 use super::{MetricError, check_sizes, magma};
 use crate::capture::simd;
@@ -68,7 +68,8 @@ pub fn flip_map(reference: &RgbImage, test: &RgbImage, pixels_per_degree: f32) -
 /// [`flip_map`] of checked arguments at a given SIMD level.
 fn flip_map_at(level: Level, reference: &RgbImage, test: &RgbImage, pixels_per_degree: f32) -> FlipMap {
     let (width, height) = reference.dimensions();
-    let stage = Stage { level, weights: Weights::new(f64::from(pixels_per_degree)), space: ColorSpace::new(level) };
+    let stage =
+        Stage { level, weights: FilterWeights::new(f64::from(pixels_per_degree)), space: ColorSpace::new(level) };
     let mut errors = vec![0.0; width as usize * height as usize];
     let band_sums: Vec<f64> = errors
         .par_chunks_mut(BAND_ROWS * width as usize)
@@ -100,7 +101,7 @@ mod plane {
 /// What all bands of one map share.
 struct Stage {
     level: Level,
-    weights: Weights,
+    weights: FilterWeights,
     space: ColorSpace,
 }
 
