@@ -1,11 +1,11 @@
 //! `headbox capture`.
 
-use super::UsageError;
 use super::args::{SceneArgs, parse_length, parse_vector};
 use super::estimate::{Estimate, rays_of};
 use super::images::{SetArgs, is_image_set, with_depth};
 use super::output::{CUBE, Outputs, SHARD, memory_bytes, peak_rss_mb, print_json};
 use super::progress::{Bar, duration};
+use super::words::UsageError;
 use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;
 use crate::capture::trace::Tracer;

@@ -1,7 +1,7 @@
 //! `headbox export`.
 
-use super::UsageError;
 use super::output::{EXPORT, Outputs, print_json};
+use super::words::UsageError;
 use crate::capture::files;
 use crate::container::{Container, FileKind};
 use crate::export::{ExportError, glb, page::Page, ply};

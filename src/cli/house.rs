@@ -1,8 +1,8 @@
 //! `headbox house`.
 
-use super::UsageError;
 use super::house_file::HouseFileArgs;
 use super::output::{Outputs, PLAN, print_json, save_picture, write_text};
+use super::words::UsageError;
 use crate::capture::load::{LoadedModel, ModelOptions, load_model};
 use crate::capture::portal_model::{Finding, PortalModel};
 use crate::capture::trace::Tracer;

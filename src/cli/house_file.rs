@@ -1,9 +1,9 @@
 //! `.house` files: written by `headbox house`, walked by `headbox render`, described by `headbox info`.
 
-use super::UsageError;
 use super::args::DefaultCamera;
 use super::output::{HOUSE, Outputs, PATH, print_json, write_text};
 use super::progress::Bar;
+use super::words::UsageError;
 use crate::capture::Camera;
 use crate::capture::bake::{BakeOptions, bake_model};
 use crate::capture::path::{CameraRecord, PathRecord};

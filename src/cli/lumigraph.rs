@@ -1,10 +1,10 @@
 //! `headbox lumigraph`.
 
-use super::UsageError;
 use super::args::{FrameArgs, Names, by_name, parse_length, parse_size, parse_vector};
 use super::capture::place_headbox;
 use super::output::{LUMIGRAPH, Outputs, peak_rss_mb, print_json};
 use super::progress::Bar;
+use super::words::UsageError;
 use crate::capture::light::Lighting;
 use crate::capture::scene::FileFrame;
 use crate::capture::trace::{Ray, Tracer};

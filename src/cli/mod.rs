@@ -41,8 +41,9 @@ mod walk;
 mod words;
 
 use crate::capture::simd;
-use clap::{FromArgMatches, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::process::ExitCode;
+use words::UsageError;
 
 /// Image-based rendering with depth: capture a scene once, look at it from anywhere inside a headbox.
 #[derive(Parser)]
@@ -98,14 +99,9 @@ enum Command {
     Man,
 }
 
-/// A mistake in what the user asked for, as opposed to a failure in doing it: exit code 2.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-struct UsageError(String);
-
 /// Runs the command line and returns its exit code: 0 done, 1 failed, 2 wrong usage.
 pub fn main() -> ExitCode {
-    let parsed = help::command().try_get_matches_from(help::arguments());
+    let parsed = whole().try_get_matches_from(help::arguments());
     let cli = parsed.and_then(|matches| Cli::from_arg_matches(&matches)).unwrap_or_else(|mut error| {
         // Advice on how to pass as a file name what was meant as a number.
         error.remove(clap::error::ContextKind::Suggested);
@@ -118,6 +114,11 @@ pub fn main() -> ExitCode {
             ExitCode::from(if error.is::<UsageError>() { 2 } else { 1 })
         }
     }
+}
+
+/// The whole command line, with its examples.
+fn whole() -> clap::Command {
+    help::with_examples(Cli::command())
 }
 
 fn run(cli: Cli) -> anyhow::Result<()> {
@@ -149,7 +150,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Report(command) => command.run(),
         #[cfg(feature = "viewer")]
         Command::View(command) => command.run(),
-        Command::Completions(command) => command.run(),
-        Command::Man => help::print_manual(),
+        Command::Completions(command) => command.run(whole()),
+        Command::Man => help::print_manual(&whole()),
     }
 }

@@ -1,6 +1,5 @@
 //! `headbox render`.
 
-use super::UsageError;
 use super::args::{CameraArgs, DefaultCamera, Names, by_name, parse_length};
 use super::content::{Content, Rendered};
 use super::geometry::{GEOMETRY_ALONE, GeometryArgs, GeometryContent, texturing_of};
@@ -8,6 +7,7 @@ use super::house_file::HouseContent;
 use super::images::{self, SetArgs, is_image_set};
 use super::output::{DEPTH, FILM, Outputs, PICTURE, print_json, save_picture, write_text};
 use super::progress::Bar;
+use super::words::UsageError;
 use crate::capture::scene::FileFrame;
 use crate::capture::statistics::median;
 use crate::capture::{Camera, simd};

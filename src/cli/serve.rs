@@ -3,9 +3,9 @@
 //! A server of the standard library alone: what it gives is a table that is made before the first request, so that no word of a
 //! request ever names a file, and two methods and one header are all that it has to know.
 
-use super::UsageError;
 use super::export::{name_of, open};
 use super::output::Outputs;
+use super::words::UsageError;
 use crate::export::page::Page;
 use crate::export::poster;
 use anyhow::Context;

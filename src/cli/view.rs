@@ -1,11 +1,11 @@
 //! `headbox view`.
 
-use super::UsageError;
 use super::args::{FrameArgs, Names, by_name, parse_size};
 use super::geometry::{GEOMETRY_ALONE, GeometryArgs, open_geometry, texturing_of};
 use super::images::{self, SetArgs, is_image_set};
 use super::output::print_json;
 use super::progress::Bar;
+use super::words::UsageError;
 use crate::view::{SceneLibrary, open, open_source, show_cube, show_geometry};
 use crate::view_geometry::GeometrySettings;
 use anyhow::Context;

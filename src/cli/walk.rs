@@ -1,10 +1,10 @@
 //! `headbox walk`.
 
-use super::UsageError;
 use super::args::parse_size;
 use super::house_file::{say_unvisited, variant_by_name};
 use super::output::{Outputs, print_json, save_picture, write_text};
 use super::progress::Bar;
+use super::words::UsageError;
 use crate::drawing::sheet::{Sheet, SheetCell, SheetRow};
 use crate::measure::walk::{MeasureSettings, PosePictures, measure};
 use crate::portal::file;

@@ -169,7 +169,7 @@ impl PackedCube {
         let CubeHeader { info, face_size_px, layout, .. } = header;
         let mut cube = Self { info, face_size_px, layout, segments, environment, planes };
         cube.validate().map_err(|error| section.damaged("a consistent cube LDI", error.to_string()))?;
-        cube.segments.iter_mut().for_each(|segment| segment.blocks = BlockIndex::of(segment));
+        cube.segments.iter_mut().for_each(|segment| segment.blocks = segment.block_index());
         Ok(cube)
     }
 }

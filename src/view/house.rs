@@ -293,7 +293,7 @@ impl FrameSource for HouseSource {
         if awaits_light {
             facts.push(Fact { name: "light", text: "is being baked".into() });
         }
-        facts.push(super::simd_fact());
+        facts.push(super::facts::simd_fact());
         figures.push(figure("memory of backdrops", tour.store().bytes() as f64 / f64::from(1 << 20), "MiB"));
         let legend = match OVERLAYS.get(request.settings.choice("overlay")?) {
             Some(&"holes") => {

@@ -107,7 +107,7 @@ impl FrameSource for SpriteSource {
                 Figure { name: "number of sprites", value: self.layers.sprites().sprites().len() as f64, unit: "" },
                 Figure { name: "pixels covered", value: share * 100.0, unit: "%" },
             ],
-            facts: vec![super::simd_fact()],
+            facts: vec![super::facts::simd_fact()],
             ..FrameReport::default()
         })
     }
