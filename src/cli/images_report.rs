@@ -6,7 +6,7 @@ use super::progress::Bar;
 use crate::capture::images::ImageSet;
 use crate::ldi::from_images::ImagesJob;
 use crate::ldi::voxel_colouring::PhotographsJob;
-use crate::measure::images::{self, Geometry, Shown};
+use crate::measure::images::{self, Geometry, SideBySide};
 use crate::measure::photographs;
 use image::RgbImage;
 use std::path::Path;
@@ -44,7 +44,7 @@ pub(super) fn write(set: &ImageSet, hold_out: usize, geometry: &GeometryArgs, fo
     let (json, summary) = if set.with_depth().next().is_some() {
         let geometry =
             Geometry { settings: geometry.settings(), samples: geometry.samples(), budget: geometry.budget() };
-        let mut save = |shown: Shown| {
+        let mut save = |shown: SideBySide| {
             let pictures: Vec<&RgbImage> = std::iter::once(&shown.photograph).chain(&shown.frames).collect();
             sheets.save(&shown.view, &pictures, 4);
         };

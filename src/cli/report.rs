@@ -1,6 +1,5 @@
 //! `headbox report`.
 
-use super::UsageError;
 use super::args::{FrameArgs, UNITS, parse_length, parse_up, parse_vector};
 use super::capture::place_headbox;
 use super::geometry::GeometryArgs;
@@ -8,6 +7,7 @@ use super::images::{SetArgs, is_image_set};
 use super::images_report;
 use super::output::{NO_INPUTS, Outputs, PAGE, save_picture, write_text};
 use super::progress::{Bar, Planned};
+use super::words::UsageError;
 use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;
 use crate::capture::scene::UpAxis;

@@ -1,6 +1,6 @@
 //! The `.house` file: a portal model with what was captured behind its portals.
 //!
-//! Sections: `info` (JSON: a [`Header`], with a header per capture), the scene's arrays as they lie in memory (`positions`
+//! Sections: `info` (JSON: a [`HouseHeader`], with a header per capture), the scene's arrays as they lie in memory (`positions`
 //! f64, `normals`, `texcoords` and `colors` f32, `triangles` u32, four each: corners and material), `texels` (RGBA8, texture
 //! after texture), and a section per capture, `c` and its number: a cube's environment and segments, or textures.
 
@@ -13,7 +13,7 @@ use crate::capture::scene::{FileFrame, Headbox, Scene, Sky, Sun, Triangle};
 use crate::capture::{Cutout, Material, Texture};
 use crate::container::{Container, ContainerWriter, FileError, FileKind, Section};
 use crate::packed::PackedCube;
-use crate::packed::file::Header as CubeHeader;
+use crate::packed::file::CubeHeader;
 use crate::sprite::{SpriteHeader, SpriteWithDepth};
 use glam::{DVec2, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
@@ -41,7 +41,7 @@ pub enum HouseFileError {
 
 /// All of a file but its arrays.
 #[derive(Serialize, Deserialize)]
-struct Header {
+struct HouseHeader {
     name: String,
     #[serde(flatten)]
     frame: FileFrame,
@@ -144,7 +144,7 @@ pub fn write(path: &Path, house: &House, store: &Store, quality: &BackdropQualit
 pub fn read(path: &Path, budget_bytes: u64) -> Result<(House, Store, BackdropQuality), HouseFileError> {
     let file = Container::open(path, HOUSE_FILE)?;
     let info = file.section("info")?;
-    let mut header: Header = info.json()?;
+    let mut header: HouseHeader = info.json()?;
     let captures = std::mem::take(&mut header.captures);
     let quality = header.quality;
     let model = model(&file, &info, header)?;
@@ -162,7 +162,7 @@ fn section_name(number: usize) -> String {
     format!("c{number}")
 }
 
-fn header(house: &House, quality: &BackdropQuality, captures: &[(Key, Arc<Backdrop>)]) -> Header {
+fn header(house: &House, quality: &BackdropQuality, captures: &[(Key, Arc<Backdrop>)]) -> HouseHeader {
     let (scene, plan) = (house.scene(), house.plan());
     let material = |m: &Material| MaterialRecord {
         name: m.name.clone(),
@@ -187,7 +187,7 @@ fn header(house: &House, quality: &BackdropQuality, captures: &[(Key, Arc<Backdr
             Backdrop::Sprite(sprite) => Content::Sprite(sprite.sprite().header()),
         },
     };
-    Header {
+    HouseHeader {
         name: scene.name.clone(),
         frame: scene.frame,
         sun: scene.sun.map(|sun| (sun.direction, sun.irradiance, sun.angular_radius_rad)),
@@ -217,7 +217,7 @@ fn array<T: bytemuck::Pod>(file: &Container, name: &str, count: usize) -> Result
     Ok(values)
 }
 
-fn model(file: &Container, info: &Section, header: Header) -> Result<PortalModel, FileError> {
+fn model(file: &Container, info: &Section, header: HouseHeader) -> Result<PortalModel, FileError> {
     if !header.frame.is_sane() {
         return Err(info.damaged("a unit between 1e-9 and 1e9 m", header.frame.unit_m.to_string()));
     }
