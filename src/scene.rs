@@ -39,7 +39,7 @@ impl Scene {
     /// # Errors
     /// [`Error::Scene`].
     pub fn open_with(name: impl Into<String>, options: LoadOptions) -> Result<Self, Error> {
-        let source = SceneSource { name: name.into(), options };
+        let source = SceneSource { options, ..SceneSource::new(name) };
         let loaded = Arc::new(source.open()?);
         Ok(Self { source, loaded })
     }

@@ -1,7 +1,7 @@
 //! `headbox sprite`.
 
 use super::UsageError;
-use super::args::{CameraArgs, DefaultCamera, FrameArgs, Names, by_name, parse_length};
+use super::args::{CameraArgs, DefaultCamera, SourceArgs, Names, by_name, parse_length};
 use super::capture::place_headbox;
 use super::info::sprite_json;
 use super::output::{Outputs, SPRITES, peak_rss_mb, print_json, save_picture, write_text};
@@ -29,7 +29,7 @@ pub(super) struct SpriteCommand {
     /// A scene to capture (an .obj, .gltf or .glb file, or builtin:NAME), or a .sprite file to export
     scene: Option<String>,
     #[command(flatten)]
-    frame: FrameArgs,
+    source: SourceArgs,
     /// The .sprite file to write; `-` for standard output
     #[arg(short, long)]
     output: Option<PathBuf>,
@@ -160,7 +160,7 @@ impl SpriteCommand {
                 }
                 Ok(SpriteSet::read(Path::new(file))?)
             }
-            (Some(scene), None) => self.capture(&self.frame.source(scene), outputs),
+            (Some(scene), None) => self.capture(&self.source.source(scene), outputs),
             (None, None) => {
                 let message =
                     "what shall the sprites show? give a scene (see `headbox scenes`), or --color and --depth";
@@ -192,7 +192,7 @@ impl SpriteCommand {
             bail!("nothing of {} is seen from there: move --eye or --look-at", source.name);
         }
         let mut set = self.set(sprites)?;
-        set.info = SpriteInfo { source: source.name.clone(), frame: scene.frame };
+        set.info = SpriteInfo { source: source.name.clone(), frame: scene.frame, light: source.light.clone() };
         set.environment = Environment::sky(&lighting);
         if let Some(folder) = &self.range {
             let range = SpriteRange::measure(&capture, &camera, set.clone())?;
@@ -220,7 +220,7 @@ impl SpriteCommand {
             let message = format!("{} has {}x{} pixels; leave --size out", color_path.display(), size.0, size.1);
             return Err(UsageError(message).into());
         }
-        let frame = self.frame.file_frame();
+        let frame = self.source.file_frame();
         let import = DepthImport {
             camera: self.camera.camera(&frame, &DefaultCamera { size, ..DefaultCamera::at(DVec3::ZERO) })?,
             color,
@@ -233,7 +233,7 @@ impl SpriteCommand {
         let sprite =
             import.build().with_context(|| format!("{} and {}", color_path.display(), depth_path.display()))?;
         let mut set = self.set(vec![sprite])?;
-        set.info = SpriteInfo { source: color_path.display().to_string(), frame };
+        set.info = SpriteInfo { source: color_path.display().to_string(), frame, ..SpriteInfo::default() };
         Ok(set)
     }
 

@@ -1,8 +1,9 @@
 //! Emissive triangles, by their share of all power.
 
-use super::luminance;
+use super::{LightSample, Lighting, LitPoint, luminance};
 use crate::scene::Scene;
-use crate::trace::Tracer;
+use crate::trace::{Ray, Tracer};
+use glam::Vec3;
 use std::sync::Arc;
 
 /// An emissive triangle.
@@ -39,4 +40,45 @@ pub(super) fn collect(tracer: &Tracer) -> Vec<Emitter> {
         density: (f64::from(power) / total / f64::from(area)) as f32,
     };
     emitters.into_iter().map(to_emitter).collect()
+}
+
+impl Lighting {
+    /// Radiosity per albedo straight from one emissive triangle, drawn by its power.
+    pub(super) fn emitter_light(
+        &self,
+        tracer: &Tracer,
+        point: &LitPoint,
+        sample: &LightSample,
+        dimension: u32,
+    ) -> Vec3 {
+        if self.emitters.is_empty() {
+            return Vec3::ZERO;
+        }
+        let pick = sample.single(dimension + 1);
+        let at = self.emitters.partition_point(|e| e.cumulative <= pick).min(self.emitters.len() - 1);
+        let emitter = &self.emitters[at];
+        let [s, t] = sample.pair(dimension + 1);
+        // Uniform on the triangle: fold the far half of the square back (no square root needed).
+        let (u, v) = if s + t > 1.0 { (1.0 - s, 1.0 - t) } else { (s, t) };
+        let [a, b, c] = tracer.triangle(emitter.primitive);
+        let target = a + (b - a) * u + (c - a) * v;
+        let origin = point.lifted();
+        let offset = target - origin;
+        let distance2 = offset.length_squared();
+        let direction = offset / distance2.sqrt();
+        let cos_here = direction.dot(point.shading_normal);
+        // `is_nan`: the sample fell on the very point that it lights.
+        if cos_here <= 0.0 || cos_here.is_nan() || direction.dot(point.normal) <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let surface = tracer.scene().surface(emitter.primitive, u, v);
+        let cos_there = direction.dot(surface.normal).abs();
+        // Stop short of the light itself.
+        let ray = Ray { origin, direction: offset, t_min: 0.0, t_max: 0.999 };
+        if cos_there <= 0.0 || tracer.occluded(&ray) {
+            return Vec3::ZERO;
+        }
+        let geometry = cos_here * cos_there / (distance2 * std::f32::consts::PI * emitter.density);
+        Vec3::from_array(surface.emission) * geometry
+    }
 }

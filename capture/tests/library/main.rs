@@ -3,6 +3,7 @@
 mod bake;
 mod folder;
 mod images;
+mod light;
 mod load_gltf;
 mod load_model;
 mod load_mutated;
