@@ -103,7 +103,9 @@ impl FromStr for SunPlace {
             Ok(&[azimuth, elevation]) if azimuth.abs() <= 360.0 && elevation.abs() <= 90.0 => {
                 Ok(Self::Angles { azimuth, elevation })
             }
-            _ => Err("give X,Y,Z toward the sun, azimuth,elevation in degrees (elevation from -90 to 90), or off".into()),
+            _ => {
+                Err("give X,Y,Z toward the sun, azimuth,elevation in degrees (elevation from -90 to 90), or off".into())
+            }
         }
     }
 }
@@ -214,7 +216,8 @@ mod tests {
     #[test]
     fn the_sun_keeps_its_colour_and_takes_its_strength() {
         let mut scene = Scene { sun: Some(Sun::default()), ..Scene::default() };
-        let asked = LightParameters { sun: Some(SunPlace::Toward(DVec3::Y)), sun_strength: Some(6.0), ..Default::default() };
+        let asked =
+            LightParameters { sun: Some(SunPlace::Toward(DVec3::Y)), sun_strength: Some(6.0), ..Default::default() };
         asked.apply(&mut scene).expect("no file to read");
         let (sun, default) = (scene.sun.expect("a sun"), Sun::default());
         assert!((luminance(sun.irradiance) - 6.0).abs() < 1e-5 && sun.direction == Vec3::Y);

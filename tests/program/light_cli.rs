@@ -30,7 +30,8 @@ fn capture(folder: &Path, more: &[&str]) -> String {
 fn parts_of_a_capture_agree_on_its_light_and_the_file_tells_it() {
     let dir = tempfile::tempdir().unwrap();
     write_sky(dir.path());
-    let light = ["--sky", "sky.hdr", "--sky-turn", "30", "--sun", "100,40", "--sun-strength", "2", "--exposure", "-1.5"];
+    let light =
+        ["--sky", "sky.hdr", "--sky-turn", "30", "--sun", "100,40", "--sun-strength", "2", "--exposure", "-1.5"];
     capture(dir.path(), &[light.as_slice(), &["-o", "whole.ldi"]].concat());
     for part in ["1/2", "2/2"] {
         capture(dir.path(), &[light.as_slice(), &["--shard", part, "-o", &format!("{}.shard", &part[..1])]].concat());
@@ -40,7 +41,10 @@ fn parts_of_a_capture_agree_on_its_light_and_the_file_tells_it() {
     assert!(read("whole.ldi") == read("merged.ldi"));
     let info = &json(dir.path(), &["info", "whole.ldi", "--json"])["capture"];
     assert_eq!((info["light"]["sky"].as_str(), info["light"]["sun"].as_str()), (Some("sky.hdr"), Some("100,40")));
-    assert_eq!((info["tone"].as_str(), info["exposure"].as_f64()), (Some("srgb-clipped"), Some(f64::from(0.5f32.powf(1.5)))));
+    assert_eq!(
+        (info["tone"].as_str(), info["exposure"].as_f64()),
+        (Some("srgb-clipped"), Some(f64::from(0.5f32.powf(1.5))))
+    );
     let told = succeeds(dir.path(), &["info", "whole.ldi"]);
     assert!(told.contains("sky sky.hdr, turned by 30 degrees, sun 100,40, sun's strength 2"), "{told}");
     assert!(told.contains("-1.50 stops (-1.5); sRGB, cut off at white"), "{told}");

@@ -54,7 +54,8 @@ impl FromStr for Exposure {
             Some(_) => None,
             None => stops(text).map(Self::Stops),
         };
-        parsed.ok_or_else(|| format!("give auto, auto+1 or auto-0.5, or a number of stops from -{MOST_EV} to {MOST_EV}"))
+        parsed
+            .ok_or_else(|| format!("give auto, auto+1 or auto-0.5, or a number of stops from -{MOST_EV} to {MOST_EV}"))
     }
 }
 

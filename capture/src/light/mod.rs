@@ -2,12 +2,13 @@
 //!
 //! One estimator serves capture and truth alike. At a surface point it returns one sample of *radiosity per albedo*
 //! (irradiance / pi): the radiance that leaves the surface is that times its albedo, plus its emission. Next-event
-//! estimation for the sun and for emissive triangles; the sky (and the next bounce) by one cosine-weighted ray; Russian
-//! roulette beyond three bounces.
+//! estimation for the sun, lamps, emissive triangles and pictures of the sky; the sky (and the next bounce) also by one cosine-weighted
+//! ray; Russian roulette beyond three bounces.
 
 mod arrival;
 mod emitters;
 mod exposure;
+mod light_tree;
 mod pilot;
 mod sequence;
 mod sharp;
@@ -19,7 +20,7 @@ pub use exposure::Exposure;
 use crate::sampler::{cosine_direction, random4, unit_float};
 use crate::scene::{Sky, Sun};
 use crate::trace::{Hit, Ray, Tracer};
-use emitters::Emitter;
+use emitters::Emitters;
 use glam::{Quat, Vec3};
 use pilot::{Pilot, PilotPoint, percentile};
 use sharp::LocalLamp;
@@ -48,8 +49,7 @@ pub struct Lighting {
     pub sky: Option<Sky>,
     /// Lamps without a surface, in the tracer's local frame.
     lamps: Vec<LocalLamp>,
-    /// Emissive triangles with the running sum of their power, in ascending order, the last being 1.
-    emitters: Vec<Emitter>,
+    emitters: Emitters,
     /// Fill light.
     pub fill: FillLight,
     /// Diffuse bounces of a path beyond direct light.
@@ -157,7 +157,7 @@ impl Lighting {
     /// The lights of `scene` with `bounces` diffuse bounces, no fill and an exposure of 1.
     pub fn of_scene(tracer: &Tracer, bounces: u32) -> Self {
         let scene = tracer.scene();
-        let (emitters, lamps) = (emitters::collect(tracer), sharp::local_lamps(tracer));
+        let (emitters, lamps) = (Emitters::of(tracer), sharp::local_lamps(tracer));
         let (sun, sky, fill) = (scene.sun, scene.sky.clone(), FillLight::default());
         Self { sun, sky, lamps, emitters, fill, bounces, exposure: 1.0 }
     }

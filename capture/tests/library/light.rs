@@ -2,11 +2,11 @@
 
 use crate::folder::Folder;
 use glam::{DVec3, Vec3, dvec3};
+use headbox_capture::Material;
 use headbox_capture::light::{Exposure, LightSample, Lighting, LitPoint, luminance};
 use headbox_capture::load::LoadOptions;
 use headbox_capture::scene::{Lamp, Reach, Scene, Sky, SkyGradient, SkyPicture, Sun, Triangle};
 use headbox_capture::trace::Tracer;
-use headbox_capture::Material;
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
@@ -128,8 +128,8 @@ fn a_sun_in_the_picture_lights_as_a_sun() {
     let (sun_y, size) = (100, 3);
     let is_sun = |x: u32, y: u32| x.abs_diff(300) < size && y.abs_diff(sun_y) < size;
     let whole = picture(WIDTH, |x, y| if is_sun(x, y) { [3e4, 2e4, 1e4] } else { [0.5; 3] });
-    let expected: f64 = 0.5
-        + (sun_y + 1 - size..sun_y + size).map(|y| 5.0 * (3e4 - 0.5) * from_texel(WIDTH, y)).sum::<f64>();
+    let expected: f64 =
+        0.5 + (sun_y + 1 - size..sun_y + size).map(|y| 5.0 * (3e4 - 0.5) * from_texel(WIDTH, y)).sum::<f64>();
     let before = light_on(under(whole.clone()), Vec3::ZERO);
     let (rest, sun) = whole.without_sun();
     let sun = sun.expect("a sun");
@@ -224,7 +224,8 @@ fn lamps_light_by_the_formula() {
         f64::from(light.x)
     };
     // Rays start 0.4 mm above a floor of 100 m, of the 2 m to the lamp.
-    let close = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-3 * expected, "{found} for {expected}");
+    let close =
+        |found: f64, expected: f64| assert!((found - expected).abs() < 1e-3 * expected, "{found} for {expected}");
     close(lit(Reach::Point { position, range_m: f32::INFINITY }), 10.0 * cos / distance2 / PI);
     let range_m = 3.0;
     let window = 1.0 - (distance2 / 9.0).powi(2);
