@@ -96,6 +96,12 @@ impl<'a> Capture<'a> {
         self
     }
 
+    /// Bounces of light between surfaces.
+    pub fn bounces(mut self, bounces: u32) -> Self {
+        self.parameters.bounces = bounces;
+        self
+    }
+
     /// Random seed: the same seed gives the same bytes, on any number of threads.
     pub fn seed(mut self, seed: u64) -> Self {
         self.parameters.seed = seed;
@@ -116,6 +122,7 @@ impl<'a> Capture<'a> {
     }
 
     /// All parameters at once.
+    #[doc(hidden)]
     pub fn parameters(mut self, parameters: CaptureParameters) -> Self {
         self.parameters = parameters;
         self

@@ -1,16 +1,17 @@
 //! Arguments that several subcommands share. Positions and lengths are in the scene file's own axes and unit.
 
-use super::UsageError;
-use crate::capture::Camera;
+use super::words::UsageError;
 use crate::capture::load::LoadOptions;
 use crate::capture::scene::{FileFrame, UpAxis};
 use crate::capture::trace::Tracer;
 use crate::capture::viewpoint;
+use crate::capture::{Camera, Scene};
 use crate::ldi::CaptureInfo;
 use crate::scene_source::{LightParameters, SceneSource};
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
+use std::sync::Arc;
 
 /// Three finite numbers, `X,Y,Z`.
 pub(super) fn parse_vector(text: &str) -> Result<DVec3, String> {
@@ -181,6 +182,16 @@ pub(super) fn vertical_fov_deg(camera: &Camera) -> f64 {
 }
 
 impl CameraArgs {
+    /// The camera in a scene, from free space where nothing is said, and a tracer about its eye.
+    pub(super) fn aim(&self, scene: &Arc<Scene>) -> anyhow::Result<(Camera, Tracer)> {
+        let placed = viewpoint::place_headbox(scene, None, None);
+        let centre = placed.map_err(|error| UsageError(error.to_string()))?.centre;
+        let scout = Tracer::new(Arc::clone(scene), centre);
+        let camera = self.camera(&scene.frame, &DefaultCamera::of_scene(&scout, centre))?;
+        let tracer = if camera.eye() == centre { scout } else { Tracer::new(Arc::clone(scene), camera.eye()) };
+        Ok((camera, tracer))
+    }
+
     /// The camera in the world.
     pub(super) fn camera(&self, frame: &FileFrame, default: &DefaultCamera) -> anyhow::Result<Camera> {
         let eye = self.eye.map_or(default.eye, |eye| frame.world_from_file(eye));

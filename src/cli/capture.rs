@@ -1,11 +1,11 @@
 //! `headbox capture`.
 
-use super::UsageError;
 use super::args::{SceneArgs, parse_length, parse_vector};
 use super::estimate::{Estimate, rays_of};
 use super::images::{SetArgs, is_image_set, with_depth};
 use super::output::{CUBE, Outputs, SHARD, memory_bytes, peak_rss_mb, print_json};
 use super::progress::{Bar, duration};
+use super::words::UsageError;
 use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;
 use crate::capture::trace::Tracer;
@@ -29,7 +29,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 #[derive(Args)]
-pub(super) struct Capture {
+pub(super) struct CaptureCommand {
     #[command(flatten)]
     scene: SceneArgs,
     /// The .ldi file to write, or with --shard the .shard file; `-` for standard output
@@ -228,7 +228,7 @@ pub(super) fn warn_if_blocked(blocked_share: f64) {
     }
 }
 
-impl Capture {
+impl CaptureCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         if is_image_set(self.scene.name()) {
             return self.run_images();

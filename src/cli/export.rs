@@ -1,7 +1,7 @@
 //! `headbox export`.
 
-use super::UsageError;
 use super::output::{EXPORT, Outputs, print_json};
+use super::words::UsageError;
 use crate::capture::files;
 use crate::container::{Container, FileKind};
 use crate::export::{ExportError, glb, page::Page, ply};
@@ -13,7 +13,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 #[derive(Args)]
-pub(super) struct Export {
+pub(super) struct ExportCommand {
     /// A .ldi file
     file: PathBuf,
     /// What to write; its ending decides the format: .html, a page to look around in that works offline; .glb for engines; .ply, flat
@@ -37,7 +37,7 @@ pub(super) struct Export {
 /// Triangles of a .glb unless something else is said.
 const TRIANGLES: u64 = 200_000;
 
-impl Export {
+impl ExportCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         Outputs::new(self.json, [&self.file]).file(&self.output, &EXPORT)?;
         let ending = self.output.extension().unwrap_or_default().to_ascii_lowercase();

@@ -1,13 +1,13 @@
 //! `headbox house`.
 
-use super::UsageError;
 use super::house_file::HouseFileArgs;
 use super::output::{Outputs, PLAN, print_json, save_picture, write_text};
+use super::words::UsageError;
 use crate::capture::load::{LoadedModel, ModelOptions, load_model};
 use crate::capture::portal_model::{Finding, PortalModel};
 use crate::capture::trace::Tracer;
-use crate::scene_source::LightParameters;
 use crate::portal::floor_plan::{FloorPlan, storeys};
+use crate::scene_source::LightParameters;
 use clap::Args;
 use glam::DVec2;
 use serde_json::{Value, json};
@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 #[derive(Args)]
-pub(super) struct House {
+pub(super) struct HouseCommand {
     /// A Sweet Home 3D .sh3d, or Home.xml with its OBJ export beside it, a .toml model, or builtin:house
     model: String,
     /// Draw the plan, as PNG or SVG by its ending; storeys above the first get names of their own, as plan_2.png
@@ -51,7 +51,7 @@ struct Survey {
     findings: Vec<Finding>,
 }
 
-impl House {
+impl HouseCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let outputs = Outputs::new(self.json, [&self.model]).maybe_file(self.plan.as_ref(), &PLAN)?;
         let outputs = self.file.outputs(outputs)?;

@@ -14,7 +14,7 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 
 #[derive(Args)]
-pub(super) struct Images {
+pub(super) struct ImagesCommand {
     /// A folder of pictures with known cameras (Seurat, nerfstudio, COLMAP, RGB-D frames, Middlebury, panoramas), or its
     /// manifest.json or transforms.json
     folder: PathBuf,
@@ -112,7 +112,7 @@ pub(super) fn is_image_set(name: &str) -> bool {
     !name.starts_with("builtin:") && (path.is_dir() || (manifest && path.is_file()))
 }
 
-impl Images {
+impl ImagesCommand {
     /// As `headbox images FOLDER`.
     pub(super) fn of(folder: &Path, json: bool) -> Self {
         Self { folder: folder.into(), set: SetArgs::default(), pairs: PAIRS, json }

@@ -1,19 +1,19 @@
 //! `headbox report`.
 
-use super::UsageError;
 use super::args::{SourceArgs, UNITS, parse_length, parse_up, parse_vector};
 use super::capture::place_headbox;
 use super::geometry::GeometryArgs;
 use super::images::{SetArgs, is_image_set};
 use super::output::{NO_INPUTS, Outputs, PAGE, save_picture, write_text};
 use super::progress::{Bar, Planned};
+use super::words::UsageError;
 use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;
 use crate::capture::scene::UpAxis;
 use crate::capture::trace::Tracer;
 use crate::container::Container;
 use crate::ldi::from_images::ImagesJob;
-use crate::measure::images::{self, Geometry, Shown};
+use crate::measure::images::{self, Geometry, SideBySide};
 use crate::measure::machine::{Machine, commit};
 use crate::measure::plan::{Plan, Quality, most_to_see};
 use crate::measure::report::figures::{figures, short};
@@ -244,7 +244,7 @@ impl ReportCommand {
         Outputs::new(false, [folder]).folder(output)?;
         let bar = Bar::new();
         let mut failed = None;
-        let mut save = |shown: Shown| {
+        let mut save = |shown: SideBySide| {
             let path = output.join(format!("{}.png", shown.view.replace(['/', '.'], "_")));
             let pictures: Vec<&RgbImage> = std::iter::once(&shown.photograph).chain(&shown.frames).collect();
             failed = failed.take().or(save_picture(&path, &sheet(&pictures, 4)).err());

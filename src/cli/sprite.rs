@@ -1,13 +1,11 @@
 //! `headbox sprite`.
 
-use super::UsageError;
-use super::args::{CameraArgs, DefaultCamera, SourceArgs, Names, by_name, parse_length};
-use super::capture::place_headbox;
+use super::args::{CameraArgs, DefaultCamera, Names, SourceArgs, by_name, parse_length};
 use super::info::sprite_json;
 use super::output::{Outputs, SPRITES, peak_rss_mb, print_json, save_picture, write_text};
 use super::progress::Bar;
+use super::words::UsageError;
 use crate::capture::light::Lighting;
-use crate::capture::trace::Tracer;
 use crate::capture::{DepthKind, picture};
 use crate::environment::Environment;
 use crate::measure::sprite_range::SpriteRange;
@@ -172,10 +170,7 @@ impl SpriteCommand {
     fn capture(&self, source: &SceneSource, outputs: &Outputs) -> anyhow::Result<SpriteSet> {
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
-        let centre = place_headbox(&scene, None, None)?.centre;
-        let scout = Tracer::new(Arc::clone(&scene), centre);
-        let camera = self.camera.camera(&scene.frame, &DefaultCamera::of_scene(&scout, centre))?;
-        let tracer = if camera.eye() == centre { scout } else { Tracer::new(Arc::clone(&scene), camera.eye()) };
+        let (camera, tracer) = self.camera.aim(&scene)?;
         let lighting = Lighting::measure(&tracer, self.quality.bounces);
         let bar = Bar::new();
         let capture = SlabCapture {

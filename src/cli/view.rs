@@ -1,11 +1,11 @@
 //! `headbox view`.
 
-use super::UsageError;
-use super::args::{SourceArgs, Names, by_name, parse_size};
+use super::args::{Names, SourceArgs, by_name, parse_size};
 use super::geometry::{GEOMETRY_ALONE, GeometryArgs, open_geometry, texturing_of};
 use super::images::{self, SetArgs, is_image_set};
 use super::output::print_json;
 use super::progress::Bar;
+use super::words::UsageError;
 use crate::view::{SceneLibrary, open, open_source, show_cube, show_geometry};
 use crate::view_geometry::GeometrySettings;
 use anyhow::Context;
@@ -16,7 +16,7 @@ use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 #[derive(Args)]
-pub(super) struct View {
+pub(super) struct ViewCommand {
     /// A .ldi, .sprite, .lumi or .house file, a home (Home.xml, .sh3d, .toml) to walk in, a folder of images with depth, or a
     /// scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the start page if absent
     file: Option<String>,
@@ -92,7 +92,7 @@ fn parse_limit(text: &str) -> Result<f64, String> {
 /// Frames after which a picture without a path is taken: the first may be of a window that still takes its size.
 const FRAMES_BEFORE_PICTURE: u64 = 3;
 
-impl View {
+impl ViewCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let mut options = self.options()?;
         let mut source = None;

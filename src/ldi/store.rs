@@ -171,7 +171,8 @@ impl TileStore {
     /// No fewer than the accumulators of a tile.
     pub fn most_in_tile(&self, tile: usize) -> usize {
         let in_memory = lock(&self.tiles[tile]).len;
-        let spilled: usize = lock(&self.spill).as_ref().map_or(0, |spill| spill.runs[tile].iter().map(|(_, len)| *len).sum());
+        let spilled: usize =
+            lock(&self.spill).as_ref().map_or(0, |spill| spill.runs[tile].iter().map(|(_, len)| *len).sum());
         in_memory + spilled
     }
 

@@ -38,7 +38,7 @@ pub use capture::{LumigraphCapture, RawLumigraph};
 pub use error::LumigraphError;
 pub use file::LUMI_FILE;
 pub use grid::{CameraGrid, GridParts};
-pub use layers::{Layer, Placement, classify, place, uniform};
+pub use layers::{DisparityLayer, Placement, classify, place, uniform};
 pub use merge::{Merger, merge};
 pub use optimum::CurvePoint;
 pub use oracle::render as render_by_rays;
@@ -93,7 +93,7 @@ pub struct Lumigraph {
     /// What lies behind all that the images show; of size 0 if that is not known.
     pub environment: Environment,
     grid: CameraGrid,
-    layers: Vec<Layer>,
+    layers: Vec<DisparityLayer>,
     pictures: Vec<Picture>,
     pyramid: Pyramid,
     rectangles: Rectangles,
@@ -104,11 +104,11 @@ impl Lumigraph {
     ///
     /// # Errors
     /// [`LumigraphError`] if an invariant does not hold.
-    pub fn new(grid: CameraGrid, layers: Vec<Layer>, pictures: Vec<Picture>) -> Result<Self, LumigraphError> {
+    pub fn new(grid: CameraGrid, layers: Vec<DisparityLayer>, pictures: Vec<Picture>) -> Result<Self, LumigraphError> {
         if layers.len() > MAX_LAYERS {
             return Err(LumigraphError::TooManyLayers(layers.len()));
         }
-        let is_sane = |layer: &Layer| layer.min > 0.0 && layer.max >= layer.min && layer.max.is_finite();
+        let is_sane = |layer: &DisparityLayer| layer.min > 0.0 && layer.max >= layer.min && layer.max.is_finite();
         if !layers.iter().all(is_sane) || !layers.windows(2).all(|pair| pair[0].max < pair[1].min) {
             return Err(LumigraphError::Layers);
         }
@@ -135,7 +135,7 @@ impl Lumigraph {
     }
 
     /// The layers, far ones first.
-    pub fn layers(&self) -> &[Layer] {
+    pub fn layers(&self) -> &[DisparityLayer] {
         &self.layers
     }
 

@@ -83,7 +83,7 @@ pub struct ImagesReport {
 }
 
 /// A frame and its photograph side by side, for looking at.
-pub struct Shown {
+pub struct SideBySide {
     /// The view's name.
     pub view: String,
     /// The photograph.
@@ -130,7 +130,7 @@ pub fn measure(
     geometry: &Geometry,
     hold_out: usize,
     progress: &dyn Progress,
-    show: &mut dyn FnMut(Shown),
+    show: &mut dyn FnMut(SideBySide),
 ) -> Result<ImagesReport, ImagesReportError> {
     let views: Vec<&View> = set.with_depth().collect();
     if views.len() < 2 {
@@ -206,7 +206,7 @@ impl Bench<'_> {
         i: usize,
         left_out: &[usize],
         all: &Built,
-        show: &mut dyn FnMut(Shown),
+        show: &mut dyn FnMut(SideBySide),
     ) -> Result<(), ImagesReportError> {
         let view = self.views[i];
         let gain = view.registration.map_or([1.0; 3], |registration| registration.gain);
@@ -246,7 +246,7 @@ impl Bench<'_> {
             });
         }
         let frames = drawn.into_iter().map(|drawn| drawn.picture).collect();
-        show(Shown { view: view.name.clone(), photograph, frames });
+        show(SideBySide { view: view.name.clone(), photograph, frames });
         Ok(())
     }
 

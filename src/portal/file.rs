@@ -1,8 +1,9 @@
 //! The `.house` file: a portal model with what was captured behind its portals.
 //!
-//! Sections: `info` (JSON: a [`Header`], with a header per capture), the scene's arrays as they lie in memory (`positions`
+//! Sections: `info` (JSON: a [`HouseHeader`], with a header per capture), the scene's arrays as they lie in memory (`positions`
 //! f64, `normals`, `texcoords` and `colors` f32, `triangles` u32, four each: corners and material), `texels` (RGBA8, texture
-//! after texture), `sky` (f32, three a texel) where the sky is a picture, and a section per capture, `c` and its number: a cube's environment and segments, or textures.
+//! after texture), `sky` (f32, three a texel) where the sky is a picture, and a section per capture, `c` and its number: a cube's
+//! environment and segments, or textures.
 
 use super::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide, PortalSprite, TextureSet};
 use super::house::{House, HouseError};
@@ -13,7 +14,7 @@ use crate::capture::scene::{FileFrame, Headbox, Scene, Sky, SkyGradient, SkyPict
 use crate::capture::{Cutout, Material, Texture};
 use crate::container::{Container, ContainerWriter, FileError, FileKind, Section};
 use crate::packed::PackedCube;
-use crate::packed::file::Header as CubeHeader;
+use crate::packed::file::CubeHeader;
 use crate::sprite::{SpriteHeader, SpriteWithDepth};
 use glam::{DVec2, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
@@ -41,7 +42,7 @@ pub enum HouseFileError {
 
 /// All of a file but its arrays.
 #[derive(Serialize, Deserialize)]
-struct Header {
+struct HouseHeader {
     name: String,
     #[serde(flatten)]
     frame: FileFrame,
@@ -150,7 +151,7 @@ pub fn write(path: &Path, house: &House, store: &Store, quality: &BackdropQualit
 pub fn read(path: &Path, budget_bytes: u64) -> Result<(House, Store, BackdropQuality), HouseFileError> {
     let file = Container::open(path, HOUSE_FILE)?;
     let info = file.section("info")?;
-    let mut header: Header = info.json()?;
+    let mut header: HouseHeader = info.json()?;
     let captures = std::mem::take(&mut header.captures);
     let quality = header.quality;
     let model = model(&file, &info, header)?;
@@ -171,7 +172,7 @@ fn section_name(number: usize) -> String {
     format!("c{number}")
 }
 
-fn header(house: &House, quality: &BackdropQuality, captures: &[(Key, Arc<Backdrop>)]) -> Header {
+fn header(house: &House, quality: &BackdropQuality, captures: &[(Key, Arc<Backdrop>)]) -> HouseHeader {
     let (scene, plan) = (house.scene(), house.plan());
     let material = |m: &Material| MaterialRecord {
         name: m.name.clone(),
@@ -201,7 +202,7 @@ fn header(house: &House, quality: &BackdropQuality, captures: &[(Key, Arc<Backdr
         Some(Sky::Gradient(sky)) => (Some([sky.zenith, sky.horizon, sky.ground]), None),
         Some(Sky::Picture(picture)) => (None, Some((picture.size(), picture.turn_deg()))),
     };
-    Header {
+    HouseHeader {
         name: scene.name.clone(),
         frame: scene.frame,
         sun: scene.sun.map(|sun| (sun.direction, sun.irradiance, sun.angular_radius_rad)),
@@ -239,7 +240,7 @@ fn picture_of_sky(file: &Container, info: &Section, (size, turn_deg): ([u32; 2],
     Ok(Sky::Picture(Arc::new(picture)))
 }
 
-fn model(file: &Container, info: &Section, header: Header) -> Result<PortalModel, FileError> {
+fn model(file: &Container, info: &Section, header: HouseHeader) -> Result<PortalModel, FileError> {
     if !header.frame.is_sane() {
         return Err(info.damaged("a unit between 1e-9 and 1e9 m", header.frame.unit_m.to_string()));
     }

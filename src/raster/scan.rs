@@ -12,15 +12,15 @@
 
 use super::SurfaceId;
 use super::mesh::RasterMesh;
-use super::view::{Snapped, View};
-use super::weights::Weights;
+use super::view::{LocalCamera, Snapped};
+use super::weights::CornerWeights;
 use super::{LANES, RasterStats};
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, i32x16, mask32x16, u32x16};
 use std::ops::Range;
 
 /// Rows of a frame that are being drawn.
-pub(super) struct Target<'a> {
+pub(super) struct DrawnRows<'a> {
     /// Frame width, px.
     pub(super) width: u32,
     pub(super) rows: Range<u32>,
@@ -43,14 +43,14 @@ pub(super) struct Drawn {
 #[derive(Clone, Copy)]
 pub(super) struct CutoutTest<'a> {
     pub(super) mesh: &'a RasterMesh,
-    pub(super) view: &'a View,
+    pub(super) view: &'a LocalCamera,
     pub(super) primitive: u32,
 }
 
 impl CutoutTest<'_> {
     fn is_solid(&self, x: u32, y: u32) -> bool {
         let corners = self.mesh.corners(&self.mesh.faces[self.primitive as usize]);
-        let weights = Weights::new(self.view, corners).at(x, y);
+        let weights = CornerWeights::new(self.view, corners).at(x, y);
         self.mesh.scene().is_solid(self.primitive, weights.y, weights.z)
     }
 }
@@ -156,7 +156,7 @@ const NARROW_PX: u32 = 64;
 /// Numbers of the pixels that are tested at once.
 const LANE_NUMBERS: [i32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
-impl Target<'_> {
+impl DrawnRows<'_> {
     /// Draws a triangle, of either orientation: surfaces have two sides.
     pub(super) fn triangle<S: Simd>(
         &mut self,

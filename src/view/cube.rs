@@ -2,6 +2,7 @@
 
 use super::background::FewerThreads;
 use super::effort;
+use super::facts::{axes_fact, simd_fact};
 use super::file_name::file_name;
 use super::growth::{Growth, LitScene, Stand};
 use super::overlay::{Judge, Overlay, paint_coverage, paint_epipole, paint_holes};
@@ -22,8 +23,7 @@ use crate::render::{FrameStats, RenderSettings, Renderer};
 use crate::scene_source::SceneSource;
 use glam::DVec3;
 use headbox_viewer::{
-    EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Ongoing, Pose, Refinement, Setting, SettingValues,
-    Stage,
+    EyeBounds, Figure, FrameReport, FrameRequest, FrameSource, Ongoing, Pose, Refinement, Setting, SettingValues, Stage,
 };
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -311,7 +311,7 @@ impl FrameSource for CubeSource {
         }
         // Truth is what one waits for if one asked for it.
         let ongoing = self.judge.ongoing(overlay).or(ongoing);
-        let facts = vec![super::simd_fact(), axes_fact(&self.place.frame)];
+        let facts = vec![simd_fact(), axes_fact(&self.place.frame)];
         Ok(FrameReport { stages, figures, facts, refinement, legend: overlay.legend(), ongoing })
     }
 
@@ -327,11 +327,6 @@ impl FrameSource for CubeSource {
             _ => Err(format!("\"{action}\" is not something that this view can do.")),
         }
     }
-}
-
-/// What was taken for the file's axes and unit.
-fn axes_fact(frame: &FileFrame) -> Fact {
-    Fact { name: "in the file", text: format!("{} is up, 1 is {} m (view --up, --unit)", frame.up, frame.unit_m) }
 }
 
 fn stages(stats: &FrameStats) -> Vec<Stage> {

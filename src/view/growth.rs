@@ -108,7 +108,7 @@ pub(super) struct Stand {
 }
 
 /// Where a scene is captured, known before anything is traced.
-pub(super) struct Place {
+pub(super) struct CapturePlace {
     pub(super) tracer: Arc<Tracer>,
     pub(super) headbox: Headbox,
 }
@@ -118,7 +118,7 @@ impl Growth {
     ///
     /// # Errors
     /// One sentence: the scene cannot be opened.
-    pub(super) fn start(source: SceneSource) -> Result<(Self, Place), String> {
+    pub(super) fn start(source: SceneSource) -> Result<(Self, CapturePlace), String> {
         let scene = Arc::new(source.open().map_err(|error| error.to_string())?);
         let headbox = viewpoint::place_headbox(&scene, None, None).map_err(|error| error.to_string())?;
         let tracer = Arc::new(Tracer::new(scene, headbox.centre));
@@ -138,7 +138,7 @@ impl Growth {
             }
         });
         spawned.map_err(|error| format!("Cannot start a thread: {error}."))?;
-        Ok((Self { shared }, Place { tracer, headbox }))
+        Ok((Self { shared }, CapturePlace { tracer, headbox }))
     }
 
     /// A way to wait for the scene with its light.

@@ -103,7 +103,7 @@ impl FrameSource for LumigraphSource {
                 },
                 Figure { name: "pixels covered", value: share * 100.0, unit: "%" },
             ],
-            facts: vec![super::simd_fact()],
+            facts: vec![super::facts::simd_fact()],
             ..FrameReport::default()
         })
     }

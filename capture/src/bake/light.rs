@@ -1,6 +1,6 @@
 //! Irradiance at vertices.
 
-use super::{BakeOptions, Progress};
+use super::{BakeOptions, BakeProgress};
 use crate::light::{LightSample, Lighting, LitPoint, luminance};
 use crate::portal_model::Side;
 use crate::sampler::{random4, unit_float};
@@ -49,7 +49,7 @@ struct Light {
 impl VertexLight<'_> {
     /// Multiplies the vertex colours of `scene` by light. `sources` names the triangle of the tracer's scene that each
     /// of its triangles is a piece of.
-    pub(super) fn bake(&self, scene: &mut Scene, sources: &[u32], progress: &Progress<'_>) {
+    pub(super) fn bake(&self, scene: &mut Scene, sources: &[u32], progress: &BakeProgress<'_>) {
         let corners = separate_creases(scene);
         let count = scene.positions.len();
         let (done, given_up) = (AtomicUsize::new(0), AtomicBool::new(false));

@@ -66,15 +66,15 @@ const SKY_COLUMNS: u32 = 1024;
 
 /// Is told now and then how many vertices, of how many, are done, in any order. After a `Break` the rest stays dark: the
 /// work ends soon, with something that nobody will look at.
-pub type Progress<'a> = dyn Fn(usize, usize) -> ControlFlow<()> + Sync + 'a;
+pub type BakeProgress<'a> = dyn Fn(usize, usize) -> ControlFlow<()> + Sync + 'a;
 
 /// Bakes the light of a valid scene ([`Scene::validate`]). The same bytes on any number of threads.
-pub fn bake(source: &Arc<Scene>, options: &BakeOptions, progress: &Progress<'_>) -> Baked {
+pub fn bake(source: &Arc<Scene>, options: &BakeOptions, progress: &BakeProgress<'_>) -> Baked {
     bake_sides(source, &[], options, progress)
 }
 
 /// As [`bake`], where it is known of some triangles which side is seen.
-fn bake_sides(source: &Arc<Scene>, sides: &[Side], options: &BakeOptions, progress: &Progress<'_>) -> Baked {
+fn bake_sides(source: &Arc<Scene>, sides: &[Side], options: &BakeOptions, progress: &BakeProgress<'_>) -> Baked {
     let [low, high] = source.bounds();
     let tracer = Tracer::new(Arc::clone(source), (low + high) / 2.0);
     let lighting = Lighting::measure(&tracer, options.bounces);
@@ -99,7 +99,7 @@ fn bake_sides(source: &Arc<Scene>, sides: &[Side], options: &BakeOptions, progre
 
 /// Bakes the light of a portal model's scene (see [`bake`]); each cell keeps its surfaces. Those that border a room are lit as
 /// they are seen from it: the underside of a floor, which nobody sees, may be in the sun.
-pub fn bake_model(mut model: PortalModel, options: &BakeOptions, progress: &Progress<'_>) -> PortalModel {
+pub fn bake_model(mut model: PortalModel, options: &BakeOptions, progress: &BakeProgress<'_>) -> PortalModel {
     let sides = model.sides();
     let baked = bake_sides(&Arc::new(std::mem::take(&mut model.scene)), &sides, options, progress);
     let piece = |triangle: u32| baked.pieces.get(triangle as usize).copied().unwrap_or_default();

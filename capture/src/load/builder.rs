@@ -1,11 +1,11 @@
 //! Collects vertices and triangles from a parser, drops what cannot be traced, and makes the [`Scene`].
 
 use super::LoadError;
+use super::lights::FileLights;
 use super::notes::{Note, Notes};
 use super::orientation::Hints;
 use crate::material::{Material, Texture};
 use crate::scene::{FileFrame, Scene, Triangle};
-use super::lights::FileLights;
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 use std::ops::Range;
