@@ -221,7 +221,11 @@ impl<'a> SpriteCapture<'a> {
         let capture = SlabCapture { tracer: &tracer, lighting: &lighting, lit, samples, format };
         let slabs = slabs_at_gaps(&tracer, &self.camera, self.slabs);
         let mut set = SpriteSet::new(capture_slabs(&capture, &self.camera, &slabs, self.progress)?);
-        set.info = SpriteInfo { source: self.scene.name().to_owned(), frame: self.scene.frame() };
+        set.info = SpriteInfo {
+            source: self.scene.name().to_owned(),
+            frame: self.scene.frame(),
+            light: self.scene.source().light.clone(),
+        };
         set.environment = Environment::sky(&lighting);
         Ok(set)
     }

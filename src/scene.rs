@@ -40,7 +40,7 @@ impl Scene {
     /// # Errors
     /// [`Error::Scene`].
     pub fn open_with(name: impl Into<String>, up: Option<UpAxis>, unit_m: Option<f64>) -> Result<Self, Error> {
-        let source = SceneSource { name: name.into(), options: LoadOptions { up, unit_m } };
+        let source = SceneSource { options: LoadOptions { up, unit_m }, ..SceneSource::new(name) };
         let loaded = Arc::new(source.open()?);
         Ok(Self { source, loaded })
     }

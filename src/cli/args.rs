@@ -7,7 +7,7 @@ use crate::capture::trace::Tracer;
 use crate::capture::viewpoint;
 use crate::capture::{Camera, Scene};
 use crate::ldi::CaptureInfo;
-use crate::scene_source::SceneSource;
+use crate::scene_source::{LightParameters, SceneSource};
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
@@ -73,18 +73,21 @@ pub(super) struct SceneArgs {
     /// A scene: an .obj, .gltf or .glb file, or builtin:NAME
     scene: String,
     #[command(flatten)]
-    frame: FrameArgs,
+    source: SourceArgs,
 }
 
-/// The axes and the unit of a file, where they are not its format's default.
+/// How a scene is read: the axes and the unit of its file where they are not its format's default, and its light where it is not
+/// its own.
 #[derive(Args)]
-pub(super) struct FrameArgs {
+pub(super) struct SourceArgs {
     /// Axis that points up in the file, y or z; Y in a glTF, guessed from evidence in an OBJ if absent
     #[arg(long, value_parser = parse_up)]
     up: Option<UpAxis>,
     /// Unit of lengths in the file; metres in a glTF, guessed from evidence in an OBJ if absent
     #[arg(long, value_parser = by_name(UNITS))]
     unit: Option<f64>,
+    #[command(flatten)]
+    pub(super) light: LightParameters,
 }
 
 impl SceneArgs {
@@ -94,11 +97,11 @@ impl SceneArgs {
     }
 
     pub(super) fn source(&self) -> SceneSource {
-        self.frame.source(&self.scene)
+        self.source.source(&self.scene)
     }
 }
 
-impl FrameArgs {
+impl SourceArgs {
     /// The axes and the unit; Y up and metres where nothing is said.
     pub(super) fn file_frame(&self) -> FileFrame {
         FileFrame { up: self.up.unwrap_or_default(), unit_m: self.unit.unwrap_or(1.0) }
@@ -106,12 +109,13 @@ impl FrameArgs {
 
     /// The same, but for what is given.
     pub(super) fn with(&self, up: Option<UpAxis>, unit: Option<f64>) -> Self {
-        Self { up: up.or(self.up), unit: unit.or(self.unit) }
+        Self { up: up.or(self.up), unit: unit.or(self.unit), light: self.light.clone() }
     }
 
-    /// A scene in these axes and this unit.
+    /// A scene that is read so.
     pub(super) fn source(&self, scene: &str) -> SceneSource {
-        SceneSource { name: scene.to_owned(), options: LoadOptions { up: self.up, unit_m: self.unit } }
+        let options = LoadOptions { up: self.up, unit_m: self.unit };
+        SceneSource { name: scene.to_owned(), options, light: self.light.clone() }
     }
 }
 

@@ -7,6 +7,7 @@ use crate::capture::load::{LoadedModel, ModelOptions, load_model};
 use crate::capture::portal_model::{Finding, PortalModel};
 use crate::capture::trace::Tracer;
 use crate::portal::floor_plan::{FloorPlan, storeys};
+use crate::scene_source::LightParameters;
 use clap::Args;
 use glam::DVec2;
 use serde_json::{Value, json};
@@ -36,6 +37,8 @@ pub(super) struct HouseCommand {
     #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u32).range(0..=1 << 20))]
     rays: u32,
     #[command(flatten)]
+    light: LightParameters,
+    #[command(flatten)]
     file: HouseFileArgs,
     /// Print one JSON object on standard output
     #[arg(long)]
@@ -53,7 +56,8 @@ impl HouseCommand {
         let outputs = Outputs::new(self.json, [&self.model]).maybe_file(self.plan.as_ref(), &PLAN)?;
         let outputs = self.file.outputs(outputs)?;
         let writes = self.file.wanted()?;
-        let LoadedModel { model, mut findings } = self.open()?;
+        let LoadedModel { mut model, mut findings } = self.open()?;
+        self.light.apply(&mut model.scene)?;
         outputs.scene_is_open(&model.scene)?;
         if self.rays > 0 && !model.cells.is_empty() {
             let [low, high] = model.scene.bounds();

@@ -76,9 +76,13 @@ impl InfoCommand {
         println!("  faces       6 x {0}x{0} pixels", cube.face_size_px);
         println!("  samples     {} depth pixels from {} rays", cube.depth_pixel_count(), info.rays_traced);
         println!(
-            "  light       {} bounces, {} samples, exposure {}",
-            info.parameters.bounces, info.parameters.light_samples, info.exposure
+            "  light       {} bounces, {} samples{}",
+            info.parameters.bounces,
+            info.parameters.light_samples,
+            info.light.in_words().map_or(String::new(), |words| format!(", {words}"))
         );
+        let stops = info.exposure.log2();
+        println!("  exposure    {stops:.2} stops ({}); {}", info.light.exposure, info.tone);
         for (face, missing) in crate::capture::rig::Face::ALL.iter().zip(info.missing_estimate) {
             if let Some(missing) = missing {
                 println!("  {}          next ray new with probability {missing:.4}", face.name());

@@ -1,6 +1,6 @@
 //! `headbox lumigraph`.
 
-use super::args::{FrameArgs, Names, by_name, parse_length, parse_size, parse_vector};
+use super::args::{Names, SourceArgs, by_name, parse_length, parse_size, parse_vector};
 use super::capture::place_headbox;
 use super::output::{LUMIGRAPH, Outputs, peak_rss_mb, print_json};
 use super::progress::Bar;
@@ -23,7 +23,7 @@ pub(super) struct LumigraphCommand {
     /// A scene (an .obj, .gltf or .glb file, or builtin:NAME)
     scene: String,
     #[command(flatten)]
-    frame: FrameArgs,
+    source: SourceArgs,
     /// The .lumi file to write; `-` for standard output
     #[arg(short, long)]
     output: PathBuf,
@@ -122,7 +122,7 @@ impl LumigraphCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let start = Instant::now();
         let outputs = Outputs::new(self.json, [Path::new(&self.scene)]).file(&self.output, &LUMIGRAPH)?;
-        let source = self.frame.source(&self.scene);
+        let source = self.source.source(&self.scene);
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
         let (grid, tracer) = self.grid.place(&scene)?;

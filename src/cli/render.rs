@@ -241,8 +241,10 @@ impl RenderCommand {
         let lumigraph = Box::new(Lumigraph::read(file)?);
         let grid = lumigraph.grid();
         let [column, row] = [grid.columns().len() / 2, grid.rows().len() / 2];
+        let size = self.camera.size.unwrap_or((1024, 768));
+        let fov_y_deg = lumigraph.clear_fov_deg([size.0, size.1]);
         let camera =
-            DefaultCamera { eye: grid.origin(), size: (1024, 768), ..DefaultCamera::like(&grid.camera(column, row)) };
+            DefaultCamera { eye: grid.origin(), size, fov_y_deg, ..DefaultCamera::like(&grid.camera(column, row)) };
         let frame = lumigraph.info.frame;
         Ok(Some((Content::Lumigraph { lumigraph, renderer: Box::default(), settings }, frame, camera)))
     }

@@ -1,6 +1,6 @@
 //! `headbox report`.
 
-use super::args::{FrameArgs, UNITS, parse_length, parse_up, parse_vector};
+use super::args::{SourceArgs, UNITS, parse_length, parse_up, parse_vector};
 use super::capture::place_headbox;
 use super::geometry::GeometryArgs;
 use super::images::{SetArgs, is_image_set};
@@ -86,7 +86,7 @@ pub(super) struct ReportCommand {
     #[command(flatten)]
     geometry: GeometryArgs,
     #[command(flatten)]
-    frame: FrameArgs,
+    source: SourceArgs,
 }
 
 /// A scene or a file, and what is said of it alone.
@@ -262,16 +262,16 @@ impl ReportCommand {
         let (mut cube, mut sprites) = (None, None);
         let source = if kind == Some(CUBE_LDI.tag) {
             let read = PackedCube::read(path)?;
-            let source = SceneSource::in_frame(&read.info.scene, read.info.frame);
+            let source = SceneSource::in_frame(&read.info.scene, read.info.frame).lit_by(read.info.light.clone());
             cube = Some(read);
             source
         } else if kind == Some(SPRITE_FILE.tag) {
             let read = SpriteSet::read(path)?;
-            let source = SceneSource::in_frame(&read.info.source, read.info.frame);
+            let source = SceneSource::in_frame(&read.info.source, read.info.frame).lit_by(read.info.light.clone());
             sprites = Some(read);
             source
         } else {
-            self.frame.with(named.up, named.unit).source(name)
+            self.source.with(named.up, named.unit).source(name)
         };
         let scene = source.open().with_context(|| format!("the scene of {name} is needed for truth"))?;
         let scene = Arc::new(scene);

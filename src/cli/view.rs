@@ -1,6 +1,6 @@
 //! `headbox view`.
 
-use super::args::{FrameArgs, Names, by_name, parse_size};
+use super::args::{Names, SourceArgs, by_name, parse_size};
 use super::geometry::{GEOMETRY_ALONE, GeometryArgs, open_geometry, texturing_of};
 use super::images::{self, SetArgs, is_image_set};
 use super::output::print_json;
@@ -26,7 +26,7 @@ pub(super) struct ViewCommand {
     #[command(flatten)]
     geometry: GeometryArgs,
     #[command(flatten)]
-    frame: FrameArgs,
+    source: SourceArgs,
     /// Replay this path or camera file
     #[arg(long, value_name = "PATH.json")]
     path: Option<PathBuf>,
@@ -122,7 +122,7 @@ impl ViewCommand {
         if texturing.is_none() && (self.variant.is_some() || self.geometry.are_given()) {
             return Err(UsageError(GEOMETRY_ALONE.into()).into());
         }
-        let (source, geometry, out) = (self.frame.source(file), self.geometry.clone(), self.out.clone());
+        let (source, geometry, out) = (self.source.source(file), self.geometry.clone(), self.out.clone());
         Ok(move || {
             if !is_set {
                 return Ok(open_source(source, &out)?);

@@ -182,6 +182,23 @@ fn rectangles_leave_most_layers_out() {
 }
 
 #[test]
+fn the_first_view_shows_what_the_images_show() {
+    let bed = Bed::usual();
+    let lumigraph = bed.lumigraph();
+    let holes = |fov_y_deg: f64, size_px: [u32; 2]| {
+        let eye = bed.grid.origin();
+        let camera = Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, fov_y_deg, size_px).expect("valid");
+        let frame = render(&lumigraph, &camera, &LumigraphSettings::default());
+        frame.coverage.iter().filter(|coverage| coverage.is_hole()).count()
+    };
+    for size_px in [[96, 64], [64, 96], [97, 97]] {
+        let fov_y_deg = lumigraph.clear_fov_deg(size_px);
+        assert_eq!(holes(fov_y_deg, size_px), 0, "{size_px:?}, {fov_y_deg} degrees");
+        assert!(holes(fov_y_deg * 1.7, size_px) > 50, "{size_px:?}: a wider view looks past the images");
+    }
+}
+
+#[test]
 fn a_frame_from_a_cameras_place_is_its_picture() {
     let bed = Bed::usual();
     let lumigraph = bed.lumigraph();

@@ -174,7 +174,7 @@ fn paint_effort(
 
 /// Opens the scene that an LDI names, with the light it was captured in.
 fn reopen(info: &CaptureInfo) -> Result<LitScene, String> {
-    let source = SceneSource::in_frame(&info.scene, info.frame);
+    let source = SceneSource::in_frame(&info.scene, info.frame).lit_by(info.light.clone());
     let scene = source.open().map_err(|error| format!("Truth needs the scene that was captured: {error}."))?;
     let tracer = Arc::new(Tracer::new(Arc::new(scene), info.centre));
     let mut lighting = Lighting::measure(&tracer, info.parameters.bounces);

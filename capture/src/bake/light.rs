@@ -135,7 +135,7 @@ impl VertexLight<'_> {
                 extent,
             };
             let sample = LightSample { stream: vertex as u32, index };
-            sum.sun += self.lighting.sun_radiosity(self.tracer, &point, &sample);
+            sum.sun += self.lighting.sharp_radiosity(self.tracer, &point, &sample);
             sum.soft += self.lighting.soft_radiosity(self.tracer, &point, &sample);
         }
         Light { sun: sum.sun / samples as f32, soft: sum.soft / samples as f32 }

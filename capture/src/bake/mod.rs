@@ -61,6 +61,9 @@ pub struct Baked {
     pub exposure: f32,
 }
 
+/// Columns of a sky's picture, at most: a third of a degree each.
+const SKY_COLUMNS: u32 = 1024;
+
 /// Is told now and then how many vertices, of how many, are done, in any order. After a `Break` the rest stays dark: the
 /// work ends soon, with something that nobody will look at.
 pub type BakeProgress<'a> = dyn Fn(usize, usize) -> ControlFlow<()> + Sync + 'a;
@@ -84,12 +87,12 @@ fn bake_sides(source: &Arc<Scene>, sides: &[Side], options: &BakeOptions, progre
     for material in &mut scene.materials {
         material.emission = material.emission.map(|c| c * exposure);
     }
-    let exposed = |color: [f32; 3]| color.map(|c| c * exposure);
     scene.sun = None;
-    scene.sky = scene.sky.map(|sky| Sky {
-        zenith: exposed(sky.zenith),
-        horizon: exposed(sky.horizon),
-        ground: exposed(sky.ground),
+    scene.lamps.clear();
+    // What is seen of the sky, of which a small picture shows enough.
+    scene.sky = scene.sky.map(|sky| match sky.times(exposure) {
+        Sky::Picture(picture) => Sky::Picture(Arc::new(picture.reduced(SKY_COLUMNS))),
+        gradient => gradient,
     });
     Baked { scene, pieces, edge_m, exposure }
 }

@@ -4,6 +4,7 @@ mod bake;
 mod folder;
 mod homes;
 mod images;
+mod light;
 mod load_apartment;
 mod load_gltf;
 mod load_home;

@@ -5,6 +5,7 @@
 //! the light through (blended alpha, transmission) is left out.
 
 mod accessor;
+mod lights;
 mod material;
 mod transform;
 mod uri;
@@ -124,6 +125,7 @@ fn push_nodes(
         }
         let world_from_node = world_from_parent * transforms.parent_from_node(index);
         open.extend(children(node).into_iter().rev().map(|child| (child, world_from_node)));
+        lights::push(root, node, world_from_node, builder);
         if let Some(mesh) = node.mesh {
             builder.notes.add(Note::SkinAtRest, usize::from(node.skin.is_some()));
             if groups {
