@@ -129,7 +129,7 @@ pub(super) struct CameraArgs {
     /// absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     look_at: Option<DVec3>,
-    /// Direction that points up in the image; the file's up axis if absent
+    /// Direction that points up in the image; the file's up axis if absent, or of images what is up in them
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     up_vector: Option<DVec3>,
     /// Vertical field of view, degrees; 60 if absent
@@ -145,6 +145,8 @@ pub(super) struct DefaultCamera {
     pub(super) eye: DVec3,
     /// Viewing direction, any length.
     pub(super) forward: DVec3,
+    /// What is up in the image.
+    pub(super) up: DVec3,
     pub(super) fov_y_deg: f64,
     pub(super) size: (u32, u32),
 }
@@ -152,7 +154,8 @@ pub(super) struct DefaultCamera {
 impl DefaultCamera {
     /// From the centre of a cube LDI to where there is most to see.
     pub(super) fn of_cube(info: &CaptureInfo) -> Self {
-        Self { forward: info.ahead.unwrap_or(DVec3::NEG_Z), ..Self::at(info.centre) }
+        let default = Self::at(info.centre);
+        Self { forward: info.ahead.unwrap_or(default.forward), up: info.up.unwrap_or(default.up), ..default }
     }
 
     /// From the centre of a scene's headbox to where there is most to see.
@@ -162,7 +165,7 @@ impl DefaultCamera {
 
     /// Straight ahead from an eye.
     pub(super) fn at(eye: DVec3) -> Self {
-        Self { eye, forward: DVec3::NEG_Z, fov_y_deg: 60.0, size: (1024, 768) }
+        Self { eye, forward: DVec3::NEG_Z, up: DVec3::Y, fov_y_deg: 60.0, size: (1024, 768) }
     }
 
     /// Like another camera.
@@ -170,6 +173,7 @@ impl DefaultCamera {
         Self {
             eye: camera.eye(),
             forward: camera.forward(),
+            up: DVec3::Y,
             fov_y_deg: vertical_fov_deg(camera),
             size: (camera.width(), camera.height()),
         }
@@ -196,7 +200,7 @@ impl CameraArgs {
     pub(super) fn camera(&self, frame: &FileFrame, default: &DefaultCamera) -> anyhow::Result<Camera> {
         let eye = self.eye.map_or(default.eye, |eye| frame.world_from_file(eye));
         let look_at = self.look_at.map_or(eye + default.forward, |point| frame.world_from_file(point));
-        let up = self.up_vector.map_or(DVec3::Y, |up| frame.world_direction_from_file(up));
+        let up = self.up_vector.map_or(default.up, |up| frame.world_direction_from_file(up));
         warn_if_parallel(look_at - eye, up, frame);
         let (width, height) = self.size.unwrap_or(default.size);
         let fov_y_deg = self.fov.unwrap_or(default.fov_y_deg);

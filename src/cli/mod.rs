@@ -24,6 +24,7 @@ mod help;
 mod house;
 mod house_file;
 mod images;
+mod images_report;
 mod info;
 mod lumigraph;
 mod merge;

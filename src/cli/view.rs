@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 
 #[derive(Args)]
 pub(super) struct ViewCommand {
-    /// A .ldi, .sprite, .lumi or .house file, a home (Home.xml, .sh3d, .toml) to walk in, a folder of images with depth, or a
+    /// A .ldi, .sprite, .lumi or .house file, a home (Home.xml, .sh3d, .toml) to walk in, a folder of images, or a
     /// scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the start page if absent
     file: Option<String>,
     /// Of a folder of images: draw it by view-dependent geometry, such as geometry-averaged, instead of a cube LDI

@@ -27,6 +27,7 @@ mod spread;
 pub mod store;
 pub(crate) mod tangent;
 mod validate;
+pub mod voxel_colouring;
 
 pub use validate::{LdiError, MAX_FACE_SIZE_PX};
 
@@ -134,6 +135,9 @@ pub struct CaptureInfo {
     /// was kept.
     #[serde(default)]
     pub ahead: Option<DVec3>,
+    /// What is up by default where it is not +Y, world axes: pictures may be taken with the camera on its side.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub up: Option<DVec3>,
     /// Per face of the ray domain: the estimated probability that one more ray would find a depth pixel that is not in
     /// the LDI (Good 1953: share of samples seen once); `None` where rays were not random.
     pub missing_estimate: [Option<f64>; 6],

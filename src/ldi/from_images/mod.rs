@@ -102,6 +102,7 @@ impl ImagesJob {
             frame: set.frame,
             exposure: 1.0, // colours are the pictures' own
             ahead: ahead(views),
+            up: set.up(),
             parameters: CaptureParameters { merge_rule: self.merge_rule, ..CaptureParameters::unlit(0, 0) },
             ..CaptureInfo::default()
         };
