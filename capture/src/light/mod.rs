@@ -163,7 +163,7 @@ impl Lighting {
     }
 
     /// The lights of `scene`, with exposure and fill chosen by a pilot: what is seen, sky included, from seeded points in
-    /// the headbox that the scene suggests (or [`viewpoint::suggest_headbox`] finds). The logarithmic mean of luminance is
+    /// the headbox that the scene suggests (or [`crate::viewpoint::suggest_headbox`] finds). The logarithmic mean of luminance is
     /// exposed to a middle grey, as a photographer's meter does (Reinhard et al. 2002, "Photographic tone reproduction",
     /// without the compression), unless the scene says otherwise ([`Exposure`]). If more than a third of the surfaces seen get under
     /// 1 % of the brightest tenth, a fill light of a tenth of it (or 1 in total darkness) is added.
