@@ -124,3 +124,42 @@ impl Tiles {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capture::random::Rng;
+    use fearless_simd::{Level, dispatch};
+
+    #[test]
+    fn what_is_asked_for_is_made_and_its_tiles_alone() {
+        let (mut random, level, mut tiles) = (Rng::keyed(7), Level::new(), Tiles::default());
+        for (width, rows) in [(1, 1), (16, 4), (17, 5), (83, 31)] {
+            for _ in 0..50 {
+                tiles.clear(width, rows);
+                let mut some_of = |end: usize| {
+                    let first = random.below(end as u64) as usize;
+                    first..first + 1 + random.below((end - first) as u64) as usize
+                };
+                let (columns, down) = (some_of(width), some_of(rows));
+                dispatch!(level, simd => tiles.make(simd, columns.clone(), down.clone()));
+                let tiles_of =
+                    |lines: &Range<usize>, side: usize| lines.start / side * side..lines.end.next_multiple_of(side);
+                let (made_columns, made_rows) = (tiles_of(&columns, TILE_COLUMNS), tiles_of(&down, TILE_ROWS));
+                for row in 0..rows {
+                    let mut next = 0;
+                    for (piece, cells) in tiles.pieces(row, 0..width) {
+                        assert_eq!(piece.start, next);
+                        assert!(cells.is_none_or(|cells| cells.len() == piece.len()));
+                        next = piece.end;
+                        for column in piece {
+                            let is_made = made_columns.contains(&column) && made_rows.contains(&row);
+                            assert_eq!(cells.is_some(), is_made, "{column}, {row} of {columns:?}, {down:?}");
+                        }
+                    }
+                    assert_eq!(next, width);
+                }
+            }
+        }
+    }
+}
