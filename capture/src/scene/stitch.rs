@@ -114,8 +114,7 @@ impl Corners {
     fn on_edge(&self, edge: Edge) -> Vec<u32> {
         let [a, b] = edge.map(|place| self.places[place as usize]);
         let length = a.distance(b);
-        // Also false of an edge that is no number.
-        if !(length > 2.0 * ON_EDGE_M) {
+        if length.is_nan() || length <= 2.0 * ON_EDGE_M {
             return Vec::new();
         }
         let along = (b - a) / length;
