@@ -3,6 +3,7 @@
 mod lights;
 mod sky_picture;
 mod sky_sun;
+mod stitch;
 mod surface;
 
 pub use lights::{Lamp, Reach, Sky, SkyGradient, Sun};

@@ -123,9 +123,13 @@ impl HouseFileArgs {
         }
     }
 
-    /// The model with its light baked in, if it is wanted and there is a file to hold it.
-    fn lit(&self, model: PortalModel) -> PortalModel {
-        if self.unlit || self.output.is_none() || model.scene.validate().is_err() {
+    /// The model with its light baked in, if it is wanted, and without T-junctions, if there is a file to hold it.
+    fn lit(&self, mut model: PortalModel) -> PortalModel {
+        if self.output.is_none() || model.scene.validate().is_err() {
+            return model;
+        }
+        if self.unlit {
+            model.stitch();
             return model;
         }
         let bar = Bar::new();

@@ -6,7 +6,7 @@
 //!    those that nearer ones hide, see docs/decisions.md: no occlusion culling of clusters);
 //! 2. `view`: the vertices of a cluster to the frame, 16 at a time, snapped to 1/256 px; triangles that reach behind the eye
 //!    or far outside the frame are clipped in `clip`;
-//! 3. `scan`: exact integer edge functions, a hair wider than the triangles, so that no crack is left between neighbours;
+//! 3. `scan`: exact integer edge functions, so that no crack is left between neighbours;
 //!    depth and the number of the triangle per pixel, nothing else;
 //! 4. `shade`: once per pixel at the end, triangle after triangle: perspective-correct weights (`weights`), colours, textures
 //!    at the fineness of the frame (`mip`), sRGB (`encode`).

@@ -13,6 +13,7 @@ use crate::capture::viewpoint;
 use crate::ldi::job::CaptureJob;
 use crate::ldi::parameters::{CaptureParameters, Resources};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::primitives::{self, DEFAULT_ERROR_PX};
 use crate::progress::Progress;
 use crate::scene_source::SceneSource;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -224,7 +225,7 @@ impl Shared {
         let resources = Resources { budget: is_large.then(|| (BUDGET.1, std::env::temp_dir())) };
         let captured = job.run(&scene.tracer, &scene.lighting, &resources, self);
         let (ldi, _) = captured.map_err(|error| format!("The capture failed: {error}."))?;
-        let packed = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto);
+        let packed = primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX);
         let packed = packed.map_err(|error| format!("The capture cannot be packed: {error}."))?;
         let mut state = self.lock();
         state.newest = Some(Arc::new(packed));
@@ -272,7 +273,7 @@ mod tests {
         let job = ROUNDS[0].job(&source, &place.headbox);
         let silent = crate::progress::Silent;
         let (ldi, _) = job.run(&scene.tracer, &scene.lighting, &Resources::default(), &silent).unwrap();
-        assert!(*first == PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).unwrap());
+        assert!(*first == primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX).unwrap());
         let shared = Arc::clone(&growth.shared);
         drop(growth);
         let mut state = shared.lock();

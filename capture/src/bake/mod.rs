@@ -22,7 +22,7 @@ use crate::trace::Tracer;
 use light::VertexLight;
 use std::ops::ControlFlow;
 use std::sync::Arc;
-use subdivide::subdivide;
+pub(crate) use subdivide::subdivide;
 
 /// How finely light is baked.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -97,7 +97,7 @@ fn bake_sides(source: &Arc<Scene>, sides: &[Side], options: &BakeOptions, progre
     Baked { scene, pieces, edge_m, exposure }
 }
 
-/// Bakes the light of a portal model's scene (see [`bake`]); each cell keeps its surfaces. Those that border a room are lit as
+/// Bakes the light of a portal model's scene (see [`bake`]) and stitches it; each cell keeps its surfaces. Those that border a room are lit as
 /// they are seen from it: the underside of a floor, which nobody sees, may be in the sun.
 pub fn bake_model(mut model: PortalModel, options: &BakeOptions, progress: &BakeProgress<'_>) -> PortalModel {
     let sides = model.sides();
@@ -107,7 +107,10 @@ pub fn bake_model(mut model: PortalModel, options: &BakeOptions, progress: &Bake
     for cell in &mut cells {
         cell.triangles = piece(cell.triangles.start)..piece(cell.triangles.end);
     }
-    PortalModel { scene: baked.scene, cells, portals: model.portals, outside: model.outside }
+    let mut lit = PortalModel { scene: baked.scene, cells, portals: model.portals, outside: model.outside };
+    // Only now: with light of its own each new corner would show as a dent in what runs evenly along an edge.
+    lit.stitch();
+    lit
 }
 
 /// A scene cut to the wished edge length, or as near to it as the number of triangles allows.
