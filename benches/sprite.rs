@@ -10,8 +10,8 @@ use glam::{DMat3, DVec3, dvec3};
 use headbox::capture::Camera;
 use headbox::capture::statistics::median;
 use headbox::sprite::{
-    Displacement, DisplacementFormat, Plane, PreparedSprite, RenderOptions, Sampling, Sprite, SpriteLayer,
-    SpriteRenderer, SpriteWithDepth, Transfer, Variant,
+    Displacement, DisplacementFormat, PreparedSprite, RenderOptions, Sprite, SpriteLayer, SpritePlane, SpriteRenderer,
+    SpriteSampling, SpriteTransfer, SpriteVariant, SpriteWithDepth,
 };
 use image::{Rgba, RgbaImage};
 use std::time::Instant;
@@ -22,7 +22,7 @@ fn sprite(n: u32) -> PreparedSprite {
     let color =
         RgbaImage::from_fn(n, n, |x, y| Rgba([wave(x, 0.05) as u8, wave(y, 0.04) as u8, wave(x + y, 0.03) as u8, 255]));
     let camera = Camera::look_at(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 50.0, [n, n]).expect("valid");
-    let sprite = Sprite::new(color, camera, Plane::through(DVec3::ZERO, DVec3::Z)).expect("valid");
+    let sprite = Sprite::new(color, camera, SpritePlane::through(DVec3::ZERO, DVec3::Z)).expect("valid");
     let height = |i: u32| {
         let (x, y) = ((i % n) as f32 / n as f32 * 2.0 - 1.0, (i / n) as f32 / n as f32 * 2.0 - 1.0);
         (0.5 - x * x - y * y).max(0.0).sqrt()
@@ -33,7 +33,7 @@ fn sprite(n: u32) -> PreparedSprite {
 }
 
 /// Frame to picture as in the comparison, and an epipole that moves the top of the hemisphere by 10 px at 256x256.
-fn transfer(n: f64) -> Transfer {
+fn transfer(n: f64) -> SpriteTransfer {
     let (sin, cos) = 12.0f64.to_radians().sin_cos();
     let c = n / 2.0;
     let about = |c: f64| DMat3::from_cols(DVec3::X, DVec3::Y, dvec3(c, c, 1.0));
@@ -44,7 +44,7 @@ fn transfer(n: f64) -> Transfer {
     );
     let target_from_sprite = (about(c) * turn * about(-c)).inverse();
     let epipole_in_sprite = dvec3(n * 10.0 / 256.0, n * 4.0 / 256.0, 0.01);
-    Transfer::from_parts(target_from_sprite, target_from_sprite * epipole_in_sprite, 1.0).expect("regular")
+    SpriteTransfer::from_parts(target_from_sprite, target_from_sprite * epipole_in_sprite, 1.0).expect("regular")
 }
 
 fn variants(criterion: &mut Criterion) {
@@ -55,8 +55,9 @@ fn variants(criterion: &mut Criterion) {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
             let mut group = criterion.benchmark_group(format!("sprite of {n}x{n}, {threads} threads"));
             group.throughput(Throughput::Elements(u64::from(n) * u64::from(n))).sample_size(20);
-            for (variant, sampling) in
-                Variant::ALL.into_iter().flat_map(|v| [(v, Sampling::Bilinear), (v, Sampling::Nearest)])
+            for (variant, sampling) in SpriteVariant::ALL
+                .into_iter()
+                .flat_map(|v| [(v, SpriteSampling::Bilinear), (v, SpriteSampling::Nearest)])
             {
                 let options = RenderOptions { variant, sampling, ..RenderOptions::default() };
                 let mut renderer = SpriteRenderer::new();
@@ -89,9 +90,9 @@ fn medians<const N: usize>(n: u32, options: [RenderOptions; N]) -> [f64; N] {
 /// 20 for none, crude and two-pass), on one thread.
 fn ratios(_: &mut Criterion) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("threads");
-    let paper = [(Sampling::Bilinear, [30.0, 21.0, 16.0]), (Sampling::Nearest, [47.0, 24.0, 20.0])];
+    let paper = [(SpriteSampling::Bilinear, [30.0, 21.0, 16.0]), (SpriteSampling::Nearest, [47.0, 24.0, 20.0])];
     for (n, (sampling, hz)) in [256, 1024].into_iter().flat_map(|n| paper.map(|paper| (n, paper))) {
-        let variants = [Variant::Homography, Variant::OnePass, Variant::TwoPass];
+        let variants = [SpriteVariant::Homography, SpriteVariant::OnePass, SpriteVariant::TwoPass];
         let options = variants.map(|variant| RenderOptions { variant, sampling, ..RenderOptions::default() });
         let ms = pool.install(|| medians(n, options));
         for (i, variant) in variants.iter().enumerate() {

@@ -96,6 +96,12 @@ impl<'a> Capture<'a> {
         self
     }
 
+    /// Bounces of light between surfaces.
+    pub fn bounces(mut self, bounces: u32) -> Self {
+        self.parameters.bounces = bounces;
+        self
+    }
+
     /// Random seed: the same seed gives the same bytes, on any number of threads.
     pub fn seed(mut self, seed: u64) -> Self {
         self.parameters.seed = seed;
@@ -116,6 +122,7 @@ impl<'a> Capture<'a> {
     }
 
     /// All parameters at once.
+    #[doc(hidden)]
     pub fn parameters(mut self, parameters: CaptureParameters) -> Self {
         self.parameters = parameters;
         self
@@ -214,7 +221,11 @@ impl<'a> SpriteCapture<'a> {
         let capture = SlabCapture { tracer: &tracer, lighting: &lighting, lit, samples, format };
         let slabs = slabs_at_gaps(&tracer, &self.camera, self.slabs);
         let mut set = SpriteSet::new(capture_slabs(&capture, &self.camera, &slabs, self.progress)?);
-        set.info = SpriteInfo { source: self.scene.name().to_owned(), frame: self.scene.frame() };
+        set.info = SpriteInfo {
+            source: self.scene.name().to_owned(),
+            frame: self.scene.frame(),
+            light: self.scene.source().light.clone(),
+        };
         set.environment = Environment::sky(&lighting);
         Ok(set)
     }

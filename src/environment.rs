@@ -4,8 +4,10 @@ mod sixteen;
 
 use crate::capture::light::Lighting;
 use crate::capture::rig::Face;
+use crate::capture::scene::Sky;
 use crate::capture::srgb8_from_linear;
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 /// The far surroundings, which do not move with the eye: radiance by direction, a small cube map.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -37,23 +39,36 @@ fn mean_of_known(texels: [[u8; 4]; 4], [u, v]: [u32; 2]) -> Option<[u8; 3]> {
 impl Environment {
     /// The sky's radiance under the exposure of `lighting`, in faces of `size_px` texels; `reached` says by a texel's
     /// index whether a miss reached it.
-    pub fn of_sky(size_px: u32, lighting: &Lighting, reached: impl Fn(usize) -> bool) -> Self {
+    pub fn of_sky(size_px: u32, lighting: &Lighting, reached: impl Fn(usize) -> bool + Sync) -> Self {
+        /// Directions a side of each texel.
+        const FINER: u32 = 4;
         let per_face = size_px as usize * size_px as usize;
+        // A picture of the sky may be finer than this map: each texel is the mean of what it covers.
+        let side = if matches!(lighting.sky, Some(Sky::Picture(_))) { FINER } else { 1 };
         let texel = |at: usize| {
             let (x, y) = ((at % per_face) as u32 % size_px, (at % per_face) as u32 / size_px);
-            let direction = Face::ALL[at / per_face].direction(f64::from(x) + 0.5, f64::from(y) + 0.5, size_px);
-            let radiance = lighting.miss_radiance(direction.normalize().as_vec3());
-            let [r, g, b] = radiance.map(|c| srgb8_from_linear(c * lighting.exposure));
+            let within = |i: u32| (f64::from(i) + 0.5) / f64::from(side);
+            let seen = |i: u32| {
+                let (x, y) = (f64::from(x) + within(i % side), f64::from(y) + within(i / side));
+                let direction = Face::ALL[at / per_face].direction(x, y, size_px);
+                Vec3::from(lighting.miss_radiance(direction.normalize().as_vec3()))
+            };
+            let mean = (0..side * side).map(seen).sum::<Vec3>() / (side * side) as f32;
+            let [r, g, b] = mean.to_array().map(|c| srgb8_from_linear(c * lighting.exposure));
             [r, g, b, if reached(at) { 255 } else { 0 }]
         };
-        Self { size_px, texels: (0..6 * per_face).map(texel).collect() }
+        Self { size_px, texels: (0..6 * per_face).into_par_iter().map(texel).collect() }
     }
 
     /// All of the sky; of size 0 where there is none.
     pub fn sky(lighting: &Lighting) -> Self {
-        /// Smooth as it is, the sky needs no more.
-        const SIZE_PX: u32 = 128;
-        if lighting.sky.is_none() { Self::default() } else { Self::of_sky(SIZE_PX, lighting, |_| true) }
+        let size_px = match &lighting.sky {
+            None => return Self::default(),
+            // Smooth as it is, it needs no more.
+            Some(Sky::Gradient(_)) => 128,
+            Some(Sky::Picture(_)) => 512,
+        };
+        Self::of_sky(size_px, lighting, |_| true)
     }
 
     /// Bilinear sample of the cube map in a direction (world axes, any length), sRGB. Texels that no miss reached have

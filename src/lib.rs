@@ -23,7 +23,7 @@
 //!
 //! All drawing and capturing is done on the current rayon thread pool, and gives the same bytes on any number of threads and
 //! at every SIMD level. Conventions: world metres, right-handed, Y up; cameras look down -Z; row 0 of a picture is on top; pictures
-//! are 8-bit sRGB with straight alpha; depth is never a bare number, see [`DepthKind`]. Scene files have axes and a unit of their own,
+//! are 8-bit sRGB with straight alpha; depths of frames are eye depths in metres. Scene files have axes and a unit of their own,
 //! which [`FileFrame`] maps to the world's.
 //!
 //! Features: `cli` (default) is the command line with its charts, `viewer` (default) the window. A library needs neither:
@@ -38,10 +38,8 @@ pub use compose::{ComposeSettings, Composer, Composition};
 pub use error::Error;
 pub use frame::{Coverage, Frame};
 pub use glam::DVec3;
-pub use headbox_capture::load::LoadOptions;
+pub use headbox_capture::Camera;
 pub use headbox_capture::scene::{FileFrame, Headbox, UpAxis};
-pub use headbox_capture::{Camera, DepthKind};
-pub use ldi::parameters::CaptureParameters;
 pub use packed::PackedCube as CubeLdi;
 pub use portal::backdrop::{BackdropKind, BackdropQuality};
 pub use portal::house::House;
@@ -50,10 +48,9 @@ pub use portal::store::Store as Backdrops;
 pub use portal::walk::Walker;
 pub use portal::walk_path::WalkPath;
 pub use progress::Progress;
-pub use render::splat::SplatKernel;
 pub use render::{RenderSettings, Renderer};
 pub use scene::Scene;
-pub use sprite::{RenderOptions as SpriteSettings, SpriteSet};
+pub use sprite::SpriteSet;
 
 // What lies below: for the binary, the tests and the benches, without a promise that it stays.
 #[doc(hidden)]

@@ -3,7 +3,7 @@
 use crate::Error;
 use crate::capture;
 use crate::capture::load::LoadOptions;
-use crate::capture::scene::{FileFrame, Headbox};
+use crate::capture::scene::{FileFrame, Headbox, UpAxis};
 use crate::capture::viewpoint::place_headbox;
 use crate::scene_source::SceneSource;
 use glam::DVec3;
@@ -31,15 +31,16 @@ impl Scene {
     /// # Errors
     /// [`Error::Scene`].
     pub fn open(name: impl Into<String>) -> Result<Self, Error> {
-        Self::open_with(name, LoadOptions::default())
+        Self::open_with(name, None, None)
     }
 
-    /// The same, for a file whose axes or unit are not its format's default.
+    /// The same, for a file of which more is known than it says: the axis that points up, and metres per unit. What is `None`
+    /// is Y and 1 in a glTF, as its format rules, and guessed from evidence in an OBJ ([`Self::notes`] tells).
     ///
     /// # Errors
     /// [`Error::Scene`].
-    pub fn open_with(name: impl Into<String>, options: LoadOptions) -> Result<Self, Error> {
-        let source = SceneSource { name: name.into(), options };
+    pub fn open_with(name: impl Into<String>, up: Option<UpAxis>, unit_m: Option<f64>) -> Result<Self, Error> {
+        let source = SceneSource { options: LoadOptions { up, unit_m }, ..SceneSource::new(name) };
         let loaded = Arc::new(source.open()?);
         Ok(Self { source, loaded })
     }

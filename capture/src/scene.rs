@@ -1,9 +1,16 @@
 //! A scene in memory: triangles in world metres, materials, textures, and how the file's axes map to the world.
 
+mod lights;
+mod sky_picture;
+mod sky_sun;
+mod stitch;
 mod surface;
 
+pub use lights::{Lamp, Reach, Sky, SkyGradient, Sun};
+pub use sky_picture::{SkyError, SkyPicture};
 pub use surface::Surface;
 
+use crate::light::Exposure;
 use crate::material::{Material, Texture};
 use glam::{DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
@@ -95,58 +102,6 @@ pub struct Triangle {
     pub material: u32,
 }
 
-/// The sun: a disk at infinity.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sun {
-    /// Unit vector toward the sun, world axes.
-    pub direction: Vec3,
-    /// Irradiance on a surface facing the sun, linear RGB.
-    pub irradiance: [f32; 3],
-    /// Angular radius of the disk, radians.
-    pub angular_radius_rad: f32,
-}
-
-impl Default for Sun {
-    /// A clear day at middle latitudes, some 50 degrees above the horizon.
-    fn default() -> Self {
-        Self {
-            direction: Vec3::new(0.45, 0.75, 0.35).normalize(),
-            irradiance: [3.2, 3.0, 2.7],
-            angular_radius_rad: 0.00465,
-        }
-    }
-}
-
-/// The sky: a vertical gradient with the ground's colour below the horizon. Linear RGB radiance.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sky {
-    /// Straight up.
-    pub zenith: [f32; 3],
-    /// At the horizon.
-    pub horizon: [f32; 3],
-    /// Below the horizon.
-    pub ground: [f32; 3],
-}
-
-impl Default for Sky {
-    /// The clear sky that goes with [`Sun::default`].
-    fn default() -> Self {
-        Self { zenith: [0.25, 0.42, 0.75], horizon: [0.75, 0.8, 0.85], ground: [0.25, 0.22, 0.2] }
-    }
-}
-
-impl Sky {
-    /// Radiance that arrives from the unit direction `direction` (world axes).
-    pub fn radiance(&self, direction: Vec3) -> [f32; 3] {
-        let (target, t) = if direction.y >= 0.0 {
-            (self.zenith, direction.y.sqrt())
-        } else {
-            (self.ground, (-direction.y * 8.0).min(1.0))
-        };
-        [0, 1, 2].map(|c| self.horizon[c] + (target[c] - self.horizon[c]) * t)
-    }
-}
-
 /// Where a capture looks from when the user does not say.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Headbox {
@@ -191,6 +146,10 @@ pub struct Scene {
     pub sun: Option<Sun>,
     /// The sky, if there is one.
     pub sky: Option<Sky>,
+    /// Lamps without a surface.
+    pub lamps: Vec<Lamp>,
+    /// How bright its pictures are.
+    pub exposure: Exposure,
     /// The file's frame.
     pub frame: FileFrame,
     /// Where to look from by default, if the scene's maker knows.

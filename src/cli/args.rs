@@ -1,16 +1,17 @@
 //! Arguments that several subcommands share. Positions and lengths are in the scene file's own axes and unit.
 
-use super::UsageError;
-use crate::capture::Camera;
+use super::words::UsageError;
 use crate::capture::load::LoadOptions;
 use crate::capture::scene::{FileFrame, UpAxis};
 use crate::capture::trace::Tracer;
 use crate::capture::viewpoint;
+use crate::capture::{Camera, Scene};
 use crate::ldi::CaptureInfo;
-use crate::scene_source::SceneSource;
+use crate::scene_source::{LightParameters, SceneSource};
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
+use std::sync::Arc;
 
 /// Three finite numbers, `X,Y,Z`.
 pub(super) fn parse_vector(text: &str) -> Result<DVec3, String> {
@@ -72,18 +73,21 @@ pub(super) struct SceneArgs {
     /// A scene: an .obj, .gltf or .glb file, or builtin:NAME
     scene: String,
     #[command(flatten)]
-    frame: FrameArgs,
+    source: SourceArgs,
 }
 
-/// The axes and the unit of a file, where they are not its format's default.
+/// How a scene is read: the axes and the unit of its file where they are not its format's default, and its light where it is not
+/// its own.
 #[derive(Args)]
-pub(super) struct FrameArgs {
+pub(super) struct SourceArgs {
     /// Axis that points up in the file, y or z; Y in a glTF, guessed from evidence in an OBJ if absent
     #[arg(long, value_parser = parse_up)]
     up: Option<UpAxis>,
     /// Unit of lengths in the file; metres in a glTF, guessed from evidence in an OBJ if absent
     #[arg(long, value_parser = by_name(UNITS))]
     unit: Option<f64>,
+    #[command(flatten)]
+    pub(super) light: LightParameters,
 }
 
 impl SceneArgs {
@@ -93,11 +97,11 @@ impl SceneArgs {
     }
 
     pub(super) fn source(&self) -> SceneSource {
-        self.frame.source(&self.scene)
+        self.source.source(&self.scene)
     }
 }
 
-impl FrameArgs {
+impl SourceArgs {
     /// The axes and the unit; Y up and metres where nothing is said.
     pub(super) fn file_frame(&self) -> FileFrame {
         FileFrame { up: self.up.unwrap_or_default(), unit_m: self.unit.unwrap_or(1.0) }
@@ -105,12 +109,13 @@ impl FrameArgs {
 
     /// The same, but for what is given.
     pub(super) fn with(&self, up: Option<UpAxis>, unit: Option<f64>) -> Self {
-        Self { up: up.or(self.up), unit: unit.or(self.unit) }
+        Self { up: up.or(self.up), unit: unit.or(self.unit), light: self.light.clone() }
     }
 
-    /// A scene in these axes and this unit.
+    /// A scene that is read so.
     pub(super) fn source(&self, scene: &str) -> SceneSource {
-        SceneSource { name: scene.to_owned(), options: LoadOptions { up: self.up, unit_m: self.unit } }
+        let options = LoadOptions { up: self.up, unit_m: self.unit };
+        SceneSource { name: scene.to_owned(), options, light: self.light.clone() }
     }
 }
 
@@ -124,7 +129,7 @@ pub(super) struct CameraArgs {
     /// absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     look_at: Option<DVec3>,
-    /// Direction that points up in the image; the file's up axis if absent
+    /// Direction that points up in the image; the file's up axis if absent, or of images what is up in them
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     up_vector: Option<DVec3>,
     /// Vertical field of view, degrees; 60 if absent
@@ -140,6 +145,8 @@ pub(super) struct DefaultCamera {
     pub(super) eye: DVec3,
     /// Viewing direction, any length.
     pub(super) forward: DVec3,
+    /// What is up in the image.
+    pub(super) up: DVec3,
     pub(super) fov_y_deg: f64,
     pub(super) size: (u32, u32),
 }
@@ -147,7 +154,8 @@ pub(super) struct DefaultCamera {
 impl DefaultCamera {
     /// From the centre of a cube LDI to where there is most to see.
     pub(super) fn of_cube(info: &CaptureInfo) -> Self {
-        Self { forward: info.ahead.unwrap_or(DVec3::NEG_Z), ..Self::at(info.centre) }
+        let default = Self::at(info.centre);
+        Self { forward: info.ahead.unwrap_or(default.forward), up: info.up.unwrap_or(default.up), ..default }
     }
 
     /// From the centre of a scene's headbox to where there is most to see.
@@ -157,7 +165,7 @@ impl DefaultCamera {
 
     /// Straight ahead from an eye.
     pub(super) fn at(eye: DVec3) -> Self {
-        Self { eye, forward: DVec3::NEG_Z, fov_y_deg: 60.0, size: (1024, 768) }
+        Self { eye, forward: DVec3::NEG_Z, up: DVec3::Y, fov_y_deg: 60.0, size: (1024, 768) }
     }
 
     /// Like another camera.
@@ -165,6 +173,7 @@ impl DefaultCamera {
         Self {
             eye: camera.eye(),
             forward: camera.forward(),
+            up: DVec3::Y,
             fov_y_deg: vertical_fov_deg(camera),
             size: (camera.width(), camera.height()),
         }
@@ -177,11 +186,21 @@ pub(super) fn vertical_fov_deg(camera: &Camera) -> f64 {
 }
 
 impl CameraArgs {
+    /// The camera in a scene, from free space where nothing is said, and a tracer about its eye.
+    pub(super) fn aim(&self, scene: &Arc<Scene>) -> anyhow::Result<(Camera, Tracer)> {
+        let placed = viewpoint::place_headbox(scene, None, None);
+        let centre = placed.map_err(|error| UsageError(error.to_string()))?.centre;
+        let scout = Tracer::new(Arc::clone(scene), centre);
+        let camera = self.camera(&scene.frame, &DefaultCamera::of_scene(&scout, centre))?;
+        let tracer = if camera.eye() == centre { scout } else { Tracer::new(Arc::clone(scene), camera.eye()) };
+        Ok((camera, tracer))
+    }
+
     /// The camera in the world.
     pub(super) fn camera(&self, frame: &FileFrame, default: &DefaultCamera) -> anyhow::Result<Camera> {
         let eye = self.eye.map_or(default.eye, |eye| frame.world_from_file(eye));
         let look_at = self.look_at.map_or(eye + default.forward, |point| frame.world_from_file(point));
-        let up = self.up_vector.map_or(DVec3::Y, |up| frame.world_direction_from_file(up));
+        let up = self.up_vector.map_or(default.up, |up| frame.world_direction_from_file(up));
         warn_if_parallel(look_at - eye, up, frame);
         let (width, height) = self.size.unwrap_or(default.size);
         let fov_y_deg = self.fov.unwrap_or(default.fov_y_deg);

@@ -1,11 +1,11 @@
 //! `headbox capture`.
 
-use super::UsageError;
 use super::args::{SceneArgs, parse_length, parse_vector};
 use super::estimate::{Estimate, rays_of};
-use super::images::{SetArgs, is_image_set, with_depth};
+use super::images::{SetArgs, SetJob, is_image_set};
 use super::output::{CUBE, Outputs, SHARD, memory_bytes, peak_rss_mb, print_json};
 use super::progress::{Bar, duration};
+use super::words::UsageError;
 use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;
 use crate::capture::trace::Tracer;
@@ -13,10 +13,10 @@ use crate::capture::{Scene, files, viewpoint};
 use crate::gaps;
 use crate::ldi::Holes;
 use crate::ldi::build;
-use crate::ldi::from_images::ImagesJob;
 use crate::ldi::job::CaptureJob;
 use crate::ldi::parameters::{CaptureParameters, Resources};
 use crate::ldi::shard::{self, ShardInfo};
+use crate::ldi::voxel_colouring::Backdrop;
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
 use crate::primitives::{self, MAX_ERROR_PX};
 use crate::scene_source::{SceneSource, fingerprint};
@@ -29,7 +29,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 #[derive(Args)]
-pub(super) struct Capture {
+pub(super) struct CaptureCommand {
     #[command(flatten)]
     scene: SceneArgs,
     /// The .ldi file to write, or with --shard the .shard file; `-` for standard output
@@ -56,6 +56,14 @@ pub(super) struct Capture {
     /// Of image sets: standard deviation of inverse depth, 1/m; by the format if absent
     #[arg(long, value_name = "X")]
     depth_noise: Option<f32>,
+    /// Of photographs without depth: they agree on a colour up to this standard deviation, levels of 255; more where nothing else is
+    /// found; 18 if absent
+    #[arg(long, value_name = "LEVELS", value_parser = parse_agreement)]
+    agreement: Option<f32>,
+    /// Of photographs without depth: what stands before a dark backdrop has no pixel of which all channels are at most this; auto,
+    /// none, or a level of 255
+    #[arg(long, value_name = "LEVEL", default_value = "auto", value_parser = parse_backdrop)]
+    backdrop: Backdrop,
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
@@ -116,6 +124,19 @@ impl Preset {
         ("rays_per_stratum", ["8", "8"]),
         ("light_samples", ["1", "2"]),
     ];
+}
+
+fn parse_agreement(text: &str) -> Result<f32, String> {
+    let level = text.parse().ok().filter(|level| *level > 0.0 && *level <= 255.0);
+    level.ok_or_else(|| "give a number of levels above 0, up to 255".into())
+}
+
+fn parse_backdrop(text: &str) -> Result<Backdrop, String> {
+    match text {
+        "auto" => Ok(Backdrop::Auto),
+        "none" => Ok(Backdrop::None),
+        level => level.parse().map(Backdrop::Dark).map_err(|_| "give auto, none, or a level from 0 to 255".into()),
+    }
 }
 
 /// The depth in the file's own unit.
@@ -228,7 +249,7 @@ pub(super) fn warn_if_blocked(blocked_share: f64) {
     }
 }
 
-impl Capture {
+impl CaptureCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         if is_image_set(self.scene.name()) {
             return self.run_images();
@@ -274,26 +295,38 @@ impl Capture {
         Ok(())
     }
 
-    /// Warps the depth images of a set into one cube.
+    /// Warps the depth images of a set into one cube, or colours what its photographs agree on.
     fn run_images(&self) -> anyhow::Result<()> {
         let start = Instant::now();
         Outputs::new(self.json, [self.scene.name()]).file(&self.output, &CUBE)?;
         let set = self.images.open_registered(Path::new(self.scene.name()))?;
-        let views = with_depth(&set)?;
-        let mut job = ImagesJob::suggest(&set);
-        job.merge_rule = self.quality.parameters.merge_rule;
+        let mut job = SetJob::suggest(&set);
         if let Some(center) = self.center {
-            job.centre = set.frame.world_from_file(center);
+            *job.centre() = set.frame.world_from_file(center);
         }
         if let Some(half_size) = self.half_size {
-            job.half_size_m = half_size * set.frame.unit_m;
+            *job.half_size_m() = half_size * set.frame.unit_m;
         }
-        if let Some(noise) = self.depth_noise {
-            job.depth_noise = noise;
+        match &mut job {
+            SetJob::Depth(job) => {
+                job.merge_rule = self.quality.parameters.merge_rule;
+                job.depth_noise = self.depth_noise.unwrap_or(job.depth_noise);
+            }
+            SetJob::Photographs(job) => {
+                job.agreement = self.agreement.unwrap_or(job.agreement);
+                job.backdrop = self.backdrop;
+            }
         }
         let bar = Bar::new();
-        let ldi = job.run(&set, &views, &bar)?;
+        let views = job.views(&set);
+        let ldi = job.run(&set, &bar)?;
         let packed = self.packing.pack(ldi)?;
+        if packed.depth_pixel_count() == 0 && packed.planes.tiles.is_empty() {
+            bail!(
+                "{}: its photographs agree on nothing; give a larger --agreement, or another --center",
+                set.folder.display()
+            );
+        }
         packed.write(&self.output)?;
         bar.finish();
         let total_s = start.elapsed().as_secs_f64();
@@ -301,7 +334,7 @@ impl Capture {
         if self.json {
             print_json(&json!({
                 "images": views.len(), "pixels": pixels, "total_s": total_s, "peak_rss_mb": peak_rss_mb(),
-                "depth_pixels": packed.depth_pixel_count(), "bytes": packed.bytes(), "face_size": job.face_size_px,
+                "depth_pixels": packed.depth_pixel_count(), "bytes": packed.bytes(), "face_size": packed.face_size_px,
             }));
             return Ok(());
         }

@@ -8,7 +8,7 @@ use clap::Args;
 use std::path::{Path, PathBuf};
 
 #[derive(Args)]
-pub(super) struct Compare {
+pub(super) struct CompareCommand {
     /// The reference image
     reference: PathBuf,
     /// The image to judge, of the same size
@@ -27,7 +27,7 @@ fn open(path: &Path) -> anyhow::Result<image::RgbImage> {
     Ok(image.to_rgb8())
 }
 
-impl Compare {
+impl CompareCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         Outputs::new(self.json, [&self.reference, &self.test]).maybe_file(self.map.as_ref(), &PICTURE)?;
         let (reference, test) = (open(&self.reference)?, open(&self.test)?);

@@ -29,7 +29,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 #[derive(Args)]
-pub(super) struct Demo {
+pub(super) struct DemoCommand {
     /// Folder for the capture, the frames and the contact sheet
     #[arg(long, default_value = "headbox-demo")]
     out: PathBuf,
@@ -80,7 +80,7 @@ struct Row {
     comparison: Comparison,
 }
 
-impl Demo {
+impl DemoCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let sizes = if self.quick { QUICK } else { FULL };
         let outputs = Outputs::new(false, [&self.scene]).folder(&self.out)?;

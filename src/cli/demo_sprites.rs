@@ -10,7 +10,9 @@ use crate::environment::Environment;
 use crate::frame::Frame;
 use crate::metrics;
 use crate::progress::Silent;
-use crate::sprite::{DisplacementFormat, RenderOptions, SlabCapture, SpriteSet, Variant, capture_slabs, slabs_at_gaps};
+use crate::sprite::{
+    DisplacementFormat, RenderOptions, SlabCapture, SpriteSet, SpriteVariant, capture_slabs, slabs_at_gaps,
+};
 use image::RgbImage;
 use std::path::Path;
 use std::time::Instant;
@@ -50,7 +52,7 @@ pub(super) fn print_sprite_rows(
     );
     println!("variant       ms/frame    FLIP at the centre    off centre");
     let mut csv = String::from("variant,ms,flip_centre,flip_off_centre\n");
-    for variant in [Variant::Homography, Variant::OnePass, Variant::TwoPass] {
+    for variant in [SpriteVariant::Homography, SpriteVariant::OnePass, SpriteVariant::TwoPass] {
         let (ms, flips) = draw(&layers, variant, cameras, truths)?;
         let off_centre = flips[1..].iter().sum::<f64>() / (flips.len() - 1).max(1) as f64;
         println!("{:<12} {ms:>9.2} {:>21.4} {off_centre:>13.4}", variant.name(), flips[0]);
@@ -62,7 +64,7 @@ pub(super) fn print_sprite_rows(
 /// Median time of a frame, ms, and FLIP for each camera.
 fn draw(
     layers: &Composition,
-    variant: Variant,
+    variant: SpriteVariant,
     cameras: &[Camera],
     truths: &[RgbImage],
 ) -> anyhow::Result<(f64, Vec<f64>)> {

@@ -1,7 +1,7 @@
 //! `headbox export`.
 
-use super::UsageError;
 use super::output::{EXPORT, Outputs, print_json};
+use super::words::UsageError;
 use crate::capture::files;
 use crate::capture::rig::Face;
 use crate::container::{Container, FileKind};
@@ -16,7 +16,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 #[derive(Args)]
-pub(super) struct Export {
+pub(super) struct ExportCommand {
     /// A .ldi or .sprite file
     file: PathBuf,
     /// What to write; its ending decides the format: .html, a page to look around in that works offline; .glb for engines; .ply, flat
@@ -53,7 +53,7 @@ fn parse_face(text: &str) -> Result<Face, String> {
 /// Triangles of a .glb unless something else is said.
 const TRIANGLES: u64 = 200_000;
 
-impl Export {
+impl ExportCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         Outputs::new(self.json, [&self.file]).file(&self.output, &EXPORT)?;
         let ending = self.output.extension().unwrap_or_default().to_ascii_lowercase();

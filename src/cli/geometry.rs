@@ -1,9 +1,9 @@
 //! Folders of images drawn by view-dependent geometry instead of a cube LDI.
 
-use super::UsageError;
 use super::args::DefaultCamera;
 use super::images::{SetArgs, with_depth};
 use super::progress::Bar;
+use super::words::UsageError;
 use crate::capture::Camera;
 use crate::capture::scene::FileFrame;
 use crate::view_geometry::{

@@ -1,11 +1,10 @@
 //! What `--help` shows beside the arguments: examples and the names that an argument takes; completions and the manual.
 
-use super::Cli;
 use crate::lumigraph::Blend;
-use crate::portal::variant::Variant as HouseVariant;
+use crate::portal::variant::HouseVariant;
 use crate::render::splat::SplatKernel;
-use crate::sprite::Variant as SpriteVariant;
-use clap::{Args, Command, CommandFactory};
+use crate::sprite::SpriteVariant;
+use clap::{Args, Command};
 use clap_complete::Shell;
 use std::io::Write;
 
@@ -66,10 +65,11 @@ const EXAMPLES: [(&str, &str); 17] = [
     ("completions", "headbox completions bash > ~/.local/share/bash-completion/completions/headbox"),
 ];
 
-/// The whole command line, with its examples.
-pub(super) fn command() -> Command {
-    let known = |name: &str| Cli::command().find_subcommand(name).is_some();
-    let cli = Cli::command().mut_subcommand("capture", |capture| {
+/// The command line with examples, and with what `--quality` sets.
+pub(super) fn with_examples(cli: Command) -> Command {
+    let names: Vec<String> = cli.get_subcommands().map(|command| command.get_name().to_owned()).collect();
+    let known = |name: &str| names.iter().any(|known| known == name);
+    let cli = cli.mut_subcommand("capture", |capture| {
         super::capture::Preset::NUMBERS.iter().fold(capture, |capture, (argument, [draft, good])| {
             let presets = [("quality", "draft", Some(*draft)), ("quality", "good", Some(*good))];
             capture.mut_arg(*argument, |argument| argument.default_value_ifs(presets))
@@ -121,17 +121,16 @@ pub(super) struct Completions {
 }
 
 impl Completions {
-    pub(super) fn run(&self) -> anyhow::Result<()> {
+    pub(super) fn run(&self, mut whole: Command) -> anyhow::Result<()> {
         let mut script = Vec::new();
-        clap_complete::generate(self.shell, &mut command(), "headbox", &mut script);
+        clap_complete::generate(self.shell, &mut whole, "headbox", &mut script);
         Ok(std::io::stdout().write_all(&script)?)
     }
 }
 
 /// `headbox man`: the manual page of the program and of each of its commands, one after the other.
-pub(super) fn print_manual() -> anyhow::Result<()> {
+pub(super) fn print_manual(whole: &Command) -> anyhow::Result<()> {
     let mut page = Vec::new();
-    let whole = command();
     clap_mangen::Man::new(whole.clone()).render(&mut page)?;
     for sub in whole.get_subcommands().filter(|sub| sub.get_name() != "help") {
         let name = format!("headbox-{}", sub.get_name());

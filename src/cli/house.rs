@@ -1,12 +1,13 @@
 //! `headbox house`.
 
-use super::UsageError;
 use super::house_file::HouseFileArgs;
 use super::output::{Outputs, PLAN, print_json, save_picture, write_text};
+use super::words::UsageError;
 use crate::capture::load::{LoadedModel, ModelOptions, load_model};
 use crate::capture::portal_model::{Finding, PortalModel};
 use crate::capture::trace::Tracer;
 use crate::portal::floor_plan::{FloorPlan, storeys};
+use crate::scene_source::LightParameters;
 use clap::Args;
 use glam::DVec2;
 use serde_json::{Value, json};
@@ -14,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 #[derive(Args)]
-pub(super) struct House {
+pub(super) struct HouseCommand {
     /// A Sweet Home 3D .sh3d, or Home.xml with its OBJ export beside it, a .toml model, or builtin:house
     model: String,
     /// Draw the plan, as PNG or SVG by its ending; storeys above the first get names of their own, as plan_2.png
@@ -36,6 +37,8 @@ pub(super) struct House {
     #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u32).range(0..=1 << 20))]
     rays: u32,
     #[command(flatten)]
+    light: LightParameters,
+    #[command(flatten)]
     file: HouseFileArgs,
     /// Print one JSON object on standard output
     #[arg(long)]
@@ -48,12 +51,13 @@ struct Survey {
     findings: Vec<Finding>,
 }
 
-impl House {
+impl HouseCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let outputs = Outputs::new(self.json, [&self.model]).maybe_file(self.plan.as_ref(), &PLAN)?;
         let outputs = self.file.outputs(outputs)?;
         let writes = self.file.wanted()?;
-        let LoadedModel { model, mut findings } = self.open()?;
+        let LoadedModel { mut model, mut findings } = self.open()?;
+        self.light.apply(&mut model.scene)?;
         outputs.scene_is_open(&model.scene)?;
         if self.rays > 0 && !model.cells.is_empty() {
             let [low, high] = model.scene.bounds();

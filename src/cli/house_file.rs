@@ -1,9 +1,9 @@
 //! `.house` files: written by `headbox house`, walked by `headbox render`, described by `headbox info`.
 
-use super::UsageError;
 use super::args::DefaultCamera;
 use super::output::{HOUSE, Outputs, PATH, print_json, write_text};
 use super::progress::Bar;
+use super::words::UsageError;
 use crate::capture::Camera;
 use crate::capture::bake::{BakeOptions, bake_model};
 use crate::capture::path::{CameraRecord, PathRecord};
@@ -14,7 +14,7 @@ use crate::portal::file;
 use crate::portal::house::House;
 use crate::portal::settings::{WalkSettings, WalkStats};
 use crate::portal::store::Store;
-use crate::portal::variant::Variant;
+use crate::portal::variant::HouseVariant;
 use crate::portal::walk::Walker;
 use crate::portal::walk_path::{PAPER_POSES, WalkPath};
 use crate::progress::Progress;
@@ -123,9 +123,13 @@ impl HouseFileArgs {
         }
     }
 
-    /// The model with its light baked in, if it is wanted and there is a file to hold it.
-    fn lit(&self, model: PortalModel) -> PortalModel {
-        if self.unlit || self.output.is_none() || model.scene.validate().is_err() {
+    /// The model with its light baked in, if it is wanted, and without T-junctions, if there is a file to hold it.
+    fn lit(&self, mut model: PortalModel) -> PortalModel {
+        if self.output.is_none() || model.scene.validate().is_err() {
+            return model;
+        }
+        if self.unlit {
+            model.stitch();
             return model;
         }
         let bar = Bar::new();
@@ -175,9 +179,9 @@ fn kind_by_name(name: &str) -> Result<BackdropKind, UsageError> {
 }
 
 /// A way to draw a walk, or a sentence with the names of all.
-pub(super) fn variant_by_name(name: &str) -> Result<Variant, UsageError> {
-    Variant::by_name(name)
-        .ok_or_else(|| UsageError(format!("there is no variant \"{name}\"; there are: {}", Variant::names())))
+pub(super) fn variant_by_name(name: &str) -> Result<HouseVariant, UsageError> {
+    HouseVariant::by_name(name)
+        .ok_or_else(|| UsageError(format!("there is no variant \"{name}\"; there are: {}", HouseVariant::names())))
 }
 
 /// A `.house` file to be walked.
@@ -186,7 +190,7 @@ pub(super) struct HouseContent {
     store: Store,
     quality: BackdropQuality,
     walker: Walker,
-    variant: Variant,
+    variant: HouseVariant,
     settings: WalkSettings,
 }
 
@@ -198,12 +202,12 @@ pub(super) struct WalkedFrame {
 }
 
 impl HouseContent {
-    /// Opens a file. The variant is one of [`Variant::ALL`], or the first kind that the file holds.
+    /// Opens a file. The variant is one of [`HouseVariant::ALL`], or the first kind that the file holds.
     pub(super) fn open(path: &Path, variant: Option<&str>) -> anyhow::Result<(Self, FileFrame, DefaultCamera)> {
         let (house, store, quality) = file::read(path, BUDGET)?;
         let variant = match variant {
             Some(name) => variant_by_name(name)?,
-            None => Variant::of_store(&store),
+            None => HouseVariant::of_store(&store),
         };
         let settings = variant.settings();
         let first = WalkPath { poses: 1, ..WalkPath::default() }.cameras(&house)?;

@@ -2,8 +2,12 @@
 
 use super::output::print_json;
 use super::progress::Bar;
-use crate::capture::images::{CheckReport, ImageSet, ImageSetOptions, Kept, Lens, RegistrationReport, View, check};
+use crate::capture::images::{
+    CheckReport, ImageSet, ImageSetOptions, ImagesError, Kept, Lens, RegistrationReport, View, check,
+};
+use crate::ldi::CubeLdi;
 use crate::ldi::from_images::ImagesJob;
+use crate::ldi::voxel_colouring::PhotographsJob;
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
 use crate::primitives;
 use crate::progress::Progress;
@@ -14,7 +18,7 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 
 #[derive(Args)]
-pub(super) struct Images {
+pub(super) struct ImagesCommand {
     /// A folder of pictures with known cameras (Seurat, nerfstudio, COLMAP, RGB-D frames, Middlebury, panoramas), or its
     /// manifest.json or transforms.json
     folder: PathBuf,
@@ -68,11 +72,55 @@ impl SetArgs {
     }
 }
 
-/// The cube of a set's depth images, with all that is suggested for it.
+/// How a set becomes a cube: by its depth, or, where no view has any, by the colours that its photographs agree on.
+pub(super) enum SetJob {
+    Depth(ImagesJob),
+    Photographs(PhotographsJob),
+}
+
+impl SetJob {
+    pub(super) fn suggest(set: &ImageSet) -> Self {
+        match set.with_depth().next() {
+            Some(_) => Self::Depth(ImagesJob::suggest(set)),
+            None => Self::Photographs(PhotographsJob::suggest(set)),
+        }
+    }
+
+    /// Of the headbox, world metres.
+    pub(super) fn centre(&mut self) -> &mut DVec3 {
+        match self {
+            Self::Depth(job) => &mut job.centre,
+            Self::Photographs(job) => &mut job.centre,
+        }
+    }
+
+    pub(super) fn half_size_m(&mut self) -> &mut f64 {
+        match self {
+            Self::Depth(job) => &mut job.half_size_m,
+            Self::Photographs(job) => &mut job.half_size_m,
+        }
+    }
+
+    /// The views that it takes.
+    pub(super) fn views<'a>(&self, set: &'a ImageSet) -> Vec<&'a View> {
+        match self {
+            Self::Depth(_) => set.with_depth().collect(),
+            Self::Photographs(_) => set.views.iter().collect(),
+        }
+    }
+
+    pub(super) fn run(&self, set: &ImageSet, bar: &Bar) -> Result<CubeLdi, ImagesError> {
+        match self {
+            Self::Depth(job) => job.run(set, &self.views(set), bar),
+            Self::Photographs(job) => job.run(set, &self.views(set), bar),
+        }
+    }
+}
+
+/// The cube of a set, with all that is suggested for it.
 pub(super) fn cube(folder: &Path, set: &SetArgs, bar: &Bar) -> anyhow::Result<PackedCube> {
     let set = set.open_registered(folder)?;
-    let views = with_depth(&set)?;
-    let ldi = ImagesJob::suggest(&set).run(&set, &views, bar)?;
+    let ldi = SetJob::suggest(&set).run(&set, bar)?;
     Ok(primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, primitives::DEFAULT_ERROR_PX)?)
 }
 
@@ -112,7 +160,7 @@ pub(super) fn is_image_set(name: &str) -> bool {
     !name.starts_with("builtin:") && (path.is_dir() || (manifest && path.is_file()))
 }
 
-impl Images {
+impl ImagesCommand {
     /// As `headbox images FOLDER`.
     pub(super) fn of(folder: &Path, json: bool) -> Self {
         Self { folder: folder.into(), set: SetArgs::default(), pairs: PAIRS, json }
@@ -196,7 +244,7 @@ impl Images {
                 worst.to
             );
         }
-        if with_depth > 0 {
+        if !set.views.is_empty() {
             println!("capture it: headbox capture {} -o F.ldi", self.folder.display());
         }
     }

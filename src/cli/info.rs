@@ -2,7 +2,7 @@
 
 use super::args::vertical_fov_deg;
 use super::house_file;
-use super::images::{Images, is_image_set};
+use super::images::{ImagesCommand, is_image_set};
 use super::lumigraph;
 use super::output::print_json;
 use crate::container::Container;
@@ -18,7 +18,7 @@ use serde_json::json;
 use std::path::PathBuf;
 
 #[derive(Args)]
-pub(super) struct Info {
+pub(super) struct InfoCommand {
     /// A .ldi, .sprite, .lumi or .house file, a shard, or a folder of images
     file: PathBuf,
     /// Check every promise of the layout, sample by sample
@@ -29,10 +29,10 @@ pub(super) struct Info {
     json: bool,
 }
 
-impl Info {
+impl InfoCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         if is_image_set(&self.file.to_string_lossy()) {
-            return Images::of(&self.file, self.json).run();
+            return ImagesCommand::of(&self.file, self.json).run();
         }
         let kind = Container::peek_kind(&self.file).with_context(|| format!("{}", self.file.display()))?;
         match kind {
@@ -76,9 +76,13 @@ impl Info {
         println!("  faces       6 x {0}x{0} pixels", cube.face_size_px);
         println!("  samples     {} depth pixels from {} rays", cube.depth_pixel_count(), info.rays_traced);
         println!(
-            "  light       {} bounces, {} samples, exposure {}",
-            info.parameters.bounces, info.parameters.light_samples, info.exposure
+            "  light       {} bounces, {} samples{}",
+            info.parameters.bounces,
+            info.parameters.light_samples,
+            info.light.in_words().map_or(String::new(), |words| format!(", {words}"))
         );
+        let stops = info.exposure.log2();
+        println!("  exposure    {stops:.2} stops ({}); {}", info.light.exposure, info.tone);
         for (face, missing) in crate::capture::rig::Face::ALL.iter().zip(info.missing_estimate) {
             if let Some(missing) = missing {
                 println!("  {}          next ray new with probability {missing:.4}", face.name());

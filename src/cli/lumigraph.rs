@@ -1,10 +1,10 @@
 //! `headbox lumigraph`.
 
-use super::UsageError;
-use super::args::{FrameArgs, Names, by_name, parse_length, parse_size, parse_vector};
+use super::args::{Names, SourceArgs, by_name, parse_length, parse_size, parse_vector};
 use super::capture::place_headbox;
 use super::output::{LUMIGRAPH, Outputs, peak_rss_mb, print_json};
 use super::progress::Bar;
+use super::words::UsageError;
 use crate::capture::light::Lighting;
 use crate::capture::scene::FileFrame;
 use crate::capture::trace::{Ray, Tracer};
@@ -23,14 +23,14 @@ pub(super) struct LumigraphCommand {
     /// A scene (an .obj, .gltf or .glb file, or builtin:NAME)
     scene: String,
     #[command(flatten)]
-    frame: FrameArgs,
+    source: SourceArgs,
     /// The .lumi file to write; `-` for standard output
     #[arg(short, long)]
     output: PathBuf,
     #[command(flatten)]
     grid: GridArgs,
     #[command(flatten)]
-    quality: QualityArgs,
+    quality: LumigraphQualityArgs,
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
@@ -70,7 +70,7 @@ struct GridArgs {
 
 /// What decides how good images and layers are.
 #[derive(Args)]
-struct QualityArgs {
+struct LumigraphQualityArgs {
     /// Layers at most; up to 255 take one byte a pixel, more take two
     #[arg(long, value_name = "N", default_value_t = 255, value_parser = clap::value_parser!(u32).range(1..=MAX_LAYERS as i64))]
     layers: u32,
@@ -122,13 +122,13 @@ impl LumigraphCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let start = Instant::now();
         let outputs = Outputs::new(self.json, [Path::new(&self.scene)]).file(&self.output, &LUMIGRAPH)?;
-        let source = self.frame.source(&self.scene);
+        let source = self.source.source(&self.scene);
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
         let (grid, tracer) = self.grid.place(&scene)?;
         let lighting = Lighting::measure(&tracer, self.quality.bounces);
         let bar = Bar::new();
-        let QualityArgs { samples, unlit, .. } = self.quality;
+        let LumigraphQualityArgs { samples, unlit, .. } = self.quality;
         let capture = LumigraphCapture { tracer: &tracer, lighting: &lighting, lit: !unlit, samples };
         let raw = capture.run(&grid, &bar)?;
         let mut lumigraph = self.layered(&raw, &bar)?;
@@ -140,7 +140,7 @@ impl LumigraphCommand {
     }
 
     fn layered(&self, raw: &RawLumigraph, bar: &Bar) -> anyhow::Result<Lumigraph> {
-        let QualityArgs { layers, placement, optimum, .. } = self.quality;
+        let LumigraphQualityArgs { layers, placement, optimum, .. } = self.quality;
         match optimum {
             None => Ok(raw.layered(layers as usize, placement)?),
             Some((width, height)) => {

@@ -16,7 +16,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 #[derive(Args)]
-pub(super) struct Merge {
+pub(super) struct MergeCommand {
     /// All shards of one capture
     #[arg(required = true)]
     shards: Vec<PathBuf>,
@@ -36,7 +36,7 @@ pub(super) struct Merge {
     json: bool,
 }
 
-impl Merge {
+impl MergeCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let outputs = Outputs::new(self.json, &self.shards).file(&self.output, &CUBE)?;
         let mut infos = Vec::with_capacity(self.shards.len());

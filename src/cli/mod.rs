@@ -24,6 +24,7 @@ mod help;
 mod house;
 mod house_file;
 mod images;
+mod images_report;
 mod info;
 mod lumigraph;
 mod merge;
@@ -41,8 +42,9 @@ mod walk;
 mod words;
 
 use crate::capture::simd;
-use clap::{FromArgMatches, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::process::ExitCode;
+use words::UsageError;
 
 /// Image-based rendering with depth: capture a scene once, look at it from anywhere inside a headbox.
 #[derive(Parser)]
@@ -58,54 +60,49 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     /// The main job end to end on a built-in scene: capture, render, compare with truth
-    Demo(demo::Demo),
+    Demo(demo::DemoCommand),
     /// List the built-in scenes, or write one as .obj or .glb
-    Scenes(scenes::Scenes),
+    Scenes(scenes::ScenesCommand),
     /// Capture a scene into a cube LDI (or one shard of it)
-    Capture(capture::Capture),
+    Capture(capture::CaptureCommand),
     /// Merge all shards of a capture into a cube LDI
-    Merge(merge::Merge),
+    Merge(merge::MergeCommand),
     /// Make sprites with depth of a scene, or of a picture and its depth
     Sprite(Box<sprite::SpriteCommand>),
     /// Make a lumigraph of a scene: images on a camera plane, as few layers as a view needs
     Lumigraph(Box<lumigraph::LumigraphCommand>),
     /// A home to walk through: read its rooms and doors, say what is wrong with them, draw its plan, write a .house file
-    House(house::House),
+    House(house::HouseCommand),
     /// What a folder of pictures with known cameras holds, and whether its poses and depths agree
-    Images(images::Images),
+    Images(images::ImagesCommand),
     /// Show what a file holds; check every promise of its layout
-    Info(info::Info),
+    Info(info::InfoCommand),
     /// Render a frame of a cube LDI, of sprites or of both, or a frame per pose of a path
-    Render(render::Render),
+    Render(render::RenderCommand),
     /// Take a capture to where headbox is not installed: a page to look around in, engines, splat viewers
-    Export(export::Export),
+    Export(export::ExportCommand),
     /// Show captures to browsers, over HTTP: a list, and a page for each
-    Serve(serve::Serve),
+    Serve(serve::ServeCommand),
     /// Measure a walk through a .house file (to just walk, use view): time and error of every way to draw it, against truth and primary rays
-    Walk(walk::Walk),
+    Walk(walk::WalkCommand),
     /// Ray-trace a reference frame of a scene
-    Truth(truth::Truth),
+    Truth(truth::TruthCommand),
     /// Compare two images: FLIP, PSNR, SSIM
-    Compare(compare::Compare),
+    Compare(compare::CompareCommand),
     /// Measure speed against error: rows, charts, sentences
     Report(report::ReportCommand),
     /// Look around in a window: in a scene, a cube LDI, sprites or a house
     #[cfg(feature = "viewer")]
-    View(view::View),
+    View(view::ViewCommand),
     /// Print a script by which a shell completes commands
     Completions(help::Completions),
     /// Print the manual, as roff: headbox man | man -l -
     Man,
 }
 
-/// A mistake in what the user asked for, as opposed to a failure in doing it: exit code 2.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-struct UsageError(String);
-
 /// Runs the command line and returns its exit code: 0 done, 1 failed, 2 wrong usage.
 pub fn main() -> ExitCode {
-    let parsed = help::command().try_get_matches_from(help::arguments());
+    let parsed = whole().try_get_matches_from(help::arguments());
     let cli = parsed.and_then(|matches| Cli::from_arg_matches(&matches)).unwrap_or_else(|mut error| {
         // Advice on how to pass as a file name what was meant as a number.
         error.remove(clap::error::ContextKind::Suggested);
@@ -118,6 +115,11 @@ pub fn main() -> ExitCode {
             ExitCode::from(if error.is::<UsageError>() { 2 } else { 1 })
         }
     }
+}
+
+/// The whole command line, with its examples.
+fn whole() -> clap::Command {
+    help::with_examples(Cli::command())
 }
 
 fn run(cli: Cli) -> anyhow::Result<()> {
@@ -149,7 +151,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Report(command) => command.run(),
         #[cfg(feature = "viewer")]
         Command::View(command) => command.run(),
-        Command::Completions(command) => command.run(),
-        Command::Man => help::print_manual(),
+        Command::Completions(command) => command.run(whole()),
+        Command::Man => help::print_manual(&whole()),
     }
 }

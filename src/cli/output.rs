@@ -1,6 +1,6 @@
 //! What goes to standard output, and what the process has used.
 
-use super::UsageError;
+use super::words::UsageError;
 use crate::capture::{Scene, files, picture};
 use crate::export::film;
 use image::codecs::jpeg::JpegEncoder;

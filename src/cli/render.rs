@@ -1,6 +1,5 @@
 //! `headbox render`.
 
-use super::UsageError;
 use super::args::{CameraArgs, DefaultCamera, Names, by_name, parse_length};
 use super::content::{Content, Rendered};
 use super::geometry::{GEOMETRY_ALONE, GeometryArgs, GeometryContent, texturing_of};
@@ -8,6 +7,7 @@ use super::house_file::HouseContent;
 use super::images::{self, SetArgs, is_image_set};
 use super::output::{DEPTH, FILM, Outputs, PICTURE, print_json, save_picture, write_text};
 use super::progress::Bar;
+use super::words::UsageError;
 use crate::capture::scene::FileFrame;
 use crate::capture::statistics::median;
 use crate::capture::{Camera, simd};
@@ -23,7 +23,9 @@ use crate::portal::file::HOUSE_FILE;
 use crate::progress::Progress;
 use crate::render::splat::SplatKernel;
 use crate::render::{Parallel, Renderer};
-use crate::sprite::{DepthPicture, RenderOptions, SPRITE_FILE, Sampling, SpriteSet, Variant, write_depth_exr};
+use crate::sprite::{
+    DepthPicture, RenderOptions, SPRITE_FILE, SpriteSampling, SpriteSet, SpriteVariant, write_depth_exr,
+};
 use crate::view_geometry::Texturing;
 use anyhow::{Context, bail};
 use clap::Args;
@@ -33,7 +35,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 #[derive(Args)]
-pub(super) struct Render {
+pub(super) struct RenderCommand {
     /// A .ldi or .sprite file or a folder of images with depth, or several of one world, laid over each other back to front; or
     /// one .house or .lumi file
     #[arg(required = true, value_name = "FILE")]
@@ -70,7 +72,7 @@ pub(super) struct Render {
     geometry: GeometryArgs,
     /// How colours of sprites are looked up; bilinear if absent
     #[arg(long)]
-    sampling: Option<Sampling>,
+    sampling: Option<SpriteSampling>,
     /// Pixels by which gaps inside sprites are filled; 3 if absent
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
     fill_steps: Option<u32>,
@@ -107,7 +109,7 @@ const WAYS: Names<Parallel> = &[
     ("fragments", "Fragments of the LDI between epipolar lines, one a thread", Parallel::Fragments(0)),
 ];
 
-impl Render {
+impl RenderCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let outputs = Outputs::new(self.json, self.files.iter().chain(&self.path));
         match &self.path {
@@ -245,8 +247,10 @@ impl Render {
         let lumigraph = Box::new(Lumigraph::read(file)?);
         let grid = lumigraph.grid();
         let [column, row] = [grid.columns().len() / 2, grid.rows().len() / 2];
+        let size = self.camera.size.unwrap_or((1024, 768));
+        let fov_y_deg = lumigraph.clear_fov_deg([size.0, size.1]);
         let camera =
-            DefaultCamera { eye: grid.origin(), size: (1024, 768), ..DefaultCamera::like(&grid.camera(column, row)) };
+            DefaultCamera { eye: grid.origin(), size, fov_y_deg, ..DefaultCamera::like(&grid.camera(column, row)) };
         let frame = lumigraph.info.frame;
         Ok(Some((Content::Lumigraph { lumigraph, renderer: Box::default(), settings }, frame, camera)))
     }
@@ -269,12 +273,12 @@ impl Render {
         settings.cubes.parallel = self.parallel.unwrap_or_default();
         let Some(wanted) = &self.variant else { return Ok(settings) };
         let kernel = SplatKernel::ALL.iter().find(|(name, _)| name == wanted).filter(|_| cubes);
-        match (Variant::from_name(wanted).filter(|_| sprites), kernel) {
+        match (SpriteVariant::from_name(wanted).filter(|_| sprites), kernel) {
             (Some(variant), _) => settings.sprites.variant = variant,
             (None, Some(&(_, kernel))) => settings.cubes.kernel = kernel,
             (None, None) => {
                 let kernels = SplatKernel::ALL.iter().filter(|_| cubes).map(|(name, _)| *name);
-                let variants = Variant::ALL.iter().filter(|_| sprites).map(|variant| variant.name());
+                let variants = SpriteVariant::ALL.iter().filter(|_| sprites).map(|variant| variant.name());
                 let is_set = matches!(self.files.as_slice(), [folder] if is_image_set(&folder.to_string_lossy()));
                 let geometry = Texturing::ALL.iter().filter(|_| is_set).map(|(name, _)| *name);
                 let names: Vec<&str> = kernels.chain(variants).chain(geometry).collect();

@@ -1,19 +1,18 @@
 //! `headbox report`.
 
-use super::UsageError;
-use super::args::{FrameArgs, UNITS, parse_length, parse_up, parse_vector};
+use super::args::{SourceArgs, UNITS, parse_length, parse_up, parse_vector};
 use super::capture::place_headbox;
 use super::geometry::GeometryArgs;
 use super::images::{SetArgs, is_image_set};
+use super::images_report;
 use super::output::{NO_INPUTS, Outputs, PAGE, save_picture, write_text};
 use super::progress::{Bar, Planned};
+use super::words::UsageError;
 use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;
 use crate::capture::scene::UpAxis;
 use crate::capture::trace::Tracer;
 use crate::container::Container;
-use crate::ldi::from_images::ImagesJob;
-use crate::measure::images::{self, Geometry, Shown};
 use crate::measure::machine::{Machine, commit};
 use crate::measure::plan::{Plan, Quality, most_to_see};
 use crate::measure::report::figures::{figures, short};
@@ -30,7 +29,6 @@ use anyhow::{Context, bail};
 use clap::Args;
 use clap::builder::TypedValueParser;
 use glam::DVec3;
-use image::RgbImage;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -88,7 +86,7 @@ pub(super) struct ReportCommand {
     #[command(flatten)]
     geometry: GeometryArgs,
     #[command(flatten)]
-    frame: FrameArgs,
+    source: SourceArgs,
 }
 
 /// A scene or a file, and what is said of it alone.
@@ -128,19 +126,6 @@ fn parse_named(text: &str) -> Result<Named, String> {
         }
     }
     Ok(named)
-}
-
-/// Pictures of one size, from left to right, so many in a row.
-fn sheet(pictures: &[&RgbImage], across: usize) -> RgbImage {
-    let [width, height] =
-        [RgbImage::width, RgbImage::height].map(|side| pictures.iter().map(|picture| side(picture)).max().unwrap_or(0));
-    let rows = pictures.len().div_ceil(across);
-    let mut sheet = RgbImage::new(width * pictures.len().min(across) as u32, height * rows as u32);
-    for (number, picture) in pictures.iter().enumerate() {
-        let [x, y] = [number % across, number / across].map(|place| place as i64);
-        image::imageops::replace(&mut sheet, *picture, x * i64::from(width), y * i64::from(height));
-    }
-    sheet
 }
 
 impl ReportCommand {
@@ -242,29 +227,7 @@ impl ReportCommand {
         let set = self.images.open_registered(folder)?;
         let output = self.output_or("headbox-report");
         Outputs::new(false, [folder]).folder(output)?;
-        let bar = Bar::new();
-        let mut failed = None;
-        let mut save = |shown: Shown| {
-            let path = output.join(format!("{}.png", shown.view.replace(['/', '.'], "_")));
-            let pictures: Vec<&RgbImage> = std::iter::once(&shown.photograph).chain(&shown.frames).collect();
-            failed = failed.take().or(save_picture(&path, &sheet(&pictures, 4)).err());
-        };
-        let job = ImagesJob::suggest(&set);
-        let geometry = Geometry {
-            settings: self.geometry.settings(),
-            samples: self.geometry.samples(),
-            budget: self.geometry.budget(),
-        };
-        let report = images::measure(&set, &job, &geometry, self.hold_out, &bar, &mut save)?;
-        bar.finish();
-        if let Some(error) = failed {
-            return Err(error);
-        }
-        write_text(&output.join("report.json"), &(serde_json::to_string_pretty(&report)? + "\n"))?;
-        let summary = report.summary();
-        write_text(&output.join("summary.md"), &summary)?;
-        print!("{summary}");
-        Ok(())
+        images_report::write(&set, self.hold_out, &self.geometry, output)
     }
 
     fn write_page(&self, json: &Path) -> anyhow::Result<()> {
@@ -299,16 +262,16 @@ impl ReportCommand {
         let (mut cube, mut sprites) = (None, None);
         let source = if kind == Some(CUBE_LDI.tag) {
             let read = PackedCube::read(path)?;
-            let source = SceneSource::in_frame(&read.info.scene, read.info.frame);
+            let source = SceneSource::in_frame(&read.info.scene, read.info.frame).lit_by(read.info.light.clone());
             cube = Some(read);
             source
         } else if kind == Some(SPRITE_FILE.tag) {
             let read = SpriteSet::read(path)?;
-            let source = SceneSource::in_frame(&read.info.source, read.info.frame);
+            let source = SceneSource::in_frame(&read.info.source, read.info.frame).lit_by(read.info.light.clone());
             sprites = Some(read);
             source
         } else {
-            self.frame.with(named.up, named.unit).source(name)
+            self.source.with(named.up, named.unit).source(name)
         };
         let scene = source.open().with_context(|| format!("the scene of {name} is needed for truth"))?;
         let scene = Arc::new(scene);

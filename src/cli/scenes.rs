@@ -8,14 +8,14 @@ use clap::Args;
 use std::path::Path;
 
 #[derive(Args)]
-pub(super) struct Scenes {
+pub(super) struct ScenesCommand {
     /// Instead, write the scene NAME to FILE, an .obj (with its .mtl and a .png a texture beside it) or a .glb, for other
     /// programs: metres, Y up, without sun and sky
     #[arg(long, num_args = 2, value_names = ["NAME", "FILE"])]
     export: Option<Vec<String>>,
 }
 
-impl Scenes {
+impl ScenesCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         match self.export.as_deref() {
             Some([name, file]) => export(name, Path::new(file)),

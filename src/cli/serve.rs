@@ -3,9 +3,9 @@
 //! A server of the standard library alone: what it gives is a table that is made before the first request, so that no word of a
 //! request ever names a file, and two methods and one header are all that it has to know.
 
-use super::UsageError;
 use super::export::{name_of, open};
 use super::output::Outputs;
+use super::words::UsageError;
 use crate::container::Container;
 use crate::export::page::Page;
 use crate::export::poster;
@@ -27,7 +27,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 const MAX_CONNECTIONS: usize = 64;
 
 #[derive(Args)]
-pub(super) struct Serve {
+pub(super) struct ServeCommand {
     /// .ldi and .sprite files
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
@@ -51,7 +51,7 @@ enum Content {
     File(File),
 }
 
-impl Serve {
+impl ServeCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let _ = Outputs::new(false, &self.files);
         let resources = self.resources()?;

@@ -1,13 +1,11 @@
 //! `headbox sprite`.
 
-use super::UsageError;
-use super::args::{CameraArgs, DefaultCamera, FrameArgs, Names, by_name, parse_length};
-use super::capture::place_headbox;
+use super::args::{CameraArgs, DefaultCamera, Names, SourceArgs, by_name, parse_length};
 use super::info::sprite_json;
 use super::output::{Outputs, SPRITES, peak_rss_mb, print_json, save_picture, write_text};
 use super::progress::Bar;
+use super::words::UsageError;
 use crate::capture::light::Lighting;
-use crate::capture::trace::Tracer;
 use crate::capture::{DepthKind, picture};
 use crate::environment::Environment;
 use crate::measure::sprite_range::SpriteRange;
@@ -29,7 +27,7 @@ pub(super) struct SpriteCommand {
     /// A scene to capture (an .obj, .gltf or .glb file, or builtin:NAME), or a .sprite file to export
     scene: Option<String>,
     #[command(flatten)]
-    frame: FrameArgs,
+    source: SourceArgs,
     /// The .sprite file to write; `-` for standard output
     #[arg(short, long)]
     output: Option<PathBuf>,
@@ -160,7 +158,7 @@ impl SpriteCommand {
                 }
                 Ok(SpriteSet::read(Path::new(file))?)
             }
-            (Some(scene), None) => self.capture(&self.frame.source(scene), outputs),
+            (Some(scene), None) => self.capture(&self.source.source(scene), outputs),
             (None, None) => {
                 let message =
                     "what shall the sprites show? give a scene (see `headbox scenes`), or --color and --depth";
@@ -172,10 +170,7 @@ impl SpriteCommand {
     fn capture(&self, source: &SceneSource, outputs: &Outputs) -> anyhow::Result<SpriteSet> {
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
-        let centre = place_headbox(&scene, None, None)?.centre;
-        let scout = Tracer::new(Arc::clone(&scene), centre);
-        let camera = self.camera.camera(&scene.frame, &DefaultCamera::of_scene(&scout, centre))?;
-        let tracer = if camera.eye() == centre { scout } else { Tracer::new(Arc::clone(&scene), camera.eye()) };
+        let (camera, tracer) = self.camera.aim(&scene)?;
         let lighting = Lighting::measure(&tracer, self.quality.bounces);
         let bar = Bar::new();
         let capture = SlabCapture {
@@ -192,7 +187,7 @@ impl SpriteCommand {
             bail!("nothing of {} is seen from there: move --eye or --look-at", source.name);
         }
         let mut set = self.set(sprites)?;
-        set.info = SpriteInfo { source: source.name.clone(), frame: scene.frame };
+        set.info = SpriteInfo { source: source.name.clone(), frame: scene.frame, light: source.light.clone() };
         set.environment = Environment::sky(&lighting);
         if let Some(folder) = &self.range {
             let range = SpriteRange::measure(&capture, &camera, set.clone())?;
@@ -220,7 +215,7 @@ impl SpriteCommand {
             let message = format!("{} has {}x{} pixels; leave --size out", color_path.display(), size.0, size.1);
             return Err(UsageError(message).into());
         }
-        let frame = self.frame.file_frame();
+        let frame = self.source.file_frame();
         let import = DepthImport {
             camera: self.camera.camera(&frame, &DefaultCamera { size, ..DefaultCamera::at(DVec3::ZERO) })?,
             color,
@@ -233,7 +228,7 @@ impl SpriteCommand {
         let sprite =
             import.build().with_context(|| format!("{} and {}", color_path.display(), depth_path.display()))?;
         let mut set = self.set(vec![sprite])?;
-        set.info = SpriteInfo { source: color_path.display().to_string(), frame };
+        set.info = SpriteInfo { source: color_path.display().to_string(), frame, ..SpriteInfo::default() };
         Ok(set)
     }
 

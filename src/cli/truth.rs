@@ -1,11 +1,9 @@
 //! `headbox truth`.
 
-use super::args::{CameraArgs, DefaultCamera, SceneArgs};
-use super::capture::place_headbox;
+use super::args::{CameraArgs, SceneArgs};
 use super::output::{Outputs, PICTURE, peak_rss_mb, print_json, save_picture};
 use super::progress::Bar;
 use crate::capture::light::Lighting;
-use crate::capture::trace::Tracer;
 use crate::truth;
 use clap::Args;
 use serde_json::json;
@@ -14,7 +12,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 #[derive(Args)]
-pub(super) struct Truth {
+pub(super) struct TruthCommand {
     #[command(flatten)]
     scene: SceneArgs,
     /// Picture to write: .png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output (PNG)
@@ -36,16 +34,13 @@ pub(super) struct Truth {
     json: bool,
 }
 
-impl Truth {
+impl TruthCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let source = self.scene.source();
         let outputs = Outputs::new(self.json, [&source.name]).file(&self.output, &PICTURE)?;
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
-        let centre = place_headbox(&scene, None, None)?.centre;
-        let scout = Tracer::new(Arc::clone(&scene), centre);
-        let camera = self.camera.camera(&scene.frame, &DefaultCamera::of_scene(&scout, centre))?;
-        let tracer = if camera.eye() == centre { scout } else { Tracer::new(Arc::clone(&scene), camera.eye()) };
+        let (camera, tracer) = self.camera.aim(&scene)?;
         let lighting = Lighting::measure(&tracer, self.bounces);
         let bar = Bar::new();
         let start = Instant::now();

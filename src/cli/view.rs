@@ -1,11 +1,11 @@
 //! `headbox view`.
 
-use super::UsageError;
-use super::args::{FrameArgs, Names, by_name, parse_size};
+use super::args::{Names, SourceArgs, by_name, parse_size};
 use super::geometry::{GEOMETRY_ALONE, GeometryArgs, open_geometry, texturing_of};
 use super::images::{self, SetArgs, is_image_set};
 use super::output::print_json;
 use super::progress::Bar;
+use super::words::UsageError;
 use crate::view::{SceneLibrary, open, open_source, show_cube, show_geometry};
 use crate::view_geometry::GeometrySettings;
 use anyhow::Context;
@@ -16,8 +16,8 @@ use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 #[derive(Args)]
-pub(super) struct View {
-    /// A .ldi, .sprite, .lumi or .house file, a home (Home.xml, .sh3d, .toml) to walk in, a folder of images with depth, or a
+pub(super) struct ViewCommand {
+    /// A .ldi, .sprite, .lumi or .house file, a home (Home.xml, .sh3d, .toml) to walk in, a folder of images, or a
     /// scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the start page if absent
     file: Option<String>,
     /// Of a folder of images: draw it by view-dependent geometry, such as geometry-averaged, instead of a cube LDI
@@ -26,7 +26,7 @@ pub(super) struct View {
     #[command(flatten)]
     geometry: GeometryArgs,
     #[command(flatten)]
-    frame: FrameArgs,
+    source: SourceArgs,
     /// Replay this path or camera file
     #[arg(long, value_name = "PATH.json")]
     path: Option<PathBuf>,
@@ -92,7 +92,7 @@ fn parse_limit(text: &str) -> Result<f64, String> {
 /// Frames after which a picture without a path is taken: the first may be of a window that still takes its size.
 const FRAMES_BEFORE_PICTURE: u64 = 3;
 
-impl View {
+impl ViewCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let mut options = self.options()?;
         let mut source = None;
@@ -122,7 +122,7 @@ impl View {
         if texturing.is_none() && (self.variant.is_some() || self.geometry.are_given()) {
             return Err(UsageError(GEOMETRY_ALONE.into()).into());
         }
-        let (source, geometry, out) = (self.frame.source(file), self.geometry.clone(), self.out.clone());
+        let (source, geometry, out) = (self.source.source(file), self.geometry.clone(), self.out.clone());
         Ok(move || {
             if !is_set {
                 return Ok(open_source(source, &out)?);

@@ -1,20 +1,20 @@
 //! `headbox walk`.
 
-use super::UsageError;
 use super::args::parse_size;
 use super::house_file::{say_unvisited, variant_by_name};
 use super::output::{Outputs, print_json, save_picture, write_text};
 use super::progress::Bar;
+use super::words::UsageError;
 use crate::drawing::sheet::{Sheet, SheetCell, SheetRow};
 use crate::measure::walk::{MeasureSettings, PosePictures, measure};
 use crate::portal::file;
-use crate::portal::variant::Variant;
+use crate::portal::variant::HouseVariant;
 use crate::portal::walk_path::{PAPER_POSES, WalkPath};
 use clap::Args;
 use std::path::{Path, PathBuf};
 
 #[derive(Args)]
-pub(super) struct Walk {
+pub(super) struct WalkCommand {
     /// A .house file
     file: PathBuf,
     /// Folder for walk.md, walk.json, a chart of frame times along the path, and frames beside truth
@@ -46,7 +46,7 @@ pub(super) struct Walk {
     json: bool,
 }
 
-impl Walk {
+impl WalkCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let variants = self.variants()?;
         Outputs::new(self.json, [&self.file]).folder(&self.output)?;
@@ -95,9 +95,9 @@ impl Walk {
         Ok(())
     }
 
-    fn variants(&self) -> Result<Vec<Variant>, UsageError> {
+    fn variants(&self) -> Result<Vec<HouseVariant>, UsageError> {
         if self.variants.is_empty() {
-            return Ok(Variant::ALL.to_vec());
+            return Ok(HouseVariant::ALL.to_vec());
         }
         self.variants.iter().map(|name| variant_by_name(name)).collect()
     }

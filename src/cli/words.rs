@@ -2,6 +2,11 @@
 
 use std::fmt::Write;
 
+/// A mistake in what the user asked for, as opposed to a failure in doing it: exit code 2.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub(super) struct UsageError(pub(super) String);
+
 /// An error and its causes as one sentence. A cause that an outer error has already said is not said again.
 pub(super) fn sentence(error: &anyhow::Error) -> String {
     let mut said = String::new();

@@ -4,7 +4,7 @@
 pub(super) const PAGE_PX: usize = 4096;
 
 /// A picture to be placed.
-pub(super) struct Picture {
+pub(super) struct AtlasPicture {
     pub(super) width: usize,
     pub(super) height: usize,
     /// sRGB, straight alpha; rows from the top.
@@ -13,33 +13,33 @@ pub(super) struct Picture {
 
 /// Where a picture lies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Place {
+pub(super) struct AtlasPlace {
     pub(super) page: usize,
     pub(super) x: usize,
     pub(super) y: usize,
 }
 
 /// A page: as high as what lies on it.
-pub(super) struct Page {
+pub(super) struct AtlasPage {
     pub(super) height: usize,
     /// [`PAGE_PX`] a row.
     pub(super) texels: Vec<[u8; 4]>,
 }
 
 /// Places pictures on shelves, the tallest first. Pictures are at most [`PAGE_PX`] a side.
-pub(super) fn pack(pictures: &[&Picture]) -> (Vec<Place>, Vec<Page>) {
+pub(super) fn pack(pictures: &[&AtlasPicture]) -> (Vec<AtlasPlace>, Vec<AtlasPage>) {
     let mut order: Vec<usize> = (0..pictures.len()).collect();
     order.sort_by_key(|i| (std::cmp::Reverse(pictures[*i].height), *i));
-    let mut places = vec![Place::default(); pictures.len()];
-    let (mut at, mut shelf) = (Place::default(), 0);
+    let mut places = vec![AtlasPlace::default(); pictures.len()];
+    let (mut at, mut shelf) = (AtlasPlace::default(), 0);
     let mut heights = Vec::new();
     for i in order {
-        let Picture { width, height, .. } = pictures[i];
+        let AtlasPicture { width, height, .. } = pictures[i];
         if at.x + width > PAGE_PX {
             (at.x, at.y, shelf) = (0, at.y + shelf, 0);
         }
         if at.y + height > PAGE_PX {
-            at = Place { page: at.page + 1, x: 0, y: 0 };
+            at = AtlasPlace { page: at.page + 1, x: 0, y: 0 };
             shelf = 0;
         }
         places[i] = at;
@@ -48,8 +48,8 @@ pub(super) fn pack(pictures: &[&Picture]) -> (Vec<Place>, Vec<Page>) {
         heights.resize(heights.len().max(at.page + 1), 0);
         heights[at.page] = heights[at.page].max(at.y + height);
     }
-    let mut pages: Vec<Page> =
-        heights.into_iter().map(|height| Page { height, texels: vec![[0; 4]; height * PAGE_PX] }).collect();
+    let mut pages: Vec<AtlasPage> =
+        heights.into_iter().map(|height| AtlasPage { height, texels: vec![[0; 4]; height * PAGE_PX] }).collect();
     for (picture, place) in pictures.iter().zip(&places) {
         for (row, texels) in picture.texels.chunks_exact(picture.width).enumerate() {
             let start = (place.y + row) * PAGE_PX + place.x;
@@ -66,12 +66,12 @@ mod tests {
     #[test]
     fn no_picture_covers_another() {
         let sizes = [(4096, 3000), (2000, 1500), (2096, 900), (7, 1), (1, 7), (4096, 1)];
-        let picture = |(i, (width, height)): (usize, &(usize, usize))| Picture {
+        let picture = |(i, (width, height)): (usize, &(usize, usize))| AtlasPicture {
             width: *width,
             height: *height,
             texels: vec![[i as u8 + 1; 4]; width * height],
         };
-        let pictures: Vec<Picture> = sizes.iter().enumerate().map(picture).collect();
+        let pictures: Vec<AtlasPicture> = sizes.iter().enumerate().map(picture).collect();
         let (places, pages) = pack(&pictures.iter().collect::<Vec<_>>());
         assert!(pages.len() == 2 && pages.iter().all(|page| page.height <= PAGE_PX));
         for (i, (place, (width, height))) in places.iter().zip(sizes).enumerate() {

@@ -1,7 +1,7 @@
 //! GLB files for engines: quadrilaterals with unlit textures, and the environment as a box around them.
 
-use super::atlas::{self, PAGE_PX, Picture};
-use super::mesh::{self, Chart};
+use super::atlas::{self, AtlasPicture, PAGE_PX};
+use super::mesh::{self, TexturedQuads};
 use super::{ExportError, sheets, surfels};
 use crate::capture::picture::{self, PictureError};
 use crate::capture::rig::Face;
@@ -66,12 +66,12 @@ pub fn write(cube: &PackedCube, budget: u64, to: &mut dyn Write) -> Result<GlbSu
     Ok(GlbSummary { triangles: triangles(&charts), error_px, dropped_samples })
 }
 
-fn triangles(charts: &[Chart]) -> u64 {
+fn triangles(charts: &[TexturedQuads]) -> u64 {
     charts.iter().map(|chart| 2 * chart.quads.len() as u64).sum()
 }
 
 /// The least error, face pixels, that makes no more than `budget` triangles, or the largest; and its charts.
-fn least_error(budget: u64, charts: impl Fn(f64) -> Vec<Chart>) -> (f64, Vec<Chart>) {
+fn least_error(budget: u64, charts: impl Fn(f64) -> Vec<TexturedQuads>) -> (f64, Vec<TexturedQuads>) {
     let of = |i: i32| FIRST_ERROR_PX * GROWTH.powi(i);
     let first = charts(of(0));
     if triangles(&first) <= budget {
@@ -92,7 +92,7 @@ fn least_error(budget: u64, charts: impl Fn(f64) -> Vec<Chart>) -> (f64, Vec<Cha
 }
 
 /// Leaves out what shows least, until the rest is within the budget; the number of samples that are gone.
-fn drop_smallest(charts: &mut Vec<Chart>, budget: u64) -> u64 {
+fn drop_smallest(charts: &mut Vec<TexturedQuads>, budget: u64) -> u64 {
     charts.sort_by_key(|chart| std::cmp::Reverse(chart.samples));
     let (mut sum, mut kept) = (0, 0);
     for chart in charts.iter() {
@@ -191,10 +191,10 @@ impl File {
     }
 
     /// Charts on pages: those that hide all behind them as JPEG, the others as PNG with a mask.
-    fn charts(&mut self, charts: &[Chart]) -> Result<(), ExportError> {
+    fn charts(&mut self, charts: &[TexturedQuads]) -> Result<(), ExportError> {
         for opaque in [true, false] {
-            let of_kind: Vec<&Chart> = charts.iter().filter(|chart| chart.opaque == opaque).collect();
-            let pictures: Vec<&Picture> = of_kind.iter().map(|chart| &chart.picture).collect();
+            let of_kind: Vec<&TexturedQuads> = charts.iter().filter(|chart| chart.opaque == opaque).collect();
+            let pictures: Vec<&AtlasPicture> = of_kind.iter().map(|chart| &chart.picture).collect();
             let (places, pages) = atlas::pack(&pictures);
             let mut meshes: Vec<Mesh> = pages.iter().map(|_| Mesh::default()).collect();
             for (chart, place) in of_kind.iter().zip(&places) {

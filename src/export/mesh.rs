@@ -1,7 +1,7 @@
 //! A capture as textured quadrilaterals: pictures on planes, and sheets of samples cut where a plane no longer holds them.
 
-use super::atlas::Picture;
-use super::sheets::{SHEET_COLUMNS, SHEET_ROWS, Sheet};
+use super::atlas::AtlasPicture;
+use super::sheets::{SHEET_COLUMNS, SHEET_ROWS, SurfaceSheet};
 use super::surfels::straight;
 use crate::capture::rig::Face;
 use crate::packed::PackedCube;
@@ -28,8 +28,8 @@ pub(super) struct Quad {
 }
 
 /// A picture and where its parts lie in space.
-pub(super) struct Chart {
-    pub(super) picture: Picture,
+pub(super) struct TexturedQuads {
+    pub(super) picture: AtlasPicture,
     pub(super) quads: Vec<Quad>,
     /// Whether each texel hides what is behind it.
     pub(super) opaque: bool,
@@ -45,7 +45,7 @@ fn holds_texels(length_px: f64, [q0, q1]: [f64; 2]) -> bool {
 }
 
 /// Charts of sheets, whose quadrilaterals show no sample elsewhere by more than `error_px` face pixels to an eye in the headbox.
-pub(super) fn of_sheets(cube: &PackedCube, sheets: &[Sheet], error_px: f64) -> Vec<Chart> {
+pub(super) fn of_sheets(cube: &PackedCube, sheets: &[SurfaceSheet], error_px: f64) -> Vec<TexturedQuads> {
     let tolerance = error_px * 2.0 / (f64::from(cube.face_size_px) * cube.info.half_size_m);
     sheets.par_iter().map(|sheet| sheet_chart(cube, sheet, tolerance)).collect()
 }
@@ -78,7 +78,7 @@ impl Rectangle {
 }
 
 /// Charts of the pictures on planes.
-pub(super) fn of_planes(cube: &PackedCube) -> Vec<Chart> {
+pub(super) fn of_planes(cube: &PackedCube) -> Vec<TexturedQuads> {
     let (set, face_px) = (&cube.planes, cube.face_size_px);
     let infinity = super::surfels::infinity(cube);
     let chart = |tile: &crate::packed::PlaneTile| {
@@ -91,19 +91,19 @@ pub(super) fn of_planes(cube: &PackedCube) -> Vec<Chart> {
         let mut quads = Vec::new();
         let whole = Rectangle { face, face_px, sides: [x0, y0, right, bottom], picture: [x0 - 1.0, y0 - 1.0] };
         cut_plane(whole, inverse_depth, infinity, &mut quads);
-        Some(Chart { picture, quads, opaque: tile.opaque == 1, samples: tile.texel_count() as u32 })
+        Some(TexturedQuads { picture, quads, opaque: tile.opaque == 1, samples: tile.texel_count() as u32 })
     };
     set.tiles.par_iter().filter_map(chart).collect()
 }
 
 /// A picture on a plane with straight colours, and around it once more its outermost texels: the renderer's tents reach beyond them
 /// to what comes next, here half a texel has to do.
-fn framed(texels: &[[u8; 4]], width: usize, height: usize) -> Picture {
+fn framed(texels: &[[u8; 4]], width: usize, height: usize) -> AtlasPicture {
     let inside = |i: usize, length: usize| i.saturating_sub(1).min(length.saturating_sub(1));
     let rows = (0..height + 2).map(|row| inside(row, height) * width);
     let framed =
         rows.flat_map(|start| (0..width + 2).map(move |column| straight(texels[start + inside(column, width)])));
-    let mut picture = Picture { width: width + 2, height: height + 2, texels: framed.collect() };
+    let mut picture = AtlasPicture { width: width + 2, height: height + 2, texels: framed.collect() };
     spread(&mut picture);
     picture
 }
@@ -136,26 +136,26 @@ type Placed = (usize, usize, [f64; 3]);
 
 /// A sheet that is being cut.
 struct SheetCut<'a> {
-    sheet: &'a Sheet,
+    sheet: &'a SurfaceSheet,
     face_px: u32,
     /// In inverse depth, 1/m.
     tolerance: f64,
 }
 
-fn sheet_chart(cube: &PackedCube, sheet: &Sheet, tolerance: f64) -> Chart {
+fn sheet_chart(cube: &PackedCube, sheet: &SurfaceSheet, tolerance: f64) -> TexturedQuads {
     let cut = SheetCut { sheet, face_px: cube.face_size_px, tolerance };
     let mut quads = Vec::new();
     cut.cut([1, 1, SHEET_COLUMNS - 1, SHEET_ROWS - 1], &mut quads);
     let texels: Vec<[u8; 4]> =
         sheet.entries.iter().map(|entry| entry.map_or([0; 4], |entry| entry.color_srgb)).collect();
     let opaque = texels.iter().all(|texel| texel[3] == 255);
-    let mut picture = Picture { width: SHEET_COLUMNS, height: SHEET_ROWS, texels };
+    let mut picture = AtlasPicture { width: SHEET_COLUMNS, height: SHEET_ROWS, texels };
     spread(&mut picture);
-    Chart { picture, quads, opaque, samples: sheet.samples }
+    TexturedQuads { picture, quads, opaque, samples: sheet.samples }
 }
 
 /// Gives texels without a sample the mean colour of those beside them, so that rims do not darken between texels.
-fn spread(Picture { width, height, texels }: &mut Picture) {
+fn spread(AtlasPicture { width, height, texels }: &mut AtlasPicture) {
     let known = texels.clone();
     for at in (0..texels.len()).filter(|at| known[*at][3] == 0) {
         let (x, y) = (at % *width, at / *width);

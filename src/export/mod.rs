@@ -66,7 +66,8 @@ pub(crate) fn poster(cube: &PackedCube) -> Result<Vec<u8>, ExportError> {
     const SIZE_PX: [u32; 2] = [800, 500];
     const QUALITY: u8 = 75;
     let ahead = cube.info.ahead.unwrap_or(glam::DVec3::NEG_Z);
-    let camera = Camera::look_at(cube.center(), cube.center() + ahead, glam::DVec3::Y, 60.0, SIZE_PX)?;
+    let up = cube.info.up.unwrap_or(glam::DVec3::Y);
+    let camera = Camera::look_at(cube.center(), cube.center() + ahead, up, 60.0, SIZE_PX)?;
     let mut renderer = Renderer::new();
     let frame = renderer.render(cube, &camera, &Default::default());
     let picture = frame.to_rgb().map_err(io::Error::other)?;

@@ -144,19 +144,19 @@ fn face_of(views: &[View], face: Face, face_px: u32) -> LayeredDepthImage {
 mod tests {
     use super::*;
     use crate::render::Renderer;
-    use crate::sprite::{Displacement, Plane, RenderOptions, Sprite, SpriteLayer, SpriteRenderer};
+    use crate::sprite::{Displacement, RenderOptions, Sprite, SpriteLayer, SpritePlane, SpriteRenderer};
     use image::RgbaImage;
 
     /// A slanted wall with a pattern, behind a smaller board that faces the eye.
     fn set() -> SpriteSet {
         let camera = Camera::look_at(DVec3::new(1.0, 2.0, 3.0), DVec3::new(1.2, 2.0, -1.0), DVec3::Y, 60.0, [160, 120]);
         let camera = camera.unwrap();
-        let sprite = |plane: Plane, color: &dyn Fn(u32, u32) -> [u8; 4]| {
+        let sprite = |plane: SpritePlane, color: &dyn Fn(u32, u32) -> [u8; 4]| {
             let color = RgbaImage::from_fn(160, 120, |x, y| image::Rgba(color(x, y)));
             SpriteWithDepth::new(Sprite::new(color, camera, plane).unwrap(), Displacement::zero(160, 120)).unwrap()
         };
-        let wall = Plane::through(DVec3::new(1.0, 2.0, -2.0), DVec3::new(0.4, 0.1, 1.0).normalize());
-        let board = Plane::parallel_to_image(&camera, 3.0);
+        let wall = SpritePlane::through(DVec3::new(1.0, 2.0, -2.0), DVec3::new(0.4, 0.1, 1.0).normalize());
+        let board = SpritePlane::parallel_to_image(&camera, 3.0);
         SpriteSet::new(vec![
             sprite(wall, &|x, y| [(x * 3 / 2) as u8, (y * 2) as u8, 90, 255]),
             sprite(board, &|x, y| {

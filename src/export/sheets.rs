@@ -22,7 +22,7 @@ const PLACE_ROWS: u32 = SHEET_ROWS as u32 - 2;
 
 /// A sample on a sheet.
 #[derive(Clone, Copy)]
-pub(super) struct Entry {
+pub(super) struct SheetSample {
     /// 1/m.
     pub(super) inverse_depth: f64,
     /// Change of the inverse depth over one pixel to the right and below on the sample's plane, 1/m.
@@ -32,18 +32,18 @@ pub(super) struct Entry {
 }
 
 /// One image of surfaces.
-pub(super) struct Sheet {
+pub(super) struct SurfaceSheet {
     pub(super) face: Face,
     /// Face position of its upper left corner; -1 where a border lies beyond the face.
     pub(super) origin: [f64; 2],
     /// [`SHEET_LEN`] entries, row by row.
-    pub(super) entries: Vec<Option<Entry>>,
+    pub(super) entries: Vec<Option<SheetSample>>,
     /// Samples inside the border.
     pub(super) samples: u32,
 }
 
 /// All sheets of a cube that hold samples inside their borders.
-pub(super) fn sheets(cube: &PackedCube) -> Vec<Sheet> {
+pub(super) fn sheets(cube: &PackedCube) -> Vec<SurfaceSheet> {
     let places = Face::ALL.into_iter().flat_map(|face| {
         let rows = 0..cube.face_size_px.div_ceil(PLACE_ROWS);
         rows.flat_map(move |row| {
@@ -56,17 +56,17 @@ pub(super) fn sheets(cube: &PackedCube) -> Vec<Sheet> {
     places.par_iter().map(of_place).collect::<Vec<_>>().into_iter().flatten().collect()
 }
 
-fn place(cube: &PackedCube, face: Face, x0: u32, y0: u32) -> Vec<Sheet> {
+fn place(cube: &PackedCube, face: Face, x0: u32, y0: u32) -> Vec<SurfaceSheet> {
     let segments: Vec<&PackedSegment> = cube.segments.iter().filter(|segment| segment.face == face).collect();
     let dealer = Dealer {
         tolerance: f64::from(SurfaceCanvas::tolerance(cube.face_size_px)),
         bin: DepthBins::new(cube.info.half_size_m, cube.face_size_px).inverse_depth(1.0),
     };
-    let mut dealt: Vec<Vec<Option<Entry>>> = Vec::new();
+    let mut dealt: Vec<Vec<Option<SheetSample>>> = Vec::new();
     for at in 0..SHEET_LEN {
         let (column, row) = ((at % SHEET_COLUMNS) as u32, (at / SHEET_COLUMNS) as u32);
         let Some((x, y)) = (x0 + column).checked_sub(1).zip((y0 + row).checked_sub(1)) else { continue };
-        let samples: Vec<Entry> = segments.iter().flat_map(|segment| entries(cube, segment, x, y)).collect();
+        let samples: Vec<SheetSample> = segments.iter().flat_map(|segment| entries(cube, segment, x, y)).collect();
         dealer.deal(&samples, at, &mut dealt);
     }
     let inside = |at: usize| {
@@ -75,7 +75,7 @@ fn place(cube: &PackedCube, face: Face, x0: u32, y0: u32) -> Vec<Sheet> {
     let origin = [f64::from(x0) - 1.0, f64::from(y0) - 1.0];
     let sheets = dealt.into_iter().map(|entries| {
         let samples = entries.iter().enumerate().filter(|(at, entry)| entry.is_some() && inside(*at)).count() as u32;
-        Sheet { face, origin, entries, samples }
+        SurfaceSheet { face, origin, entries, samples }
     });
     sheets.filter(|sheet| sheet.samples > 0).collect()
 }
@@ -86,7 +86,7 @@ fn entries<'a>(
     segment: &'a PackedSegment,
     x: u32,
     y: u32,
-) -> impl Iterator<Item = Entry> + use<'a> {
+) -> impl Iterator<Item = SheetSample> + use<'a> {
     let within = x.checked_sub(segment.x0).zip(y.checked_sub(segment.y0));
     let pixel = within.filter(|(x, _)| *x < segment.width).map_or(&[][..], |(x, y)| segment.pixel(x, y));
     let face_px = cube.face_size_px;
@@ -98,7 +98,7 @@ fn entries<'a>(
         let (n, q) = (found.normal, found.inverse_depth);
         let slopes =
             [segment.face.right(), -segment.face.up()].map(|to| (n.dot(to) * step / n.dot(d)).min(most).max(-most) * q);
-        Entry { inverse_depth: q, slopes, color_srgb: found.color_srgb }
+        SheetSample { inverse_depth: q, slopes, color_srgb: found.color_srgb }
     })
 }
 
@@ -115,7 +115,7 @@ impl Dealer {
 
     /// Deals the samples of one pixel out: first those that go on a surface, each to the sheet where it does best, then the
     /// others to sheets that are still free there.
-    fn deal(&self, samples: &[Entry], at: usize, sheets: &mut Vec<Vec<Option<Entry>>>) {
+    fn deal(&self, samples: &[SheetSample], at: usize, sheets: &mut Vec<Vec<Option<SheetSample>>>) {
         let mut placed = vec![false; samples.len()];
         let (column, row) = (at % SHEET_COLUMNS, at / SHEET_COLUMNS);
         let before = [

@@ -89,19 +89,22 @@ pub fn close(
         let fresh = (0..FRESH_VIEWS).filter_map(|i| View::fresh(job, round * FRESH_VIEWS + i)).collect();
         let mut found = look_at(job, tracing, tracer, &cube, fresh, progress)?;
         let (share, standard_error) = (found.share(), found.standard_error());
-        let near = look_at(job, tracing, tracer, &cube, std::mem::take(&mut worst), progress)?;
-        worst = found.worst(NEAR_VIEWS as usize).iter().enumerate().filter_map(|(i, view)| view.near(job, i)).collect();
-        found.aimed.extend(near.aimed);
-        let (aimed, before) = (found.aimed.len() as u64, tracing.holes.map_or(0, |holes| holes.aimed_rays));
         let share_before = *share_before.get_or_insert(share);
         idle_rounds = if share < 0.9 * least { 0 } else { idle_rounds + 1 };
         least = least.min(share);
         let is_enough = share + standard_error <= limit || idle_rounds == IDLE_ROUNDS;
-        let aimed_rays = if is_enough { before } else { before + aimed };
-        tracing.holes = Some(Holes { share, standard_error, share_before, aimed_rays, rounds: round + 1 });
+        let aimed_rays = tracing.holes.map_or(0, |holes| holes.aimed_rays);
+        let holes = Holes { share, standard_error, share_before, aimed_rays, rounds: round + 1 };
+        tracing.holes = Some(holes);
         if is_enough {
+            progress.advance(worst.len() as u64); // nobody needs them
             break;
         }
+        let near = look_at(job, tracing, tracer, &cube, std::mem::take(&mut worst), progress)?;
+        worst = found.worst(NEAR_VIEWS as usize).iter().enumerate().filter_map(|(i, view)| view.near(job, i)).collect();
+        found.aimed.extend(near.aimed);
+        let aimed = found.aimed.len() as u64;
+        tracing.holes = Some(Holes { aimed_rays: aimed_rays + aimed, ..holes });
         tracing.store.insert(&found.aimed, &mut InsertScratch::default())?;
         tracing.rays += aimed;
     }

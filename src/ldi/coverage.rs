@@ -44,24 +44,30 @@ const LEAST_REACHABLE: f64 = 0.05;
 impl AlphaMeasure<'_> {
     /// The alphas of all samples, in their order.
     pub(crate) fn alphas(&self) -> Vec<u8> {
-        let row = |y: u32| (0..self.face.size_px).flat_map(|x| self.pixel(x, y)).collect();
+        let row = |y: u32| {
+            let mut alphas = Vec::new();
+            (0..self.face.size_px).for_each(|x| self.pixel(x, y, &mut alphas));
+            alphas
+        };
         let rows: Vec<Vec<u8>> = (0..self.face.size_px).into_par_iter().map(row).collect();
         rows.concat()
     }
 
-    fn pixel(&self, x: u32, y: u32) -> Vec<u8> {
+    /// Adds the alphas of a pixel's samples to those of the samples before them.
+    fn pixel(&self, x: u32, y: u32, alphas: &mut Vec<u8>) {
         let samples = self.face.pixel(x, y);
-        let mut alphas = vec![255; samples.len()];
-        let rims: Vec<bool> = samples.iter().map(|sample| self.at_rim(x, y, sample)).collect();
-        if !rims.contains(&true) {
-            return alphas;
+        let before = alphas.len();
+        alphas.resize(before + samples.len(), 255);
+        let is_at_rim = |sample: &DepthPixel| self.at_rim(x, y, sample);
+        if !samples.iter().any(is_at_rim) {
+            return;
         }
         let first = self.face.offsets[(y * self.face.size_px + x) as usize] as usize;
         let spans = &self.spans[first..first + samples.len()];
         let ends = self.visible_from_centre(x, y, spans);
         let mut reaching = PACKET as u32;
         for i in (0..samples.len()).rev() {
-            if reaching >= ENOUGH_RAYS || rims[i] {
+            if reaching >= ENOUGH_RAYS || is_at_rim(&samples[i]) {
                 let share = match reaching >= ENOUGH_RAYS {
                     true => (f64::from(ends[i]) + 0.5) / f64::from(reaching),
                     false => self.filled_share(x, y, spans[i]),
@@ -69,11 +75,10 @@ impl AlphaMeasure<'_> {
                 let edge_on = self.is_in_depth_run(spans, i);
                 let share = share / if edge_on { self.reachable(x, y, &samples[i], spans[i]) } else { 1.0 };
                 let share = share.min(1.0);
-                alphas[i] = (share * 255.0).round() as u8;
+                alphas[before + i] = (share * 255.0).round() as u8;
             }
             reaching -= ends[i];
         }
-        alphas
     }
 
     /// True if one of the eight neighbours of pixel (x, y) has no sample near the depth of `sample`. Beyond the face, a

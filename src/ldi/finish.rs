@@ -16,7 +16,6 @@ use crate::capture::trace::Tracer;
 use crate::ldi::parameters::{CaptureSettings, Sampler};
 use crate::progress::{Progress, check_cancelled};
 use rayon::prelude::*;
-use std::collections::VecDeque;
 use std::io;
 
 /// Lights and merges what was traced into a cube LDI. `info` is completed with the rays and the missing estimate.
@@ -96,8 +95,10 @@ fn merge(
 #[derive(Default)]
 struct TileParts {
     /// Column, row and number of parts of each occupied pixel.
-    pixels: VecDeque<(u32, u32, u32)>,
-    parts: VecDeque<LitPart>,
+    pixels: Vec<(u32, u32, u32)>,
+    parts: Vec<LitPart>,
+    /// How many pixels and parts have been taken.
+    taken: [usize; 2],
 }
 
 /// Makes parts of all accumulators of a face, and forgets them unless only their shape is looked at: a row of tiles at a time, so that
@@ -106,7 +107,10 @@ fn dark_face(run: &Tracing, face: Face, shader: &Shader, progress: &dyn Progress
     let size_px = shader.face_size_px;
     let per_row = run.store.tiles_per_side() as usize;
     let first = face.index() * per_row * per_row;
-    let mut made = FaceParts { size_px, offsets: vec![0], parts: Vec::new() };
+    let most: usize = (first..first + per_row * per_row).map(|tile| run.store.most_in_tile(tile)).sum();
+    // Mending adds a few.
+    let parts = Vec::with_capacity(most + most / 64);
+    let mut made = FaceParts { size_px, offsets: vec![0], parts };
     for tile_row in 0..per_row {
         check_cancelled(progress)?;
         let tiles = first + tile_row * per_row..first + (tile_row + 1) * per_row;
@@ -130,7 +134,7 @@ fn tile_parts(run: &Tracing, tile: usize, shader: &Shader) -> io::Result<TilePar
     let mut made = TileParts::default();
     for pixel in accumulators.chunk_by(|a, b| a.link == b.link) {
         let (x, y) = (x0 + pixel[0].link % TILE_PX, y0 + pixel[0].link / TILE_PX);
-        made.pixels.push_back((x, y, pixel.len() as u32));
+        made.pixels.push((x, y, pixel.len() as u32));
         made.parts.extend(pixel.iter().map(|acc| shader.part(acc, face, x, y)));
     }
     Ok(made)
@@ -141,10 +145,15 @@ fn append_row(face: &mut FaceParts, tiles: &mut [TileParts], y: u32) {
     let start = face.offsets.len();
     face.offsets.resize(start + face.size_px as usize, 0);
     for tile in tiles {
-        while let Some((x, _, count)) = tile.pixels.pop_front_if(|pixel| pixel.1 == y) {
+        let [mut pixel, part] = tile.taken;
+        let mut end = part;
+        while let Some(&(x, _, count)) = tile.pixels.get(pixel).filter(|pixel| pixel.1 == y) {
             face.offsets[start + x as usize] = count;
-            face.parts.extend(tile.parts.drain(..count as usize));
+            end += count as usize;
+            pixel += 1;
         }
+        face.parts.extend_from_slice(&tile.parts[part..end]);
+        tile.taken = [pixel, end];
     }
     for p in start..face.offsets.len() {
         face.offsets[p] += face.offsets[p - 1];

@@ -43,7 +43,7 @@ pub(super) fn illuminate(parts: &mut FaceParts, face: Face, shader: &Shader, pro
         return;
     }
     let light = FaceLight { face, shader, size_px: parts.size_px, progress };
-    if shader.lighting.sun.is_some() {
+    if shader.lighting.is_sharp() {
         light.sun(parts, 0, |_, _| 1);
         let edges = light.shadow_edges(parts);
         light.sun(parts, 1, |p, _| edges[p]);
@@ -240,7 +240,7 @@ impl FaceLight<'_> {
         let rows = self.for_each_part(&parts.offsets, &mut parts.parts, 0, gather);
         let light_row = |row: Vec<(u32, (_, LightSample))>| {
             let (parts, requests): (Vec<u32>, Vec<_>) = row.into_iter().unzip();
-            let light = lighting.sun_radiosities(tracer, &requests);
+            let light = lighting.sharp_radiosities(tracer, &requests);
             (parts, light)
         };
         let rows: Vec<(Vec<u32>, Vec<Vec3>)> = rows.into_par_iter().map(light_row).collect();

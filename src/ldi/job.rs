@@ -109,6 +109,7 @@ impl CaptureJob {
             half_size_m: self.half_size_m,
             frame: tracer.scene().frame,
             exposure: lighting.exposure,
+            light: self.scene.light.clone(),
             parameters: self.parameters,
             blocked_share: build::blocked_share(tracer, self.half_size_m),
             ahead: Some(viewpoint::suggest_view(tracer, self.centre)),

@@ -2,6 +2,7 @@
 
 use crate::capture::light::Lighting;
 use crate::capture::rig::Face;
+use crate::capture::scene::Sky;
 use crate::environment::Environment;
 use glam::Vec3;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -51,12 +52,19 @@ impl MissMap {
         }
     }
 
-    /// The environment: the sky's radiance in every direction, alpha 255 where a ray got out; empty if none did.
+    /// The environment: the sky's radiance in every direction, alpha 255 where a ray got out; empty if none did. Of a picture of the
+    /// sky twice as many texels a side are kept.
     pub fn environment(&self, lighting: &Lighting) -> Environment {
         if self.words().iter().all(|&word| word == 0) {
             return Environment { size_px: 0, texels: Vec::new() };
         }
-        let reached = |at: usize| self.bits[at / 64].load(Ordering::Relaxed) >> (at % 64) & 1 == 1;
-        Environment::of_sky(self.size_px, lighting, reached)
+        let finer = if matches!(lighting.sky, Some(Sky::Picture(_))) { 2 } else { 1 };
+        let size_px = self.size_px * finer;
+        let reached = |at: usize| {
+            let (x, row) = (at as u32 % size_px / finer, at as u32 / size_px / finer);
+            let at = (row * self.size_px + x) as usize;
+            self.bits[at / 64].load(Ordering::Relaxed) >> (at % 64) & 1 == 1
+        };
+        Environment::of_sky(size_px, lighting, reached)
     }
 }

@@ -27,15 +27,18 @@ mod spread;
 pub mod store;
 pub(crate) mod tangent;
 mod validate;
+pub mod voxel_colouring;
 
 pub use validate::{LdiError, MAX_FACE_SIZE_PX};
 
 use crate::capture::rig::Face;
 use crate::capture::scene::FileFrame;
 use crate::environment::Environment;
+use crate::scene_source::LightParameters;
 use glam::{DVec3, Vec3};
 use parameters::CaptureParameters;
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// One sample of a layered depth image.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -115,6 +118,12 @@ pub struct CaptureInfo {
     pub frame: FileFrame,
     /// Linear radiance times this is what is stored.
     pub exposure: f32,
+    /// What becomes of radiance that is exposed.
+    #[serde(default)]
+    pub tone: ToneMap,
+    /// The scene's light, where it is not its own.
+    #[serde(default)]
+    pub light: LightParameters,
     /// Which rays were to be traced, and what became of what they hit.
     #[serde(flatten)]
     pub parameters: CaptureParameters,
@@ -126,12 +135,32 @@ pub struct CaptureInfo {
     /// was kept.
     #[serde(default)]
     pub ahead: Option<DVec3>,
+    /// What is up by default where it is not +Y, world axes: pictures may be taken with the camera on its side.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub up: Option<DVec3>,
     /// Per face of the ray domain: the estimated probability that one more ray would find a depth pixel that is not in
     /// the LDI (Good 1953: share of samples seen once); `None` where rays were not random.
     pub missing_estimate: [Option<f64>; 6],
     /// What frames lack; `None` where nobody looked.
     #[serde(default)]
     pub holes: Option<Holes>,
+}
+
+/// What becomes of linear radiance times exposure before it is stored.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ToneMap {
+    /// It is cut off at 1, and encoded by the curve of sRGB.
+    #[default]
+    SrgbClipped,
+}
+
+impl fmt::Display for ToneMap {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::SrgbClipped => f.write_str("sRGB, cut off at white"),
+        }
+    }
 }
 
 /// What frames of a capture lack, as found by frames from all over the headbox held against rays ([`crate::gaps`]).

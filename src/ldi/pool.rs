@@ -44,16 +44,15 @@ impl FaceParts {
         self.offsets[p] as usize..self.offsets[p + 1] as usize
     }
 
-    /// Calls `compute` with the number and the pixel of every part, rows in parallel.
-    pub(super) fn for_each<T: Send>(&self, compute: impl Fn(usize, [u32; 2]) -> T + Sync) -> Vec<T> {
-        let row = |y: u32| -> Vec<T> {
-            let of_pixel = |x: u32| self.range(x, y).map(move |p| (p, [x, y]));
-            (0..self.size_px).flat_map(of_pixel).map(|(p, pixel)| compute(p, pixel)).collect()
-        };
-        let rows: Vec<Vec<T>> = (0..self.size_px).into_par_iter().map(row).collect();
-        let mut all = Vec::with_capacity(self.parts.len());
-        rows.into_iter().for_each(|row| all.extend(row));
-        all
+    /// The pixel of every part.
+    fn pixels(&self) -> Vec<[u16; 2]> {
+        let mut pixels = Vec::with_capacity(self.parts.len());
+        for (y, row) in (0..).zip(self.offsets.windows(self.size_px as usize + 1).step_by(self.size_px as usize)) {
+            for (x, run) in (0..).zip(row.windows(2)) {
+                pixels.extend(std::iter::repeat_n([x, y], (run[1] - run[0]) as usize));
+            }
+        }
+        pixels
     }
 }
 
@@ -125,6 +124,9 @@ fn parts_of(level: u32) -> f32 {
 
 /// How the soft light of a face is pooled.
 pub(super) struct Pooling {
+    size_px: u32,
+    /// Of each part.
+    pixels: Vec<[u16; 2]>,
     surfaces: Vec<Surface>,
     /// Width of the parts' pixels on their surfaces, metres.
     pub(super) widths: Vec<f32>,
@@ -134,23 +136,27 @@ pub(super) struct Pooling {
     pub(super) widest: Vec<f32>,
 }
 
-/// Means over a window: of light, samples, squared luminances, nearness; and the share of the window that the surface fills.
-type Sums = [f32; 7];
+/// Means over a window: of light, samples, squared luminances, nearness; the share of the window that the surface fills; and nothing,
+/// so that they fill whole registers.
+type Sums = [f32; 8];
 
 impl Pooling {
     pub(super) fn new(parts: &FaceParts, face: Face) -> Self {
         let surfaces: Vec<Surface> = parts.parts.par_iter().map(Surface::of).collect();
-        let widths = parts.for_each(|p, pixel| surfaces[p].pixel_width(face, pixel, parts.size_px));
-        let mut shares = vec![[1.0; 1]; surfaces.len()];
-        let mut small = Vec::new();
+        let (size_px, pixels) = (parts.size_px, parts.pixels());
+        let width = |(surface, pixel): (&Surface, &[u16; 2])| surface.pixel_width(face, pixel.map(u32::from), size_px);
+        let widths = surfaces.par_iter().zip(&pixels).map(width).collect();
+        let [shares, widest] = [Vec::new(), Vec::new()];
+        let mut pooling = Self { size_px, pixels, surfaces, widths, shares, widest };
+        let mut shares = vec![[1.0; 1]; parts.parts.len()];
         for level in 1..=LEVELS {
-            shares = doubled(parts, &surfaces, &shares, level);
+            shares = pooling.doubled(parts, &shares, level);
             if level == SMALL_LEVEL {
-                small = shares.iter().map(|[share]| *share).collect();
+                pooling.shares = shares.iter().map(|[share]| *share).collect();
             }
         }
-        let widest = shares.into_iter().map(|[share]| share * parts_of(LEVELS)).collect();
-        Self { surfaces, widths, shares: small, widest }
+        pooling.widest = shares.into_iter().map(|[share]| share * parts_of(LEVELS)).collect();
+        pooling
     }
 
     /// How many samples a part takes at most, of so many that one alone takes: as many as make up for what its surface lacks of
@@ -163,19 +169,20 @@ impl Pooling {
     pub(super) fn pool(&self, parts: &FaceParts, gathered: &[Gathered], is_last: bool) -> Vec<Pooled> {
         let sums_of = |g: &Gathered| -> Sums {
             let [r, gr, b] = g.light.to_array();
-            [r, gr, b, g.samples, g.squares, g.nearness, 1.0]
+            [r, gr, b, g.samples, g.squares, g.nearness, 1.0, 0.0]
         };
         let mut sums: Vec<Sums> = gathered.par_iter().map(sums_of).collect();
         let expected = variances(parts, gathered);
         let expected = |p: usize| expected[usize::from(parts.parts[p].class)];
         let mut found: Vec<Chosen> = Vec::new();
         for level in 1..=LEVELS {
-            sums = doubled(parts, &self.surfaces, &sums, level);
+            sums = self.doubled(parts, &sums, level);
             if level == FIRST_LEVEL {
-                found = parts.for_each(|p, pixel| match self.shares[p] >= LARGE_SHARE || !is_last {
-                    true => Chosen::first(Window::of(&sums[p], level, expected(p))),
-                    false => Chosen::first(self.small_window(parts, gathered, p, pixel, expected(p))),
-                });
+                let window = |p: usize| match self.shares[p] >= LARGE_SHARE || !is_last {
+                    true => Window::of(&sums[p], level, expected(p)),
+                    false => self.small_window(parts, gathered, p, expected(p)),
+                };
+                found = (0..sums.len()).into_par_iter().map(|p| Chosen::first(window(p))).collect();
             } else if level > FIRST_LEVEL {
                 found.par_iter_mut().enumerate().for_each(|(p, chosen)| {
                     chosen.widen(&Window::of(&sums[p], level, expected(p)), radius_of(level) * self.widths[p]);
@@ -186,15 +193,9 @@ impl Pooling {
     }
 
     /// The square about a part, on whatever way its surface is connected.
-    fn small_window(
-        &self,
-        parts: &FaceParts,
-        gathered: &[Gathered],
-        part: usize,
-        [x, y]: [u32; 2],
-        expected: f32,
-    ) -> Window {
+    fn small_window(&self, parts: &FaceParts, gathered: &[Gathered], part: usize, expected: f32) -> Window {
         const R: u32 = SMALL_RADIUS;
+        let [x, y] = self.pixels[part].map(u32::from);
         let window = |c: u32| c.saturating_sub(R)..(c + R + 1).min(parts.size_px);
         let tent = |a: u32, b: u32| (R + 1 - a.abs_diff(b)) as f32;
         let (here, mut sums) = (self.surfaces[part], Sums::default());
@@ -213,6 +214,57 @@ impl Pooling {
         // A tent averages noise as a box of 3/2 of its width does.
         let full = ((R + 1) as f32).powi(4);
         Window::new(&sums.map(|sum| sum / full), (1.5 * (R + 1) as f32).powi(2), expected)
+    }
+
+    /// The windows of a level from those of the level below it, first along rows and then along columns.
+    fn doubled<const N: usize>(&self, parts: &FaceParts, from: &[[f32; N]], level: u32) -> Vec<[f32; N]> {
+        let step = 1 << (level - 1);
+        let across = self.pass(parts, from, [step, 0]);
+        self.pass(parts, &across, [0, step])
+    }
+
+    /// Half of what each part's surface has in its own pixel, and a quarter of what it has in those one step away in either
+    /// direction.
+    fn pass<const N: usize>(&self, parts: &FaceParts, from: &[[f32; N]], [step_x, step_y]: [u32; 2]) -> Vec<[f32; N]> {
+        let (size, step) = (self.size_px, (step_y * self.size_px + step_x) as usize);
+        let of_part = |p: usize| {
+            let (here, [x, y]) = (&self.surfaces[p], self.pixels[p].map(u32::from));
+            let pixel = (y * size + x) as usize;
+            let mut all = [0.0; N];
+            self.add(parts, from, here, (pixel, 0.5), &mut all);
+            if x >= step_x && y >= step_y {
+                self.add(parts, from, here, (pixel - step, 0.25), &mut all);
+            }
+            if x + step_x < size && y + step_y < size {
+                self.add(parts, from, here, (pixel + step, 0.25), &mut all);
+            }
+            all
+        };
+        (0..from.len()).into_par_iter().map(of_part).collect()
+    }
+
+    /// Adds what a surface has in a pixel, with a weight. In a pixel that it crosses slantwise it has several parts, of which the
+    /// mean counts.
+    #[inline]
+    fn add<const N: usize>(
+        &self,
+        parts: &FaceParts,
+        from: &[[f32; N]],
+        here: &Surface,
+        (pixel, weight): (usize, f32),
+        all: &mut [f32; N],
+    ) {
+        let run = parts.offsets[pixel] as usize..parts.offsets[pixel + 1] as usize;
+        let (mut sum, mut count) = ([0.0; N], 0.0);
+        for (other, values) in self.surfaces[run.clone()].iter().zip(&from[run]) {
+            if here.is_same(other) {
+                sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+                count += 1.0;
+            }
+        }
+        if count > 0.0 {
+            all.iter_mut().zip(sum).for_each(|(all, sum)| *all += sum * (weight / count));
+        }
     }
 }
 
@@ -253,7 +305,7 @@ impl Window {
     }
 
     /// Of means over a window of so many parts, on a surface where samples vary by so much.
-    fn new(&[r, g, b, samples, squares, nearness, share]: &Sums, parts: f32, expected: f32) -> Self {
+    fn new(&[r, g, b, samples, squares, nearness, share, _]: &Sums, parts: f32, expected: f32) -> Self {
         let per_sample = 1.0 / samples.max(1e-20);
         let light = Vec3::new(r, g, b) * per_sample;
         let level = luminance(light.to_array());
@@ -309,46 +361,6 @@ impl Chosen {
 fn smooth_step([from, to]: [f32; 2], x: f32) -> f32 {
     let share = ((x - from) / (to - from)).clamp(0.0, 1.0);
     share * share * (3.0 - 2.0 * share)
-}
-
-/// The windows of a level from those of the level below it, first along rows and then along columns.
-fn doubled<const N: usize>(parts: &FaceParts, surfaces: &[Surface], from: &[[f32; N]], level: u32) -> Vec<[f32; N]> {
-    let step = 1 << (level - 1);
-    let across = pass(parts, surfaces, from, [step, 0]);
-    pass(parts, surfaces, &across, [0, step])
-}
-
-/// Half of what a part's surface has in its own pixel, and a quarter of what it has in those one step away in either direction. In a
-/// pixel that it crosses slantwise a surface has several parts, of which the mean counts.
-fn pass<const N: usize>(
-    parts: &FaceParts,
-    surfaces: &[Surface],
-    from: &[[f32; N]],
-    [step_x, step_y]: [u32; 2],
-) -> Vec<[f32; N]> {
-    let size = parts.size_px;
-    parts.for_each(|p, [x, y]| {
-        let here = &surfaces[p];
-        let mut all = [0.0; N];
-        let mut add = |x: u32, y: u32, weight: f32| {
-            let (mut sum, mut count) = ([0.0; N], 0.0);
-            for other in parts.range(x, y).filter(|&other| here.is_same(&surfaces[other])) {
-                sum.iter_mut().zip(&from[other]).for_each(|(sum, value)| *sum += value);
-                count += 1.0;
-            }
-            if count > 0.0 {
-                all.iter_mut().zip(sum).for_each(|(all, sum)| *all += sum * (weight / count));
-            }
-        };
-        add(x, y, 0.5);
-        if let (Some(x), Some(y)) = (x.checked_sub(step_x), y.checked_sub(step_y)) {
-            add(x, y, 0.25);
-        }
-        if x + step_x < size && y + step_y < size {
-            add(x + step_x, y + step_y, 0.25);
-        }
-        all
-    })
 }
 
 /// What tells a part's surface from others.

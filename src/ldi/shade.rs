@@ -53,7 +53,7 @@ pub struct LitPart {
     pub albedo: [u16; 3],
     /// Radiance that the surface emits. Linear, exposed.
     pub emission: Vec3,
-    /// Radiosity per albedo straight from the sun, whose shadows have edges. Linear, exposed.
+    /// Radiosity per albedo straight from the sun and from lamps without a surface, whose shadows have edges. Linear, exposed.
     pub sun: Vec3,
     /// Radiosity per albedo from everything else, which varies slowly over a surface. Linear, exposed.
     pub soft: Vec3,

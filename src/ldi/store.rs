@@ -168,6 +168,14 @@ impl TileStore {
         Ok(())
     }
 
+    /// No fewer than the accumulators of a tile.
+    pub fn most_in_tile(&self, tile: usize) -> usize {
+        let in_memory = lock(&self.tiles[tile]).len;
+        let spilled: usize =
+            lock(&self.spill).as_ref().map_or(0, |spill| spill.runs[tile].iter().map(|(_, len)| *len).sum());
+        in_memory + spilled
+    }
+
     /// All accumulators of a tile, sorted by [`Accumulator::run_order`], each (pixel, bin, class) once; the link of each
     /// is its pixel in the tile, row-major.
     ///

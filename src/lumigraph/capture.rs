@@ -1,7 +1,7 @@
 //! Images of a grid of cameras by ray tracing, and the layers of their pixels (L5).
 
 use super::layers::{Placement, classify, place};
-use super::{CameraGrid, Layer, Lumigraph, LumigraphError, MAX_LAYERS, Picture};
+use super::{CameraGrid, DisparityLayer, Lumigraph, LumigraphError, MAX_LAYERS, Picture};
 use crate::capture::light::{LightSample, Lighting, LitPoint, pixel_jitter};
 use crate::capture::sampler::random4;
 use crate::capture::trace::{Hit, PACKET, Ray, RayPacket, Tracer};
@@ -179,7 +179,7 @@ impl RawLumigraph {
 }
 
 impl RawPicture {
-    fn layered(&self, layers: &[Layer]) -> Picture {
+    fn layered(&self, layers: &[DisparityLayer]) -> Picture {
         let index = self.disparity.iter().map(|&disparity| classify(layers, disparity)).collect();
         Picture { color: self.color.clone(), index }
     }

@@ -5,7 +5,7 @@
 //! disparity), `environment` (texels as in `.ldi` files), `color` (RGB8) and `index` (one byte a pixel, or two), both image after
 //! image, row by row of the grid from the lowest, row-major.
 
-use super::{CameraGrid, GridParts, Layer, Lumigraph, LumigraphInfo, Picture};
+use super::{CameraGrid, DisparityLayer, GridParts, Lumigraph, LumigraphInfo, Picture};
 use crate::container::{Container, ContainerWriter, FileError, FileKind, Section};
 use crate::packed::file::read_environment;
 use glam::{DMat3, DVec3};
@@ -59,7 +59,7 @@ impl Lumigraph {
             Ok(bytemuck::cast_slice(&[&numbers, grid.columns(), grid.rows()].concat()).to_vec())
         });
         writer.section("layers", || {
-            let ranges: Vec<[f64; 2]> = self.layers().iter().map(Layer::range).collect();
+            let ranges: Vec<[f64; 2]> = self.layers().iter().map(DisparityLayer::range).collect();
             Ok(bytemuck::cast_slice(&ranges).to_vec())
         });
         writer.section("environment", || Ok(bytemuck::cast_slice(&self.environment.texels).to_vec()));
@@ -91,7 +91,7 @@ impl Lumigraph {
         let mut section = file.section("layers")?;
         let ranges: Vec<[f64; 2]> = section.array(header.layers as usize)?;
         section.end()?;
-        let layers: Vec<Layer> = ranges.into_iter().map(|[min, max]| Layer { min, max }).collect();
+        let layers: Vec<DisparityLayer> = ranges.into_iter().map(|[min, max]| DisparityLayer { min, max }).collect();
         let pictures = read_pictures(&file, &grid, layers.len())?;
         let mut lumigraph =
             Self::new(grid, layers, pictures).map_err(|e| section.damaged("a consistent lumigraph", e.to_string()))?;

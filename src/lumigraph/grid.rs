@@ -176,7 +176,7 @@ impl CameraGrid {
 
 /// A frame's camera in plane space.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct View {
+pub(super) struct PlaneView {
     pub(super) eye: DVec3,
     /// The direction of pixel position (0, 0).
     pub(super) start: DVec3,
@@ -189,7 +189,7 @@ pub(super) struct View {
 /// digits left.
 pub(super) const LEAST_FORWARD: f64 = 1e-6;
 
-impl View {
+impl PlaneView {
     pub(super) fn new(grid: &CameraGrid, camera: &Camera) -> Self {
         let along = |x: f64, y: f64| grid.direction_from_world(camera.direction(x, y));
         let start = along(0.0, 0.0);
@@ -265,7 +265,7 @@ pub(super) mod tests {
         let eye = grid.origin() + grid.world_from_eye() * DVec3::new(0.2, 0.1, 0.7);
         let at = eye - grid.world_from_eye().z_axis + DVec3::new(0.1, 0.2, 0.0);
         let frame = Camera::look_at(eye, at, DVec3::new(0.2, 1.0, 0.0), 40.0, [30, 20]).expect("valid");
-        let view = View::new(&grid, &frame);
+        let view = PlaneView::new(&grid, &frame);
         assert!((view.behind() - 0.7).abs() < 1e-12);
         for (pixel, d) in [([3.0, 4.5], 0.2), ([29.0, 1.0], 1.3), ([15.0, 10.0], 0.05)] {
             let slopes = view.slopes(pixel).expect("forward");
@@ -295,7 +295,7 @@ pub(super) mod tests {
         let grid = any_grid();
         let ahead = -grid.world_from_eye().z_axis;
         let frame = |look: DVec3| Camera::look_at(DVec3::ZERO, look, DVec3::Y, 60.0, [40, 30]).expect("valid");
-        let scale = |look: DVec3| View::new(&grid, &frame(look)).px_per_slope();
+        let scale = |look: DVec3| PlaneView::new(&grid, &frame(look)).px_per_slope();
         let focal = frame(ahead).focal_px();
         let [most, middle] = scale(ahead).expect("forward");
         // The root of a difference of squares keeps half the digits.

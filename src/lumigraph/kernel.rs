@@ -7,7 +7,7 @@
 //! One code for every SIMD level, without fused multiply-adds and approximate reciprocals, so that all give the same bits.
 
 use super::grid::LEAST_FORWARD;
-use super::plan::{FramePlan, LayerInView, Paint, Step, cell};
+use super::plan::{LayerInView, LumigraphPlan, Paint, Step, cell};
 use super::pyramid::{Level, Pyramid};
 use super::settings::Blend;
 use super::show::Show;
@@ -27,7 +27,7 @@ pub(super) const LEAST_WEIGHT: f32 = 1.0 / 1024.0;
 
 /// A part of a frame.
 pub(super) struct Block<'a> {
-    pub(super) plan: &'a FramePlan,
+    pub(super) plan: &'a LumigraphPlan,
     pub(super) pyramid: &'a Pyramid,
     /// Those that may show in it, near ones first.
     pub(super) layers: &'a [LayerInView],

@@ -5,14 +5,14 @@ use serde::{Deserialize, Serialize};
 
 /// Surfaces of some range of disparity (1 / depth behind the camera plane, 1/m).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Layer {
+pub struct DisparityLayer {
     /// Of the farthest surface.
     pub min: f64,
     /// Of the nearest.
     pub max: f64,
 }
 
-impl Layer {
+impl DisparityLayer {
     /// Where it is drawn.
     pub fn drawn(&self) -> f64 {
         optimal_disparity(self.range())
@@ -41,14 +41,14 @@ pub enum Placement {
 }
 
 /// `count` equal shares of a range of disparity, far ones first (Eq. 6).
-pub fn uniform([min, max]: [f64; 2], count: usize) -> Vec<Layer> {
+pub fn uniform([min, max]: [f64; 2], count: usize) -> Vec<DisparityLayer> {
     let end = |i: usize| if i == count { max } else { min + (max - min) * i as f64 / count as f64 };
-    (0..count).map(|i| Layer { min: end(i), max: end(i + 1) }).collect()
+    (0..count).map(|i| DisparityLayer { min: end(i), max: end(i + 1) }).collect()
 }
 
 /// At most `count` layers that hold all of some disparities, far ones first, each no wider than its surfaces: layers that would
 /// hold nothing are left out. No layers for no disparities.
-pub fn place(disparities: &[f32], count: usize, placement: Placement) -> Vec<Layer> {
+pub fn place(disparities: &[f32], count: usize, placement: Placement) -> Vec<DisparityLayer> {
     let mut sorted: Vec<f32> = disparities.iter().copied().filter(|d| *d > 0.0 && d.is_finite()).collect();
     sorted.sort_unstable_by(f32::total_cmp);
     sorted.dedup();
@@ -71,12 +71,12 @@ pub fn place(disparities: &[f32], count: usize, placement: Placement) -> Vec<Lay
 }
 
 /// The layer of some ascending disparities.
-fn around(sorted: &[f32]) -> Option<Layer> {
-    Some(Layer { min: f64::from(*sorted.first()?), max: f64::from(*sorted.last()?) })
+fn around(sorted: &[f32]) -> Option<DisparityLayer> {
+    Some(DisparityLayer { min: f64::from(*sorted.first()?), max: f64::from(*sorted.last()?) })
 }
 
 /// The fewest layers of at most some width that hold ascending disparities: each begins at the farthest that is left.
-fn of_width(sorted: &[f32], width: f64) -> Vec<Layer> {
+fn of_width(sorted: &[f32], width: f64) -> Vec<DisparityLayer> {
     let mut layers = Vec::new();
     let mut rest = sorted;
     while let Some(&first) = rest.first() {
@@ -112,7 +112,7 @@ fn least_width(sorted: &[f32], count: usize) -> f64 {
 
 /// Which layer a disparity belongs to, counted from 1 for the farthest; 0 where nothing was seen. What lies between two layers
 /// belongs to the nearer end.
-pub fn classify(layers: &[Layer], disparity: f32) -> u16 {
+pub fn classify(layers: &[DisparityLayer], disparity: f32) -> u16 {
     if disparity.is_nan() || disparity <= 0.0 || layers.is_empty() {
         return 0;
     }
@@ -132,7 +132,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn widest(layers: &[Layer]) -> f64 {
+    fn widest(layers: &[DisparityLayer]) -> f64 {
         layers.iter().map(|layer| layer.max - layer.min).fold(0.0, f64::max)
     }
 
@@ -182,9 +182,9 @@ mod tests {
         assert!(place(&[], 4, Placement::Histogram).is_empty());
         assert!(place(&[0.0, f32::NAN, -1.0], 4, Placement::Uniform).is_empty());
         for placement in [Placement::Uniform, Placement::Histogram] {
-            assert_eq!(place(&[0.5; 9], 4, placement), [Layer { min: 0.5, max: 0.5 }], "no range at all");
+            assert_eq!(place(&[0.5; 9], 4, placement), [DisparityLayer { min: 0.5, max: 0.5 }], "no range at all");
         }
-        let layers = [Layer { min: 0.1, max: 0.2 }, Layer { min: 0.4, max: 0.5 }];
+        let layers = [DisparityLayer { min: 0.1, max: 0.2 }, DisparityLayer { min: 0.4, max: 0.5 }];
         let found = [0.0, -1.0, f32::NAN, 0.05, 0.15, 0.29, 0.31, 0.45, 9.0].map(|d| classify(&layers, d));
         assert_eq!(found, [0, 0, 0, 1, 1, 1, 2, 2, 2]);
         assert_eq!(classify(&[], 0.3), 0);

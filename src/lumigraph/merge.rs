@@ -5,12 +5,12 @@
 //! frame's layers tell where to look first.
 
 use super::bounds::ErrorBound;
-use super::layers::Layer;
+use super::layers::DisparityLayer;
 use std::ops::Range;
 
 /// Merged layers, far ones first: each a range of the layers given, together all of them. A layer that alone exceeds the bound
 /// stays alone.
-pub fn merge(layers: &[Layer], bound: &ErrorBound) -> Vec<Range<usize>> {
+pub fn merge(layers: &[DisparityLayer], bound: &ErrorBound) -> Vec<Range<usize>> {
     let mut merger = Merger::default();
     merger.update(layers, bound);
     merger.merged
@@ -37,7 +37,7 @@ impl Merger {
 
     /// The same as [`merge`], found from the last frame's layers (the paper's limitation 6): where they still end, two tests a
     /// merged layer say so.
-    pub fn update(&mut self, layers: &[Layer], bound: &ErrorBound) {
+    pub fn update(&mut self, layers: &[DisparityLayer], bound: &ErrorBound) {
         self.before.clear();
         self.before.extend(self.merged.iter().map(|range| range.end));
         self.merged.clear();
@@ -53,7 +53,7 @@ impl Merger {
     }
 
     /// Where the merged layer that begins with `first` ends: by steps that double away from `hint`, then by halving.
-    fn end_of(&mut self, layers: &[Layer], bound: &ErrorBound, first: usize, hint: usize) -> usize {
+    fn end_of(&mut self, layers: &[DisparityLayer], bound: &ErrorBound, first: usize, hint: usize) -> usize {
         let mut fits = |end: usize| {
             self.tests += 1;
             end <= first + 1 || (end <= layers.len() && bound.allows(layers[first].through(&layers[end - 1]).range()))
@@ -90,13 +90,13 @@ mod tests {
     use proptest::prelude::*;
 
     /// Layers of any widths, with gaps between them.
-    fn any_layers() -> impl Strategy<Value = Vec<Layer>> {
+    fn any_layers() -> impl Strategy<Value = Vec<DisparityLayer>> {
         proptest::collection::vec((0.0..0.1f64, 0.0..0.05f64), 1..40).prop_map(|steps| {
             let mut at = 0.01;
             let layer = |(gap, width): (f64, f64)| {
                 let min: f64 = at + gap;
                 at = min + width;
-                Layer { min, max: at }
+                DisparityLayer { min, max: at }
             };
             steps.into_iter().map(layer).collect()
         })
@@ -112,7 +112,7 @@ mod tests {
     }
 
     /// The fewest merged layers, by dynamic programming over all ways to cut.
-    fn fewest(layers: &[Layer], bound: &ErrorBound) -> usize {
+    fn fewest(layers: &[DisparityLayer], bound: &ErrorBound) -> usize {
         let mut best = vec![usize::MAX; layers.len() + 1];
         best[0] = 0;
         for end in 1..=layers.len() {
@@ -126,7 +126,7 @@ mod tests {
     }
 
     /// The loop as the correction has it, step by step.
-    fn step_by_step(layers: &[Layer], bound: &ErrorBound) -> Vec<Range<usize>> {
+    fn step_by_step(layers: &[DisparityLayer], bound: &ErrorBound) -> Vec<Range<usize>> {
         let mut merged = Vec::new();
         let mut first = 0;
         for i in 1..layers.len() {

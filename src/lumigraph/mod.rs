@@ -30,6 +30,16 @@ mod render;
 mod settings;
 mod show;
 mod taps;
+/// How far the neighbours of 0 among ascending places are from it: 0 if it is one of them.
+fn nearest_to_zero(places: &[f64]) -> f64 {
+    let next = places.partition_point(|place| *place < 0.0);
+    let beyond = places.get(next).copied();
+    match (next.checked_sub(1).map(|before| -places[before]), beyond) {
+        (_, Some(0.0)) => 0.0,
+        (before, beyond) => before.unwrap_or(0.0).max(beyond.unwrap_or(0.0)),
+    }
+}
+
 #[cfg(test)]
 mod tests;
 
@@ -38,7 +48,7 @@ pub use capture::{LumigraphCapture, RawLumigraph};
 pub use error::LumigraphError;
 pub use file::LUMI_FILE;
 pub use grid::{CameraGrid, GridParts};
-pub use layers::{Layer, Placement, classify, place, uniform};
+pub use layers::{DisparityLayer, Placement, classify, place, uniform};
 pub use merge::{Merger, merge};
 pub use optimum::CurvePoint;
 pub use oracle::render as render_by_rays;
@@ -93,7 +103,7 @@ pub struct Lumigraph {
     /// What lies behind all that the images show; of size 0 if that is not known.
     pub environment: Environment,
     grid: CameraGrid,
-    layers: Vec<Layer>,
+    layers: Vec<DisparityLayer>,
     pictures: Vec<Picture>,
     pyramid: Pyramid,
     rectangles: Rectangles,
@@ -104,11 +114,11 @@ impl Lumigraph {
     ///
     /// # Errors
     /// [`LumigraphError`] if an invariant does not hold.
-    pub fn new(grid: CameraGrid, layers: Vec<Layer>, pictures: Vec<Picture>) -> Result<Self, LumigraphError> {
+    pub fn new(grid: CameraGrid, layers: Vec<DisparityLayer>, pictures: Vec<Picture>) -> Result<Self, LumigraphError> {
         if layers.len() > MAX_LAYERS {
             return Err(LumigraphError::TooManyLayers(layers.len()));
         }
-        let is_sane = |layer: &Layer| layer.min > 0.0 && layer.max >= layer.min && layer.max.is_finite();
+        let is_sane = |layer: &DisparityLayer| layer.min > 0.0 && layer.max >= layer.min && layer.max.is_finite();
         if !layers.iter().all(is_sane) || !layers.windows(2).all(|pair| pair[0].max < pair[1].min) {
             return Err(LumigraphError::Layers);
         }
@@ -135,7 +145,7 @@ impl Lumigraph {
     }
 
     /// The layers, far ones first.
-    pub fn layers(&self) -> &[Layer] {
+    pub fn layers(&self) -> &[DisparityLayer] {
         &self.layers
     }
 
@@ -152,5 +162,20 @@ impl Lumigraph {
     /// The range of disparity of all surfaces, 1/m; `None` if there are none.
     pub fn range(&self) -> Option<[f64; 2]> {
         Some([self.layers.first()?.min, self.layers.last()?.max])
+    }
+
+    /// Vertical field of view, degrees, of a frame of some width and height that looks straight ahead from the grid's origin and
+    /// shows only what the cameras about it see, at whatever depth there is: with what a viewer begins. A quarter of the images' own
+    /// at least.
+    pub fn clear_fov_deg(&self, size_px: [u32; 2]) -> f64 {
+        let grid = &self.grid;
+        let apart = self.range().unwrap_or_default().map(|d| (d - grid.convergence()).abs());
+        // A point of slope s and disparity d lies s - c (d - convergence) from the middle of the image of a camera at c.
+        let half = [(grid.columns(), 0), (grid.rows(), 1)].map(|(places, axis)| {
+            let whole = f64::from(grid.size_px()[axis]) / 2.0 / grid.focal_px();
+            (whole - nearest_to_zero(places) * apart[0].max(apart[1])).max(whole / 4.0)
+        });
+        let aspect = f64::from(size_px[1]) / f64::from(size_px[0].max(1));
+        2.0 * half[1].min(half[0] * aspect).atan().to_degrees()
     }
 }

@@ -1,7 +1,7 @@
 //! The slow, obvious renderer: ray by ray, in `f64`, through each camera's own projection (L9; C21).
 
 use super::Lumigraph;
-use super::grid::View;
+use super::grid::PlaneView;
 use super::merge::Merger;
 use super::plan::{MergedLayer, Step, merged_layers, steps};
 use super::pyramid::{Level, Texel};
@@ -13,7 +13,7 @@ use glam::DVec3;
 /// What [`super::LumigraphRenderer::render`] draws, to within rounding: positions there have 24 bits, so that a position near the
 /// border of a texel may find the next one.
 pub fn render(lumigraph: &Lumigraph, camera: &Camera, settings: &LumigraphSettings) -> Frame {
-    let view = View::new(lumigraph.grid(), camera);
+    let view = PlaneView::new(lumigraph.grid(), camera);
     let layers = merged_layers(lumigraph, &view, settings, &mut Merger::default());
     let mut frame = Frame::default();
     frame.reset(camera.width(), camera.height(), settings.hole_color_srgb);

@@ -2,7 +2,7 @@
 
 use super::Lumigraph;
 use super::bounds::ErrorBound;
-use super::grid::View;
+use super::grid::PlaneView;
 use super::merge::Merger;
 use super::settings::{Blend, LumigraphSettings};
 use super::show::{Show, from_far_to_near, own_color};
@@ -39,7 +39,7 @@ const SHARPER: f64 = 0.25;
 /// The layers of a frame, near ones first; what is at infinity comes last.
 pub(super) fn merged_layers(
     lumigraph: &Lumigraph,
-    view: &View,
+    view: &PlaneView,
     settings: &LumigraphSettings,
     merger: &mut Merger,
 ) -> Vec<MergedLayer> {
@@ -80,7 +80,7 @@ pub(super) fn merged_layers(
 
 /// How far from the nearest camera rays that may meet something cross the plane beside the grid, metres: there the bound must hold
 /// for a single camera.
-fn beside_the_grid(lumigraph: &Lumigraph, view: &View) -> f64 {
+fn beside_the_grid(lumigraph: &Lumigraph, view: &PlaneView) -> f64 {
     let (grid, behind) = (lumigraph.grid(), view.behind());
     let [width, height] = view.size();
     let corners = [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]];
@@ -130,7 +130,7 @@ pub(super) struct LayerInView {
 }
 
 impl LayerInView {
-    fn new(lumigraph: &Lumigraph, view: &View, layer: &MergedLayer) -> Self {
+    fn new(lumigraph: &Lumigraph, view: &PlaneView, layer: &MergedLayer) -> Self {
         let grid = lumigraph.grid();
         let coarser = 0.5f64.powi(layer.level as i32);
         let focal = grid.focal_px() * coarser;
@@ -169,8 +169,8 @@ impl Paint {
 }
 
 /// What all blocks of a frame share.
-pub(super) struct FramePlan {
-    pub(super) view: View,
+pub(super) struct LumigraphPlan {
+    pub(super) view: PlaneView,
     /// Near ones first.
     pub(super) layers: Vec<LayerInView>,
     /// Cameras' places.
@@ -196,7 +196,7 @@ pub(super) fn steps(columns: usize, rows: usize) -> Vec<Step> {
     std::iter::once(Step { loose: true, ..Step::FIRST }).chain(beside).collect()
 }
 
-impl FramePlan {
+impl LumigraphPlan {
     /// What a frame needs; the merger has the layers of the last one.
     pub(super) fn new(
         lumigraph: &Lumigraph,
@@ -204,7 +204,7 @@ impl FramePlan {
         settings: &LumigraphSettings,
         merger: &mut Merger,
     ) -> Self {
-        let (grid, view) = (lumigraph.grid(), View::new(lumigraph.grid(), camera));
+        let (grid, view) = (lumigraph.grid(), PlaneView::new(lumigraph.grid(), camera));
         let merged = merged_layers(lumigraph, &view, settings, merger);
         let places = |places: &[f64]| places.iter().map(|place| *place as f32).collect();
         Self {

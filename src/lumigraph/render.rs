@@ -7,7 +7,7 @@
 use super::Lumigraph;
 use super::kernel::{self, Block, HIDDEN, Pass};
 use super::merge::Merger;
-use super::plan::{FramePlan, WIDER};
+use super::plan::{LumigraphPlan, WIDER};
 use super::settings::{LumigraphSettings, LumigraphStats};
 use super::taps::LANES;
 use crate::capture::{Camera, simd};
@@ -56,7 +56,7 @@ impl LumigraphRenderer {
         settings: &LumigraphSettings,
     ) -> (&Frame, &LumigraphStats) {
         let started = Instant::now();
-        let plan = FramePlan::new(lumigraph, camera, settings, &mut self.merger);
+        let plan = LumigraphPlan::new(lumigraph, camera, settings, &mut self.merger);
         let plan_ms = started.elapsed().as_secs_f64() * 1e3;
         self.frame.resize(camera.width(), camera.height(), false);
         let background = Background {
@@ -109,7 +109,7 @@ impl LumigraphRenderer {
 
 /// Draws some rows of a frame: straight colours, with alpha 255 where anything is, [`HIDDEN`] where something hides it. Returns layers times pixels.
 fn draw_band(
-    plan: &FramePlan,
+    plan: &LumigraphPlan,
     lumigraph: &Lumigraph,
     rows: &Range<usize>,
     width: usize,

@@ -149,7 +149,7 @@ fn what_hides_something_is_no_sky_and_other_cameras_see_behind_it() {
         let (color, index) = (0..256 * 64).map(pixel).unzip();
         Picture { color, index }
     });
-    let layers = vec![Layer { min: 0.25, max: 0.25 }, Layer { min: 1.0, max: 1.0 }];
+    let layers = vec![DisparityLayer { min: 0.25, max: 0.25 }, DisparityLayer { min: 1.0, max: 1.0 }];
     let mut lumigraph = Lumigraph::new(bed.grid.clone(), layers, pictures.collect()).expect("a lumigraph");
     lumigraph.environment = Environment { size_px: 2, texels: vec![[255, 0, 0, 255]; 24] };
     // From far away, the eye sees more of the wall beside the post than the two cameras about it do.
@@ -179,6 +179,23 @@ fn rectangles_leave_most_layers_out() {
         LumigraphRenderer::new().render(&lumigraph, &camera, &settings).1.layer_pixels
     };
     assert!(asked(true) * 4 < asked(false) * 3, "{} of {}", asked(true), asked(false));
+}
+
+#[test]
+fn the_first_view_shows_what_the_images_show() {
+    let bed = Bed::usual();
+    let lumigraph = bed.lumigraph();
+    let holes = |fov_y_deg: f64, size_px: [u32; 2]| {
+        let eye = bed.grid.origin();
+        let camera = Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, fov_y_deg, size_px).expect("valid");
+        let frame = render(&lumigraph, &camera, &LumigraphSettings::default());
+        frame.coverage.iter().filter(|coverage| coverage.is_hole()).count()
+    };
+    for size_px in [[96, 64], [64, 96], [97, 97]] {
+        let fov_y_deg = lumigraph.clear_fov_deg(size_px);
+        assert_eq!(holes(fov_y_deg, size_px), 0, "{size_px:?}, {fov_y_deg} degrees");
+        assert!(holes(fov_y_deg * 1.7, size_px) > 50, "{size_px:?}: a wider view looks past the images");
+    }
 }
 
 #[test]
@@ -257,7 +274,7 @@ fn one_camera_one_depth_nothing_and_very_many_layers() {
     // Everything at one depth: no range of disparity at all.
     let pixels = single.grid.picture_pixels();
     let flat = Picture { color: vec![[10, 200, 30]; pixels], index: vec![1; pixels] };
-    let layer = Layer { min: 0.5, max: 0.5 };
+    let layer = DisparityLayer { min: 0.5, max: 0.5 };
     let lumigraph = Lumigraph::new(single.grid.clone(), vec![layer], vec![flat.clone()]).expect("a lumigraph");
     let frame = render(&lumigraph, &single.camera(DVec3::Z * 0.1, DVec3::NEG_Z, [9, 7]), &LumigraphSettings::default());
     assert!(frame.color.iter().all(|color| *color == [10, 200, 30, 255]));
@@ -271,10 +288,11 @@ fn one_camera_one_depth_nothing_and_very_many_layers() {
         assert_eq!(frame.hole_count(), 63);
     }
 
-    let refused =
-        |layers: Vec<Layer>, pictures: Vec<Picture>| Lumigraph::new(single.grid.clone(), layers, pictures).err();
+    let refused = |layers: Vec<DisparityLayer>, pictures: Vec<Picture>| {
+        Lumigraph::new(single.grid.clone(), layers, pictures).err()
+    };
     assert_eq!(refused(vec![layer, layer], vec![flat.clone()]), Some(LumigraphError::Layers));
-    assert_eq!(refused(vec![Layer { min: 0.0, max: 1.0 }], vec![flat.clone()]), Some(LumigraphError::Layers));
+    assert_eq!(refused(vec![DisparityLayer { min: 0.0, max: 1.0 }], vec![flat.clone()]), Some(LumigraphError::Layers));
     assert_eq!(refused(Vec::new(), vec![flat.clone()]), Some(LumigraphError::Picture(0)));
     assert_eq!(refused(vec![layer], Vec::new()), Some(LumigraphError::Picture(0)));
     assert_eq!(refused(vec![layer], vec![flat.clone(), flat]), Some(LumigraphError::Picture(1)));

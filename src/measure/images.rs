@@ -83,7 +83,7 @@ pub struct ImagesReport {
 }
 
 /// A frame and its photograph side by side, for looking at.
-pub struct Shown {
+pub struct SideBySide {
     /// The view's name.
     pub view: String,
     /// The photograph.
@@ -130,7 +130,7 @@ pub fn measure(
     geometry: &Geometry,
     hold_out: usize,
     progress: &dyn Progress,
-    show: &mut dyn FnMut(Shown),
+    show: &mut dyn FnMut(SideBySide),
 ) -> Result<ImagesReport, ImagesReportError> {
     let views: Vec<&View> = set.with_depth().collect();
     if views.len() < 2 {
@@ -206,7 +206,7 @@ impl Bench<'_> {
         i: usize,
         left_out: &[usize],
         all: &Built,
-        show: &mut dyn FnMut(Shown),
+        show: &mut dyn FnMut(SideBySide),
     ) -> Result<(), ImagesReportError> {
         let view = self.views[i];
         let gain = view.registration.map_or([1.0; 3], |registration| registration.gain);
@@ -246,7 +246,7 @@ impl Bench<'_> {
             });
         }
         let frames = drawn.into_iter().map(|drawn| drawn.picture).collect();
-        show(Shown { view: view.name.clone(), photograph, frames });
+        show(SideBySide { view: view.name.clone(), photograph, frames });
         Ok(())
     }
 
@@ -308,7 +308,7 @@ impl Drawn {
 }
 
 /// The camera of a view with square pixels.
-fn camera_of(view: &LoadedView) -> Option<Camera> {
+pub(super) fn camera_of(view: &LoadedView) -> Option<Camera> {
     let Lens::Pinhole(pinhole) = view.lens else { return None };
     let [width, height] = view.size_px;
     let camera =
@@ -317,7 +317,7 @@ fn camera_of(view: &LoadedView) -> Option<Camera> {
 }
 
 /// What a view shows on a camera's pixels, and which of these it shows at all.
-fn photograph(view: &LoadedView, camera: &Camera) -> (RgbImage, Vec<bool>) {
+pub(super) fn photograph(view: &LoadedView, camera: &Camera) -> (RgbImage, Vec<bool>) {
     let (mut picture, mut visible) = (RgbImage::new(camera.width(), camera.height()), Vec::new());
     for (x, y, pixel) in picture.enumerate_pixels_mut() {
         let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
@@ -334,7 +334,7 @@ fn photograph(view: &LoadedView, camera: &Camera) -> (RgbImage, Vec<bool>) {
 }
 
 /// PSNR in dB and mean FLIP over the pixels that are judged.
-fn errors(photograph: &RgbImage, frame: &RgbImage, judged: &[bool]) -> (f64, f64) {
+pub(super) fn errors(photograph: &RgbImage, frame: &RgbImage, judged: &[bool]) -> (f64, f64) {
     let mut test = frame.clone();
     let (mut squares, mut count) = (0.0, 0u64);
     for ((truth, test), judged) in photograph.pixels().zip(test.pixels_mut()).zip(judged) {
@@ -352,7 +352,7 @@ fn errors(photograph: &RgbImage, frame: &RgbImage, judged: &[bool]) -> (f64, f64
 }
 
 /// Mean absolute difference over the pixels that are judged, levels of 255; NaN if there are none.
-fn mean_difference(photograph: &RgbImage, frame: &RgbImage, judged: &[bool]) -> f64 {
+pub(super) fn mean_difference(photograph: &RgbImage, frame: &RgbImage, judged: &[bool]) -> f64 {
     let pixels = photograph.pixels().zip(frame.pixels()).zip(judged).filter(|(_, judged)| **judged);
     let (mut sum, mut count) = (0u64, 0u64);
     for ((truth, test), _) in pixels {

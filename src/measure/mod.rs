@@ -15,6 +15,7 @@ pub mod cube_map;
 pub mod embree;
 pub mod images;
 pub mod machine;
+pub mod photographs;
 pub mod plan;
 pub mod report;
 pub mod sprite_range;

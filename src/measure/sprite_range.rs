@@ -7,7 +7,7 @@ use crate::compose::{ComposeSettings, Composer, Composition};
 use crate::frame::Frame;
 use crate::metrics;
 use crate::progress::Silent;
-use crate::sprite::{PreparedSprite, RenderOptions, SlabCapture, SpriteSet, Transfer, Variant};
+use crate::sprite::{PreparedSprite, RenderOptions, SlabCapture, SpriteSet, SpriteTransfer, SpriteVariant};
 use crate::truth;
 use std::fmt::Write;
 
@@ -25,8 +25,8 @@ pub struct RangePlace {
     pub displacement_m: f64,
     /// Largest way that a point moves against its sprite's plane, pixels of the sprites.
     pub parallax_px: f64,
-    /// Mean FLIP, in the order of [`Variant::ALL`].
-    pub flips: [f64; Variant::ALL.len()],
+    /// Mean FLIP, in the order of [`SpriteVariant::ALL`].
+    pub flips: [f64; SpriteVariant::ALL.len()],
 }
 
 /// What a moving eye finds.
@@ -57,8 +57,8 @@ impl SpriteRange {
             let target = Camera::look_at(eye, look_at, up, fov_deg, [width, height])?;
             let SlabCapture { tracer, lighting, lit, samples, .. } = *capture;
             let truth = truth::render(tracer, lighting, lit, &target, samples, &Silent).rgb();
-            let mut flips = [0.0; Variant::ALL.len()];
-            for (flip, variant) in flips.iter_mut().zip(Variant::ALL) {
+            let mut flips = [0.0; SpriteVariant::ALL.len()];
+            for (flip, variant) in flips.iter_mut().zip(SpriteVariant::ALL) {
                 let sprites = RenderOptions { variant, ..RenderOptions::default() };
                 let settings = ComposeSettings { sprites, ..ComposeSettings::default() };
                 layers.render(&mut composer, &target, &settings, &mut frame);
@@ -76,7 +76,7 @@ impl SpriteRange {
     /// The places as comma-separated values, a header first.
     pub fn to_csv(&self) -> String {
         let mut csv = String::from("displacement_m,parallax_px");
-        for variant in Variant::ALL {
+        for variant in SpriteVariant::ALL {
             csv.push(',');
             csv += variant.name();
         }
@@ -100,7 +100,7 @@ impl SpriteRange {
             };
             self.places.iter().map(point).collect()
         };
-        let series = Variant::ALL.iter().enumerate().map(|(index, variant)| Series {
+        let series = SpriteVariant::ALL.iter().enumerate().map(|(index, variant)| Series {
             name: variant.name().into(),
             points: points(index),
             joined: true,
@@ -120,14 +120,14 @@ impl SpriteRange {
 
     /// For each variant up to where its error stays below [`VISIBLE`] more than at the start.
     pub fn sentences(&self) -> Vec<String> {
-        let sentence = |(index, variant): (usize, &Variant)| {
+        let sentence = |(index, variant): (usize, &SpriteVariant)| {
             let start = self.places.first().map_or(0.0, |place| place.flips[index]);
             let last = self.places.iter().take_while(|place| place.flips[index] < start + VISIBLE).last();
             let (parallax, moved) = last.map_or((0.0, 0.0), |place| (place.parallax_px, place.displacement_m));
             let name = variant.name();
             format!("{name:<16} FLIP rises by less than {VISIBLE} up to {parallax:.1} px of parallax ({moved:.3} m)")
         };
-        Variant::ALL.iter().enumerate().map(sentence).collect()
+        SpriteVariant::ALL.iter().enumerate().map(sentence).collect()
     }
 }
 
@@ -146,7 +146,7 @@ fn distance_ahead(set: &SpriteSet, camera: &Camera) -> Option<f64> {
 fn largest_parallax_px(set: &SpriteSet, target: &Camera) -> f64 {
     let parallax = |sprite: &PreparedSprite| {
         let sprite = sprite.sprite();
-        let Ok(transfer) = Transfer::new(sprite.sprite(), target) else { return 0.0 };
+        let Ok(transfer) = SpriteTransfer::new(sprite.sprite(), target) else { return 0.0 };
         let largest = sprite.displacement().to_f32().iter().fold(0.0f32, |max, d| max.max(d.abs()));
         transfer.epipole_in_sprite.truncate().length() * f64::from(largest)
     };

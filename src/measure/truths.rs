@@ -140,7 +140,7 @@ fn hash_scene(scene: &Scene, hash: &mut DefaultHasher) {
         [texture.width(), texture.height()].iter().for_each(|side| hash.write_u32(*side));
         hash.write(bytemuck::cast_slice(texture.texels()));
     }
-    hash.write(format!("{:?}{:?}{}", scene.sun, scene.sky, scene.frame.up == UpAxis::Z).as_bytes());
+    hash.write(format!("{:?}{:?}{:?}{}", scene.sun, scene.sky, scene.lamps, scene.frame.up == UpAxis::Z).as_bytes());
 }
 
 /// The folder in which truth is kept if the user does not say: `headbox/truth` in the user's cache folder, or `None` if the

@@ -8,8 +8,8 @@ use fearless_simd::Level;
 use image::RgbImage;
 use rayon::prelude::*;
 
+use super::comparable::{MetricError, check_sizes};
 use super::rows::{RowRing, across, padded_len, smooth};
-use super::{MetricError, check_sizes};
 use crate::capture::simd;
 
 /// Standard deviation of the window, pixels.

@@ -1,6 +1,6 @@
 //! What clipping asks of a segment: the range of depth in each block of its pixels.
 
-use super::{INVERSE_DEPTH_CODE_MAX, PackedSegment};
+use super::depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel};
 
 /// Columns of a block; blocks start at multiples of it on the face.
 pub(crate) const BLOCK_COLUMNS: u32 = 64;
@@ -21,20 +21,25 @@ pub struct BlockIndex {
 }
 
 impl BlockIndex {
-    /// The index of a segment, in whose own field it belongs.
-    pub(crate) fn of(segment: &PackedSegment) -> Self {
+    /// The index of a rectangle of face pixels from `x0`, `y0` on: of each of its rows the depth pixels, and the running counts of
+    /// its pixels.
+    pub(crate) fn of_rows<'a>(
+        [x0, y0]: [u32; 2],
+        [width, height]: [u32; 2],
+        row: impl Fn(u32) -> (&'a [PackedDepthPixel], &'a [u32]),
+    ) -> Self {
         let blocks = |start: u32, length: u32, size: u32| {
             let end = start.saturating_add(length).div_ceil(size);
             (start / size, end - start / size)
         };
-        let (first_column, columns) = blocks(segment.x0, segment.width, BLOCK_COLUMNS);
-        let (first_row, rows) = blocks(segment.y0, segment.height, BLOCK_ROWS);
+        let (first_column, columns) = blocks(x0, width, BLOCK_COLUMNS);
+        let (first_row, rows) = blocks(y0, height, BLOCK_ROWS);
         let mut codes = vec![[u32::MAX, 0]; columns as usize * rows as usize];
-        for y in 0..segment.height {
-            let (samples, counts) = segment.row(y);
-            let row = ((segment.y0 + y) / BLOCK_ROWS - first_row) * columns;
+        for y in 0..height {
+            let (samples, counts) = row(y);
+            let first = ((y0 + y) / BLOCK_ROWS - first_row) * columns;
             for (x, ends) in counts.windows(2).enumerate() {
-                let block = row + (segment.x0 + x as u32) / BLOCK_COLUMNS - first_column;
+                let block = first + (x0 + x as u32) / BLOCK_COLUMNS - first_column;
                 let pixel = samples.get(ends[0] as usize..ends[1] as usize).unwrap_or(&[]);
                 if let Some([least, largest]) = codes.get_mut(block as usize) {
                     for code in pixel.iter().map(|p| p.inverse_depth_code()) {

@@ -1,13 +1,12 @@
 //! From packed bits back to numbers.
 
-use super::layout::{PackedCube, PackedDepthPixel, PackedSegment, SplatIndexLayout};
+use super::blocks::BlockIndex;
+use super::depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};
+use super::layout::{PackedCube, PackedSegment};
 use super::splat_index::DepthCodeRange;
 use crate::capture::rig::Face;
 use crate::ldi::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
 use glam::DVec3;
-
-/// The largest 20-bit inverse depth code.
-pub const INVERSE_DEPTH_CODE_MAX: u32 = (1 << 20) - 1;
 
 /// A packed depth pixel, read back.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,18 +17,6 @@ pub struct DecodedDepthPixel {
     pub normal: DVec3,
     /// sRGB, straight alpha.
     pub color_srgb: [u8; 4],
-}
-
-impl PackedDepthPixel {
-    /// The 20-bit inverse depth code.
-    pub fn inverse_depth_code(self) -> u32 {
-        self.geometry & INVERSE_DEPTH_CODE_MAX
-    }
-
-    /// The 11-bit splat index.
-    pub fn splat_index(self) -> u32 {
-        self.geometry >> 20 & 0x7ff
-    }
 }
 
 impl PackedSegment {
@@ -74,6 +61,11 @@ impl PackedSegment {
             (Some(samples), Some(counts)) => (samples, counts),
             _ => (&[], &[]),
         }
+    }
+
+    /// What belongs in [`Self::blocks`].
+    pub(super) fn block_index(&self) -> BlockIndex {
+        BlockIndex::of_rows([self.x0, self.y0], [self.width, self.height], |y| self.row(y))
     }
 
     /// The depth pixels of pixel (x, y) of the rectangle, farthest first; empty outside.

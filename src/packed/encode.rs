@@ -1,8 +1,8 @@
 //! From the build-time LDI to the 8-byte render-time one (S17, S22, S23).
 
 use super::blocks::BlockIndex;
-use super::decode::INVERSE_DEPTH_CODE_MAX;
-use super::layout::{PackedCube, PackedDepthPixel, PackedSegment, SegmentSide, SplatIndexLayout};
+use super::depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};
+use super::layout::{PackedCube, PackedSegment, SegmentSide};
 use super::plane_set::PlaneSet;
 use super::splat_index::DepthCodeRange;
 use crate::ldi::{CubeLdi, DepthPixel, LayeredDepthImage, LdiError};
@@ -171,6 +171,6 @@ fn pack_segment(
         depth_pixels,
         blocks: BlockIndex::default(),
     };
-    segment.blocks = BlockIndex::of(&segment);
+    segment.blocks = segment.block_index();
     Some(segment)
 }

@@ -1,6 +1,7 @@
 //! Depth pixels of which nothing is quantised, to find out what packing costs and gains.
 
-use super::layout::{PackedCube, PackedSegment, SplatIndexLayout};
+use super::depth_pixel::SplatIndexLayout;
+use super::layout::{PackedCube, PackedSegment};
 use super::{PackError, PackedDepthPixel, Split};
 use crate::ldi::{CubeLdi, DepthPixel, LayeredDepthImage};
 

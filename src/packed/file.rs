@@ -23,7 +23,7 @@ pub const CUBE_LDI: FileKind = FileKind::CUBE_LDI;
 
 /// What a cube LDI is but for its arrays.
 #[derive(Serialize, Deserialize)]
-pub(crate) struct Header {
+pub(crate) struct CubeHeader {
     info: CaptureInfo,
     face_size_px: u32,
     layout: SplatIndexLayout,
@@ -105,7 +105,7 @@ impl PackedCube {
     pub fn read(path: &Path) -> Result<Self, FileError> {
         let file = Container::open(path, CUBE_LDI)?;
         let info_section = file.section("info")?;
-        let header: Header = info_section.json()?;
+        let header: CubeHeader = info_section.json()?;
         let environment = read_environment(file.section("environment")?, header.environment_size_px)?;
         let mut segments = Vec::with_capacity(header.segments.len());
         for segment in &header.segments {
@@ -122,8 +122,8 @@ impl PackedCube {
     }
 
     /// The header of a file.
-    pub(crate) fn header(&self) -> Header {
-        Header {
+    pub(crate) fn header(&self) -> CubeHeader {
+        CubeHeader {
             info: self.info.clone(),
             face_size_px: self.face_size_px,
             layout: self.layout,
@@ -147,7 +147,7 @@ impl PackedCube {
     }
 
     /// The inverse of [`Self::arrays`], checked as [`Self::read`] checks.
-    pub(crate) fn from_arrays(header: Header, section: &mut Section) -> Result<Self, FileError> {
+    pub(crate) fn from_arrays(header: CubeHeader, section: &mut Section) -> Result<Self, FileError> {
         let size_px = header.environment_size_px;
         let texels = section.array((size_px as usize).saturating_mul(size_px as usize).saturating_mul(6))?;
         let segments = header.segments.iter().map(|segment| {
@@ -160,16 +160,16 @@ impl PackedCube {
     }
 
     fn assemble(
-        header: Header,
+        header: CubeHeader,
         segments: Vec<PackedSegment>,
         environment: Environment,
         planes: PlaneSet,
         section: &Section,
     ) -> Result<Self, FileError> {
-        let Header { info, face_size_px, layout, .. } = header;
+        let CubeHeader { info, face_size_px, layout, .. } = header;
         let mut cube = Self { info, face_size_px, layout, segments, environment, planes };
         cube.validate().map_err(|error| section.damaged("a consistent cube LDI", error.to_string()))?;
-        cube.segments.iter_mut().for_each(|segment| segment.blocks = BlockIndex::of(segment));
+        cube.segments.iter_mut().for_each(|segment| segment.blocks = segment.block_index());
         Ok(cube)
     }
 }

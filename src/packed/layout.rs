@@ -1,39 +1,11 @@
-//! The bits and tables of the packed LDI (S17, S22, C10).
-//!
-//! One 32-bit word of geometry and one of colour:
-//!
-//! ```text
-//! bit  31   30 ............. 20   19 ............................ 0      r g b a, one byte each
-//!      0    splat index (11)      inverse depth over the range (20)
-//! ```
+//! The tables of the packed LDI (S17, S22).
 
 use super::blocks::BlockIndex;
+use super::depth_pixel::{PackedDepthPixel, SplatIndexLayout};
 use super::plane_set::PlaneSet;
 use crate::capture::rig::Face;
 use crate::environment::Environment;
 use crate::ldi::CaptureInfo;
-
-/// One depth pixel at render time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C)]
-pub struct PackedDepthPixel {
-    /// Bits 0..20: inverse depth code; bits 20..31: splat index; bit 31: 0.
-    pub geometry: u32,
-    /// sRGB, straight alpha.
-    pub color_srgb: [u8; 4],
-}
-
-const _: () = assert!(size_of::<PackedDepthPixel>() == 8, "four depth pixels to a 32-byte half cache line");
-
-/// What the 11 bits of the splat index say.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
-pub enum SplatIndexLayout {
-    /// The paper's: 3 bits nx, 3 bits ny, 5 bits of depth, quantised exponentially (S20).
-    Paper,
-    /// All eleven bits for the normal; the depth comes from the inverse depth itself (C10).
-    Normal,
-}
 
 /// Which side of the face's split plane a segment holds (S23).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -2,6 +2,7 @@
 
 pub(crate) mod blocks;
 pub mod decode;
+pub mod depth_pixel;
 pub mod encode;
 pub mod exact;
 pub mod file;
@@ -14,10 +15,11 @@ pub mod splat_index;
 pub mod validate;
 
 pub use blocks::BlockIndex;
-pub use decode::{DecodedDepthPixel, INVERSE_DEPTH_CODE_MAX};
+pub use decode::DecodedDepthPixel;
+pub use depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};
 pub use encode::{PackError, Split};
 pub use exact::{ExactCube, ExactDepthPixel};
-pub use layout::{PackedCube, PackedDepthPixel, PackedSegment, SegmentSide, SplatIndexLayout};
+pub use layout::{PackedCube, PackedSegment, SegmentSide};
 pub use mips::LazyMips;
 pub use plane_set::PlaneSet;
 pub use planes::{Plane, PlaneTile};

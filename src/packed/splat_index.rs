@@ -10,7 +10,7 @@
 //!   toward the ray that found it, so nearly all lie within 100 degrees of z: 28 rings of 3.6 degrees cover these, and
 //!   5 coarse ones the rest (rays that leave one face and are filed under another).
 
-use super::layout::SplatIndexLayout;
+use super::depth_pixel::SplatIndexLayout;
 use glam::{DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
 use std::sync::LazyLock;

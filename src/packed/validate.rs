@@ -1,6 +1,7 @@
 //! Every promise of the render-time layout, checked (S17, S22, S23).
 
-use super::layout::{PackedCube, PackedDepthPixel, PackedSegment, SegmentSide, SplatIndexLayout};
+use super::depth_pixel::{PackedDepthPixel, SplatIndexLayout};
+use super::layout::{PackedCube, PackedSegment, SegmentSide};
 use crate::capture::rig::Face;
 use crate::ldi::{LdiError, MAX_FACE_SIZE_PX};
 

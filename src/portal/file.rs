@@ -1,19 +1,20 @@
 //! The `.house` file: a portal model with what was captured behind its portals.
 //!
-//! Sections: `info` (JSON: a [`Header`], with a header per capture), the scene's arrays as they lie in memory (`positions`
+//! Sections: `info` (JSON: a [`HouseHeader`], with a header per capture), the scene's arrays as they lie in memory (`positions`
 //! f64, `normals`, `texcoords` and `colors` f32, `triangles` u32, four each: corners and material), `texels` (RGBA8, texture
-//! after texture), and a section per capture, `c` and its number: a cube's environment and segments, or textures.
+//! after texture), `sky` (f32, three a texel) where the sky is a picture, and a section per capture, `c` and its number: a cube's
+//! environment and segments, or textures.
 
 use super::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide, PortalSprite, TextureSet};
 use super::house::{House, HouseError};
 use super::opening::Opening;
 use super::store::{Key, Store};
 use crate::capture::portal_model::{Cell, Portal, PortalModel, Prism};
-use crate::capture::scene::{FileFrame, Headbox, Scene, Sky, Sun, Triangle};
+use crate::capture::scene::{FileFrame, Headbox, Scene, Sky, SkyGradient, SkyPicture, Sun, Triangle};
 use crate::capture::{Cutout, Material, Texture};
 use crate::container::{Container, ContainerWriter, FileError, FileKind, Section};
 use crate::packed::PackedCube;
-use crate::packed::file::Header as CubeHeader;
+use crate::packed::file::CubeHeader;
 use crate::sprite::{SpriteHeader, SpriteWithDepth};
 use glam::{DVec2, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
@@ -41,12 +42,15 @@ pub enum HouseFileError {
 
 /// All of a file but its arrays.
 #[derive(Serialize, Deserialize)]
-struct Header {
+struct HouseHeader {
     name: String,
     #[serde(flatten)]
     frame: FileFrame,
     sun: Option<(Vec3, [f32; 3], f32)>,
     sky: Option<[[f32; 3]; 3]>,
+    /// Columns and rows of a picture in its place, and by how many degrees it is turned.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    sky_picture: Option<([u32; 2], f64)>,
     headbox: Option<(DVec3, f64)>,
     notes: Vec<String>,
     positions: usize,
@@ -125,6 +129,9 @@ pub fn write(path: &Path, house: &House, store: &Store, quality: &BackdropQualit
     writer.section("texels", || {
         Ok(scene.textures.iter().flat_map(|t| bytemuck::cast_slice::<_, u8>(t.texels())).copied().collect())
     });
+    if let Some(Sky::Picture(picture)) = &scene.sky {
+        writer.section(SKY, || Ok(bytemuck::cast_slice(picture.texels()).to_vec()));
+    }
     for (name, (_, backdrop)) in names.iter().zip(&captures) {
         writer.section(name, || {
             Ok(match &**backdrop {
@@ -144,7 +151,7 @@ pub fn write(path: &Path, house: &House, store: &Store, quality: &BackdropQualit
 pub fn read(path: &Path, budget_bytes: u64) -> Result<(House, Store, BackdropQuality), HouseFileError> {
     let file = Container::open(path, HOUSE_FILE)?;
     let info = file.section("info")?;
-    let mut header: Header = info.json()?;
+    let mut header: HouseHeader = info.json()?;
     let captures = std::mem::take(&mut header.captures);
     let quality = header.quality;
     let model = model(&file, &info, header)?;
@@ -158,11 +165,14 @@ pub fn read(path: &Path, budget_bytes: u64) -> Result<(House, Store, BackdropQua
     Ok((house, store, quality))
 }
 
+/// Section of the picture of the sky, where there is one.
+const SKY: &str = "sky";
+
 fn section_name(number: usize) -> String {
     format!("c{number}")
 }
 
-fn header(house: &House, quality: &BackdropQuality, captures: &[(Key, Arc<Backdrop>)]) -> Header {
+fn header(house: &House, quality: &BackdropQuality, captures: &[(Key, Arc<Backdrop>)]) -> HouseHeader {
     let (scene, plan) = (house.scene(), house.plan());
     let material = |m: &Material| MaterialRecord {
         name: m.name.clone(),
@@ -187,11 +197,17 @@ fn header(house: &House, quality: &BackdropQuality, captures: &[(Key, Arc<Backdr
             Backdrop::Sprite(sprite) => Content::Sprite(sprite.sprite().header()),
         },
     };
-    Header {
+    let (sky, sky_picture) = match &scene.sky {
+        None => (None, None),
+        Some(Sky::Gradient(sky)) => (Some([sky.zenith, sky.horizon, sky.ground]), None),
+        Some(Sky::Picture(picture)) => (None, Some((picture.size(), picture.turn_deg()))),
+    };
+    HouseHeader {
         name: scene.name.clone(),
         frame: scene.frame,
         sun: scene.sun.map(|sun| (sun.direction, sun.irradiance, sun.angular_radius_rad)),
-        sky: scene.sky.map(|sky| [sky.zenith, sky.horizon, sky.ground]),
+        sky,
+        sky_picture,
         headbox: scene.headbox.map(|headbox| (headbox.centre, headbox.half_size_m)),
         notes: scene.summary.notes.clone(),
         positions: scene.positions.len(),
@@ -217,7 +233,14 @@ fn array<T: bytemuck::Pod>(file: &Container, name: &str, count: usize) -> Result
     Ok(values)
 }
 
-fn model(file: &Container, info: &Section, header: Header) -> Result<PortalModel, FileError> {
+fn picture_of_sky(file: &Container, info: &Section, (size, turn_deg): ([u32; 2], f64)) -> Result<Sky, FileError> {
+    let texels = array(file, SKY, (size[0] as usize).saturating_mul(size[1] as usize))?;
+    let picture = SkyPicture::new(size, texels, turn_deg);
+    let picture = picture.map_err(|error| info.damaged("a picture of the sky", error.to_string()))?;
+    Ok(Sky::Picture(Arc::new(picture)))
+}
+
+fn model(file: &Container, info: &Section, header: HouseHeader) -> Result<PortalModel, FileError> {
     if !header.frame.is_sane() {
         return Err(info.damaged("a unit between 1e-9 and 1e9 m", header.frame.unit_m.to_string()));
     }
@@ -246,6 +269,8 @@ fn model(file: &Container, info: &Section, header: Header) -> Result<PortalModel
     });
     let textures = textures.collect::<Result<_, _>>()?;
     texels.end()?;
+    let gradient = header.sky.map(|[zenith, horizon, ground]| Sky::Gradient(SkyGradient { zenith, horizon, ground }));
+    let sky = header.sky_picture.map(|header| picture_of_sky(file, info, header)).transpose()?.or(gradient);
     let scene = Scene {
         name: header.name,
         positions: array(file, "positions", header.positions)?,
@@ -260,7 +285,7 @@ fn model(file: &Container, info: &Section, header: Header) -> Result<PortalModel
             irradiance,
             angular_radius_rad,
         }),
-        sky: header.sky.map(|[zenith, horizon, ground]| Sky { zenith, horizon, ground }),
+        sky,
         frame: header.frame,
         headbox: header.headbox.map(|(centre, half_size_m)| Headbox { centre, half_size_m }),
         ..Scene::default()

@@ -62,13 +62,15 @@ impl House {
     /// # Errors
     /// [`HouseError`].
     pub fn open(name: &str) -> Result<Self, HouseError> {
-        let model = if name == "builtin:house" {
+        let mut model = if name == "builtin:house" {
             let mut model = crate::scenes::house(0, BUILTIN_TRIANGLES);
             model.mend();
             model
         } else {
             load_model(Path::new(name), &ModelOptions::default())?.model
         };
+        model.scene.validate()?;
+        model.stitch();
         Self::new(model)
     }
 

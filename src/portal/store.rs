@@ -121,7 +121,7 @@ impl Shelves {
 /// wanted more is thrown out for something that is wanted less. It works alone, so that the threads that draw frames never wait
 /// for it. Stops when it is dropped, after the capture at hand.
 #[derive(Debug)]
-pub struct Builder {
+pub struct BackdropBuilder {
     desk: Arc<Desk>,
     thread: Option<JoinHandle<()>>,
 }
@@ -149,7 +149,7 @@ impl Orders {
     }
 }
 
-impl Builder {
+impl BackdropBuilder {
     /// Starts the thread.
     pub fn new(house: Arc<House>, store: Arc<Store>, quality: BackdropQuality) -> Self {
         let desk = Arc::new(Desk::default());
@@ -180,7 +180,7 @@ impl Builder {
     }
 }
 
-impl Drop for Builder {
+impl Drop for BackdropBuilder {
     fn drop(&mut self) {
         lock(&self.desk.orders).stop = true;
         self.desk.changed.notify_all();

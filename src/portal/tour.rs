@@ -3,7 +3,7 @@
 use super::backdrop::BackdropQuality;
 use super::house::House;
 use super::settings::{WalkSettings, WalkStats};
-use super::store::{Builder, Store};
+use super::store::{BackdropBuilder, Store};
 use super::visit::likely;
 use super::walk::Walker;
 use crate::capture::Camera;
@@ -18,14 +18,14 @@ pub struct Tour {
     pub settings: WalkSettings,
     house: Arc<House>,
     store: Arc<Store>,
-    builder: Builder,
+    builder: BackdropBuilder,
     walker: Walker,
 }
 
 impl Tour {
     /// Starts the thread. The store may hold backdrops already, from a `.house` file for instance.
     pub fn new(house: Arc<House>, store: Arc<Store>, quality: BackdropQuality, settings: WalkSettings) -> Self {
-        let builder = Builder::new(Arc::clone(&house), Arc::clone(&store), quality);
+        let builder = BackdropBuilder::new(Arc::clone(&house), Arc::clone(&store), quality);
         Self { settings, house, store, builder, walker: Walker::new() }
     }
 

@@ -8,7 +8,7 @@ use crate::render::splat::SplatKernel;
 
 /// A way to draw a walk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Variant {
+pub struct HouseVariant {
     /// Its name.
     pub name: &'static str,
     /// What stands behind portals; `None` for geometry alone.
@@ -19,7 +19,7 @@ pub struct Variant {
     pub persistence: bool,
 }
 
-impl Variant {
+impl HouseVariant {
     /// All ways: culled geometry; each backdrop; one warped image over the frame before (R8); and the 13-image LDI with the
     /// fixed stamps of R7 in place of footprints of the samples' sizes; and the window LDI with opaque rectangles of those sizes.
     pub const ALL: [Self; 16] = [

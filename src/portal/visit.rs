@@ -11,7 +11,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 /// A portal where the visit ended.
-pub(super) struct Boundary {
+pub(super) struct BackedPortal {
     pub(super) at: PortalSide,
     pub(super) backdrop: Arc<Backdrop>,
     /// Columns and rows that it can touch.
@@ -25,13 +25,13 @@ pub(super) fn visit(
     camera: &Camera,
     settings: &WalkSettings,
     stats: &mut WalkStats,
-) -> (Vec<GroupWindow>, Vec<Boundary>) {
+) -> (Vec<GroupWindow>, Vec<BackedPortal>) {
     let Some(cell) = stats.cell else {
         let all = 0..house.mesh().group_count() as u32;
         return (all.map(|group| GroupWindow { group, window: None }).collect(), Vec::new());
     };
     let near = settings.near.distance_m(camera);
-    let mut boundaries: Vec<Boundary> = Vec::new();
+    let mut boundaries: Vec<BackedPortal> = Vec::new();
     let views = cull::visible_cells(house.plan(), camera, cell, &settings.limits, |portal, view| {
         let Some(kind) = settings.backdrops else { return true };
         let Some(at) = side_toward(house, portal, view.cell) else { return true };
@@ -47,7 +47,7 @@ pub(super) fn visit(
             stats.missing.push(at);
             return true;
         };
-        boundaries.push(Boundary { at, backdrop, window });
+        boundaries.push(BackedPortal { at, backdrop, window });
         false
     });
     (groups(&views, camera), boundaries)

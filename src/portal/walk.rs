@@ -12,7 +12,7 @@ use super::backdrop::{Backdrop, BackdropError, BackdropQuality, BackdropStats, D
 use super::house::House;
 use super::settings::{WalkSettings, WalkStats};
 use super::store::Store;
-use super::visit::{Boundary, union, visit};
+use super::visit::{BackedPortal, union, visit};
 use crate::capture::Camera;
 use crate::frame::Frame;
 use crate::raster::{Marker, RasterOutput, RasterView, Rasterizer, Seen};
@@ -135,7 +135,7 @@ impl Walker {
     }
 
     /// Draws the backdrops into the pixels of their markers.
-    fn fill(&mut self, boundaries: &[Boundary], camera: &Camera, settings: &WalkSettings, stats: &mut WalkStats) {
+    fn fill(&mut self, boundaries: &[BackedPortal], camera: &Camera, settings: &WalkSettings, stats: &mut WalkStats) {
         let output = self.rasterizer.output_mut();
         let numbered = (0..).zip(boundaries);
         let parts: Vec<BackdropArea> =
@@ -150,7 +150,7 @@ impl Walker {
 }
 
 impl<'a> BackdropArea<'a> {
-    fn of(output: &RasterOutput, number: u32, boundary: &'a Boundary, camera: &Camera) -> Option<Self> {
+    fn of(output: &RasterOutput, number: u32, boundary: &'a BackedPortal, camera: &Camera) -> Option<Self> {
         let [columns, rows] = touched(output, number, &boundary.window)?;
         let part = camera.cropped(columns.clone(), rows.clone()).ok()?;
         Some(Self { number, backdrop: &boundary.backdrop, columns, rows, camera: part })
@@ -180,7 +180,7 @@ impl<'a> BackdropArea<'a> {
     }
 }
 
-fn marker(house: &House, number: u32, boundary: &Boundary) -> Option<Marker> {
+fn marker(house: &House, number: u32, boundary: &BackedPortal) -> Option<Marker> {
     Some(Marker { polygon: boundary.at.opening(house)?.corners, number })
 }
 

@@ -2,8 +2,8 @@
 
 use super::cull::VisibleCluster;
 use super::mesh::{CLUSTER_VERTICES, RasterMesh};
-use super::scan::{CutoutTest, Target};
-use super::view::{GUARD_PX, NEAR_M, Snapped, View, snap};
+use super::scan::{CutoutTest, DrawnRows};
+use super::view::{GUARD_PX, LocalCamera, NEAR_M, Snapped, snap};
 use super::{SurfaceId, clip};
 use fearless_simd::{Simd, dispatch};
 
@@ -21,19 +21,19 @@ struct Transferred {
     outside: [u8; CLUSTER_VERTICES],
 }
 
-impl View {
+impl LocalCamera {
     /// Draws a triangle of a marker.
-    pub(super) fn draw_marker(&self, corners: [Snapped; 3], number: u32, target: &mut Target) {
+    pub(super) fn draw_marker(&self, corners: [Snapped; 3], number: u32, target: &mut DrawnRows) {
         dispatch!(self.level, simd => target.triangle(simd, corners, SurfaceId::marker(number), None));
     }
 
     /// Draws the triangles of a cluster.
-    pub(super) fn draw_cluster(&self, mesh: &RasterMesh, cluster: &VisibleCluster, target: &mut Target) {
+    pub(super) fn draw_cluster(&self, mesh: &RasterMesh, cluster: &VisibleCluster, target: &mut DrawnRows) {
         dispatch!(self.level, simd => self.draw_cluster_at(simd, mesh, cluster, target));
     }
 
     #[inline(always)]
-    fn draw_cluster_at<S: Simd>(&self, simd: S, mesh: &RasterMesh, visible: &VisibleCluster, target: &mut Target) {
+    fn draw_cluster_at<S: Simd>(&self, simd: S, mesh: &RasterMesh, visible: &VisibleCluster, target: &mut DrawnRows) {
         let cluster = &mesh.clusters[visible.cluster as usize];
         let mut vertices = Transferred {
             x: [0; CLUSTER_VERTICES],

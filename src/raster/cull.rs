@@ -2,7 +2,7 @@
 
 use super::GroupWindow;
 use super::mesh::{Cluster, RasterMesh};
-use super::view::{NEAR_M, View};
+use super::view::{LocalCamera, NEAR_M};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -35,7 +35,7 @@ const TRUSTED_M: f32 = 0.01;
 /// the groups have.
 pub(super) fn visible_clusters(
     mesh: &RasterMesh,
-    view: &View,
+    view: &LocalCamera,
     groups: &[GroupWindow],
     visible: &mut Vec<VisibleCluster>,
 ) -> u64 {
@@ -56,7 +56,7 @@ pub(super) fn visible_clusters(
 }
 
 /// The rows of the window that a cluster can touch; `None` if it is outside.
-fn touched_rows(cluster: &Cluster, view: &View, [columns, rows]: &[Range<u32>; 2]) -> Option<Range<u32>> {
+fn touched_rows(cluster: &Cluster, view: &LocalCamera, [columns, rows]: &[Range<u32>; 2]) -> Option<Range<u32>> {
     let [low, high] = cluster.bounds;
     let corners: [Vec3; 8] = std::array::from_fn(|i| {
         let pick = |axis: usize| if i >> axis & 1 == 0 { low[axis] } else { high[axis] };

@@ -53,7 +53,7 @@ pub(super) struct MeshMaterial {
 
 /// A triangle of the mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Face {
+pub(super) struct MeshTriangle {
     /// Corners among the clusters' vertices.
     pub(super) corners: [u32; 3],
     /// Of the scene's materials.
@@ -70,7 +70,7 @@ pub struct RasterMesh {
     /// The same vertices with all they have.
     pub(super) vertices: Vec<Vertex>,
     /// For each triangle of the scene; one that is not drawn has three times the same corner.
-    pub(super) faces: Vec<Face>,
+    pub(super) faces: Vec<MeshTriangle>,
     pub(super) clusters: Vec<Cluster>,
     pub(super) groups: Vec<Range<u32>>,
     /// For each texture of the scene.
@@ -103,7 +103,7 @@ impl RasterMesh {
             origin,
             positions: [Vec::new(), Vec::new(), Vec::new()],
             vertices: Vec::new(),
-            faces: scene.triangles.iter().map(|t| Face { corners: [0; 3], material: t.material }).collect(),
+            faces: scene.triangles.iter().map(|t| MeshTriangle { corners: [0; 3], material: t.material }).collect(),
             clusters: Vec::new(),
             groups: Vec::with_capacity(groups.len()),
             scene: Arc::clone(&scene),
@@ -137,7 +137,7 @@ impl RasterMesh {
 
     /// The corners of a triangle.
     #[inline]
-    pub(super) fn corners(&self, face: &Face) -> [&Vertex; 3] {
+    pub(super) fn corners(&self, face: &MeshTriangle) -> [&Vertex; 3] {
         let [a, b, c] = face.corners;
         [&self.vertices[a as usize], &self.vertices[b as usize], &self.vertices[c as usize]]
     }

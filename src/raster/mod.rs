@@ -6,7 +6,7 @@
 //!    those that nearer ones hide, see docs/decisions.md: no occlusion culling of clusters);
 //! 2. `view`: the vertices of a cluster to the frame, 16 at a time, snapped to 1/256 px; triangles that reach behind the eye
 //!    or far outside the frame are clipped in `clip`;
-//! 3. `scan`: exact integer edge functions, a hair wider than the triangles, so that no crack is left between neighbours;
+//! 3. `scan`: exact integer edge functions, so that no crack is left between neighbours;
 //!    depth and the number of the triangle per pixel, nothing else;
 //! 4. `shade`: once per pixel at the end, triangle after triangle: perspective-correct weights (`weights`), colours, textures
 //!    at the fineness of the frame (`mip`), sRGB (`encode`).
@@ -36,10 +36,10 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Level, u32x16};
 use glam::DVec3;
 use rayon::prelude::*;
-use scan::{Drawn, Target};
+use scan::{Drawn, DrawnRows};
 use std::ops::Range;
 use std::time::Instant;
-use view::View;
+use view::LocalCamera;
 
 /// Pixels that are tested, or coloured, at once.
 const LANES: usize = 16;
@@ -233,7 +233,7 @@ impl Rasterizer {
         output.inverse_depth.resize(count, 0.0);
         output.surface.resize(count, SurfaceId::NOTHING);
 
-        let view = View::new(camera, mesh.origin(), self.level);
+        let view = LocalCamera::new(camera, mesh.origin(), self.level);
         let triangles_in = cull::visible_clusters(mesh, &view, what.groups, &mut self.visible);
         let markers: Vec<_> =
             what.markers.iter().map(|marker| (marker, clip::project_polygon(camera, marker))).collect();
@@ -258,7 +258,7 @@ impl Rasterizer {
             let start = i as u32 * rows;
             let band = start..start.saturating_add(rows).min(height);
             let mut target =
-                Target { width, rows: band.clone(), inverse_depth, surface, drawn, stats: RasterStats::default() };
+                DrawnRows { width, rows: band.clone(), inverse_depth, surface, drawn, stats: RasterStats::default() };
             // First, for what they hide: of surfaces in the same place they never show.
             for (marker, triangles) in &markers {
                 triangles.iter().for_each(|corners| view.draw_marker(*corners, marker.number, &mut target));
@@ -266,7 +266,7 @@ impl Rasterizer {
             for cluster in visible.iter().filter(|cluster| cluster.touches(&band)) {
                 view.draw_cluster(mesh, cluster, &mut target);
             }
-            let shader = shade::Shader { mesh, view: &view, camera, environment, exposure: what.exposure };
+            let shader = shade::PixelShader { mesh, view: &view, camera, environment, exposure: what.exposure };
             shader.resolve(&mut target, color, coverage);
             target.stats
         });

@@ -4,23 +4,21 @@
 //! `E = (b - a) x (p - a)`, an integer. From pixel to pixel it changes by multiples of 256, so that E / 256, rounded down, has the
 //! same sign at every pixel and needs fewer bits.
 //!
-//! A centre belongs to a large triangle if it lies at most a hair, 1/256 px, beyond its edges. Where the corner of one triangle lies on
-//! the edge of another (a T-junction, of which scenes are full), rounding opens cracks of up to 1.4/256 px, and without the hair
-//! the sky twinkles through them (docs/decisions.md: large triangles are a hair wider). Of two triangles that claim a centre the nearer one
-//! shows; depths are moved back by what the hair can add, so that a surface seen edge-on never comes out in front of what hides
-//! it.
+//! A centre on an edge belongs to both of the triangles that share it: no crack is left between neighbours whose edges have the same
+//! ends. Where the corner of one lies on the edge of another (a T-junction), snapping opens cracks of up to 1.4/256 px: meshes are
+//! to be stitched ([`Scene::stitch`](crate::capture::Scene::stitch)). Of two triangles that claim a centre the nearer one shows.
 
 use super::SurfaceId;
 use super::mesh::RasterMesh;
-use super::view::{Snapped, View};
-use super::weights::Weights;
+use super::view::{LocalCamera, Snapped};
+use super::weights::CornerWeights;
 use super::{LANES, RasterStats};
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, i32x16, mask32x16, u32x16};
 use std::ops::Range;
 
 /// Rows of a frame that are being drawn.
-pub(super) struct Target<'a> {
+pub(super) struct DrawnRows<'a> {
     /// Frame width, px.
     pub(super) width: u32,
     pub(super) rows: Range<u32>,
@@ -43,25 +41,17 @@ pub(super) struct Drawn {
 #[derive(Clone, Copy)]
 pub(super) struct CutoutTest<'a> {
     pub(super) mesh: &'a RasterMesh,
-    pub(super) view: &'a View,
+    pub(super) view: &'a LocalCamera,
     pub(super) primitive: u32,
 }
 
 impl CutoutTest<'_> {
     fn is_solid(&self, x: u32, y: u32) -> bool {
         let corners = self.mesh.corners(&self.mesh.faces[self.primitive as usize]);
-        let weights = Weights::new(self.view, corners).at(x, y);
+        let weights = CornerWeights::new(self.view, corners).at(x, y);
         self.mesh.scene().is_solid(self.primitive, weights.y, weights.z)
     }
 }
-
-/// How far beyond its edges a large triangle covers centres of pixels, in 1/256 px; along diagonals up to 1.42 times that, as
-/// wide as cracks are there.
-const HAIR: i32 = 1;
-
-/// Triangles that reach over fewer pixels have no hair: the edge on which a corner lies is the longer one, and leaves of a far
-/// tree would grow.
-const LARGE_PX: i32 = 4;
 
 /// E / 256 of an edge, rounded down, as a linear function of the pixel; a centre is inside where that is not negative.
 #[derive(Clone, Copy)]
@@ -76,12 +66,10 @@ struct Edge {
 
 impl Edge {
     #[inline(always)]
-    fn new(a: Snapped, b: Snapped, [x, y]: [u32; 2], hair: i32) -> Self {
+    fn new(a: Snapped, b: Snapped, [x, y]: [u32; 2]) -> Self {
         let (dx, dy) = (i64::from(b.x) - i64::from(a.x), i64::from(b.y) - i64::from(a.y));
         let from_a = |pixel: u32, a: i32| i64::from(pixel) * 256 + 128 - i64::from(a);
-        // At least the edge's length, as E is that times a distance.
-        let hair = i64::from(hair) * (dx.abs() + dy.abs());
-        let value = dx * from_a(y, a.y) - dy * from_a(x, a.x) + hair;
+        let value = dx * from_a(y, a.y) - dy * from_a(x, a.x);
         Self { start: value >> 8, column: -dy, row: dx }
     }
 
@@ -96,8 +84,8 @@ impl Edge {
     }
 }
 
-/// 1 / eye depth over a triangle: linear in the frame, no nearer than the triangle is within its hair, and never outside the
-/// range of the corners, whatever the slope of a sliver. Rows start in `f64`: on a floor a millimetre under the eye, the corner may be 10^5 times nearer than the pixel.
+/// 1 / eye depth over a triangle: linear in the frame, and never outside the range of the corners, whatever the slope of a
+/// sliver. Rows start in `f64`: on a floor a millimetre under the eye, the corner may be 10^5 times nearer than the pixel.
 struct DepthPlane {
     at_origin: f64,
     per_column: f64,
@@ -109,7 +97,7 @@ struct DepthPlane {
 
 impl DepthPlane {
     #[inline(always)]
-    fn new([a, b, c]: [Snapped; 3], area: i64, hair: i32) -> Self {
+    fn new([a, b, c]: [Snapped; 3], area: i64) -> Self {
         let per_area = 256.0 / area as f64;
         let at_origin = f64::from(a.inverse_depth);
         let (qb, qc) = (f64::from(b.inverse_depth) - at_origin, f64::from(c.inverse_depth) - at_origin);
@@ -118,7 +106,7 @@ impl DepthPlane {
         let per_column = (qb * apart(c.y, a.y) - qc * apart(b.y, a.y)) * per_area;
         let per_row = (qc * apart(b.x, a.x) - qb * apart(c.x, a.x)) * per_area;
         Self {
-            at_origin: at_origin - (per_column.abs() + per_row.abs()) * (1.5 / 256.0 * f64::from(hair)),
+            at_origin,
             per_column,
             per_row,
             from_origin: [(128.0 - f64::from(a.x)) * (1.0 / 256.0), (128.0 - f64::from(a.y)) * (1.0 / 256.0)],
@@ -156,7 +144,7 @@ const NARROW_PX: u32 = 64;
 /// Numbers of the pixels that are tested at once.
 const LANE_NUMBERS: [i32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
-impl Target<'_> {
+impl DrawnRows<'_> {
     /// Draws a triangle, of either orientation: surfaces have two sides.
     pub(super) fn triangle<S: Simd>(
         &mut self,
@@ -181,10 +169,9 @@ impl Target<'_> {
     ) {
         let [left, right] = [a.x.min(b.x).min(c.x), a.x.max(b.x).max(c.x)];
         let [top, bottom] = [a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y)];
-        let hair = if (right - left).max(bottom - top) >= LARGE_PX * 256 { HAIR } else { 0 };
         // The first pixel whose centre is not before the least coordinate, and the first whose centre is beyond the greatest.
-        let first = |least: i32| ((least + 127 - hair) >> 8).max(0) as u32;
-        let end = |most: i32| ((most + 128 + hair) >> 8).max(0) as u32;
+        let first = |least: i32| ((least + 127) >> 8).max(0) as u32;
+        let end = |most: i32| ((most + 128) >> 8).max(0) as u32;
         let columns = first(left)..end(right).min(self.width);
         let rows = first(top).max(self.rows.start)..end(bottom).min(self.rows.end);
         if columns.start >= columns.end || rows.start >= rows.end {
@@ -203,9 +190,9 @@ impl Target<'_> {
             (b, c, twice_area) = (c, b, -twice_area);
         }
         self.stats.triangles_set_up += 1;
-        let edge = |a: Snapped, b: Snapped| Edge::new(a, b, [columns.start, rows.start], hair);
+        let edge = |a: Snapped, b: Snapped| Edge::new(a, b, [columns.start, rows.start]);
         let edges = [edge(a, b), edge(b, c), edge(c, a)];
-        let plane = DepthPlane::new([a, b, c], twice_area, hair);
+        let plane = DepthPlane::new([a, b, c], twice_area);
         let is_narrow = right - left <= (NARROW_PX * 256) as i32;
         let before = self.stats.pixels_written;
         match cutout {

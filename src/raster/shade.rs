@@ -10,9 +10,9 @@
 use super::encode::SrgbTable;
 use super::mesh::{MeshMaterial, RasterMesh, Vertex};
 use super::mip::MipTexture;
-use super::scan::{Drawn, Target};
-use super::view::View;
-use super::weights::{Slopes, Weights, mixed};
+use super::scan::{Drawn, DrawnRows};
+use super::view::LocalCamera;
+use super::weights::{CornerWeights, Slopes, mixed};
 use super::{LANES, Seen, SurfaceId};
 use crate::capture::Camera;
 use crate::environment::Environment;
@@ -23,9 +23,9 @@ use fearless_simd::{f32x16, u32x16};
 use glam::{Vec2, Vec3};
 
 /// What the colours of a frame need.
-pub(super) struct Shader<'a> {
+pub(super) struct PixelShader<'a> {
     pub(super) mesh: &'a RasterMesh,
-    pub(super) view: &'a View,
+    pub(super) view: &'a LocalCamera,
     pub(super) camera: &'a Camera,
     pub(super) environment: &'a Environment,
     pub(super) exposure: f32,
@@ -41,7 +41,7 @@ struct Batch {
 /// What holds for a whole triangle.
 struct Shading<'a> {
     corners: [&'a Vertex; 3],
-    weights: Weights,
+    weights: CornerWeights,
     /// What light is multiplied by, and what is added.
     albedo: Vec3,
     emission: Vec3,
@@ -49,9 +49,9 @@ struct Shading<'a> {
     emission_texture: Option<(&'a MipTexture, Slopes)>,
 }
 
-impl Shader<'_> {
+impl PixelShader<'_> {
     /// Colours the rows of a target.
-    pub(super) fn resolve(&self, target: &mut Target, colors: &mut [[u8; 4]], coverages: &mut [Coverage]) {
+    pub(super) fn resolve(&self, target: &mut DrawnRows, colors: &mut [[u8; 4]], coverages: &mut [Coverage]) {
         dispatch!(self.view.level, simd => {
             self.surroundings(simd, target, colors, coverages);
             self.triangles(simd, target, colors);
@@ -60,7 +60,13 @@ impl Shader<'_> {
 
     /// Coverage of all pixels, and colour of those that show no surface.
     #[inline(always)]
-    fn surroundings<S: Simd>(&self, simd: S, target: &mut Target, colors: &mut [[u8; 4]], coverages: &mut [Coverage]) {
+    fn surroundings<S: Simd>(
+        &self,
+        simd: S,
+        target: &mut DrawnRows,
+        colors: &mut [[u8; 4]],
+        coverages: &mut [Coverage],
+    ) {
         let width = target.width as usize;
         let rows = colors.chunks_mut(width).zip(coverages.chunks_mut(width)).zip(target.surface.chunks(width));
         for (y, ((colors, coverages), surfaces)) in target.rows.clone().zip(rows) {
@@ -90,7 +96,7 @@ impl Shader<'_> {
 
     /// Colours the pixels that show a triangle.
     #[inline(always)]
-    fn triangles<S: Simd>(&self, simd: S, target: &Target, colors: &mut [[u8; 4]]) {
+    fn triangles<S: Simd>(&self, simd: S, target: &DrawnRows, colors: &mut [[u8; 4]]) {
         let mut batch = Batch { count: 0, pixels: [0; LANES] };
         for Drawn { id, columns, rows } in target.drawn.iter() {
             let Seen::Triangle(primitive) = id.seen() else { continue };
@@ -121,7 +127,7 @@ impl Shader<'_> {
         let face = &self.mesh.faces[primitive as usize];
         let corners = self.mesh.corners(face);
         let surface: &MeshMaterial = &self.mesh.surfaces[face.material as usize];
-        let weights = Weights::new(self.view, corners);
+        let weights = CornerWeights::new(self.view, corners);
         let texture = |number: Option<u32>| {
             let texture = self.mesh.textures.get(number? as usize)?;
             Some((texture, weights.slopes(corners, Vec2::from(texture.size()))))
@@ -137,7 +143,14 @@ impl Shader<'_> {
     }
 
     /// Colours pixels of a triangle, and empties the batch.
-    fn shade<S: Simd>(&self, simd: S, shading: &Shading, batch: &mut Batch, target: &Target, colors: &mut [[u8; 4]]) {
+    fn shade<S: Simd>(
+        &self,
+        simd: S,
+        shading: &Shading,
+        batch: &mut Batch,
+        target: &DrawnRows,
+        colors: &mut [[u8; 4]],
+    ) {
         simd.vectorize(
             #[inline(always)]
             || self.shade_at(simd, shading, batch, target, colors),
@@ -150,7 +163,7 @@ impl Shader<'_> {
         simd: S,
         shading: &Shading,
         batch: &mut Batch,
-        target: &Target,
+        target: &DrawnRows,
         colors: &mut [[u8; 4]],
     ) {
         let table = SrgbTable::get();

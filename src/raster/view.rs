@@ -25,7 +25,7 @@ pub(super) struct Snapped {
 }
 
 /// A camera about a mesh's origin.
-pub(super) struct View {
+pub(super) struct LocalCamera {
     pub(super) eye: Vec3,
     /// Rows that take a position relative to the eye to (x w, y w, w), x and y in px from the upper left corner.
     pub(super) rows: [Vec3; 3],
@@ -36,7 +36,7 @@ pub(super) struct View {
     pub(super) level: Level,
 }
 
-impl View {
+impl LocalCamera {
     pub(super) fn new(camera: &Camera, origin: DVec3, level: Level) -> Self {
         let matrix = camera.image_from_world();
         let rows_f64 = [0, 1, 3].map(|row| matrix.row(row).truncate());

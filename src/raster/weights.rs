@@ -2,7 +2,7 @@
 
 use super::LANES;
 use super::mesh::Vertex;
-use super::view::View;
+use super::view::LocalCamera;
 use fearless_simd::f32x16;
 use fearless_simd::prelude::*;
 use glam::{DVec3, Vec2, Vec3};
@@ -13,16 +13,16 @@ use glam::{DVec3, Vec2, Vec3};
 /// Positions of corners are snapped when coverage is found: where the centre of a pixel lies a hair outside the triangle that
 /// covers it, the nearest point of the triangle counts. All weights are 0 for a triangle that is seen edge-on.
 #[derive(Clone, Copy)]
-pub(super) struct Weights {
+pub(super) struct CornerWeights {
     /// At the frame's upper left corner.
     at_origin: DVec3,
     /// For a step of a pixel to the right, and down.
     along: [DVec3; 2],
 }
 
-impl Weights {
+impl CornerWeights {
     #[inline(always)]
-    pub(super) fn new(view: &View, corners: [&Vertex; 3]) -> Self {
+    pub(super) fn new(view: &LocalCamera, corners: [&Vertex; 3]) -> Self {
         let [a, b, c] = corners;
         let (a, b, c) =
             (view.homogeneous_f64(a.position), view.homogeneous_f64(b.position), view.homogeneous_f64(c.position));

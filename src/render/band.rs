@@ -13,7 +13,6 @@ use crate::packed::{ExactDepthPixel, PackedCube, PackedDepthPixel, PackedSegment
 use crate::render::depth::DepthCanvas;
 use crate::render::ellipse::EllipseCanvas;
 use crate::render::over::{OverCanvas, Shape};
-use crate::render::planes::PlaneCanvas;
 use crate::render::size::{EllipseSize, FixedSize, Size, TangentSize};
 use crate::render::splat::{Canvas, SplatKernel, Splats};
 use crate::render::surface::SurfaceCanvas;
@@ -28,7 +27,6 @@ pub(super) struct Worker {
     pub(super) surfaces: SurfaceCanvas,
     pub(super) ellipses: EllipseCanvas,
     pub(super) depth: DepthCanvas,
-    planes: PlaneCanvas,
 }
 
 /// What lies between the LDI and a canvas.
@@ -55,7 +53,6 @@ impl Default for Worker {
             surfaces: SurfaceCanvas::default(),
             ellipses: EllipseCanvas::default(),
             depth: DepthCanvas::default(),
-            planes: PlaneCanvas::default(),
         }
     }
 }
@@ -64,8 +61,8 @@ impl Worker {
     /// Draws a band on its pixels.
     pub(super) fn draw(&mut self, plan: &FramePlan, source: Source, camera: &Camera, band: &Band, pixels: Pixels) {
         self.prepare(plan);
-        let Self { stats, strokes, over, surfaces, ellipses, depth, planes } = self;
-        let mut pass = Pass { plan, source, band, stats, strokes, depth, planes };
+        let Self { stats, strokes, over, surfaces, ellipses, depth } = self;
+        let mut pass = Pass { plan, source, band, stats, strokes, depth };
         match plan.kernel {
             SplatKernel::Tent => pass.draw(surfaces, camera, pixels),
             SplatKernel::Ellipse => pass.draw(ellipses, camera, pixels),
@@ -83,8 +80,8 @@ impl Worker {
         spans: impl Fn(u32) -> Spans,
     ) {
         self.prepare(plan);
-        let Self { stats, strokes, over, surfaces, ellipses, depth, planes } = self;
-        let mut pass = Pass { plan, source, band, stats, strokes, depth, planes };
+        let Self { stats, strokes, over, surfaces, ellipses, depth } = self;
+        let mut pass = Pass { plan, source, band, stats, strokes, depth };
         match plan.kernel {
             SplatKernel::Tent => pass.draw_spans(surfaces, scope, spans),
             SplatKernel::Ellipse => pass.draw_spans(ellipses, scope, spans),
@@ -155,7 +152,6 @@ struct Pass<'a> {
     stats: &'a mut FrameStats,
     strokes: &'a mut Strokes,
     depth: &'a mut DepthCanvas,
-    planes: &'a mut PlaneCanvas,
 }
 
 impl Pass<'_> {
@@ -166,17 +162,17 @@ impl Pass<'_> {
         if plan.depth {
             self.depth.clear(band.width, band.rows.clone());
         }
-        self.planes.clear();
+        canvas.ground_mut().clear();
         if plan.planes.len() > 0 {
             self.draw_planes(canvas);
         }
         let cleared = Instant::now();
         self.draw_segments(canvas, &Clipped { unclipped: plan.unclipped });
         if plan.kernel.compares_depths() {
-            canvas.add_rims(self.planes.rims());
+            canvas.add_rims(plan.level);
         }
         if plan.depth {
-            self.depth.add_rims(self.planes.rims());
+            self.depth.add_rims(canvas.ground().rims());
         }
         let drawn = Instant::now();
         let background = Background::new(plan, self.source.cube, camera);
@@ -196,16 +192,14 @@ impl Pass<'_> {
     /// Draws the pictures on planes, and puts them behind all that is yet to come.
     fn draw_planes(&mut self, canvas: &mut dyn Canvas) {
         let Self { plan, band, .. } = *self;
-        self.planes.draw(&self.source.cube.planes, &plan.planes, band.width, band.rows.clone(), plan.level);
-        for row in 0..band.rows.len() {
-            let (colors, inverse_depths) = self.planes.row(row);
-            canvas.lay(row, colors, inverse_depths);
-            if plan.depth {
-                self.depth.lay(row, colors, inverse_depths);
-            }
+        let rows = band.rows.clone();
+        canvas.ground_mut().draw(&self.source.cube.planes, &plan.planes, band.width, rows, plan.level);
+        canvas.lay();
+        if plan.depth {
+            self.depth.lay(canvas.ground());
         }
         if !plan.kernel.compares_depths() {
-            canvas.add_rims(self.planes.rims());
+            canvas.add_rims(plan.level);
         }
     }
 
@@ -242,8 +236,7 @@ impl<Sc: Scope> ForSegment for Drawing<'_, '_, Sc> {
         let clip = BlockClip { transfer: &of_frame.transfer, segment, band, face_px: plan.face_px };
         let Some([columns, rows]) = self.scope.part(i, &clip, size, visible) else { return };
         let (stats, depth, canvas) = (&mut *self.pass.stats, &mut *self.pass.depth, &mut *self.canvas);
-        let planes = &*self.pass.planes;
-        let mut strokes = SegmentStrokes { plan, band, of_frame, size, splats, stats, depth, canvas, planes };
+        let mut strokes = SegmentStrokes { plan, band, of_frame, size, splats, stats, depth, canvas };
         let cut = self.scope.cut(i, clip);
         match source.exact {
             None => {
@@ -269,29 +262,23 @@ struct SegmentStrokes<'a, S> {
     stats: &'a mut FrameStats,
     depth: &'a mut DepthCanvas,
     canvas: &'a mut dyn Canvas,
-    planes: &'a PlaneCanvas,
 }
 
 impl<S: Size> SegmentStrokes<'_, S> {
     fn draw<P: Format>(&mut self, part: &SegmentPart<P>, cut: &impl Cut, batch: &mut Batch<P>) {
-        let Self { plan, band, of_frame, size, splats, stats, depth, canvas, planes } = self;
+        let Self { plan, band, of_frame, size, splats, stats, depth, canvas } = self;
         let (level, own) = (plan.level, plan.kernel.own_share());
         let warp = SegmentWarp::new(&of_frame.transfer, P::scale(part.segment), band, level);
         traverse::traverse(part, cut, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
             warp.warp(batch, *size, splats);
             let compares = plan.kernel.compares_depths();
-            let test_depth = |splats: &mut Splats| {
-                if !planes.is_empty() {
-                    splats.retain_in_front(plan.tolerance, |x, y| planes.inverse_depth_at(x, y));
-                }
-            };
             if !compares {
-                test_depth(splats);
+                splats.retain_in_front(plan.tolerance, canvas.ground());
             }
             canvas.draw(splats, level);
             if plan.depth {
                 if compares {
-                    test_depth(splats);
+                    splats.retain_in_front(plan.tolerance, canvas.ground());
                 }
                 depth.draw(splats, own);
             }

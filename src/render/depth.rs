@@ -1,6 +1,6 @@
 //! How far what a frame shows is, for what is to be put into it: geometry, sprites, overlays.
 
-use super::planes::Rim;
+use super::planes::{PlaneCanvas, Rim};
 use super::splat::{self, Splats, covered};
 use crate::render::Spans;
 use std::ops::Range;
@@ -41,11 +41,12 @@ impl DepthCanvas {
     }
 
     /// As [`super::splat::Canvas::lay`].
-    pub(crate) fn lay(&mut self, row: usize, colors: &[[u8; 4]], inverse_depths: &[f32]) {
-        let start = row * self.width as usize;
-        let pixels = self.inverse_depth.get_mut(start..start + colors.len()).unwrap_or(&mut []);
-        for ((pixel, color), inverse_depth) in pixels.iter_mut().zip(colors).zip(inverse_depths) {
-            *pixel = if color[3] == 255 { inverse_depth.max(0.0) } else { 0.0 };
+    pub(crate) fn lay(&mut self, ground: &PlaneCanvas) {
+        for (pixels, (colors, inverse_depths)) in self.inverse_depth.chunks_mut(self.width as usize).zip(ground.rows())
+        {
+            for ((pixel, color), inverse_depth) in pixels.iter_mut().zip(colors).zip(inverse_depths) {
+                *pixel = if color[3] == 255 { inverse_depth.max(0.0) } else { 0.0 };
+            }
         }
     }
 

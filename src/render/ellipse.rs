@@ -3,7 +3,7 @@
 //! The rules are those of [`super::surface`]; what differs is that nothing is rounded. Footprints are ellipses whose weights
 //! add up to 1 on a surface, colours are kept in linear light, and sums are `f32`.
 
-use super::planes::Rim;
+use super::planes::PlaneCanvas;
 use super::size::EllipseSize;
 use super::splat::{self, Canvas, Splats, covered};
 use crate::capture::{linear_from_srgb8, srgb8_from_linear};
@@ -78,6 +78,7 @@ pub(crate) struct EllipseCanvas {
     /// Rows of the frame that it holds.
     rows: Range<u32>,
     cells: Vec<Cell>,
+    ground: PlaneCanvas,
     /// As in [`super::surface::SurfaceCanvas`].
     pub(crate) tolerance: f32,
     /// As in [`super::surface::SurfaceCanvas`].
@@ -137,19 +138,27 @@ impl Canvas for EllipseCanvas {
         splat::clear_spans(&mut self.cells, width as usize, 0, Cell::default(), spans);
     }
 
-    fn lay(&mut self, row: usize, colors: &[[u8; 4]], inverse_depths: &[f32]) {
-        let start = row * self.width as usize;
-        let cells = self.cells.get_mut(start..start + colors.len()).unwrap_or(&mut []);
-        for ((cell, [r, g, b, share]), inverse_depth) in cells.iter_mut().zip(colors).zip(inverse_depths) {
-            if *share == 255 {
-                (cell.sum, cell.weight) = ([*r, *g, *b].map(|c| LINEAR[usize::from(c)]), 1.0);
-                cell.inverse_depth = inverse_depth.max(0.0);
+    fn ground(&self) -> &PlaneCanvas {
+        &self.ground
+    }
+
+    fn ground_mut(&mut self) -> &mut PlaneCanvas {
+        &mut self.ground
+    }
+
+    fn lay(&mut self) {
+        for (cells, (colors, inverse_depths)) in self.cells.chunks_mut(self.width as usize).zip(self.ground.rows()) {
+            for ((cell, [r, g, b, share]), inverse_depth) in cells.iter_mut().zip(colors).zip(inverse_depths) {
+                if *share == 255 {
+                    (cell.sum, cell.weight) = ([*r, *g, *b].map(|c| LINEAR[usize::from(c)]), 1.0);
+                    cell.inverse_depth = inverse_depth.max(0.0);
+                }
             }
         }
     }
 
-    fn add_rims(&mut self, rims: &[Rim]) {
-        for rim in rims {
+    fn add_rims(&mut self, _: Level) {
+        for rim in self.ground.rims() {
             let q = rim.inverse_depth.max(0.0);
             let apart = (q * self.tolerance).max(self.bin);
             let ([r, g, b, share], [column, row]) = (rim.color, rim.pixel.map(|v| v as usize));

@@ -1,7 +1,7 @@
 //! Each splat over what is there, in 8-bit integers (S21, C12).
 
 use super::linear::LinearLight;
-use super::planes::Rim;
+use super::planes::PlaneCanvas;
 use super::size::LANES;
 use super::splat::{self, Canvas, Splats, ceil_to_i32, covered_lanes, load};
 use crate::render::Spans;
@@ -20,6 +20,7 @@ pub(crate) struct OverCanvas {
     /// Red, green and blue times coverage, and coverage; rows of `stride` pixels, of which [`MARGIN`] lie to the left of
     /// the frame and as many to the right, for stamps that reach out of it.
     pixels: Vec<[u8; 4]>,
+    ground: PlaneCanvas,
     /// What a splat looks like.
     pub(crate) shape: Shape,
 }
@@ -278,17 +279,26 @@ impl Canvas for OverCanvas {
         splat::clear_spans(&mut self.pixels, stride, MARGIN, [0; 4], spans);
     }
 
-    fn lay(&mut self, row: usize, colors: &[[u8; 4]], _: &[f32]) {
-        let start = row * self.stride() + MARGIN;
-        let pixels = self.pixels.get_mut(start..start + colors.len()).unwrap_or(&mut []);
-        for (pixel, color) in pixels.iter_mut().zip(colors).filter(|(_, color)| color[3] == 255) {
-            *pixel = *color;
+    fn ground(&self) -> &PlaneCanvas {
+        &self.ground
+    }
+
+    fn ground_mut(&mut self) -> &mut PlaneCanvas {
+        &mut self.ground
+    }
+
+    fn lay(&mut self) {
+        let stride = self.stride();
+        for (pixels, (colors, _)) in self.pixels.chunks_mut(stride).zip(self.ground.rows()) {
+            for (pixel, color) in pixels[MARGIN..].iter_mut().zip(colors).filter(|(_, color)| color[3] == 255) {
+                *pixel = *color;
+            }
         }
     }
 
-    fn add_rims(&mut self, rims: &[Rim]) {
+    fn add_rims(&mut self, _: Level) {
         let (light, stride) = (LinearLight::tables(), self.stride());
-        for rim in rims {
+        for rim in self.ground.rims() {
             let [column, row] = rim.pixel.map(|v| v as usize);
             if let Some(pixel) = self.pixels.get_mut(row * stride + MARGIN + column) {
                 let [r, g, b, share] = light.over(rim.color, straight(*pixel));

@@ -2,7 +2,7 @@
 //! C10, C12).
 
 use super::Spans;
-use super::planes::Rim;
+use super::planes::PlaneCanvas;
 use super::size::{EllipseSize, LANES};
 use fearless_simd::{Level, Simd, SimdCvtTruncate, f32x16, i32x16, prelude::*};
 use serde::{Deserialize, Serialize};
@@ -140,11 +140,14 @@ impl Splats {
         }
     }
 
-    /// Leaves out what lies behind what is there at the middle of a splat: `inverse_depth_at` says how far, by column and row.
-    pub(super) fn retain_in_front(&mut self, tolerance: f32, inverse_depth_at: impl Fn(usize, usize) -> Option<f32>) {
+    /// Leaves out what lies behind what pictures on planes show at the middle of a splat.
+    pub(super) fn retain_in_front(&mut self, tolerance: f32, planes: &PlaneCanvas) {
+        if planes.is_empty() {
+            return;
+        }
         let mut kept = 0;
         for i in 0..self.count() {
-            let there = inverse_depth_at(self.x[i].max(0.0) as usize, self.y[i].max(0.0) as usize);
+            let there = planes.inverse_depth_at(self.x[i].max(0.0) as usize, self.y[i].max(0.0) as usize);
             let in_front = there.is_none_or(|there| self.inverse_depth[i] * (1.0 + tolerance) >= there);
             for values in [
                 &mut self.x,
@@ -179,12 +182,17 @@ pub(crate) trait Canvas {
     /// anything.
     fn clear_spans(&mut self, frame_px: [u32; 2], spans: &dyn Fn(u32) -> Spans);
 
-    /// Puts what was drawn before behind all that is yet to come, in a row counted from its first: colours, of which those
-    /// with the alpha 255 hide their pixel and the others are not there, and 1 / eye depth. The canvas must be empty there.
-    fn lay(&mut self, row: usize, colors: &[[u8; 4]], inverse_depths: &[f32]);
+    /// What pictures on planes show, behind all that is drawn.
+    fn ground(&self) -> &PlaneCanvas;
 
-    /// Adds what covers its pixel in part: where depths are compared, after all splats, and elsewhere before them.
-    fn add_rims(&mut self, rims: &[Rim]);
+    /// The same, to be drawn before [`Self::lay`].
+    fn ground_mut(&mut self) -> &mut PlaneCanvas;
+
+    /// Puts the ground behind all that is yet to come; the canvas must be empty. Nothing for a canvas that looks there by itself.
+    fn lay(&mut self) {}
+
+    /// Adds what the ground covers in part: where depths are compared, after all splats, and elsewhere before them.
+    fn add_rims(&mut self, level: Level);
 
     /// Draws splats, in their order, with the instructions of a SIMD level.
     fn draw(&mut self, splats: &Splats, level: Level);

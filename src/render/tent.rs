@@ -61,6 +61,12 @@ impl Tents {
         [self.columns.of(i), self.rows.of(i)]
     }
 
+    /// Columns and rows that hold all that some splats touch.
+    #[inline(always)]
+    pub(super) fn bounds(&self, splats: Range<usize>) -> [Range<i32>; 2] {
+        [self.columns.bounds(splats.clone()), self.rows.bounds(splats)]
+    }
+
     /// The weights of the splats from `start` on that touch at most [`SIDE`] columns and rows.
     #[inline(always)]
     pub(super) fn small<S: Simd>(&self, simd: S, start: usize) -> SmallWeights {
@@ -125,6 +131,13 @@ impl Lines {
     #[inline]
     fn of(&self, i: usize) -> Range<i32> {
         self.first[i]..self.end[i]
+    }
+
+    /// Lines that hold those of some splats.
+    #[inline(always)]
+    fn bounds(&self, splats: Range<usize>) -> Range<i32> {
+        let (first, end) = (&self.first[splats.clone()], &self.end[splats]);
+        first.iter().fold(i32::MAX, |least, line| least.min(*line))..end.iter().fold(0, |most, line| most.max(*line))
     }
 
     /// Heights of tents on their first lines, 0 to 2^15 = 1.

@@ -81,8 +81,8 @@ impl RowTransfer {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::packed::INVERSE_DEPTH_CODE_MAX;
     use crate::packed::blocks::BLOCK_COLUMNS;
-    use crate::packed::decode::INVERSE_DEPTH_CODE_MAX;
 
     /// f32 keeps 24 bits. The three sums of [`RowTransfer::apply`] act on homogeneous coordinates of at most about
     /// twice the frame's half width (4096 px here) at w near 1, so each rounds by 2^-24 * 4096 = 2.4e-4 px; the stored

@@ -5,7 +5,7 @@ use super::field::Field;
 use super::sampling::{BLOCK, Footprints, LANE_NUMBERS, LANES, TexelMap, address, sample};
 use super::shift::ShiftField;
 use super::texture::Texture;
-use super::transfer::Transfer;
+use super::transfer::SpriteTransfer;
 use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, mask32x16, prelude::*, u32x16};
 use glam::{DVec3, dvec3};
 use rayon::prelude::*;
@@ -26,9 +26,9 @@ pub(super) enum Parallax<'a> {
 }
 
 /// Everything that stays the same over a frame.
-pub(super) struct View<'a> {
+pub(super) struct BackwardPlan<'a> {
     pub texture: &'a Texture,
-    pub transfer: &'a Transfer,
+    pub transfer: &'a SpriteTransfer,
     /// Pixels of the picture per displacement cell.
     pub cell_px: [f64; 2],
     pub parallax: Parallax<'a>,
@@ -60,7 +60,7 @@ impl<'a> Cells<'a> {
 }
 
 /// Draws every pixel of a frame of `width` columns.
-pub(super) fn backward(level: Level, view: &View, nearest: bool, width: u32, pixels: &mut [u32]) {
+pub(super) fn backward(level: Level, view: &BackwardPlan, nearest: bool, width: u32, pixels: &mut [u32]) {
     const BAND_ROWS: usize = 16;
     if width == 0 || Cells::of(view.parallax).is_some_and(|c| c.cells.is_empty()) {
         pixels.fill(0);
@@ -83,7 +83,7 @@ pub(super) fn backward(level: Level, view: &View, nearest: bool, width: u32, pix
 }
 
 #[inline(always)]
-fn rows<S: Simd, const NEAREST: bool>(simd: S, view: &View, width: usize, first: usize, pixels: &mut [u32]) {
+fn rows<S: Simd, const NEAREST: bool>(simd: S, view: &BackwardPlan, width: usize, first: usize, pixels: &mut [u32]) {
     let cells = Cells::of(view.parallax);
     let mut footprints = Footprints::new();
     let mut found = Found::new();
@@ -118,7 +118,7 @@ fn rows<S: Simd, const NEAREST: bool>(simd: S, view: &View, width: usize, first:
 /// How many of the next `pixels` pixels of a row are drawn as one block: all where the same level serves at both ends,
 /// else one vector of them.
 #[inline(always)]
-fn one_level(view: &View, [x, y]: [usize; 2], pixels: usize) -> usize {
+fn one_level(view: &BackwardPlan, [x, y]: [usize; 2], pixels: usize) -> usize {
     let h = &view.transfer.sprite_from_target;
     let level = |x: f64| {
         let at = h.x_axis * x + (h.y_axis * (y as f64 + 0.5) + h.z_axis);
@@ -170,7 +170,7 @@ const FARTHEST_ANCHOR: f64 = 131_072.0;
 impl<'a> Block<'a> {
     /// `None` if no pixel of the block shows anything.
     #[inline(always)]
-    fn new(view: &View<'a>, cells: Option<Cells<'a>>, [x, y]: [usize; 2], pixels: usize) -> Option<Self> {
+    fn new(view: &BackwardPlan<'a>, cells: Option<Cells<'a>>, [x, y]: [usize; 2], pixels: usize) -> Option<Self> {
         let h = &view.transfer.sprite_from_target;
         let y = y as f64 + 0.5;
         let at = |x: f64| h.x_axis * x + (h.y_axis * y + h.z_axis);
@@ -220,7 +220,7 @@ fn whole(position: f64) -> f64 {
 /// The level at which the picture's pixels are about as large as the frame's: both are compared along the frame's rows
 /// and columns at the block's middle, by the homography; `share` is 1 / w there.
 #[inline(always)]
-fn mip_level(transfer: &Transfer, share: f64, center: [f64; 2], levels: usize) -> usize {
+fn mip_level(transfer: &SpriteTransfer, share: f64, center: [f64; 2], levels: usize) -> usize {
     let h = &transfer.sprite_from_target;
     let squared = |column: DVec3| {
         let (x, y) = (column.x - center[0] * column.z, column.y - center[1] * column.z);
@@ -234,7 +234,7 @@ fn mip_level(transfer: &Transfer, share: f64, center: [f64; 2], levels: usize) -
 
 /// The rectangle of plane positions, in pixels of the picture, outside of which nothing shows.
 #[inline(always)]
-fn bounds(view: &View, cells: Option<Cells>, rim: f64) -> ([f64; 2], [f64; 2]) {
+fn bounds(view: &BackwardPlan, cells: Option<Cells>, rim: f64) -> ([f64; 2], [f64; 2]) {
     match cells {
         None => {
             let level = &view.texture.levels[0];
@@ -268,7 +268,14 @@ fn outside(ends: [DVec3; 2], low: [f64; 2], high: [f64; 2]) -> bool {
 
 impl<'a> Lookup<'a> {
     #[inline(always)]
-    fn new(view: &View, cells: Cells<'a>, anchor: [f64; 2], low: [f64; 2], high: [f64; 2], ends: [DVec3; 2]) -> Self {
+    fn new(
+        view: &BackwardPlan,
+        cells: Cells<'a>,
+        anchor: [f64; 2],
+        low: [f64; 2],
+        high: [f64; 2],
+        ends: [DVec3; 2],
+    ) -> Self {
         let [px, py] = view.cell_px;
         let x = anchor[0] / px - f64::from(cells.origin[0]);
         let y = anchor[1] / py - f64::from(cells.origin[1]);

@@ -8,7 +8,7 @@
 //! | 0..8 | the same from row to row |
 //!
 //! A cell that nothing reached is 0, which no other cell is. When two samples reach one cell, the larger number wins:
-//! the visible one, and of those the nearer one (values grow towards the target eye, [`super::Transfer::side`]).
+//! the visible one, and of those the nearer one (values grow towards the target eye, [`super::SpriteTransfer::side`]).
 //! That makes the first pass independent of order, so no occlusion-compatible traversal is needed (C7).
 //!
 //! The slope is why one cell per lookup suffices: a cell is read as a small tilted plane about its centre, which is

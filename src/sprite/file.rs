@@ -6,7 +6,9 @@
 //! displacements), both sprite after sprite, row-major.
 
 use super::displacement::Values;
-use super::{Displacement, DisplacementFormat, Plane, Sprite, SpriteError, SpriteInfo, SpriteSet, SpriteWithDepth};
+use super::{
+    Displacement, DisplacementFormat, Sprite, SpriteError, SpriteInfo, SpritePlane, SpriteSet, SpriteWithDepth,
+};
 use crate::capture::{Camera, CameraError};
 use crate::container::{Container, ContainerWriter, FileError, FileKind, Section};
 use crate::packed::file::read_environment;
@@ -133,7 +135,7 @@ fn sprite(
     let camera = camera(numbers, header).map_err(|e| section.damaged("a camera", e.to_string()))?;
     let color = RgbaImage::from_raw(header.width, header.height, pixels);
     let color = color.ok_or_else(|| section.damaged("a picture of its size", "another"))?;
-    let plane = Plane { normal: DVec3::new(numbers[13], numbers[14], numbers[15]), offset: numbers[16] };
+    let plane = SpritePlane { normal: DVec3::new(numbers[13], numbers[14], numbers[15]), offset: numbers[16] };
     let sprite = unit(plane)
         .and_then(|plane| Sprite::new(color, camera, plane))
         .and_then(|sprite| SpriteWithDepth::new(sprite, displacement));
@@ -169,7 +171,7 @@ fn camera(numbers: &[f64; GEOMETRY], header: &SpriteHeader) -> Result<Camera, Ca
     Camera::from_parts(vector(0), rotation, numbers[12], header.width, header.height)
 }
 
-fn unit(plane: Plane) -> Result<Plane, SpriteError> {
+fn unit(plane: SpritePlane) -> Result<SpritePlane, SpriteError> {
     let is_unit = (plane.normal.length() - 1.0).abs() < ORTHONORMAL;
     if is_unit { Ok(plane) } else { Err(SpriteError::NotFinite) }
 }

@@ -11,7 +11,7 @@ use super::patches::{BLOCK_SIDE, GROUP, PatchGroup, TILE};
 use super::planes::{Setups, draw_patch, set_up, slope_units};
 use super::pure_parallax::{CellBand, Encoding, FirstPass, NEAREST_DEPTH_SHARE, PureParallax, Stored, moved};
 use super::sampling::COPIES;
-use super::transfer::Transfer;
+use super::transfer::SpriteTransfer;
 use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, prelude::*, u8x64, u32x4, u32x16};
 use rayon::prelude::*;
 
@@ -30,7 +30,7 @@ pub(super) struct BandMemory {
 pub(super) fn forward(
     level: Level,
     source: &Field,
-    transfer: &Transfer,
+    transfer: &SpriteTransfer,
     pass: FirstPass,
     out: &mut Field,
     memory: &mut Vec<BandMemory>,
@@ -306,7 +306,7 @@ fn encode<S: Simd>(
 mod tests {
     use super::*;
     use crate::capture::Camera;
-    use crate::sprite::{Displacement, DisplacementFormat, Plane, Sprite};
+    use crate::sprite::{Displacement, DisplacementFormat, Sprite, SpritePlane};
     use glam::{DMat3, DVec3, dvec3};
     use image::{Rgba, RgbaImage};
 
@@ -315,13 +315,13 @@ mod tests {
         const SIDE: u32 = 144;
         let camera = Camera::look_at(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 50.0, [SIDE, SIDE]).expect("valid");
         let color = RgbaImage::from_pixel(SIDE, SIDE, Rgba([255; 4]));
-        let sprite = Sprite::new(color, camera, Plane::through(DVec3::ZERO, DVec3::Z)).expect("valid");
+        let sprite = Sprite::new(color, camera, SpritePlane::through(DVec3::ZERO, DVec3::Z)).expect("valid");
         // Squares at heights of their own: gaps of more rows than filling takes steps lie everywhere.
         let height = |x: u32, y: u32| ((x / 24 * 37 + y / 24 * 101) % 11) as f32 / 11.0;
         let values: Vec<f32> = (0..SIDE * SIDE).map(|i| height(i % SIDE, i / SIDE)).collect();
         let displacement = Displacement::new(SIDE, SIDE, &values, DisplacementFormat::F32).expect("finite");
         let field = Field::of_sprite(&sprite, &displacement);
-        let transfer = Transfer::from_parts(DMat3::IDENTITY, dvec3(4.0, 60.0, 0.05), 1.0).expect("regular");
+        let transfer = SpriteTransfer::from_parts(DMat3::IDENTITY, dvec3(4.0, 60.0, 0.05), 1.0).expect("regular");
         let moved = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
             let (mut out, mut memory) = (Field::empty(), Vec::new());

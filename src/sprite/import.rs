@@ -1,6 +1,6 @@
 //! From a colour picture and a depth picture to a sprite with depth.
 
-use super::{Displacement, DisplacementFormat, Plane, Sprite, SpriteError, SpriteWithDepth};
+use super::{Displacement, DisplacementFormat, Sprite, SpriteError, SpritePlane, SpriteWithDepth};
 use crate::capture::{Camera, DepthKind};
 use image::RgbaImage;
 
@@ -19,7 +19,7 @@ pub struct DepthImport<'a> {
     /// [`DepthKind::ReversedWindowDepth`] (1 at near, 0 at far). Ignored otherwise.
     pub window_range_m: (f64, f64),
     /// The sprite's plane; fitted to the visible pixels if not given.
-    pub plane: Option<Plane>,
+    pub plane: Option<SpritePlane>,
     /// How displacement is stored.
     pub format: DisplacementFormat,
 }
@@ -53,8 +53,8 @@ impl DepthImport<'_> {
             .collect();
         let plane = match self.plane {
             Some(plane) => plane,
-            None if all_transparent => Plane::parallel_to_image(&self.camera, 1.0),
-            None => Plane::fit(&self.camera, &samples)?,
+            None if all_transparent => SpritePlane::parallel_to_image(&self.camera, 1.0),
+            None => SpritePlane::fit(&self.camera, &samples)?,
         };
         if samples.is_empty() && !all_transparent {
             return Err(SpriteError::NoValidDepth);

@@ -49,11 +49,11 @@ pub use images::{ImageFileError, write_depth_exr};
 pub use import::DepthImport;
 pub use layer::SpriteLayer;
 pub(crate) use layer::straight;
-pub use plane::Plane;
-pub use render::{PreparedSprite, RenderOptions, SpriteRenderer, Variant};
-pub use sampling::Sampling;
+pub use plane::SpritePlane;
+pub use render::{PreparedSprite, RenderOptions, SpriteRenderer, SpriteVariant};
+pub use sampling::SpriteSampling;
 pub use set::{SpriteInfo, SpriteSet};
-pub use transfer::{Outcome, Transfer};
+pub use transfer::{Outcome, SpriteTransfer};
 
 use crate::capture::Camera;
 use image::RgbaImage;
@@ -65,7 +65,7 @@ use image::RgbaImage;
 pub struct Sprite {
     color: RgbaImage,
     camera: Camera,
-    plane: Plane,
+    plane: SpritePlane,
 }
 
 impl Sprite {
@@ -75,7 +75,7 @@ impl Sprite {
     /// # Errors
     /// [`SpriteError::SizeMismatch`] if picture and camera differ in size, [`SpriteError::PlaneThroughEye`] if the plane
     /// is seen edge-on or is not finite.
-    pub fn new(color: RgbaImage, camera: Camera, plane: Plane) -> Result<Self, SpriteError> {
+    pub fn new(color: RgbaImage, camera: Camera, plane: SpritePlane) -> Result<Self, SpriteError> {
         SpriteError::check_sizes("colour", color.dimensions(), "camera", (camera.width(), camera.height()))?;
         let plane = plane.facing(camera.eye());
         // A plane closer to the eye than a millionth of a pixel's width at unit depth cannot be told from one through it.
@@ -97,7 +97,7 @@ impl Sprite {
     }
 
     /// The plane, the camera's eye on its positive side.
-    pub fn plane(&self) -> &Plane {
+    pub fn plane(&self) -> &SpritePlane {
         &self.plane
     }
 }

@@ -7,14 +7,14 @@ use glam::{DMat3, DVec3};
 
 /// The plane `normal . X + offset = 0`, world metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plane {
+pub struct SpritePlane {
     /// Unit normal ([A B C] of S2).
     pub normal: DVec3,
     /// Signed distance of the world's origin, metres (D of S2).
     pub offset: f64,
 }
 
-impl Plane {
+impl SpritePlane {
     /// The plane through `point` with a normal of any length; a zero normal gives a plane that is not finite.
     pub fn through(point: DVec3, normal: DVec3) -> Self {
         let normal = normal.normalize();
@@ -139,7 +139,7 @@ mod tests {
         let camera =
             Camera::look_at(DVec3::new(100.0, 2.0, 5.0), DVec3::new(100.3, 1.0, 0.0), DVec3::Y, 50.0, [64, 48])
                 .expect("valid");
-        let truth = Plane::through(DVec3::new(100.0, 1.0, 0.0), DVec3::new(0.3, 0.2, 1.0)).facing(camera.eye());
+        let truth = SpritePlane::through(DVec3::new(100.0, 1.0, 0.0), DVec3::new(0.3, 0.2, 1.0)).facing(camera.eye());
         let samples: Vec<[f64; 3]> = (0..64 * 48)
             .map(|i| {
                 let [x, y] = [f64::from(i % 64) + 0.5, f64::from(i / 64) + 0.5];
@@ -147,17 +147,17 @@ mod tests {
                 [x, y, if (i % 64 / 8 + i / 64 / 8) % 4 == 0 { q * 1.5 } else { q }] // a quarter is another surface
             })
             .collect();
-        let found = Plane::fit(&camera, &samples).expect("samples");
+        let found = SpritePlane::fit(&camera, &samples).expect("samples");
         assert!(found.normal.distance(truth.normal) < 1e-9 && (found.offset - truth.offset).abs() < 1e-7, "{found:?}");
     }
 
     #[test]
     fn too_few_samples_give_the_parallel_plane() {
         let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 50.0, [8, 8]).expect("valid");
-        assert_eq!(Plane::fit(&camera, &[]), Err(SpriteError::NoValidDepth));
-        let single = Plane::fit(&camera, &[[1.5, 2.5, 0.25]]).expect("one sample");
+        assert_eq!(SpritePlane::fit(&camera, &[]), Err(SpriteError::NoValidDepth));
+        let single = SpritePlane::fit(&camera, &[[1.5, 2.5, 0.25]]).expect("one sample");
         assert!((single.signed_distance(DVec3::ZERO) - 4.0).abs() < 1e-12 && single.normal.z.abs() > 0.999_999);
         let row: Vec<[f64; 3]> = (0..8).map(|i| [f64::from(i), 3.5, 0.25]).collect();
-        assert_eq!(Plane::fit(&camera, &row).expect("a row"), single);
+        assert_eq!(SpritePlane::fit(&camera, &row).expect("a row"), single);
     }
 }

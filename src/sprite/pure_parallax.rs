@@ -2,7 +2,7 @@
 
 use super::cell::Coding;
 use super::field::Field;
-use super::transfer::Transfer;
+use super::transfer::SpriteTransfer;
 
 /// A surface point whose depth from the target eye is less than this share of its plane's is not drawn: it would be
 /// magnified beyond use, and at 0 it is behind the eye.
@@ -43,7 +43,7 @@ pub(super) struct PureParallax {
 
 impl PureParallax {
     /// For a pass, and the displacements that stay in front of the target eye. `out` takes its place, size and coding.
-    pub(super) fn new(source: &Field, transfer: &Transfer, pass: FirstPass, out: &mut Field) -> (Self, [f32; 2]) {
+    pub(super) fn new(source: &Field, transfer: &SpriteTransfer, pass: FirstPass, out: &mut Field) -> (Self, [f32; 2]) {
         let e = transfer.epipole_in_sprite;
         let epipole = [(e.x / pass.cell_px[0]) as f32, (e.y / pass.cell_px[1]) as f32, e.z as f32];
         let range = in_front(source.range, epipole[2]);

@@ -1,21 +1,21 @@
 //! Drawing a sprite for a camera, by any of the paper's variants.
 
-use super::backward::{Parallax, View, backward};
+use super::backward::{BackwardPlan, Parallax, backward};
 use super::field::Field;
 use super::forward::{BandMemory, forward};
 use super::pure_parallax::{FirstPass, Stored};
-use super::sampling::Sampling;
+use super::sampling::SpriteSampling;
 use super::shift::ShiftField;
 use super::splat::splat;
 use super::texture::Texture;
-use super::transfer::{Outcome, Transfer};
+use super::transfer::{Outcome, SpriteTransfer};
 use super::{SpriteLayer, SpriteWithDepth};
 use crate::capture::{Camera, simd};
 use fearless_simd::Level;
 
 /// How parallax inside a sprite is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Hash, serde::Serialize)]
-pub enum Variant {
+pub enum SpriteVariant {
     /// Not at all: the plane's homography (S3).
     Homography,
     /// By the displacement that the homography finds (S6): for small motions.
@@ -33,7 +33,7 @@ pub enum Variant {
     ForwardColor,
 }
 
-impl Variant {
+impl SpriteVariant {
     /// All variants.
     pub const ALL: [Self; 7] = [
         Self::Homography,
@@ -75,9 +75,9 @@ impl Variant {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 pub struct RenderOptions {
     /// How parallax is drawn.
-    pub variant: Variant,
+    pub variant: SpriteVariant,
     /// How colours are looked up.
-    pub sampling: Sampling,
+    pub sampling: SpriteSampling,
     /// Cells by which gaps after the first pass are filled (S9): 0 leaves them transparent.
     pub fill_steps: u32,
 }
@@ -85,7 +85,7 @@ pub struct RenderOptions {
 impl Default for RenderOptions {
     /// Two passes, bilinear, three steps of filling: what the paper found good.
     fn default() -> Self {
-        Self { variant: Variant::default(), sampling: Sampling::default(), fill_steps: 3 }
+        Self { variant: SpriteVariant::default(), sampling: SpriteSampling::default(), fill_steps: 3 }
     }
 }
 
@@ -162,7 +162,7 @@ impl SpriteRenderer {
         frame: &mut SpriteLayer,
     ) -> Outcome {
         frame.resize(target.width(), target.height());
-        match Transfer::new(sprite.sprite.sprite(), target) {
+        match SpriteTransfer::new(sprite.sprite.sprite(), target) {
             Ok(_) if sprite.invisible => frame.pixels.fill(0),
             Ok(transfer) => self.render_transfer(sprite, &transfer, options, frame),
             Err(outcome) => {
@@ -177,44 +177,47 @@ impl SpriteRenderer {
     pub fn render_transfer(
         &mut self,
         sprite: &PreparedSprite,
-        transfer: &Transfer,
+        transfer: &SpriteTransfer,
         options: &RenderOptions,
         frame: &mut SpriteLayer,
     ) {
         let affine;
         let mut transfer = transfer;
-        if options.variant == Variant::AffineParallax {
+        if options.variant == SpriteVariant::AffineParallax {
             affine = transfer.with_epipole_at_infinity();
             transfer = &affine;
         }
         let PreparedSprite { texture, field, cell_px, .. } = sprite;
-        let moves = !matches!(options.variant, Variant::Homography | Variant::OnePass | Variant::ForwardColor);
+        let moves = !matches!(
+            options.variant,
+            SpriteVariant::Homography | SpriteVariant::OnePass | SpriteVariant::ForwardColor
+        );
         if moves {
-            let as_printed = options.variant == Variant::AsPrinted;
+            let as_printed = options.variant == SpriteVariant::AsPrinted;
             let stored = if as_printed { Stored::AsPrinted } else { Stored::Corrected };
             let pass = FirstPass { cell_px: *cell_px, stored, fill_steps: options.fill_steps };
             forward(self.level, field, transfer, pass, &mut self.moved, &mut self.bands);
         }
         let shifts;
         let parallax = match options.variant {
-            Variant::Homography => Parallax::None,
-            Variant::OnePass => Parallax::Displacement(field),
-            Variant::TwoPass => Parallax::Displacement(&self.moved),
-            Variant::AsPrinted => Parallax::AsPrinted(&self.moved),
-            Variant::AffineParallax => Parallax::Affine(&self.moved),
-            Variant::ShiftField => {
+            SpriteVariant::Homography => Parallax::None,
+            SpriteVariant::OnePass => Parallax::Displacement(field),
+            SpriteVariant::TwoPass => Parallax::Displacement(&self.moved),
+            SpriteVariant::AsPrinted => Parallax::AsPrinted(&self.moved),
+            SpriteVariant::AffineParallax => Parallax::Affine(&self.moved),
+            SpriteVariant::ShiftField => {
                 shifts = ShiftField::new(&self.moved, transfer, *cell_px);
                 Parallax::Shift(&shifts)
             }
-            Variant::ForwardColor => {
+            SpriteVariant::ForwardColor => {
                 let width = frame.size().0;
                 let pixels = &mut frame.pixels;
                 splat(texture, field, *cell_px, transfer, options.sampling, width, pixels, &mut self.nearness);
                 return;
             }
         };
-        let view = View { texture, transfer, cell_px: *cell_px, parallax };
+        let view = BackwardPlan { texture, transfer, cell_px: *cell_px, parallax };
         let width = frame.size().0;
-        backward(self.level, &view, options.sampling == Sampling::Nearest, width, &mut frame.pixels);
+        backward(self.level, &view, options.sampling == SpriteSampling::Nearest, width, &mut frame.pixels);
     }
 }

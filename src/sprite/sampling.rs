@@ -1,4 +1,4 @@
-//! Sampling the picture: sixteen pixels' worth of arithmetic at a time, their texels fetched one by one in between.
+//! SpriteSampling the picture: sixteen pixels' worth of arithmetic at a time, their texels fetched one by one in between.
 //!
 //! The arithmetic is written without closures: a closure that is not inlined would be compiled without the SIMD level's
 //! instructions and cost more than all the rest.
@@ -13,7 +13,7 @@ use fearless_simd::{Simd, f32x16, i16x32, i32x16, prelude::*, u8x64, u16x32, u32
 /// How a colour is looked up between pixel centres.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Hash, serde::Serialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
-pub enum Sampling {
+pub enum SpriteSampling {
     /// The nearest pixel.
     Nearest,
     /// Weighted mean of the four around.

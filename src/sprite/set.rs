@@ -4,6 +4,7 @@ use super::{Outcome, PreparedSprite, RenderOptions, SpriteLayer, SpriteRenderer,
 use crate::capture::Camera;
 use crate::capture::scene::FileFrame;
 use crate::environment::Environment;
+use crate::scene_source::LightParameters;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +16,9 @@ pub struct SpriteInfo {
     /// Axes and unit of the source.
     #[serde(flatten)]
     pub frame: FileFrame,
+    /// The scene's light, where it is not its own.
+    #[serde(default)]
+    pub light: LightParameters,
 }
 
 /// Sprites that are drawn together.

@@ -2,7 +2,7 @@
 
 use super::field::Field;
 use super::pure_parallax::NEAREST_DEPTH_SHARE;
-use super::transfer::Transfer;
+use super::transfer::SpriteTransfer;
 use rayon::prelude::*;
 
 /// Shifts u3 = x1 - x3, v3 = y1 - y3 per cell (S7).
@@ -22,7 +22,7 @@ impl ShiftField {
     pub(super) const EMPTY: u32 = 0x8000_8000;
 
     /// The shifts of displacements after the first pass, at the centres of their cells.
-    pub(super) fn new(field: &Field, transfer: &Transfer, cell_px: [f64; 2]) -> Self {
+    pub(super) fn new(field: &Field, transfer: &SpriteTransfer, cell_px: [f64; 2]) -> Self {
         let e = -transfer.epipole_in_sprite;
         let shift = |index: usize, cell: u32| {
             let x = (f64::from(field.x0) + (index % field.width as usize) as f64 + 0.5) * cell_px[0];

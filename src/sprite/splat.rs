@@ -4,9 +4,9 @@
 
 use super::cell::VISIBLE;
 use super::field::Field;
-use super::sampling::Sampling;
+use super::sampling::SpriteSampling;
 use super::texture::Texture;
-use super::transfer::Transfer;
+use super::transfer::SpriteTransfer;
 use glam::dvec3;
 
 /// Draws into `pixels`, row-major, `width` columns; `nearness` is scratch space.
@@ -14,8 +14,8 @@ pub(super) fn splat(
     texture: &Texture,
     field: &Field,
     cell_px: [f64; 2],
-    transfer: &Transfer,
-    sampling: Sampling,
+    transfer: &SpriteTransfer,
+    sampling: SpriteSampling,
     width: u32,
     pixels: &mut [u32],
     nearness: &mut Vec<f32>,
@@ -41,8 +41,8 @@ pub(super) fn splat(
             let nearer = (d * transfer.side / p.z) as f32;
             let (tx, ty) = (p.x / p.z, p.y / p.z);
             let (first, count) = match sampling {
-                Sampling::Nearest => ([tx.floor(), ty.floor()], 1),
-                Sampling::Bilinear => ([(tx - 0.5).floor(), (ty - 0.5).floor()], 2),
+                SpriteSampling::Nearest => ([tx.floor(), ty.floor()], 1),
+                SpriteSampling::Bilinear => ([(tx - 0.5).floor(), (ty - 0.5).floor()], 2),
             };
             for (dx, dy) in (0..count).flat_map(|dy| (0..count).map(move |dx| (dx, dy))) {
                 let (column, row) = (first[0] + f64::from(dx), first[1] + f64::from(dy));

@@ -28,7 +28,7 @@ const EDGE_ON: f64 = 1e-3;
 /// `1/Z = q(x, y) + d / distance1`, q the plane's inverse depth. Projecting Z^-1 times that point by camera 2 gives
 /// `H12 = M2 D1 + (M2 (eye1 - eye2)) q^T` and `e12 = M2 (eye1 - eye2) / distance1`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Transfer {
+pub struct SpriteTransfer {
     /// H12: (w2 x2, w2 y2, w2) = H12 (x1, y1, 1) for points on the plane; w2 is Z2/Z1, positive in front of both eyes.
     pub target_from_sprite: DMat3,
     /// H21, the inverse.
@@ -42,7 +42,7 @@ pub struct Transfer {
     pub side: f64,
 }
 
-impl Transfer {
+impl SpriteTransfer {
     /// The maps, or why there is nothing to draw.
     ///
     /// # Errors
@@ -121,14 +121,14 @@ fn outer(column: DVec3, row: DVec3) -> DMat3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sprite::Plane;
+    use crate::sprite::SpritePlane;
     use glam::DVec4;
     use image::RgbaImage;
 
     fn setup() -> (Sprite, Camera) {
         let look = |eye, at| Camera::look_at(eye, at, DVec3::Y, 50.0, [64, 48]).expect("valid");
         let camera = look(dvec3(10.0, 1.0, 4.0), dvec3(10.2, 1.1, 0.0));
-        let plane = Plane::through(dvec3(10.0, 1.0, 0.0), dvec3(0.2, 0.1, 1.0));
+        let plane = SpritePlane::through(dvec3(10.0, 1.0, 0.0), dvec3(0.2, 0.1, 1.0));
         let sprite = Sprite::new(RgbaImage::new(64, 48), camera, plane).expect("valid");
         (sprite, look(dvec3(10.7, 1.3, 3.5), dvec3(10.0, 1.0, 0.0)))
     }
@@ -139,7 +139,7 @@ mod tests {
     #[test]
     fn agrees_with_the_papers_matrices_when_both_hats_share_the_plane_row() {
         let (sprite, target) = setup();
-        let transfer = Transfer::new(&sprite, &target).expect("in front");
+        let transfer = SpriteTransfer::new(&sprite, &target).expect("in front");
         let hat = |camera: &Camera| {
             let rows = camera.image_from_world().transpose();
             let plane = DVec4::from((sprite.plane().normal, sprite.plane().offset));
@@ -162,7 +162,7 @@ mod tests {
     #[test]
     fn eq_4_agrees_with_projecting_the_point() {
         let (sprite, target) = setup();
-        let transfer = Transfer::new(&sprite, &target).expect("in front");
+        let transfer = SpriteTransfer::new(&sprite, &target).expect("in front");
         for (x, y, depth) in [(3.0, 40.0, 3.0), (60.5, 2.5, 4.5), (31.0, 20.0, 9.0)] {
             let point = sprite.camera().eye() + sprite.camera().direction(x, y) * depth;
             let d = sprite.plane().signed_distance(point) / depth;
@@ -177,12 +177,12 @@ mod tests {
         let (sprite, _) = setup();
         let look = |eye, at| Camera::look_at(eye, at, DVec3::Y, 50.0, [64, 48]).expect("valid");
         let in_plane = look(dvec3(10.0, 1.0, 0.0), dvec3(11.0, 1.0, 0.0));
-        assert_eq!(Transfer::new(&sprite, &in_plane), Err(Outcome::EdgeOn));
+        assert_eq!(SpriteTransfer::new(&sprite, &in_plane), Err(Outcome::EdgeOn));
         let along_plane = look(dvec3(9.0, 1.0, 0.2), dvec3(10.0, 1.0, 0.0));
-        assert_eq!(Transfer::new(&sprite, &along_plane), Err(Outcome::EdgeOn));
+        assert_eq!(SpriteTransfer::new(&sprite, &along_plane), Err(Outcome::EdgeOn));
         let away = look(dvec3(10.0, 1.0, 4.0), dvec3(10.0, 1.0, 8.0));
-        assert_eq!(Transfer::new(&sprite, &away), Err(Outcome::Behind));
+        assert_eq!(SpriteTransfer::new(&sprite, &away), Err(Outcome::Behind));
         let from_behind = look(dvec3(10.0, 1.0, -4.0), dvec3(10.0, 1.0, 0.0));
-        assert_eq!(Transfer::new(&sprite, &from_behind).expect("visible").side, -1.0);
+        assert_eq!(SpriteTransfer::new(&sprite, &from_behind).expect("visible").side, -1.0);
     }
 }

@@ -2,6 +2,7 @@
 
 use super::background::FewerThreads;
 use super::effort;
+use super::facts::{axes_fact, simd_fact};
 use super::file_name::file_name;
 use super::growth::{Growth, LitScene, Stand};
 use super::overlay::{Judge, Overlay, paint_coverage, paint_epipole, paint_holes};
@@ -22,8 +23,7 @@ use crate::render::{FrameStats, RenderSettings, Renderer};
 use crate::scene_source::SceneSource;
 use glam::DVec3;
 use headbox_viewer::{
-    EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Ongoing, Pose, Refinement, Setting, SettingValues,
-    Stage,
+    EyeBounds, Figure, FrameReport, FrameRequest, FrameSource, Ongoing, Pose, Refinement, Setting, SettingValues, Stage,
 };
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -174,7 +174,7 @@ fn paint_effort(
 
 /// Opens the scene that an LDI names, with the light it was captured in.
 fn reopen(info: &CaptureInfo) -> Result<LitScene, String> {
-    let source = SceneSource::in_frame(&info.scene, info.frame);
+    let source = SceneSource::in_frame(&info.scene, info.frame).lit_by(info.light.clone());
     let scene = source.open().map_err(|error| format!("Truth needs the scene that was captured: {error}."))?;
     let tracer = Arc::new(Tracer::new(Arc::new(scene), info.centre));
     let mut lighting = Lighting::measure(&tracer, info.parameters.bounces);
@@ -311,7 +311,7 @@ impl FrameSource for CubeSource {
         }
         // Truth is what one waits for if one asked for it.
         let ongoing = self.judge.ongoing(overlay).or(ongoing);
-        let facts = vec![super::simd_fact(), axes_fact(&self.place.frame)];
+        let facts = vec![simd_fact(), axes_fact(&self.place.frame)];
         Ok(FrameReport { stages, figures, facts, refinement, legend: overlay.legend(), ongoing })
     }
 
@@ -327,11 +327,6 @@ impl FrameSource for CubeSource {
             _ => Err(format!("\"{action}\" is not something that this view can do.")),
         }
     }
-}
-
-/// What was taken for the file's axes and unit.
-fn axes_fact(frame: &FileFrame) -> Fact {
-    Fact { name: "in the file", text: format!("{} is up, 1 is {} m (view --up, --unit)", frame.up, frame.unit_m) }
 }
 
 fn stages(stats: &FrameStats) -> Vec<Stage> {

@@ -111,7 +111,7 @@ impl FrameSource for GeometrySource {
                 Vec::new()
             }
         };
-        let mut facts = vec![super::simd_fact()];
+        let mut facts = vec![super::facts::simd_fact()];
         if stats.cameras_valid == 0 {
             facts.push(Fact { name: "nothing", text: geometry.nothing_seen() });
         }

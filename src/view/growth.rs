@@ -13,6 +13,7 @@ use crate::capture::viewpoint;
 use crate::ldi::job::CaptureJob;
 use crate::ldi::parameters::{CaptureParameters, Resources};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::primitives::{self, DEFAULT_ERROR_PX};
 use crate::progress::Progress;
 use crate::scene_source::SceneSource;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -108,7 +109,7 @@ pub(super) struct Stand {
 }
 
 /// Where a scene is captured, known before anything is traced.
-pub(super) struct Place {
+pub(super) struct CapturePlace {
     pub(super) tracer: Arc<Tracer>,
     pub(super) headbox: Headbox,
 }
@@ -118,7 +119,7 @@ impl Growth {
     ///
     /// # Errors
     /// One sentence: the scene cannot be opened.
-    pub(super) fn start(source: SceneSource) -> Result<(Self, Place), String> {
+    pub(super) fn start(source: SceneSource) -> Result<(Self, CapturePlace), String> {
         let scene = Arc::new(source.open().map_err(|error| error.to_string())?);
         let headbox = viewpoint::place_headbox(&scene, None, None).map_err(|error| error.to_string())?;
         let tracer = Arc::new(Tracer::new(scene, headbox.centre));
@@ -138,7 +139,7 @@ impl Growth {
             }
         });
         spawned.map_err(|error| format!("Cannot start a thread: {error}."))?;
-        Ok((Self { shared }, Place { tracer, headbox }))
+        Ok((Self { shared }, CapturePlace { tracer, headbox }))
     }
 
     /// A way to wait for the scene with its light.
@@ -224,7 +225,7 @@ impl Shared {
         let resources = Resources { budget: is_large.then(|| (BUDGET.1, std::env::temp_dir())) };
         let captured = job.run(&scene.tracer, &scene.lighting, &resources, self);
         let (ldi, _) = captured.map_err(|error| format!("The capture failed: {error}."))?;
-        let packed = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto);
+        let packed = primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX);
         let packed = packed.map_err(|error| format!("The capture cannot be packed: {error}."))?;
         let mut state = self.lock();
         state.newest = Some(Arc::new(packed));
@@ -272,7 +273,7 @@ mod tests {
         let job = ROUNDS[0].job(&source, &place.headbox);
         let silent = crate::progress::Silent;
         let (ldi, _) = job.run(&scene.tracer, &scene.lighting, &Resources::default(), &silent).unwrap();
-        assert!(*first == PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).unwrap());
+        assert!(*first == primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX).unwrap());
         let shared = Arc::clone(&growth.shared);
         drop(growth);
         let mut state = shared.lock();

@@ -16,7 +16,7 @@ use crate::portal::opening::Opening;
 use crate::portal::settings::WalkStats;
 use crate::portal::store::Store;
 use crate::portal::tour::Tour;
-use crate::portal::variant::Variant;
+use crate::portal::variant::HouseVariant;
 use crate::portal::walk_path::WalkPath;
 use crate::scenes;
 use glam::{DVec2, DVec3};
@@ -61,7 +61,7 @@ pub(super) struct HouseSource {
     tour: Tour,
     start: Pose,
     /// The variant to begin with.
-    initial: Variant,
+    initial: HouseVariant,
     threads: FewerThreads,
     /// The same house with its light baked in, if that is still to come.
     lit: Option<LitLater>,
@@ -137,7 +137,7 @@ impl HouseSource {
     }
 
     fn new(title: String, house: House, store: Store, quality: BackdropQuality) -> Self {
-        let (initial, start) = (Variant::of_store(&store), start_in(&house));
+        let (initial, start) = (HouseVariant::of_store(&store), start_in(&house));
         let tour = Tour::new(Arc::new(house), Arc::new(store), quality, initial.settings());
         Self { title, tour, start, initial, threads: FewerThreads::default(), lit: None, notes: Vec::new() }
     }
@@ -261,8 +261,8 @@ impl FrameSource for HouseSource {
     }
 
     fn settings(&self) -> Vec<Setting> {
-        let options = Variant::ALL.map(|variant| variant.name.to_owned()).to_vec();
-        let selected = Variant::ALL.iter().position(|variant| *variant == self.initial).unwrap_or(0);
+        let options = HouseVariant::ALL.map(|variant| variant.name.to_owned()).to_vec();
+        let selected = HouseVariant::ALL.iter().position(|variant| *variant == self.initial).unwrap_or(0);
         vec![
             Setting::new(
                 "variant",
@@ -286,14 +286,14 @@ impl FrameSource for HouseSource {
     fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
         let awaits_light = self.awaits_light()?;
         let Self { tour, initial, threads, .. } = self;
-        tour.settings = Variant::ALL.get(request.settings.choice("variant")?).unwrap_or(initial).settings();
+        tour.settings = HouseVariant::ALL.get(request.settings.choice("variant")?).unwrap_or(initial).settings();
         let (_, stats) = threads.install(&request.settings, || tour.frame(&request.camera))?;
         let (stages, mut figures, cell) = (stages(stats), figures(stats), stats.cell);
         let mut facts = vec![place(tour.house(), cell)];
         if awaits_light {
             facts.push(Fact { name: "light", text: "is being baked".into() });
         }
-        facts.push(super::simd_fact());
+        facts.push(super::facts::simd_fact());
         figures.push(figure("memory of backdrops", tour.store().bytes() as f64 / f64::from(1 << 20), "MiB"));
         let legend = match OVERLAYS.get(request.settings.choice("overlay")?) {
             Some(&"holes") => {

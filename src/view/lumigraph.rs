@@ -43,8 +43,7 @@ impl FrameSource for LumigraphSource {
     fn start_pose(&self) -> Pose {
         let grid = self.lumigraph.grid();
         let ahead = grid.origin() - grid.world_from_eye().z_axis;
-        let fov_y_deg = 2.0 * (f64::from(grid.size_px()[1]) / 2.0 / grid.focal_px()).atan().to_degrees();
-        Pose::looking_at(grid.origin(), ahead, fov_y_deg)
+        Pose::looking_at(grid.origin(), ahead, self.lumigraph.clear_fov_deg(grid.size_px()))
     }
 
     fn speed_m_per_s(&self) -> f64 {
@@ -103,7 +102,7 @@ impl FrameSource for LumigraphSource {
                 },
                 Figure { name: "pixels covered", value: share * 100.0, unit: "%" },
             ],
-            facts: vec![super::simd_fact()],
+            facts: vec![super::facts::simd_fact()],
             ..FrameReport::default()
         })
     }

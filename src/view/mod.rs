@@ -21,6 +21,7 @@
 mod background;
 mod cube;
 mod effort;
+mod facts;
 mod file_name;
 mod geometry;
 mod growth;
@@ -37,11 +38,3 @@ mod tests;
 mod variation;
 
 pub use library::{OpenError, SceneLibrary, open, open_source, show_cube, show_geometry};
-
-use crate::capture::simd;
-use headbox_viewer::Fact;
-
-/// What frames are drawn with.
-fn simd_fact() -> Fact {
-    Fact { name: "SIMD level", text: simd::name(simd::level()).into() }
-}

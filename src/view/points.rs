@@ -54,7 +54,7 @@ impl Points {
             Point::on(scene, centre, triangle as u32, [random[1], random[2]], count)
         };
         let range: Range<u32> = if sum > 0.0 { 0..POINTS } else { 0..0 };
-        let sky = scene.sky.map_or([0.1; 3], |sky| sky.horizon);
+        let sky = scene.sky.as_ref().map_or([0.1; 3], |sky| sky.seen(Vec3::NEG_Z));
         Self { points: range.map(point).collect(), sky_srgb: sky.map(srgb8_from_linear), depths: Vec::new() }
     }
 

@@ -3,7 +3,7 @@
 use crate::capture::scene::FileFrame;
 use crate::compose::{ComposeSettings, Composer, Composition};
 use crate::frame::Frame;
-use crate::sprite::{RenderOptions, Sampling, SpriteSet, Variant};
+use crate::sprite::{RenderOptions, SpriteSampling, SpriteSet, SpriteVariant};
 use glam::DVec3;
 use headbox_viewer::{Figure, FrameReport, FrameRequest, FrameSource, Navigation, Pose, Setting, SettingValues, Stage};
 use std::path::Path;
@@ -32,7 +32,7 @@ impl SpriteSource {
         let fov_y_deg = 2.0 * (f64::from(camera.height()) / 2.0 / camera.focal_px()).atan().to_degrees();
         // The middle of the sprites in depth: there parallax goes both ways.
         let middle = [f64::from(camera.width()) / 2.0, f64::from(camera.height()) / 2.0];
-        let depth = |plane: &crate::sprite::Plane| 1.0 / plane.inverse_depth(camera, middle[0], middle[1]);
+        let depth = |plane: &crate::sprite::SpritePlane| 1.0 / plane.inverse_depth(camera, middle[0], middle[1]);
         let mut depths: Vec<f64> = set.sprites().iter().map(|s| depth(s.sprite().sprite().plane())).collect();
         depths.retain(|depth| *depth > 0.0 && depth.is_finite());
         depths.sort_by(f64::total_cmp);
@@ -46,8 +46,8 @@ impl SpriteSource {
 }
 
 fn options(values: &SettingValues) -> Result<RenderOptions, String> {
-    let variant = Variant::ALL.get(values.choice("variant")?).copied().unwrap_or_default();
-    let sampling = if values.toggle("nearest")? { Sampling::Nearest } else { Sampling::default() };
+    let variant = SpriteVariant::ALL.get(values.choice("variant")?).copied().unwrap_or_default();
+    let sampling = if values.toggle("nearest")? { SpriteSampling::Nearest } else { SpriteSampling::default() };
     Ok(RenderOptions { variant, sampling, fill_steps: values.number("fill")? as u32 })
 }
 
@@ -73,8 +73,8 @@ impl FrameSource for SpriteSource {
     }
 
     fn settings(&self) -> Vec<Setting> {
-        let names = Variant::ALL.map(Variant::name);
-        let chosen = Variant::ALL.iter().position(|v| *v == Variant::default()).unwrap_or(0);
+        let names = SpriteVariant::ALL.map(SpriteVariant::name);
+        let chosen = SpriteVariant::ALL.iter().position(|v| *v == SpriteVariant::default()).unwrap_or(0);
         let tip = "How parallax inside a sprite is drawn: two passes are the papers' recommendation, the others what it is \
                    measured against (no unit).";
         let options = names.map(str::to_owned).to_vec();
@@ -107,7 +107,7 @@ impl FrameSource for SpriteSource {
                 Figure { name: "number of sprites", value: self.layers.sprites().sprites().len() as f64, unit: "" },
                 Figure { name: "pixels covered", value: share * 100.0, unit: "%" },
             ],
-            facts: vec![super::simd_fact()],
+            facts: vec![super::facts::simd_fact()],
             ..FrameReport::default()
         })
     }

@@ -8,7 +8,7 @@ use crate::lumigraph::{CameraGrid, GridParts, LumigraphCapture, Placement};
 use crate::portal::backdrop::BackdropQuality;
 use crate::portal::house::House;
 use crate::portal::store::Store;
-use crate::portal::variant::Variant;
+use crate::portal::variant::HouseVariant;
 use crate::portal::walk_path::WalkPath;
 use crate::progress::Silent;
 use crate::scene_source::SceneSource;
@@ -229,7 +229,7 @@ fn every_way_to_draw_a_house_shows_backdrops_once_they_are_built() {
     let mut source = open(file.to_str().unwrap(), dir.path()).unwrap();
     let start = source.start_pose();
     let Control::Choice { options, selected } = source.settings().remove(0).control else { panic!("a choice") };
-    assert_eq!((options.len(), selected), (Variant::ALL.len(), 0), "geometry first: the file has nothing else");
+    assert_eq!((options.len(), selected), (HouseVariant::ALL.len(), 0), "geometry first: the file has nothing else");
     let (geometry, _) = render(&mut *source, start, &[("variant", "geometry")]);
     for variant in &options {
         let settings = [("variant", variant.as_str())];

@@ -8,7 +8,7 @@ use headbox::capture::Camera;
 use headbox::capture::light::{LightSample, Lighting, LitPoint};
 use headbox::capture::random::Rng;
 use headbox::capture::rig::Face;
-use headbox::capture::scene::{Headbox, Scene, Sky, Sun, Triangle};
+use headbox::capture::scene::{Headbox, Scene, Sky, SkyGradient, Sun, Triangle};
 use headbox::capture::trace::Tracer;
 use headbox::capture::{Material, srgb8_from_linear};
 use headbox::gaps;
@@ -286,7 +286,7 @@ fn light_agrees_with_closed_forms() {
     let mut boxes = Boxes::default();
     let grey = boxes.material([0.5; 3], [0.0; 3]);
     let mut scene = boxes.add(dvec3(0.0, -1.0, 0.0), dvec3(100.0, 1.0, 100.0), grey).0;
-    scene.sky = Some(Sky { zenith: [0.5; 3], horizon: [0.5; 3], ground: [0.5; 3] });
+    scene.sky = Some(Sky::Gradient(SkyGradient::uniform([0.5; 3])));
     let direction = Vec3::new(3f32.sqrt() / 2.0, 0.5, 0.0);
     scene.sun = Some(Sun { direction, irradiance: [2.0; 3], angular_radius_rad: 0.005 });
     let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);

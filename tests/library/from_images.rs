@@ -1,9 +1,9 @@
 //! Cube LDIs from depth images (S12): what the tracer saw comes back, wherever an image was taken and however fine it is.
 
-use crate::common::bed::room;
+use crate::common::bed::{Scene, room, srgb};
 use crate::common::capture::centre_rays;
 use glam::DVec3;
-use headbox::capture::images::{DepthPicture, ImageSet, ImageSetOptions, View};
+use headbox::capture::images::{DepthPicture, ImageSet, ImageSetOptions, Lens, View};
 use headbox::capture::rig::Face;
 use headbox::ldi::CubeLdi;
 use headbox::ldi::from_images::ImagesJob;
@@ -68,6 +68,46 @@ fn six_faces_of_the_tracer_give_its_own_ldi_back() {
             assert_eq!(found.color_srgb[..3], expected.color_srgb[..3]);
         }
     }
+}
+
+/// Writes an equirectangular panorama of a scene from the origin, and opens it.
+fn as_panorama(scene: &Scene, width: u32, folder: &Path) -> ImageSet {
+    let height = width / 2;
+    let ray =
+        |i: u32| Lens::Equirectangular.ray([f64::from(i % width) + 0.5, f64::from(i / width) + 0.5], [width, height]);
+    let hit = |i: u32| scene.hit(DVec3::ZERO, ray(i)).expect("a closed room");
+    let color = |x, y| {
+        let [r, g, b, _] = srgb(hit(y * width + x).color);
+        Rgb([r, g, b])
+    };
+    RgbImage::from_fn(width, height, color).save(folder.join("all.png")).expect("written");
+    let values = (0..width * height).map(|i| hit(i).t as f32).collect();
+    write_depth_exr(&DepthPicture { width, height, values }, &folder.join("all_depth.exr")).expect("written");
+    ImageSet::open(folder, &ImageSetOptions::default()).expect("opens")
+}
+
+#[test]
+fn a_panorama_of_the_tracer_gives_its_centre_ray_ldi() {
+    /// A sample is moved to the middle of its pixel along a plane through its neighbours; spheres curve away from it, and at edges
+    /// a pixel of the panorama may show the other surface.
+    const RELATIVE_DEPTH: f32 = 2e-3;
+    const AT_EDGES: f64 = 0.04;
+    let scene = room(20.0);
+    let folder = tempfile::tempdir().expect("a folder");
+    let set = as_panorama(&scene, 768, folder.path());
+    let cube = centre_rays(&scene, 64);
+    let found = job(&cube, 64, DVec3::ZERO).run(&set, &views(&set), &Silent).expect("warps");
+    let mut apart = 0;
+    for (face, expected) in found.faces.iter().zip(&cube.faces) {
+        for (x, y) in (0..64).flat_map(|y| (0..64).map(move |x| (x, y))) {
+            let expected = expected.pixel(x, y).last().expect("a closed room");
+            let nearest = face.pixel(x, y).last().expect("no gap");
+            let error = (nearest.inverse_depth / expected.inverse_depth - 1.0).abs();
+            apart += usize::from(error > RELATIVE_DEPTH);
+        }
+    }
+    let share = apart as f64 / (6.0 * 64.0 * 64.0);
+    assert!(share < AT_EDGES, "{share} of the pixels have another depth");
 }
 
 #[test]

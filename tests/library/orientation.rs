@@ -123,3 +123,34 @@ fn real_scenes_stand_upright() {
         assert_eq!(scene.frame, FileFrame { up, unit_m }, "{name}: {:?}", scene.summary.notes);
     }
 }
+
+/// A box without a lid, of two triangles a side, in metres along (width, height, depth) in the file's axes.
+fn coarse_box([x, y, z]: [f64; 3]) -> String {
+    let mut text = String::new();
+    for corner in 0..8 {
+        let at = |bit: u32, length: f64| if corner >> bit & 1 == 1 { length } else { 0.0 };
+        writeln!(text, "v {} {} {}", at(0, x), at(1, y), at(2, z)).unwrap();
+    }
+    for side in ["1 2 6 5", "1 5 7 3", "2 4 8 6", "1 3 4 2", "5 6 8 7", "3 7 8 4"] {
+        writeln!(text, "f {side}").unwrap();
+    }
+    text
+}
+
+#[test]
+fn a_coarse_room_is_as_high_as_its_walls() {
+    let (frame, notes) = guess(&coarse_box([400.0, 270.0, 500.0]));
+    assert_eq!(frame, FileFrame { up: UpAxis::Y, unit_m: 0.01 }, "{notes:?}");
+    let note = notes.iter().find(|note| note.contains("centimetres")).unwrap();
+    // A fiftieth of the walls at the top and at the bottom does not count.
+    assert!(note.contains("2.6 m high and 5.0 m wide"), "{note}");
+}
+
+#[test]
+fn where_nothing_tells_it_is_told_that_y_was_taken() {
+    let (frame, notes) = guess(&coarse_box([3.0, 3.0, 3.0]));
+    assert_eq!(frame, FileFrame::default());
+    assert!(notes.iter().any(|note| note.contains("Y is taken as up") && note.contains("--up z")), "{notes:?}");
+    let said = format!("# Y up, metres\n{}", coarse_box([3.0, 3.0, 3.0]));
+    assert!(!guess(&said).1.iter().any(|note| note.contains("taken as up")));
+}

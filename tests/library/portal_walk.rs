@@ -9,7 +9,7 @@ use headbox::portal::backdrop::{Backdrop, BackdropError, BackdropKind, BackdropQ
 use headbox::portal::file;
 use headbox::portal::house::{House, HouseError};
 use headbox::portal::settings::{Division, Near, WalkSettings};
-use headbox::portal::store::{Builder, Store};
+use headbox::portal::store::{BackdropBuilder, Store};
 use headbox::portal::tour::Tour;
 use headbox::portal::visit::likely;
 use headbox::portal::walk::Walker;
@@ -67,7 +67,7 @@ fn a_missing_backdrop_is_geometry_and_a_builder_brings_it() {
     let alone = walker.frame(&house, &store, &camera, &WalkSettings { backdrops: None, ..settings }).0;
     assert_eq!(alone.color, geometry.color);
 
-    let builder = Builder::new(Arc::clone(&house), Arc::clone(&store), QUALITY);
+    let builder = BackdropBuilder::new(Arc::clone(&house), Arc::clone(&store), QUALITY);
     let wanted = likely(&house, camera.eye(), BackdropKind::Texture);
     assert_eq!(wanted[0].0, PortalSide { portal: 0, side: 0 }, "the door of the eye's own room first");
     builder.want(wanted);

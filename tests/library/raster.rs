@@ -85,9 +85,8 @@ fn hit(tracer: &Tracer, camera: &Camera, x: f64, y: f64) -> Option<Hit> {
 }
 
 /// A pixel may show another surface than the tracer's ray only if a ray this far away meets that surface: corners are
-/// snapped to 1/256 px, which moves an edge by up to 0.0028 px; triangles cover up to 0.0056 px more; the rest is the rounding
-/// of f32 positions.
-const EDGE_PX: f64 = 0.0095;
+/// snapped to 1/256 px, which moves an edge by up to 0.0028 px; the rest is the rounding of f32 positions.
+const EDGE_PX: f64 = 0.004;
 /// Relative difference of inverse depth on one surface: snapping moves corners by 0.0028 px, on a slope of at most
 /// about ten times the depth per frame here.
 const DEPTH: f32 = 2e-3;
@@ -159,7 +158,7 @@ fn triangles_that_reach_behind_the_eye() {
 }
 
 /// A jittered grid of triangles that covers the frame, flat and tilted, fine and coarse, partly behind the eye: every pixel
-/// is covered by one of them, and by a second one only within a hair of its edge.
+/// is covered by one of them, and by a second one only on its edge.
 #[test]
 fn neighbours_leave_no_pixel_out_and_share_few() {
     let mut random = Rng::keyed(11);
@@ -192,14 +191,14 @@ fn neighbours_leave_no_pixel_out_and_share_few() {
             times.iter_mut().enumerate().for_each(|(i, n)| *n += u32::from(frame.seen(i) != Seen::Nothing));
         }
         assert!(times.iter().all(|&n| n >= 1), "side {side}, reach {reach}");
-        // At most an edge through each pixel, and a hair to either side of it.
+        // A centre in 256 lies on an edge that runs through its pixel.
         let shared = times.iter().filter(|&&n| n > 1).count();
-        assert!(shared * 50 < times.len(), "side {side}, reach {reach}: {shared}");
+        assert!(shared * 100 < times.len(), "side {side}, reach {reach}: {shared}");
     }
 }
 
-/// Walls whose panels were cut into pieces on one side only, as around a door: from a thousand places no ray of light comes
-/// through where corners lie on edges.
+/// Walls whose panels were cut into pieces on one side only, as around a door: once they are stitched, from a thousand places no
+/// ray of light comes through where corners lie on edges.
 #[test]
 fn no_crack_opens_where_corners_lie_on_edges() {
     let mut random = Rng::keyed(5);
@@ -218,7 +217,9 @@ fn no_crack_opens_where_corners_lie_on_edges() {
     // As a house stands in a plan: its numbers are not those of the axes.
     let turn = glam::DMat3::from_rotation_y(0.4) * glam::DMat3::from_rotation_x(0.3);
     triangles.iter_mut().flatten().for_each(|corner| *corner = turn * *corner);
-    let scene = Arc::new(scene_of(&triangles));
+    let mut scene = scene_of(&triangles);
+    scene.stitch();
+    let scene = Arc::new(scene);
     let mesh =
         RasterMesh::new(Arc::clone(&scene), std::slice::from_ref(&(0..scene.triangles.len() as u32)), DVec3::ZERO);
     let mut rasterizer = Rasterizer::new();

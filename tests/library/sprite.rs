@@ -6,13 +6,13 @@ use glam::{DMat3, DVec3, dvec3};
 use headbox::capture::Camera;
 use headbox::capture::simd::levels;
 use headbox::sprite::{
-    Displacement, DisplacementFormat, Outcome, Plane, PreparedSprite, RenderOptions, Sampling, Sprite, SpriteLayer,
-    SpriteRenderer, SpriteWithDepth, Transfer, Variant,
+    Displacement, DisplacementFormat, Outcome, PreparedSprite, RenderOptions, Sprite, SpriteLayer, SpritePlane,
+    SpriteRenderer, SpriteSampling, SpriteTransfer, SpriteVariant, SpriteWithDepth,
 };
 use image::{Rgba, RgbaImage};
 use proptest::prelude::*;
 
-fn options(variant: Variant, sampling: Sampling) -> RenderOptions {
+fn options(variant: SpriteVariant, sampling: SpriteSampling) -> RenderOptions {
     RenderOptions { variant, sampling, ..RenderOptions::default() }
 }
 
@@ -47,11 +47,11 @@ fn the_homography_samples_as_exactly_as_bilinear_weights_allow() {
         for (x, y, pixel) in picture.enumerate_pixels_mut() {
             pixel.0[3] = if (x * 7 + y * 3) % 11 == 0 { 90 } else { 255 };
         }
-        let transfer = Transfer::from_parts(benchmark_homography(f64::from(n)).inverse(), DVec3::ZERO, 1.0);
+        let transfer = SpriteTransfer::from_parts(benchmark_homography(f64::from(n)).inverse(), DVec3::ZERO, 1.0);
         let transfer = transfer.expect("regular");
         let prepared = PreparedSprite::new(sprite(n, picture.clone(), Displacement::zero(n, n)));
         let mut frame = SpriteLayer::new(n, n);
-        let options = options(Variant::Homography, Sampling::Bilinear);
+        let options = options(SpriteVariant::Homography, SpriteSampling::Bilinear);
         SpriteRenderer::new().render_transfer(&prepared, &transfer, &options, &mut frame);
         let mut worst = 0.0f64;
         for (i, pixel) in frame.pixels().iter().enumerate() {
@@ -92,15 +92,15 @@ fn no_displacement_is_the_homography_bit_for_bit() {
     for (grid, picture) in [(130, picture(130)), (130, matted(130)), (33, matted(130))] {
         let prepared = PreparedSprite::new(sprite(130, picture, Displacement::zero(grid, grid)));
         for target in views(150) {
-            for sampling in [Sampling::Nearest, Sampling::Bilinear] {
-                let (_, want) = render(&prepared, &target, &options(Variant::Homography, sampling));
+            for sampling in [SpriteSampling::Nearest, SpriteSampling::Bilinear] {
+                let (_, want) = render(&prepared, &target, &options(SpriteVariant::Homography, sampling));
                 assert!(want.pixels().iter().any(|p| p[3] > 0), "the sprite is in view");
                 for variant in [
-                    Variant::OnePass,
-                    Variant::TwoPass,
-                    Variant::ShiftField,
-                    Variant::AffineParallax,
-                    Variant::AsPrinted,
+                    SpriteVariant::OnePass,
+                    SpriteVariant::TwoPass,
+                    SpriteVariant::ShiftField,
+                    SpriteVariant::AffineParallax,
+                    SpriteVariant::AsPrinted,
                 ] {
                     for fill_steps in [0, 3] {
                         let (_, got) = render(&prepared, &target, &RenderOptions { variant, sampling, fill_steps });
@@ -118,8 +118,8 @@ fn levels_and_threads_do_not_change_a_bit() {
     let waves = Waves { amplitude: 0.06, waves: 1.5 };
     let prepared = PreparedSprite::new(sprite(130, matted(130), waves.displacement(130, DisplacementFormat::I8)));
     for target in views(150) {
-        for variant in Variant::ALL {
-            for sampling in [Sampling::Nearest, Sampling::Bilinear] {
+        for variant in SpriteVariant::ALL {
+            for sampling in [SpriteSampling::Nearest, SpriteSampling::Bilinear] {
                 let options = options(variant, sampling);
                 let (_, want) = render(&prepared, &target, &options);
                 for level in levels() {
@@ -160,15 +160,15 @@ fn address_error(
     waves: Waves,
     format: DisplacementFormat,
     target: &Camera,
-    variant: Variant,
+    variant: SpriteVariant,
 ) -> AddressError {
     let picture = ramps(size);
     let prepared = PreparedSprite::new(sprite(size, picture.clone(), waves.displacement(size, format)));
-    let mut transfer = Transfer::new(prepared.sprite().sprite(), target).expect("in front");
-    if variant == Variant::AffineParallax {
+    let mut transfer = SpriteTransfer::new(prepared.sprite().sprite(), target).expect("in front");
+    if variant == SpriteVariant::AffineParallax {
         transfer.epipole_in_sprite.z = 0.0;
     }
-    let (_, frame) = render(&prepared, target, &options(variant, Sampling::Bilinear));
+    let (_, frame) = render(&prepared, target, &options(variant, SpriteSampling::Bilinear));
     let surface = |x: f64, y: f64| waves.at(x / f64::from(size), y / f64::from(size));
     let range = [-1.5 * waves.amplitude, 1.5 * waves.amplitude];
     let (mut errors, mut parallax) = (Vec::new(), 0.0f64);
@@ -199,7 +199,7 @@ fn two_passes_find_the_exact_source() {
     let target = look(dvec3(0.55, 0.25, 1.8), dvec3(0.02, 0.0, 0.0), 384);
     // 3.7 px of parallax in waves of 256 px change by 2 pi 3.7 / 256 = 0.09 px per px.
     for format in [DisplacementFormat::F32, DisplacementFormat::I16, DisplacementFormat::I8] {
-        let error = address_error(256, Waves { amplitude: 0.039, waves: 1.0 }, format, &target, Variant::TwoPass);
+        let error = address_error(256, Waves { amplitude: 0.039, waves: 1.0 }, format, &target, SpriteVariant::TwoPass);
         println!(
             "two-pass {format:?}: parallax {:.1} px, median {:.4}, max {:.4} px",
             error.parallax, error.median, error.max
@@ -216,7 +216,7 @@ fn eight_bits_are_enough_for_fifty_pixels_of_parallax() {
     for (format, tolerance) in
         [(DisplacementFormat::I8, EIGHT_BIT_TOLERANCE_PX), (DisplacementFormat::I16, SMOOTH_TOLERANCE_PX)]
     {
-        let error = address_error(1024, waves, format, &target, Variant::TwoPass);
+        let error = address_error(1024, waves, format, &target, SpriteVariant::TwoPass);
         println!(
             "two-pass {format:?}: parallax {:.1} px, median {:.4}, max {:.4} px",
             error.parallax, error.median, error.max
@@ -231,8 +231,14 @@ fn the_printed_equations_are_off_where_the_plane_leans() {
     let target = look(dvec3(0.9, 0.4, 1.3), dvec3(0.02, 0.0, 0.0), 512);
     let waves = Waves { amplitude: 0.02, waves: 1.0 };
     let error = |variant| address_error(256, waves, DisplacementFormat::F32, &target, variant);
-    let rows = [Variant::TwoPass, Variant::AsPrinted, Variant::ShiftField, Variant::AffineParallax, Variant::OnePass]
-        .map(|variant| (variant, error(variant)));
+    let rows = [
+        SpriteVariant::TwoPass,
+        SpriteVariant::AsPrinted,
+        SpriteVariant::ShiftField,
+        SpriteVariant::AffineParallax,
+        SpriteVariant::OnePass,
+    ]
+    .map(|variant| (variant, error(variant)));
     for (variant, e) in &rows {
         println!("{}: parallax {:.1} px, median {:.4}, max {:.4} px", variant.name(), e.parallax, e.median, e.max);
     }
@@ -245,13 +251,13 @@ fn affine_parallax_moves_every_pixel_in_one_direction_by_its_displacement() {
     // Toward the plane, so that the epipole lies in the sprite and its third component counts.
     let target = look(dvec3(0.3, 0.2, 1.1), dvec3(0.02, 0.0, 0.0), 512);
     let waves = Waves { amplitude: 0.05, waves: 1.0 };
-    let affine = address_error(256, waves, DisplacementFormat::F32, &target, Variant::AffineParallax);
+    let affine = address_error(256, waves, DisplacementFormat::F32, &target, SpriteVariant::AffineParallax);
     println!("affine: parallax {:.1} px, median {:.4}, max {:.4} px", affine.parallax, affine.median, affine.max);
     assert!(affine.max <= SMOOTH_TOLERANCE_PX, "S8: {} px", affine.max);
     // With the epipole where it is the pixels go elsewhere, or the test would see no difference.
     let displacement = waves.displacement(256, DisplacementFormat::F32);
     let prepared = PreparedSprite::new(sprite(256, picture(256), displacement));
-    let transfer = Transfer::new(prepared.sprite().sprite(), &target).expect("in front");
+    let transfer = SpriteTransfer::new(prepared.sprite().sprite(), &target).expect("in front");
     let e = transfer.epipole_in_sprite;
     let corner = dvec3(250.0, 250.0, 1.0) - e * waves.amplitude;
     let bent = (corner.x / corner.z - (250.0 - e.x * waves.amplitude))
@@ -271,8 +277,8 @@ fn degenerate_views_are_transparent_and_named() {
         (look(dvec3(0.0, 0.0, 3.0), dvec3(0.0, 0.0, 9.0), 64), Outcome::Behind),
     ];
     for (target, outcome) in cases {
-        for variant in Variant::ALL {
-            let (found, frame) = render(&prepared, &target, &options(variant, Sampling::Bilinear));
+        for variant in SpriteVariant::ALL {
+            let (found, frame) = render(&prepared, &target, &options(variant, SpriteSampling::Bilinear));
             assert_eq!(found, outcome, "{}", variant.name());
             assert!(frame.pixels().iter().all(|p| *p == [0; 4]));
         }
@@ -300,9 +306,9 @@ fn the_nearer_surface_wins_where_the_sprite_folds() {
     let displacement = Displacement::new(size, size, &values, DisplacementFormat::F32).expect("finite");
     let prepared = PreparedSprite::new(sprite(size, color, displacement));
     let target = look(camera(size).eye() + DVec3::X * 0.3, DVec3::X * 0.25, size);
-    let transfer = Transfer::new(prepared.sprite().sprite(), &target).expect("in front");
-    for variant in [Variant::TwoPass, Variant::ShiftField, Variant::ForwardColor] {
-        let (_, frame) = render(&prepared, &target, &options(variant, Sampling::Nearest));
+    let transfer = SpriteTransfer::new(prepared.sprite().sprite(), &target).expect("in front");
+    for variant in [SpriteVariant::TwoPass, SpriteVariant::ShiftField, SpriteVariant::ForwardColor] {
+        let (_, frame) = render(&prepared, &target, &options(variant, SpriteSampling::Nearest));
         let (x, y) = (f64::from(size) * 0.6, f64::from(size) / 2.0);
         let [tx, ty] = transfer.forward(x, y, 0.5).expect("in front");
         let pixel = frame.pixels()[ty as usize * size as usize + tx as usize];
@@ -322,9 +328,9 @@ fn first_crack(height: impl Fn(f32) -> f32, format: DisplacementFormat) -> Optio
     let values: Vec<f32> = (0..SIDE * SIDE).map(|i| at(i % SIDE)).collect();
     let displacement = Displacement::new(SIDE, SIDE, &values, format).expect("finite");
     let prepared = PreparedSprite::new(sprite(SIDE, color, displacement));
-    let transfer = Transfer::from_parts(DMat3::IDENTITY, dvec3(90.0, 0.0, 0.0), 1.0).expect("regular");
+    let transfer = SpriteTransfer::from_parts(DMat3::IDENTITY, dvec3(90.0, 0.0, 0.0), 1.0).expect("regular");
     let mut frame = SpriteLayer::new(192, SIDE);
-    let options = RenderOptions { fill_steps: 0, ..options(Variant::TwoPass, Sampling::Nearest) };
+    let options = RenderOptions { fill_steps: 0, ..options(SpriteVariant::TwoPass, SpriteSampling::Nearest) };
     SpriteRenderer::new().render_transfer(&prepared, &transfer, &options, &mut frame);
     let row = &frame.pixels()[192 * 48..192 * 49];
     // A pixel at either end is left to rounding.
@@ -386,7 +392,7 @@ proptest! {
         sides in (1u32..40, 1u32..40),
         divisor in 1u32..5,
         seed in any::<u32>(),
-        variant in 0..Variant::ALL.len(),
+        variant in 0..SpriteVariant::ALL.len(),
         nearest in any::<bool>(),
     ) {
         prop_assume!(DVec3::from(eye) != DVec3::from(at));
@@ -397,12 +403,12 @@ proptest! {
         let values: Vec<f32> = (0..columns * rows).map(|i| amplitude * (noise(i) as f32 / 2f32.powi(31) - 1.0)).collect();
         let displacement = Displacement::new(columns, rows, &values, DisplacementFormat::I16).expect("finite");
         let camera = Camera::look_at(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, DVec3::Y, 60.0, [width, height]).expect("valid");
-        let plane = Plane::through(DVec3::ZERO, dvec3(0.1, 0.2, 1.0));
+        let plane = SpritePlane::through(DVec3::ZERO, dvec3(0.1, 0.2, 1.0));
         let sprite = Sprite::new(color, camera, plane).expect("valid");
         let prepared = PreparedSprite::new(SpriteWithDepth::new(sprite, displacement).expect("valid"));
         let target = Camera::look_at(eye.into(), at.into(), DVec3::Y, 80.0, [37, 21]).expect("valid");
-        let sampling = if nearest { Sampling::Nearest } else { Sampling::Bilinear };
-        let (_, frame) = render(&prepared, &target, &options(Variant::ALL[variant], sampling));
+        let sampling = if nearest { SpriteSampling::Nearest } else { SpriteSampling::Bilinear };
+        let (_, frame) = render(&prepared, &target, &options(SpriteVariant::ALL[variant], sampling));
         prop_assert_eq!(frame.pixels().len(), 37 * 21);
         prop_assert!(frame.pixels().iter().all(|p| p[..3].iter().all(|&c| c <= p[3])));
     }

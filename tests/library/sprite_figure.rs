@@ -12,8 +12,8 @@ use headbox::measure::sprite_range::SpriteRange;
 use headbox::metrics::compare;
 use headbox::progress::Silent;
 use headbox::sprite::{
-    DisplacementFormat, PreparedSprite, RenderOptions, Sampling, SlabCapture, Sprite, SpriteLayer, SpriteRenderer,
-    SpriteSet, SpriteWithDepth, Transfer, Variant, capture_slabs, slabs_at_gaps,
+    DisplacementFormat, PreparedSprite, RenderOptions, SlabCapture, Sprite, SpriteLayer, SpriteRenderer,
+    SpriteSampling, SpriteSet, SpriteTransfer, SpriteVariant, SpriteWithDepth, capture_slabs, slabs_at_gaps,
 };
 use headbox::truth;
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
@@ -82,8 +82,8 @@ fn truth_at(tracer: &Tracer, target: &Camera) -> RgbImage {
     })
 }
 
-fn draw(sprite: &PreparedSprite, target: &Camera, variant: Variant, fill_steps: u32) -> RgbImage {
-    let options = RenderOptions { variant, sampling: Sampling::Bilinear, fill_steps };
+fn draw(sprite: &PreparedSprite, target: &Camera, variant: SpriteVariant, fill_steps: u32) -> RgbImage {
+    let options = RenderOptions { variant, sampling: SpriteSampling::Bilinear, fill_steps };
     let mut frame = SpriteLayer::default();
     SpriteRenderer::new().render(sprite, target, &options, &mut frame);
     frame.to_rgb(WHITE)
@@ -105,8 +105,8 @@ fn colored_by_depth(sprite: &SpriteWithDepth) -> PreparedSprite {
 
 /// Depth moved by parallax alone: no homography.
 fn pure_parallax(depth: &PreparedSprite, target: &Camera) -> RgbImage {
-    let full = Transfer::new(depth.sprite().sprite(), target).expect("in front");
-    let pure = Transfer::from_parts(DMat3::IDENTITY, full.epipole_in_sprite, full.side).expect("regular");
+    let full = SpriteTransfer::new(depth.sprite().sprite(), target).expect("in front");
+    let pure = SpriteTransfer::from_parts(DMat3::IDENTITY, full.epipole_in_sprite, full.side).expect("regular");
     let mut frame = SpriteLayer::new(SIZE, SIZE);
     SpriteRenderer::new().render_transfer(depth, &pure, &RenderOptions::default(), &mut frame);
     frame.to_rgb(WHITE)
@@ -135,14 +135,14 @@ fn figure_3() {
         let flip = compare(&truth, &image).expect("sizes agree").flip;
         (cell(image, &format!("{caption}; FLIP {flip:.3}")), flip)
     };
-    let (b, flip_b) = rendered(Variant::Homography, 0, "(b) homography only");
-    let (c, flip_c) = rendered(Variant::OnePass, 0, "(c) crude parallax, d1");
-    let (d, flip_d) = rendered(Variant::TwoPass, 1, "(d) two passes, filling 1");
-    let (e, flip_e) = rendered(Variant::TwoPass, 3, "(e) two passes, filling 3");
-    let (baseline, flip_forward) = rendered(Variant::ForwardColor, 0, "colours mapped forward");
-    let (printed, _) = rendered(Variant::AsPrinted, 3, "equations 7, 8 as printed");
-    let (shift, _) = rendered(Variant::ShiftField, 3, "2-D displacement field");
-    let (affine, _) = rendered(Variant::AffineParallax, 3, "affine parallax");
+    let (b, flip_b) = rendered(SpriteVariant::Homography, 0, "(b) homography only");
+    let (c, flip_c) = rendered(SpriteVariant::OnePass, 0, "(c) crude parallax, d1");
+    let (d, flip_d) = rendered(SpriteVariant::TwoPass, 1, "(d) two passes, filling 1");
+    let (e, flip_e) = rendered(SpriteVariant::TwoPass, 3, "(e) two passes, filling 3");
+    let (baseline, flip_forward) = rendered(SpriteVariant::ForwardColor, 0, "colours mapped forward");
+    let (printed, _) = rendered(SpriteVariant::AsPrinted, 3, "equations 7, 8 as printed");
+    let (shift, _) = rendered(SpriteVariant::ShiftField, 3, "2-D displacement field");
+    let (affine, _) = rendered(SpriteVariant::AffineParallax, 3, "affine parallax");
     let pyramid_sprite = PreparedSprite::new(capture(&on_plane(pyramid)));
     let rows = vec![
         SheetRow {
@@ -154,9 +154,9 @@ fn figure_3() {
             cells: vec![
                 cell(opaque(depth.sprite().sprite().color()), "(f) input displacement d1"),
                 cell(pure_parallax(&depth, &target), "(g) moved by pure parallax, d3"),
-                cell(draw(&depth, &target, Variant::TwoPass, 3), "(h) parallax and homography, d2"),
-                cell(draw(&depth, &target, Variant::Homography, 3), "(i) homography only"),
-                cell(draw(&pyramid_sprite, &target, Variant::TwoPass, 1), "(j) a pyramid, gap filling 1"),
+                cell(draw(&depth, &target, SpriteVariant::TwoPass, 3), "(h) parallax and homography, d2"),
+                cell(draw(&depth, &target, SpriteVariant::Homography, 3), "(i) homography only"),
+                cell(draw(&pyramid_sprite, &target, SpriteVariant::TwoPass, 1), "(j) a pyramid, gap filling 1"),
             ],
         },
         SheetRow {
@@ -174,7 +174,7 @@ fn figure_3() {
 
 /// Captures one sprite as `reference` sees the scene and judges every variant as the eye moves. Writes a table and a
 /// chart; returns FLIP by displacement and variant.
-fn range_chart(name: &str, tracer: &Tracer, reference: &Camera) -> Vec<[f64; Variant::ALL.len()]> {
+fn range_chart(name: &str, tracer: &Tracer, reference: &Camera) -> Vec<[f64; SpriteVariant::ALL.len()]> {
     let mut lighting = Lighting::of_scene(tracer, 0);
     lighting.sky = None;
     let capture = SlabCapture { tracer, lighting: &lighting, lit: false, samples: 16, format: DisplacementFormat::I8 };
@@ -251,7 +251,7 @@ fn four_layers_stand_in_for_a_scene() {
     let truth = truth::render(&tracer, &lighting, false, &target, 16, &Silent).rgb();
     let mut cells = vec![SheetCell { image: truth.clone(), caption: "truth".into() }];
     let mut frame = SpriteLayer::default();
-    let mut flip = |variant: Variant| {
+    let mut flip = |variant: SpriteVariant| {
         let options = RenderOptions { variant, ..RenderOptions::default() };
         set.render(&mut SpriteRenderer::new(), &target, &options, &mut frame);
         let image = frame.to_rgb([0; 3]);
@@ -259,7 +259,7 @@ fn four_layers_stand_in_for_a_scene() {
         cells.push(SheetCell { image, caption: format!("{}; FLIP {flip:.3}", variant.name()) });
         flip
     };
-    let [homography, two_pass] = [Variant::Homography, Variant::TwoPass].map(&mut flip);
+    let [homography, two_pass] = [SpriteVariant::Homography, SpriteVariant::TwoPass].map(&mut flip);
     let rows = vec![SheetRow { label: String::new(), cells }];
     let sheet = Sheet { title: "four sprites with depth".into(), columns: vec![], rows };
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("sprite_layers.png");

@@ -8,8 +8,8 @@ use headbox::capture::trace::Tracer;
 use headbox::capture::{Camera, DepthKind, Material};
 use headbox::progress::Silent;
 use headbox::sprite::{
-    DepthImport, DepthPicture, Displacement, DisplacementFormat, Plane, RenderOptions, SlabCapture, Sprite,
-    SpriteLayer, SpriteRenderer, SpriteSet, SpriteWithDepth, capture_slabs, slabs_at_gaps,
+    DepthImport, DepthPicture, Displacement, DisplacementFormat, RenderOptions, SlabCapture, Sprite, SpriteLayer,
+    SpritePlane, SpriteRenderer, SpriteSet, SpriteWithDepth, capture_slabs, slabs_at_gaps,
 };
 use image::{Rgba, RgbaImage};
 use std::sync::Arc;
@@ -90,7 +90,7 @@ fn pictures_out_and_in_give_the_same_depth() {
 /// A flat sprite of one colour on a plane.
 fn card(color: [u8; 4], center: DVec3, normal: DVec3) -> SpriteWithDepth {
     let camera = look(center + normal.normalize() * 2.0, center, 16);
-    let sprite = Sprite::new(RgbaImage::from_pixel(16, 16, Rgba(color)), camera, Plane::through(center, normal));
+    let sprite = Sprite::new(RgbaImage::from_pixel(16, 16, Rgba(color)), camera, SpritePlane::through(center, normal));
     SpriteWithDepth::new(sprite.expect("valid"), Displacement::zero(16, 16)).expect("valid")
 }
 
@@ -170,11 +170,11 @@ fn bad_parts_are_named() {
     use headbox::sprite::SpriteError;
     let camera = look(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, 8);
     let color = RgbaImage::new(8, 8);
-    let through_eye = Plane::through(camera.eye(), DVec3::Y);
+    let through_eye = SpritePlane::through(camera.eye(), DVec3::Y);
     assert_eq!(Sprite::new(color.clone(), camera, through_eye), Err(SpriteError::PlaneThroughEye));
-    let nowhere = Plane::through(DVec3::ZERO, DVec3::ZERO);
+    let nowhere = SpritePlane::through(DVec3::ZERO, DVec3::ZERO);
     assert_eq!(Sprite::new(color.clone(), camera, nowhere), Err(SpriteError::PlaneThroughEye));
-    let plane = Plane::through(DVec3::ZERO, DVec3::Z);
+    let plane = SpritePlane::through(DVec3::ZERO, DVec3::Z);
     assert!(matches!(Sprite::new(RgbaImage::new(8, 7), camera, plane), Err(SpriteError::SizeMismatch { .. })));
     let sprite = Sprite::new(color, camera, plane).expect("valid");
     let finer = SpriteWithDepth::new(sprite.clone(), Displacement::zero(9, 8));

@@ -1,7 +1,7 @@
 //! What the sprite tests share: sprites with known surfaces, and the slow f64 oracle.
 use glam::{DVec3, dvec3};
 use headbox::capture::Camera;
-use headbox::sprite::{Displacement, DisplacementFormat, Plane, Sprite, SpriteWithDepth, Transfer};
+use headbox::sprite::{Displacement, DisplacementFormat, Sprite, SpritePlane, SpriteTransfer, SpriteWithDepth};
 use image::{Rgba, RgbaImage};
 
 /// A camera two metres before the origin, off axis a little, `size` pixels a side.
@@ -44,7 +44,7 @@ impl Waves {
 
 /// A sprite of `size` pixels a side on a plane that leans a little.
 pub(crate) fn sprite(size: u32, picture: RgbaImage, displacement: Displacement) -> SpriteWithDepth {
-    let plane = Plane::through(DVec3::ZERO, dvec3(0.15, -0.1, 1.0));
+    let plane = SpritePlane::through(DVec3::ZERO, dvec3(0.15, -0.1, 1.0));
     let sprite = Sprite::new(picture, camera(size), plane).expect("valid sprite");
     SpriteWithDepth::new(sprite, displacement).expect("sizes agree")
 }
@@ -53,7 +53,7 @@ pub(crate) fn sprite(size: u32, picture: RgbaImage, displacement: Displacement) 
 /// line of candidates `(x3, y3, 1) - d e*` for `surface(x1, y1) = d w1`. Displacements between `low` and `high` of the
 /// moved field are tried in steps, each change of sign is refined by bisection; the largest times `side` wins.
 pub(crate) fn exact_source(
-    transfer: &Transfer,
+    transfer: &SpriteTransfer,
     surface: &dyn Fn(f64, f64) -> f64,
     [low, high]: [f64; 2],
     [x2, y2]: [f64; 2],

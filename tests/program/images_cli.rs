@@ -128,3 +128,77 @@ fn colours_of_another_lens_are_registered_unless_that_is_forbidden() {
     assert!(!said.contains("registration"), "{said}");
     assert!(registered > given + 3.0, "{registered} dB registered, {given} dB as given");
 }
+
+/// Photographs of a patterned ball before black, by Middlebury's conventions, taken by cameras on an arc that lie on their side.
+fn ball(folder: &Path) {
+    let (size, focal, turns) = ([64u32, 48u32], 90.0, [-36.0f64, -24.0, -12.0, 0.0, 12.0, 24.0, 36.0]);
+    std::fs::create_dir(folder.join("ball")).unwrap();
+    let mut parameters = format!("{}\n", turns.len());
+    for (i, degrees) in turns.iter().enumerate() {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        // Rows: right, down and ahead of a camera two metres from the ball; down is to its side.
+        let rows = [[0.0, 1.0, 0.0], [-cos, 0.0, sin], [sin, 0.0, cos]];
+        let eye = rows[2].map(|c: f64| -2.0 * c);
+        let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        let color = |x: u32, y: u32| {
+            let at = |v: u32, side: u32| (f64::from(v) + 0.5 - f64::from(side) / 2.0) / focal;
+            let (u, v) = (at(x, size[0]), at(y, size[1]));
+            let ray: [f64; 3] = std::array::from_fn(|k| u * rows[0][k] + v * rows[1][k] + rows[2][k]);
+            let (a, b, c) = (dot(ray, ray), dot(ray, eye), dot(eye, eye) - 0.4 * 0.4);
+            let root = b * b - a * c;
+            if root < 0.0 {
+                return Rgb([0, 0, 0]);
+            }
+            let t = (-b - root.sqrt()) / a;
+            let p: [f64; 3] = std::array::from_fn(|k| eye[k] + ray[k] * t);
+            let level = |c: f64| {
+                150.0 + 45.0 * (9.0 * p[0] + 5.0 * p[1] + c).sin() + 40.0 * (8.0 * p[1] - 7.0 * p[2] - c).sin()
+            };
+            Rgb([0.0, 1.0, 2.0].map(|c| level(c) as u8))
+        };
+        RgbImage::from_fn(size[0], size[1], color).save(folder.join(format!("ball/ball{i}.png"))).unwrap();
+        let [cx, cy] = size.map(|side| f64::from(side) / 2.0 - 0.5);
+        write!(parameters, "ball{i}.png {focal} 0 {cx} 0 {focal} {cy} 0 0 1").unwrap();
+        rows.iter().flatten().for_each(|r| write!(parameters, " {r}").unwrap());
+        writeln!(parameters, " 0 0 2").unwrap();
+    }
+    std::fs::write(folder.join("ball/ball_par.txt"), parameters).unwrap();
+}
+
+#[test]
+fn photographs_without_depth_are_captured_and_measured() {
+    let dir = tempfile::tempdir().unwrap();
+    ball(dir.path());
+    let (said, _) = succeeds(dir.path(), &["capture", "ball", "-o", "ball.ldi", "--center", "0,0,-2", "--json"]);
+    let said: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert!(said["images"] == 7 && said["depth_pixels"].as_u64().unwrap() > 800, "{said}");
+    succeeds(dir.path(), &["info", "ball.ldi", "--check"]);
+    succeeds(dir.path(), &["render", "ball.ldi", "-o", "ball.png", "--size", "64x48", "--fov", "30"]);
+    // As in the photographs, which lie on their side: along the arc the pattern is up and down in them.
+    let drawn = image::open(dir.path().join("ball.png")).unwrap().to_rgb8();
+    let taken = image::open(dir.path().join("ball/ball3.png")).unwrap().to_rgb8();
+    let apart = |a: &RgbImage, b: &RgbImage| {
+        let differences =
+            a.pixels().zip(b.pixels()).map(|(a, b)| (0..3).map(|c| u32::from(a[c].abs_diff(b[c]))).sum::<u32>());
+        f64::from(differences.sum::<u32>()) / f64::from(3 * a.width() * a.height())
+    };
+    // What dark rims leave open widens a ball of 36 pixels by one to each side.
+    assert!(apart(&drawn, &taken) < 18.0, "{} levels", apart(&drawn, &taken));
+    let turned = image::imageops::rotate180(&taken);
+    assert!(apart(&drawn, &turned) > 1.5 * apart(&drawn, &taken), "the frame stands as the photographs do");
+    let (summary, _) = succeeds(dir.path(), &["report", "ball", "--hold-out", "4", "-o", "out"]);
+    let covered = |row: &str| -> f64 {
+        let line = summary.lines().find(|line| line.starts_with(&format!("| {row} |"))).unwrap();
+        line.split('|').nth(5).unwrap().trim().trim_end_matches(" %").parse().unwrap()
+    };
+    assert!(covered("photograph") == 100.0 && covered("ldi") > 85.0 && covered("ldi-beside") > 85.0, "{summary}");
+    assert!(std::fs::read_dir(dir.path().join("out")).unwrap().count() == 4, "two sheets, a table, a summary");
+    let refused = headbox(dir.path(), &["capture", "ball", "-o", "no.ldi", "--backdrop", "255"]);
+    let why = String::from_utf8(refused.stderr).unwrap();
+    assert!(refused.status.code() == Some(1) && why.contains("agree on nothing"), "{why}");
+    for wrong in [["--agreement", "0"], ["--backdrop", "dim"]] {
+        let refused = headbox(dir.path(), &[["capture", "ball", "-o", "no.ldi"].as_slice(), &wrong].concat());
+        assert_eq!(refused.status.code(), Some(2), "{wrong:?}");
+    }
+    assert!(!dir.path().join("no.ldi").exists());
+}

@@ -4,6 +4,7 @@ mod cli;
 mod export_cli;
 mod house;
 mod images_cli;
+mod light_cli;
 mod lumigraph_cli;
 mod portal_cli;
 mod run;

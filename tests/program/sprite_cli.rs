@@ -4,7 +4,7 @@
 #![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
 
 use super::run::{fails, json, succeeds};
-use headbox::sprite::Variant;
+use headbox::sprite::SpriteVariant;
 use image::{ImageBuffer, Luma, Rgba, RgbaImage};
 use std::path::Path;
 
@@ -34,7 +34,7 @@ fn a_scene_becomes_sprites_that_every_variant_renders() {
         let arguments = ["render", "a.sprite", "-o", output, "--variant", variant, "--json"];
         json(dir.path(), &[arguments.as_slice(), &view, more].concat())
     };
-    for variant in Variant::ALL {
+    for variant in SpriteVariant::ALL {
         for sampling in ["nearest", "bilinear"] {
             let rendered = render(variant.name(), "r.png", &["--sampling", sampling, "--repeat", "2"]);
             assert_eq!(rendered["variant"], variant.name());

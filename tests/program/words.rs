@@ -35,6 +35,10 @@ fn prepare(folder: &Path) {
     write("zip.sh3d", b"PK\x03\x04 and no more");
     write("text.png", b"this is no PNG");
     write("text.exr", b"this is no EXR");
+    write(
+        "square.hdr",
+        b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 2\n\x80\0\0\x81\x80\0\0\x81\x80\0\0\x81\x80\0\0\x81",
+    );
     write("text.json", b"this is no JSON");
     write("list.json", b"{\"poses\": 5}");
     image::RgbImage::new(4, 3).save(folder.join("small.png")).unwrap();

@@ -3,6 +3,7 @@
 use crate::{
     automation::{Automation, Outcome, Progress},
     camera_file,
+    exchange::{Event, Finished, SourceInfo},
     history::{FrameTimes, History, add_stages},
     keymap::{self, Command},
     messages::{Kind, Messages},
@@ -12,7 +13,7 @@ use crate::{
     pose::Pose,
     recent::Recent,
     resolution::ResolutionPolicy,
-    session::{Event, Finished, Opening, Session, SourceInfo},
+    session::{Opening, Session},
     setting::SettingValues,
     source::Refinement,
     steering::{Eye, Sets},
@@ -162,7 +163,7 @@ impl Viewer {
             self.commands.extend(ui.input(keymap::commands));
         }
         let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
-        self.commands.extend(dropped.map(|path| Command::Open(crate::session::Location::File(path))));
+        self.commands.extend(dropped.map(|path| Command::Open(crate::exchange::Location::File(path))));
         self.panels(ui, now_s);
         CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
             if self.info.is_some() {

@@ -2,11 +2,13 @@
 
 use crate::{
     app::Viewer,
-    camera_file, export,
+    camera_file,
+    exchange::{ExportOrder, Location, Order},
+    export,
     eye_path::CameraPath,
     keymap::Command,
     messages::Kind,
-    session::{ExportOrder, Location, Opening, Order},
+    session::Opening,
 };
 use egui::{Context, ViewportCommand};
 use std::{

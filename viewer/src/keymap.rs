@@ -1,6 +1,6 @@
 //! Keys and what they do: one table that both the program and the list on F1 read.
 
-use crate::{motion::Steering, session::Location};
+use crate::{exchange::Location, motion::Steering};
 use egui::{InputState, Key};
 use glam::DVec3;
 use std::path::PathBuf;

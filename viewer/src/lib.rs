@@ -61,6 +61,7 @@ mod automation;
 mod bounds;
 mod camera_file;
 mod commands;
+mod exchange;
 mod export;
 mod eye_path;
 mod history;

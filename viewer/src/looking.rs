@@ -2,11 +2,11 @@
 
 use crate::{
     app::{Viewer, Wish},
+    exchange::Job,
     keymap::{self, Command},
     layout,
     motion::{Handling, Steering},
     panels,
-    session::Job,
     tape::Replay,
     views,
 };

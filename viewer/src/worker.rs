@@ -1,8 +1,8 @@
 //! The loop of the render thread.
 
 use crate::{
+    exchange::{Event, ExportOrder, Finished, Job, Location, Order, Picture, Shared, SourceInfo, Wake},
     export,
-    session::{Event, ExportOrder, Finished, Job, Location, Order, Picture, Shared, SourceInfo, Wake},
     setting::SettingValues,
     slot::{Next, Wait},
     source::{Coming, Entry, FrameRequest, FrameSource, Library, Refinement},

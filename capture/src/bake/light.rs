@@ -1,6 +1,6 @@
 //! Irradiance at vertices.
 
-use super::{BakeOptions, Progress};
+use super::{BakeOptions, BakeProgress};
 use crate::light::{LightSample, Lighting, LitPoint, luminance};
 use crate::portal_model::Side;
 use crate::sampler::{random4, unit_float};
@@ -49,7 +49,7 @@ struct Light {
 impl VertexLight<'_> {
     /// Multiplies the vertex colours of `scene` by light. `sources` names the triangle of the tracer's scene that each
     /// of its triangles is a piece of.
-    pub(super) fn bake(&self, scene: &mut Scene, sources: &[u32], progress: &Progress<'_>) {
+    pub(super) fn bake(&self, scene: &mut Scene, sources: &[u32], progress: &BakeProgress<'_>) {
         let corners = separate_creases(scene);
         let count = scene.positions.len();
         let (done, given_up) = (AtomicUsize::new(0), AtomicBool::new(false));
@@ -135,7 +135,7 @@ impl VertexLight<'_> {
                 extent,
             };
             let sample = LightSample { stream: vertex as u32, index };
-            sum.sun += self.lighting.sun_radiosity(self.tracer, &point, &sample);
+            sum.sun += self.lighting.sharp_radiosity(self.tracer, &point, &sample);
             sum.soft += self.lighting.soft_radiosity(self.tracer, &point, &sample);
         }
         Light { sun: sum.sun / samples as f32, soft: sum.soft / samples as f32 }

@@ -22,7 +22,7 @@ use crate::trace::Tracer;
 use light::VertexLight;
 use std::ops::ControlFlow;
 use std::sync::Arc;
-use subdivide::subdivide;
+pub(crate) use subdivide::subdivide;
 
 /// How finely light is baked.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,17 +61,20 @@ pub struct Baked {
     pub exposure: f32,
 }
 
+/// Columns of a sky's picture, at most: a third of a degree each.
+const SKY_COLUMNS: u32 = 1024;
+
 /// Is told now and then how many vertices, of how many, are done, in any order. After a `Break` the rest stays dark: the
 /// work ends soon, with something that nobody will look at.
-pub type Progress<'a> = dyn Fn(usize, usize) -> ControlFlow<()> + Sync + 'a;
+pub type BakeProgress<'a> = dyn Fn(usize, usize) -> ControlFlow<()> + Sync + 'a;
 
 /// Bakes the light of a valid scene ([`Scene::validate`]). The same bytes on any number of threads.
-pub fn bake(source: &Arc<Scene>, options: &BakeOptions, progress: &Progress<'_>) -> Baked {
+pub fn bake(source: &Arc<Scene>, options: &BakeOptions, progress: &BakeProgress<'_>) -> Baked {
     bake_sides(source, &[], options, progress)
 }
 
 /// As [`bake`], where it is known of some triangles which side is seen.
-fn bake_sides(source: &Arc<Scene>, sides: &[Side], options: &BakeOptions, progress: &Progress<'_>) -> Baked {
+fn bake_sides(source: &Arc<Scene>, sides: &[Side], options: &BakeOptions, progress: &BakeProgress<'_>) -> Baked {
     let [low, high] = source.bounds();
     let tracer = Tracer::new(Arc::clone(source), (low + high) / 2.0);
     let lighting = Lighting::measure(&tracer, options.bounces);
@@ -84,19 +87,19 @@ fn bake_sides(source: &Arc<Scene>, sides: &[Side], options: &BakeOptions, progre
     for material in &mut scene.materials {
         material.emission = material.emission.map(|c| c * exposure);
     }
-    let exposed = |color: [f32; 3]| color.map(|c| c * exposure);
     scene.sun = None;
-    scene.sky = scene.sky.map(|sky| Sky {
-        zenith: exposed(sky.zenith),
-        horizon: exposed(sky.horizon),
-        ground: exposed(sky.ground),
+    scene.lamps.clear();
+    // What is seen of the sky, of which a small picture shows enough.
+    scene.sky = scene.sky.map(|sky| match sky.times(exposure) {
+        Sky::Picture(picture) => Sky::Picture(Arc::new(picture.reduced(SKY_COLUMNS))),
+        gradient => gradient,
     });
     Baked { scene, pieces, edge_m, exposure }
 }
 
-/// Bakes the light of a portal model's scene (see [`bake`]); each cell keeps its surfaces. Those that border a room are lit as
+/// Bakes the light of a portal model's scene (see [`bake`]) and stitches it; each cell keeps its surfaces. Those that border a room are lit as
 /// they are seen from it: the underside of a floor, which nobody sees, may be in the sun.
-pub fn bake_model(mut model: PortalModel, options: &BakeOptions, progress: &Progress<'_>) -> PortalModel {
+pub fn bake_model(mut model: PortalModel, options: &BakeOptions, progress: &BakeProgress<'_>) -> PortalModel {
     let sides = model.sides();
     let baked = bake_sides(&Arc::new(std::mem::take(&mut model.scene)), &sides, options, progress);
     let piece = |triangle: u32| baked.pieces.get(triangle as usize).copied().unwrap_or_default();
@@ -104,7 +107,10 @@ pub fn bake_model(mut model: PortalModel, options: &BakeOptions, progress: &Prog
     for cell in &mut cells {
         cell.triangles = piece(cell.triangles.start)..piece(cell.triangles.end);
     }
-    PortalModel { scene: baked.scene, cells, portals: model.portals, outside: model.outside }
+    let mut lit = PortalModel { scene: baked.scene, cells, portals: model.portals, outside: model.outside };
+    // Only now: with light of its own each new corner would show as a dent in what runs evenly along an edge.
+    lit.stitch();
+    lit
 }
 
 /// A scene cut to the wished edge length, or as near to it as the number of triangles allows.

@@ -1,7 +1,7 @@
 //! Cutting long edges, so that light at vertices can follow shadows.
 
 use crate::scene::{Scene, Triangle};
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use std::collections::HashMap;
 
 /// A triangle is cut at most this often in a row: edges of 2^16 times the wished length.
@@ -12,7 +12,7 @@ const DEEPEST: u32 = 32;
 ///
 /// Returns for each triangle the index of its first piece, and at the end the number of pieces; nothing if there would
 /// be more than `most` triangles.
-pub(super) fn subdivide(scene: &mut Scene, edge_m: f64, most: usize) -> Option<Vec<u32>> {
+pub(crate) fn subdivide(scene: &mut Scene, edge_m: f64, most: usize) -> Option<Vec<u32>> {
     let mut cutter = Cutter { scene, edge_m, middles: HashMap::new() };
     let sources = std::mem::take(&mut cutter.scene.triangles);
     let mut firsts = Vec::with_capacity(sources.len() + 1);
@@ -58,22 +58,8 @@ impl Cutter<'_> {
         if let Some(&known) = self.middles.get(&key) {
             return known;
         }
-        let [i, j] = key.map(|vertex| vertex as usize);
-        let scene = &mut *self.scene;
-        scene.positions.push((scene.positions[i] + scene.positions[j]) / 2.0);
-        if !scene.normals.is_empty() {
-            let (a, b) = (scene.normals[i], scene.normals[j]);
-            // Between a vertex with a normal and one without there is none either.
-            let none = a == Vec3::ZERO || b == Vec3::ZERO;
-            scene.normals.push(if none { Vec3::ZERO } else { (a + b).normalize_or_zero() });
-        }
-        if !scene.texcoords.is_empty() {
-            scene.texcoords.push((scene.texcoords[i] + scene.texcoords[j]) / 2.0);
-        }
-        if !scene.colors.is_empty() {
-            scene.colors.push((scene.colors[i] + scene.colors[j]) / 2.0);
-        }
-        let new = scene.positions.len() as u32 - 1;
+        let middle = (self.position(key[0]) + self.position(key[1])) / 2.0;
+        let new = self.scene.vertex_between(key, middle, 0.5);
         self.middles.insert(key, new);
         new
     }

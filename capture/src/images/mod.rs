@@ -184,10 +184,12 @@ impl ImageSet {
         if sensor { SENSOR_NOISE } else { 0.0 }
     }
 
-    /// The mean of the cameras' up directions, or +Y if they cancel out.
-    pub fn up(&self) -> DVec3 {
+    /// The mean of the cameras' up directions, unless they disagree.
+    pub fn up(&self) -> Option<DVec3> {
+        /// Of the mean of unit vectors: they spread by about 60 degrees.
+        const LEAST_LENGTH: f64 = 0.5;
         let sum: DVec3 = self.views.iter().map(|view| view.pose.world_from_eye.y_axis).sum();
-        sum.try_normalize().unwrap_or(DVec3::Y)
+        (sum.length() > LEAST_LENGTH * self.views.len() as f64).then(|| sum.normalize())
     }
 
     /// The view whose eye is nearest to the mean of all eyes: an original camera suits best as the centre of an LDI, for

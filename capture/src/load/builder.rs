@@ -1,10 +1,11 @@
 //! Collects vertices and triangles from a parser, drops what cannot be traced, and makes the [`Scene`].
 
 use super::LoadError;
+use super::lights::FileLights;
 use super::notes::{Note, Notes};
 use super::orientation::Hints;
 use crate::material::{Material, Texture};
-use crate::scene::{FileFrame, Scene, Sky, Sun, Triangle};
+use crate::scene::{FileFrame, Scene, Triangle};
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -31,6 +32,7 @@ pub(super) struct Vertex {
 pub(super) struct Builder {
     pub(super) frame: FileFrame,
     pub(super) notes: Notes,
+    pub(super) lights: FileLights,
     scene: Scene,
     groups: Vec<Group>,
     hints: Option<Hints>,
@@ -127,7 +129,7 @@ impl Builder {
         self.scene.normals.iter_mut().for_each(|n| *n = frame.world_direction_from_file(n.as_dvec3()).as_vec3());
     }
 
-    /// The finished scene, under the default sun and sky. `path` is the file for messages; its stem names the scene.
+    /// The finished scene, under its own lights or the default sun and sky. `path` is the file for messages; its stem names the scene.
     ///
     /// # Errors
     /// [`LoadError::Unusable`] if no triangle was left; any other cause in it would be a defect of the loader.
@@ -143,12 +145,14 @@ impl Builder {
         self.groups.retain(|group| !group.triangles.is_empty());
         self.notes.add(Note::Duplicate, duplicate_count(&self.scene));
         self.notes.add_file(path);
+        let FileLights { sun, sky, lamps } = self.lights.or_default(&mut self.notes);
         discard_unused_vertices(&mut self.scene);
         let mut scene = Scene {
             name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             textures,
-            sun: Some(Sun::default()),
-            sky: Some(Sky::default()),
+            sun,
+            sky,
+            lamps,
             frame: self.frame,
             summary: self.notes.summary(),
             ..self.scene

@@ -6,6 +6,7 @@
 
 mod builder;
 pub(crate) mod gltf;
+mod lights;
 mod lines;
 mod model;
 mod mtl;
@@ -99,8 +100,8 @@ pub enum LoadError {
     },
 }
 
-/// Loads a scene file; the ending `.obj`, `.gltf` or `.glb` (in any case) decides how. The scene gets the default sun
-/// and sky; positions are brought to metres, Y up.
+/// Loads a scene file; the ending `.obj`, `.gltf` or `.glb` (in any case) decides how. The scene gets the lights of a
+/// glTF (KHR_lights_punctual), else the default sun, and the default sky; positions are brought to metres, Y up.
 ///
 /// # Errors
 /// See [`LoadError`].

@@ -15,7 +15,7 @@ use super::notes::{Note, Notes};
 use super::obj_lines::{MendedObj, Survey};
 use super::orientation::Hints;
 use super::polygon::triangulate;
-use super::textures::{DecodedTextures, Handle, Role, TextureSet, find_file};
+use super::textures::{DecodedTextures, Handle, Role, TextureTable, find_file};
 use super::{LoadError, LoadOptions, folder_of};
 use crate::material::{Cutout, Material, linear_from_srgb};
 use crate::scene::FileFrame;
@@ -162,7 +162,7 @@ impl ObjMaterials {
         let neutral = MtlMaterial { name: Material::default().name, ..MtlMaterial::default() };
         let all = || mtl.iter().chain([&neutral]).zip(&used);
 
-        let mut set = TextureSet::default();
+        let mut set = TextureTable::default();
         let maps: Vec<Maps> = all()
             .map(|(m, &used)| if used { request_maps(m, folder, &mut set, notes) } else { Maps::default() })
             .collect();
@@ -231,7 +231,7 @@ impl ObjMaterials {
     }
 }
 
-fn request_maps(m: &MtlMaterial, folder: &Path, set: &mut TextureSet, notes: &mut Notes) -> Maps {
+fn request_maps(m: &MtlMaterial, folder: &Path, set: &mut TextureTable, notes: &mut Notes) -> Maps {
     let folders = [m.folder.as_path(), folder];
     let mut request = |map: &Option<Map>, role| map.as_ref().map(|map| set.file(&map.file, &folders, role, notes));
     let diffuse = request(&m.diffuse_map, Role::Color);

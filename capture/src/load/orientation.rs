@@ -3,7 +3,8 @@
 //! Both are guessed from evidence, each piece a number of natural log odds; what is said by the user is never guessed, and
 //! glTF rules both (Y up, metres). The evidence for an axis: names of floors and walls, much area in one level (a floor), surfaces
 //! that lie and open sheets that face along it (ground), a bottom at zero, a scene that is flat along it, and what the exporter wrote.
-//! For a unit: how high and wide what stands in the scene would be, and again what was written. A guess other than Y up and metres is told, with its reasons and how to overrule it.
+//! For a unit: how high and wide what stands in the scene would be, and again what was written. A guess other than Y up and metres, or on thin
+//! evidence, is told, with its reasons and how to overrule it.
 
 use super::LoadOptions;
 use crate::scene::{FileFrame, Scene, UpAxis};
@@ -24,6 +25,8 @@ const FEWEST_TRIANGLES: usize = 12;
 const THINNEST: f64 = 0.01;
 /// By so much must the evidence for Z exceed that for Y: OBJ files have Y up unless there is reason to think otherwise.
 const PRIOR_FOR_Y: f64 = 2.5;
+/// Evidence for Y that is weaker than this is thin: the guess is told.
+const THIN: f64 = -1.0;
 /// What a file says of itself outweighs what it looks like.
 const SAID: f64 = 30.0;
 /// Slices of a scene along an axis.
@@ -66,7 +69,10 @@ impl Hints {
             (None, None) => (1.0, None),
             (None, Some(shape)) => self.guess_unit(shape, up, scene),
         };
-        let up_told = up_why.map(|why| format!("Z is taken as up ({why}); --up y if that is wrong"));
+        let up_told = up_why.map(|why| match up {
+            UpAxis::Z => format!("Z is taken as up ({why}); --up y if that is wrong"),
+            UpAxis::Y => format!("Y is taken as up, as OBJ files mostly have it ({why}); --up z if that is wrong"),
+        });
         let unit_told = unit_why.map(|why| format!("the unit is taken as {why}"));
         let told: Vec<String> = up_told.into_iter().chain(unit_told).collect();
         (FileFrame { up, unit_m }, (!told.is_empty()).then(|| told.join("; ")))
@@ -76,7 +82,7 @@ impl Hints {
         words.iter().any(|word| self.comments.contains(word))
     }
 
-    /// The axis, and why where it is not the usual one.
+    /// The axis, and why where it is not the usual one or there is little reason for it.
     fn guess_up(&self, shape: &Shape) -> (UpAxis, Option<String>) {
         let mut evidence = shape.evidence_for_z();
         if self.says(&["z up", "z-up", "z_up", "up axis: z", "up=z", "up: z"]) {
@@ -92,13 +98,18 @@ impl Hints {
             evidence.push((-3.0, "its exporter has Y up".into()));
         }
         let odds: f64 = evidence.iter().map(|(odds, _)| odds).sum();
-        if odds <= PRIOR_FOR_Y {
+        if odds <= THIN {
             return (UpAxis::Y, None);
         }
         evidence.retain(|(odds, _)| *odds > 0.0);
         evidence.sort_by(|a, b| b.0.total_cmp(&a.0));
         let reasons: Vec<String> = evidence.into_iter().take(2).map(|(_, why)| why).collect();
-        (UpAxis::Z, Some(reasons.join(", ")))
+        let reasons = reasons.join(", ");
+        match (odds > PRIOR_FOR_Y, reasons.is_empty()) {
+            (true, _) => (UpAxis::Z, Some(reasons)),
+            (false, true) => (UpAxis::Y, Some("nothing tells".into())),
+            (false, false) => (UpAxis::Y, Some(format!("that {reasons} is too little for Z"))),
+        }
     }
 
     /// The unit in metres, and what to say of it where it is not the metre.
@@ -244,6 +255,12 @@ impl Shape {
         evidence
     }
 
+    /// The level of each axis in which a point lies.
+    fn level(&self, p: DVec3) -> [usize; 3] {
+        let level = (p - self.low) / self.extent * LEVELS as f64;
+        level.to_array().map(|level| level.clamp(0.0, LEVELS as f64) as usize)
+    }
+
     /// Height and larger horizontal extent of what stands, in the file's unit: of all but the outermost [`OUTLYING`] of the area
     /// that is steeper than 45 degrees. Ground, however far it reaches, has no part in it; where nothing stands, it is all of the
     /// scene.
@@ -251,13 +268,18 @@ impl Shape {
         let mut levels = vec![DVec3::ZERO; LEVELS + 1];
         let mut standing = 0.0;
         for triangle in 0..scene.triangles.len() {
-            let Flatness { normal, area, middle, .. } = flatness(scene, triangle);
+            let Flatness { normal, area, .. } = flatness(scene, triangle);
             let rise = if up == UpAxis::Y { normal.y } else { normal.z };
             if rise.abs() < std::f64::consts::FRAC_1_SQRT_2 {
                 standing += area;
-                let level = (middle - self.low) / self.extent * LEVELS as f64;
+                let corners = scene.corners(triangle as u32);
+                let [low, high] = [corners.into_iter().reduce(DVec3::min), corners.into_iter().reduce(DVec3::max)]
+                    .map(|corner| self.level(corner.unwrap_or_default()));
                 for axis in 0..3 {
-                    levels[level[axis].clamp(0.0, LEVELS as f64) as usize][axis] += area;
+                    // Evenly over the levels that it reaches through: a wall of two triangles is as high as one of a thousand.
+                    let reached = low[axis]..=high[axis];
+                    let share = area / reached.clone().count() as f64;
+                    levels[reached].iter_mut().for_each(|level| level[axis] += share);
                 }
             }
         }

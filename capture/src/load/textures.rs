@@ -18,13 +18,13 @@ pub(super) enum Role {
     Mask,
 }
 
-/// A texture asked for from [`TextureSet`].
+/// A texture asked for from [`TextureTable`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Handle(usize);
 
 /// The textures that the materials of a file ask for, each once.
 #[derive(Debug, Default)]
-pub(super) struct TextureSet {
+pub(super) struct TextureTable {
     handles: HashMap<(String, Role), Handle>,
     requests: Vec<Request>,
 }
@@ -59,7 +59,7 @@ impl Slot {
     }
 }
 
-impl TextureSet {
+impl TextureTable {
     /// Asks for the image file that a material calls `written`, looked for in `folders` in turn.
     pub(super) fn file(&mut self, written: &str, folders: &[&Path], role: Role, notes: &mut Notes) -> Handle {
         let (name, source) = match find_file(written, folders) {
@@ -119,7 +119,7 @@ impl TextureSet {
     }
 }
 
-/// The outcome of [`TextureSet::decode`].
+/// The outcome of [`TextureTable::decode`].
 #[derive(Debug, Default)]
 pub(super) struct DecodedTextures {
     /// The textures that could be read.

@@ -288,6 +288,15 @@ impl PortalModel {
         findings
     }
 
+    /// Leaves no T-junctions in the scene (see [`crate::Scene::stitch`]); each cell keeps its surfaces.
+    pub fn stitch(&mut self) {
+        let firsts = self.scene.stitch();
+        for cell in &mut self.cells {
+            let first = |triangle: u32| firsts.get(triangle as usize).copied().unwrap_or_default();
+            cell.triangles = first(cell.triangles.start)..first(cell.triangles.end);
+        }
+    }
+
     /// Which cells can be reached from a cell through portals, by index; none if there is no such cell.
     pub fn reachable(&self, from: u32) -> Vec<bool> {
         self.reachable_by(from, &vec![true; self.portals.len()])

@@ -5,7 +5,7 @@ use headbox_capture::Material;
 use headbox_capture::bake::{BakeOptions, Baked, bake, bake_model};
 use headbox_capture::light::{LightSample, Lighting, LitPoint};
 use headbox_capture::portal_model::{Cell, PortalModel};
-use headbox_capture::scene::{Headbox, Scene, Sky, Sun, Triangle};
+use headbox_capture::scene::{Headbox, Scene, Sky, SkyGradient, Sun, Triangle};
 use headbox_capture::trace::Tracer;
 use std::collections::HashSet;
 use std::ops::ControlFlow;
@@ -98,7 +98,7 @@ fn under_an_even_sky_light_is_the_skys() {
     let grey = [0.5, 0.25, 0.125];
     let mut source = uneven_grid();
     source.positions.iter_mut().for_each(|p| p.y = 0.0);
-    source.sky = Some(Sky { zenith: grey, horizon: grey, ground: grey });
+    source.sky = Some(Sky::Gradient(SkyGradient::uniform(grey)));
     source.colors = vec![Vec3::new(0.5, 1.0, 1.0); source.positions.len()];
     source.materials[0].emission = [0.1, 0.0, 0.0];
     let Baked { scene, exposure, .. } = baked(&source, &BakeOptions { samples: 5, smoothing: 1, ..options(0.5) });
@@ -111,7 +111,7 @@ fn under_an_even_sky_light_is_the_skys() {
         scene.colors[0]
     );
     assert_eq!(scene.materials[0].emission, [0.1 * exposure, 0.0, 0.0]);
-    assert_eq!(scene.sky.map(|sky| sky.zenith), Some(grey.map(|c| c * exposure)));
+    assert_eq!(scene.sky, Some(Sky::Gradient(SkyGradient::uniform(grey.map(|c| c * exposure)))));
     assert!(scene.sun.is_none());
 }
 

@@ -19,6 +19,11 @@ impl Folder {
         std::fs::write(path, content).expect("written");
     }
 
+    /// Where a file lies, or would.
+    pub(crate) fn path(&self, name: &str) -> std::path::PathBuf {
+        self.0.path().join(name)
+    }
+
     pub(crate) fn read(&self, name: &str) -> Vec<u8> {
         std::fs::read(self.0.path().join(name)).expect("there")
     }

@@ -6,8 +6,8 @@ use proptest::prelude::*;
 const OBJ: &str = "mtllib m.mtl\no a\nv 0 0 0 1 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0.5\nvt 0 0\nvt 1 1\nvn 0 0 1\nusemtl m\n\
                    f 1/1/1 2/2/1 3//1 4\ng b\nf -1 -2 -3\nusemtl n\nl 1 2\nf 1 2 \\\n 3\n";
 const MTL: &str = "newmtl m\nKd 0.5 0.5 0.5\nKa 20 20 20\nmap_Kd -s 2 2 2 -o 0.5 a.png\nmap_d a.png\nd 0.6\nnewmtl n\nTr 0.2\nillum 4\n";
-const GLTF: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],
-"nodes":[{"mesh":0,"scale":[1,2,-1],"children":[1]},{"mesh":0,"matrix":[1,0,0,0,0,1,0,0,0,0,1,0,5,0,0,1]}],
+const GLTF: &str = r#"{"asset":{"version":"2.0"},"extensions":{"KHR_lights_punctual":{"lights":[{"type":"spot","intensity":4,"range":9,"spot":{"outerConeAngle":0.5}}]}},"scene":0,"scenes":[{"nodes":[0]}],
+"nodes":[{"mesh":0,"scale":[1,2,-1],"children":[1]},{"mesh":0,"extensions":{"KHR_lights_punctual":{"light":0}},"matrix":[1,0,0,0,0,1,0,0,0,0,1,0,5,0,0,1]}],
 "meshes":[{"primitives":[{"attributes":{"POSITION":0,"COLOR_0":0},"indices":1,"material":0,"mode":4}]}],
 "materials":[{"alphaMode":"MASK","alphaCutoff":0.4,"pbrMetallicRoughness":{"baseColorFactor":[1,1,1,1],"baseColorTexture":{"index":0}}}],
 "textures":[{"source":0}],"images":[{"uri":"a.png"}],

@@ -2,12 +2,16 @@
 
 mod bake;
 mod folder;
+mod homes;
 mod images;
+mod light;
+mod load_apartment;
 mod load_gltf;
-mod load_model;
+mod load_home;
 mod load_mutated;
 mod load_obj;
 mod load_real;
+mod load_toml_model;
 mod open_plan;
 mod portal_model;
 mod trace;

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 /// A cube that images are warped into.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Target {
+pub(super) struct WarpTarget {
     /// World metres.
     pub(super) centre: DVec3,
     pub(super) face_px: u32,
@@ -41,7 +41,7 @@ const OVERLAP: f32 = 1.02;
 /// Of a sensor's depth, surfaces that are seen at a cosine below this are left out: their depth is that of an edge.
 const LEAST_COSINE: f32 = 0.03;
 
-impl Target {
+impl WarpTarget {
     /// Samples of an image, in piles of a few rows each.
     pub(super) fn warp(&self, view: &LoadedView, image: u32) -> Vec<Vec<Sample>> {
         let [width, height] = view.size_px;
@@ -66,7 +66,7 @@ impl Target {
 
 /// An image on its way.
 struct Warp<'a> {
-    target: &'a Target,
+    target: &'a WarpTarget,
     view: &'a LoadedView,
     /// Relative to the cube's centre.
     eye: Vec3,

@@ -18,7 +18,7 @@ use super::{CaptureInfo, CubeLdi};
 use crate::capture::images::{ImageSet, ImagesError, View};
 use crate::environment::Environment;
 use crate::progress::Progress;
-use footprint::Target;
+use footprint::WarpTarget;
 use glam::DVec3;
 use layers::{LayerCube, SortedSamples};
 use rayon::prelude::*;
@@ -76,7 +76,7 @@ impl ImagesJob {
     pub fn run(&self, set: &ImageSet, views: &[&View], progress: &dyn Progress) -> Result<CubeLdi, ImagesError> {
         let similar = DepthBins::new(self.half_size_m, self.face_size_px).inverse_depth(1.0) as f32;
         let tolerance = similar.max(3.0 * self.depth_noise);
-        let target = Target { centre: self.centre, face_px: self.face_size_px, tolerance, noise: self.depth_noise };
+        let target = WarpTarget { centre: self.centre, face_px: self.face_size_px, tolerance, noise: self.depth_noise };
         let mut cube = LayerCube::new(self.face_size_px, self.merge_rule, tolerance);
         progress.begin("images", "images", views.len() as u64);
         for (batch, first) in views.chunks(BATCH).zip((0u32..).step_by(BATCH)) {
@@ -102,6 +102,7 @@ impl ImagesJob {
             frame: set.frame,
             exposure: 1.0, // colours are the pictures' own
             ahead: ahead(views),
+            up: set.up(),
             parameters: CaptureParameters { merge_rule: self.merge_rule, ..CaptureParameters::unlit(0, 0) },
             ..CaptureInfo::default()
         };

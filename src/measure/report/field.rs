@@ -17,8 +17,8 @@ use crate::progress::{Progress, Silent};
 use crate::render::splat::SplatKernel;
 use crate::render::{Parallel, RenderSettings};
 use crate::sprite::{
-    Displacement, DisplacementFormat, PreparedSprite, RenderOptions, Sampling, SlabCapture, SpriteSet, SpriteWithDepth,
-    Variant, capture_slabs, slabs_at_gaps,
+    Displacement, DisplacementFormat, PreparedSprite, RenderOptions, SlabCapture, SpriteSampling, SpriteSet,
+    SpriteVariant, SpriteWithDepth, capture_slabs, slabs_at_gaps,
 };
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::Arc;
@@ -48,7 +48,7 @@ pub(super) struct DefaultCapture {
 }
 
 /// The contenders of a scene as they gather.
-pub(super) struct Field<'a> {
+pub(super) struct ContenderField<'a> {
     subject: &'a Subject,
     plan: &'a Plan,
     pub(super) all: Arc<ThreadPool>,
@@ -56,7 +56,7 @@ pub(super) struct Field<'a> {
     pub(super) contenders: Vec<Contender>,
 }
 
-impl<'a> Field<'a> {
+impl<'a> ContenderField<'a> {
     pub(super) fn new(subject: &'a Subject, plan: &'a Plan) -> Result<Self, ReportError> {
         let pool = |threads| Ok::<_, ReportError>(Arc::new(ThreadPoolBuilder::new().num_threads(threads).build()?));
         let (all, one) = (pool(rayon::current_num_threads())?, pool(1)?);
@@ -324,24 +324,32 @@ impl<'a> Field<'a> {
             };
         let options = RenderOptions::default();
         let mut found = Vec::new();
-        for variant in
-            [Variant::TwoPass, Variant::OnePass, Variant::Homography, Variant::ShiftField, Variant::AsPrinted]
-        {
+        for variant in [
+            SpriteVariant::TwoPass,
+            SpriteVariant::OnePass,
+            SpriteVariant::Homography,
+            SpriteVariant::ShiftField,
+            SpriteVariant::AsPrinted,
+        ] {
             let mut roles = vec![Role { group: "sprites", variant: variant.name().into(), baseline: false }];
-            if variant == Variant::TwoPass {
+            if variant == SpriteVariant::TwoPass {
                 roles.push(Role::baseline("sprite displacement", "8 bits"));
                 roles.push(Role::baseline("sprite gap filling", "3 steps"));
                 roles.push(Role::baseline("sprite sampling", "bilinear"));
             }
             found.push(contender(roles, &default, RenderOptions { variant, ..options }));
         }
-        for variant in [Variant::Homography, Variant::OnePass, Variant::TwoPass] {
-            let baseline = variant == Variant::Homography;
+        for variant in [SpriteVariant::Homography, SpriteVariant::OnePass, SpriteVariant::TwoPass] {
+            let baseline = variant == SpriteVariant::Homography;
             let mut roles = vec![Role { group: "sprites, nearest sampling", variant: variant.name().into(), baseline }];
-            if variant == Variant::TwoPass {
+            if variant == SpriteVariant::TwoPass {
                 roles.push(Role::other("sprite sampling", "nearest"));
             }
-            found.push(contender(roles, &default, RenderOptions { variant, sampling: Sampling::Nearest, ..options }));
+            found.push(contender(
+                roles,
+                &default,
+                RenderOptions { variant, sampling: SpriteSampling::Nearest, ..options },
+            ));
         }
         for steps in [0, 1, 8] {
             let role = Role::other("sprite gap filling", format!("{steps} step{}", if steps == 1 { "" } else { "s" }));

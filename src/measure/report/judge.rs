@@ -1,6 +1,6 @@
 //! Timing contenders in turns, and judging their pictures by truth.
 
-use super::contender::{Contender, Picture};
+use super::contender::{Contender, JudgedFrame};
 use super::row::{Displaced, Row, WorstFrame};
 use crate::capture::statistics::median;
 use crate::measure::plan::EyeSet;
@@ -19,7 +19,7 @@ pub struct Measurement {
     /// Milliseconds by eye and round; empty for eyes that it is not judged by.
     pub ms: Vec<Vec<f64>>,
     /// Pictures by eye; `None` likewise.
-    pub pictures: Vec<Option<Picture>>,
+    pub pictures: Vec<Option<JudgedFrame>>,
     /// [`Draw::depth_pixels`](super::contender::Draw::depth_pixels), mean over eyes.
     pub depth_pixels_in: f64,
 }
@@ -237,9 +237,9 @@ mod tests {
             10
         }
 
-        fn picture(&mut self, camera: &Camera) -> Picture {
+        fn picture(&mut self, camera: &Camera) -> JudgedFrame {
             let color = RgbImage::from_pixel(camera.width(), camera.height(), Rgb([self.0; 3]));
-            Picture { color, shown: Vec::new() }
+            JudgedFrame { color, shown: Vec::new() }
         }
     }
 

@@ -1,7 +1,7 @@
 //! One scene of a report: its contenders, their measurement, truth that is good enough, rows and facts.
 
+use super::field::ContenderField;
 use super::field::DefaultCapture;
-use super::field::Field;
 use super::growth::grow;
 use super::judge;
 use super::rival;
@@ -25,7 +25,7 @@ pub fn run(
     cache: Option<PathBuf>,
     progress: &dyn Progress,
 ) -> Result<(SceneFacts, Vec<Row>), ReportError> {
-    let mut field = Field::new(subject, plan)?;
+    let mut field = ContenderField::new(subject, plan)?;
     let default = field.add_all(progress)?;
     let rival = rival::measure(subject, plan, &default, &field.all)?;
     let mut contenders = field.contenders;

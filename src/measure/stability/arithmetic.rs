@@ -8,7 +8,7 @@ use crate::capture::trace::{Ray, Tracer};
 use crate::capture::{Camera, DepthKind, Material};
 use crate::packed::INVERSE_DEPTH_CODE_MAX;
 use crate::render::transfer::Transfer;
-use crate::sprite::{DepthImport, Displacement, DisplacementFormat, Plane};
+use crate::sprite::{DepthImport, Displacement, DisplacementFormat, SpritePlane};
 use glam::{DVec3, Vec3};
 use image::{Rgba, RgbaImage};
 use std::sync::Arc;
@@ -137,7 +137,7 @@ pub(super) fn cases() -> Vec<Case> {
                     (never, far),
                     (near, never),
                 ];
-                let plane = Some(Plane::parallel_to_image(&camera, near * 2.0));
+                let plane = Some(SpritePlane::parallel_to_image(&camera, near * 2.0));
                 let accepted = |kind| {
                     let is_taken =
                         |range: &&(f64, f64)| window_import_on(camera, &[0.5; 64], kind, **range, plane).is_some();
@@ -249,7 +249,7 @@ fn window_import(
     window_range_m: (f64, f64),
 ) -> Option<crate::sprite::SpriteWithDepth> {
     // In the middle of the range of inverse depths, where displacements are smallest.
-    let plane = Some(Plane::parallel_to_image(&camera, 2.0 / (1.0 / window_range_m.0 + 1.0 / window_range_m.1)));
+    let plane = Some(SpritePlane::parallel_to_image(&camera, 2.0 / (1.0 / window_range_m.0 + 1.0 / window_range_m.1)));
     window_import_on(camera, depth, kind, window_range_m, plane)
 }
 
@@ -258,7 +258,7 @@ fn window_import_on(
     depth: &[f32],
     depth_kind: DepthKind,
     window_range_m: (f64, f64),
-    plane: Option<Plane>,
+    plane: Option<SpritePlane>,
 ) -> Option<crate::sprite::SpriteWithDepth> {
     let color = RgbaImage::from_pixel(camera.width(), camera.height(), Rgba([200, 100, 50, 255]));
     let format = DisplacementFormat::F32;

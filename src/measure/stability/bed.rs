@@ -82,17 +82,17 @@ pub(super) fn pack(ldi: &CubeLdi) -> Option<PackedCube> {
 }
 
 /// A room, captured without light: half-size, LDI, packed.
-pub(super) static ROOM: LazyLock<Option<Room>> = LazyLock::new(|| {
+pub(super) static ROOM: LazyLock<Option<TestBed>> = LazyLock::new(|| {
     let scene = Arc::new(crate::scenes::build("interior", 0)?);
     let headbox = scene.headbox?;
     let ldi = capture_with(Arc::clone(&scene), headbox.centre, headbox.half_size_m, 128, (12, 8))?;
     let cube = pack(&ldi)?;
     let tracer = Tracer::new(scene, headbox.centre);
-    Some(Room { centre: headbox.centre, half: headbox.half_size_m, ldi, cube, tracer })
+    Some(TestBed { centre: headbox.centre, half: headbox.half_size_m, ldi, cube, tracer })
 });
 
 /// A captured room.
-pub(super) struct Room {
+pub(super) struct TestBed {
     pub(super) centre: DVec3,
     pub(super) half: f64,
     pub(super) ldi: CubeLdi,
@@ -100,7 +100,7 @@ pub(super) struct Room {
     tracer: Tracer,
 }
 
-impl Room {
+impl TestBed {
     /// A camera in the room, `offset` half-sizes from the centre.
     pub(super) fn camera(&self, offset: DVec3, forward: DVec3, fov_deg: f64) -> Option<Camera> {
         look(self.centre + offset * self.half, forward, fov_deg, [64, 48]).ok()

@@ -18,7 +18,7 @@ use crate::portal::backdrop::BackdropKind;
 use crate::portal::house::{House, HouseError};
 use crate::portal::settings::{Near, WalkSettings};
 use crate::portal::store::Store;
-use crate::portal::variant::Variant;
+use crate::portal::variant::HouseVariant;
 use crate::portal::walk::Walker;
 use crate::progress::Progress;
 use crate::raster::Seen;
@@ -83,7 +83,7 @@ fn row(
 ) -> Result<ExposureRow, MeasureError> {
     let store = Store::new(u64::MAX);
     let warp = RenderSettings { kernel: SplatKernel::Opaque, ..RenderSettings::default() };
-    let drawn = WalkSettings { backdrops: Some(kind), warp, ..Variant::ALL[0].settings() };
+    let drawn = WalkSettings { backdrops: Some(kind), warp, ..HouseVariant::ALL[0].settings() };
     let (mut geometry, mut walker) = (Walker::new(), Walker::new());
     let (mut wrong, mut holes, mut pixels, mut worst) = (0, 0, 0, 0.0f64);
     let (mut by_points, mut perfect_by_points) = (0, 0);

@@ -30,7 +30,7 @@ use crate::portal::backdrop::{Backdrop, BackdropError, BackdropKind, BackdropQua
 use crate::portal::house::{House, HouseError};
 use crate::portal::settings::{WalkSettings, WalkStats};
 use crate::portal::store::Store;
-use crate::portal::variant::Variant;
+use crate::portal::variant::HouseVariant;
 use crate::portal::walk::Walker;
 use crate::portal::walk_path::WalkPath;
 use crate::progress::{Progress, Silent};
@@ -49,8 +49,8 @@ pub struct MeasureSettings {
     pub path: WalkPath,
     /// How backdrops are captured.
     pub quality: BackdropQuality,
-    /// The ways to draw it, [`Variant::ALL`] or fewer; geometry is always measured.
-    pub variants: Vec<Variant>,
+    /// The ways to draw it, [`HouseVariant::ALL`] or fewer; geometry is always measured.
+    pub variants: Vec<HouseVariant>,
     /// Frames of each pose and variant of which the fastest counts.
     pub repeats: u32,
     /// Errors are taken at every so manieth pose, at least 1.
@@ -66,7 +66,7 @@ impl Default for MeasureSettings {
         Self {
             path: WalkPath::default(),
             quality: BackdropQuality::default(),
-            variants: Variant::ALL.to_vec(),
+            variants: HouseVariant::ALL.to_vec(),
             repeats: 3,
             truth_every: 4,
             truth_rays: 8,
@@ -184,7 +184,7 @@ pub struct PosePictures {
 
 /// One variant on its way.
 struct Course {
-    variant: Variant,
+    variant: HouseVariant,
     settings: WalkSettings,
     walker: Walker,
     stats: Vec<WalkStats>,
@@ -259,9 +259,9 @@ pub fn measure(
 }
 
 /// Geometry, then the other variants, each with its own memory of the frame before.
-fn courses(variants: &[Variant]) -> Vec<Course> {
+fn courses(variants: &[HouseVariant]) -> Vec<Course> {
     let others = variants.iter().filter(|variant| variant.kind.is_some());
-    std::iter::once(&Variant::ALL[0])
+    std::iter::once(&HouseVariant::ALL[0])
         .chain(others)
         .map(|&variant| Course {
             variant,

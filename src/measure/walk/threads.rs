@@ -10,7 +10,7 @@ use crate::portal::backdrop::{Backdrop, BackdropKind};
 use crate::portal::house::House;
 use crate::portal::settings::{Division, WalkSettings};
 use crate::portal::store::Store;
-use crate::portal::variant::Variant;
+use crate::portal::variant::HouseVariant;
 use crate::portal::walk::Walker;
 use glam::DVec3;
 use rayon::ThreadPool;
@@ -47,7 +47,7 @@ pub(super) fn gains(
     house: &House,
     store: &Store,
     cameras: &[Camera],
-    variants: &[Variant],
+    variants: &[HouseVariant],
 ) -> Result<Vec<ThreadRow>, MeasureError> {
     let has = |kind: &BackdropKind| variants.iter().any(|variant| variant.kind == Some(*kind));
     let Some(kind) = [BackdropKind::WindowLdi, BackdropKind::Ldi, BackdropKind::CellLdi].into_iter().find(has) else {

@@ -7,7 +7,6 @@
 use fearless_simd::{Level, dispatch, prelude::*};
 use glam::{DMat3, DVec3};
 
-use super::Seen;
 use super::math::{cbrt, pow};
 use crate::capture::linear_from_srgb8;
 
@@ -23,6 +22,16 @@ const XYZ_FROM_RGB: DMat3 = DMat3::from_cols(
     DVec3::new(8788810.0 / 24577794.0, 8788810.0 / 12288897.0, 8788810.0 / 73733382.0),
     DVec3::new(4435075.0 / 24577794.0, 887015.0 / 12288897.0, 70074185.0 / 73733382.0),
 );
+
+/// What the eye makes out of a row: planes of padded rows.
+pub(super) struct Seen {
+    /// Blurred opponent color: luminance, red-green, blue-yellow.
+    pub(super) opponent: [Vec<f32>; 3],
+    /// First derivatives of luminance: across, down.
+    pub(super) slope: [Vec<f32>; 2],
+    /// Second derivatives of luminance: across, down.
+    pub(super) curvature: [Vec<f32>; 2],
+}
 
 /// Three values of each of a vector of pixels.
 type Triple<V> = [V; 3];

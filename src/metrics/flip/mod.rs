@@ -17,18 +17,15 @@ use fearless_simd::{Level, dispatch};
 use image::RgbImage;
 use rayon::prelude::*;
 
-use self::color::{ColorSpace, row_errors};
-use self::weights::Weights;
+use self::color::{ColorSpace, Seen, row_errors};
+use self::weights::FilterWeights;
+use super::comparable::{MAX_PIXELS_PER_DEGREE, MIN_PIXELS_PER_DEGREE, MetricError, check_sizes};
+use super::magma;
 use super::rows::{RowRing, across, derive, padded_len, smooth};
-use super::{MetricError, check_sizes, magma};
 use crate::capture::simd;
 
 /// The usual viewing condition: a display 3840 pixels and 0.7 m wide, seen from 0.7 m: `3840 pi / 180` pixels a degree.
 pub const DEFAULT_PIXELS_PER_DEGREE: f32 = 67.020_64;
-/// Below this the filters are narrower than a pixel and the metric means nothing.
-pub const MIN_PIXELS_PER_DEGREE: f32 = 1.0;
-/// At this the filters span hundreds of pixels; a bound keeps a wild number from taking hours.
-pub const MAX_PIXELS_PER_DEGREE: f32 = 1000.0;
 
 /// The FLIP error of each pixel.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,7 +65,8 @@ pub fn flip_map(reference: &RgbImage, test: &RgbImage, pixels_per_degree: f32) -
 /// [`flip_map`] of checked arguments at a given SIMD level.
 fn flip_map_at(level: Level, reference: &RgbImage, test: &RgbImage, pixels_per_degree: f32) -> FlipMap {
     let (width, height) = reference.dimensions();
-    let stage = Stage { level, weights: Weights::new(f64::from(pixels_per_degree)), space: ColorSpace::new(level) };
+    let stage =
+        Stage { level, weights: FilterWeights::new(f64::from(pixels_per_degree)), space: ColorSpace::new(level) };
     let mut errors = vec![0.0; width as usize * height as usize];
     let band_sums: Vec<f64> = errors
         .par_chunks_mut(BAND_ROWS * width as usize)
@@ -100,7 +98,7 @@ mod plane {
 /// What all bands of one map share.
 struct Stage {
     level: Level,
-    weights: Weights,
+    weights: FilterWeights,
     space: ColorSpace,
 }
 
@@ -140,16 +138,6 @@ struct Side<'a> {
     seen: Seen,
     /// A row for intermediate results.
     scratch: Vec<f32>,
-}
-
-/// What the eye makes out of a row: planes of padded rows.
-struct Seen {
-    /// Blurred opponent color: luminance, red-green, blue-yellow.
-    opponent: [Vec<f32>; 3],
-    /// First derivatives of luminance: across, down.
-    slope: [Vec<f32>; 2],
-    /// Second derivatives of luminance: across, down.
-    curvature: [Vec<f32>; 2],
 }
 
 impl<'a> Side<'a> {

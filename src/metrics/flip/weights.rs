@@ -13,7 +13,7 @@ const BLUE_YELLOW: [Gaussian; 2] = [(34.1, 0.04), (13.5, 0.025)];
 const FEATURE_WIDTH_DEG: f64 = 0.082;
 
 /// All filters for one number of pixels per degree.
-pub(super) struct Weights {
+pub(super) struct FilterWeights {
     /// Blur of luminance; its taps, both sides counted, sum to 1.
     pub(super) luminance: Vec<f32>,
     /// Blur of red-green; sums to 1.
@@ -29,7 +29,7 @@ pub(super) struct Weights {
     pub(super) curvature: Vec<f32>,
 }
 
-impl Weights {
+impl FilterWeights {
     pub(super) fn new(pixels_per_degree: f64) -> Self {
         // Three standard deviations of the widest Gaussian, for all of them.
         let widest = BLUE_YELLOW[0].1.max(BLUE_YELLOW[1].1);
@@ -102,7 +102,7 @@ mod tests {
         /// Taps are rounded to f32 one by one: at most 2^-24 of their sum, which is 1.
         const ROUNDING: f64 = 1e-7;
         for ppd in [MIN_PIXELS_PER_DEGREE, 5.5, DEFAULT_PIXELS_PER_DEGREE, MAX_PIXELS_PER_DEGREE] {
-            let weights = Weights::new(f64::from(ppd));
+            let weights = FilterWeights::new(f64::from(ppd));
             let sum = |taps: &[f32]| total(&taps.iter().map(|&tap| f64::from(tap)).collect::<Vec<_>>());
             for taps in [&weights.luminance, &weights.red_green, &weights.feature] {
                 assert!((sum(taps) - 1.0).abs() < ROUNDING);
@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn default_radii_are_those_of_the_authors_evaluator() {
-        let weights = Weights::new(f64::from(DEFAULT_PIXELS_PER_DEGREE));
+        let weights = FilterWeights::new(f64::from(DEFAULT_PIXELS_PER_DEGREE));
         assert_eq!((weights.luminance.len(), weights.feature.len()), (11, 10));
     }
 }

@@ -10,7 +10,7 @@
 //! (docs/decisions.md: a hit counts with its surface's depth in the middle of its pixel).
 //! Images are taken as they are: the papers' rules compare what their pixels hold.
 
-use super::mend::Mender;
+use super::mend::BackdropMender;
 use crate::capture::rig::Face;
 use crate::capture::trace::{HitPacket, PACKET, Ray, RayPacket};
 use crate::environment::Environment;
@@ -35,7 +35,7 @@ const ENVIRONMENT_PX: u32 = 64;
 
 /// Rays that are traced together, in the tracer's local frame.
 #[derive(Default)]
-pub(super) struct Batch {
+pub(super) struct RayBatch {
     /// Which image they belong to; image 0 is pinned (C11).
     pub(super) image: u8,
     /// From where surfaces look as large as they were sampled: the eye of an image, or `None` for the rays' own starts.
@@ -51,14 +51,14 @@ pub(super) struct CubeJob<'a> {
     pub(super) centre: DVec3,
     pub(super) face_px: u32,
     pub(super) rule: MergeRule,
-    /// Whether gaps are mended ([`Mender`]); images are taken as they are.
+    /// Whether gaps are mended ([`BackdropMender`]); images are taken as they are.
     pub(super) mends: bool,
 }
 
 impl CubeJob<'_> {
     /// Traces batches `0..count`, which `fill` makes, and packs what they meet.
-    pub(super) fn run(&self, count: u32, fill: impl Fn(u32, &mut Batch) + Sync) -> Result<PackedCube, PackError> {
-        let batches = (0..count).into_par_iter().map_init(Batch::default, |batch, i| {
+    pub(super) fn run(&self, count: u32, fill: impl Fn(u32, &mut RayBatch) + Sync) -> Result<PackedCube, PackError> {
+        let batches = (0..count).into_par_iter().map_init(RayBatch::default, |batch, i| {
             batch.rays.clear();
             fill(i, batch);
             self.trace(batch)
@@ -74,14 +74,14 @@ impl CubeJob<'_> {
         let samples: Vec<Sample> = samples.concat();
         let mut cube = self.merge(&samples, environment);
         if self.mends {
-            let mender = Mender { house: self.house, centre: self.centre, tolerance: self.tolerance() };
+            let mender = BackdropMender { house: self.house, centre: self.centre, tolerance: self.tolerance() };
             mender.mend(&mut cube.faces);
         }
         PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto)
     }
 
     /// The samples of a batch, and the environment's texels that its misses reach.
-    fn trace(&self, batch: &Batch) -> (Vec<Sample>, Vec<u32>) {
+    fn trace(&self, batch: &RayBatch) -> (Vec<Sample>, Vec<u32>) {
         let tracer = self.house.tracer();
         let from_centre = (tracer.origin() - self.centre).as_vec3();
         let most = self.tolerance() / 2.0;

@@ -4,7 +4,7 @@
 //! pixel. One image is an LDI of one layer; more are merged into the cube about the first, whose rays are that cube's own.
 
 use super::BackdropQuality;
-use super::gather::{Batch, CubeJob};
+use super::gather::{CubeJob, RayBatch};
 use crate::capture::rig::Face;
 use crate::ldi::merge::MergeRule;
 use crate::packed::{PackError, PackedCube};
@@ -34,7 +34,7 @@ pub(super) fn ldi(
 }
 
 /// The rays through a row of pixels that pass the opening, from where they do.
-fn fill_row(house: &House, opening: &Opening, place: DVec3, face: Face, row: u32, face_px: u32, batch: &mut Batch) {
+fn fill_row(house: &House, opening: &Opening, place: DVec3, face: Face, row: u32, face_px: u32, batch: &mut RayBatch) {
     let in_front = opening.distance_in_front(place);
     let y = f64::from(row) + 0.5;
     for column in 0..face_px {

@@ -21,7 +21,7 @@ const PASSES: usize = 3;
 const ALIKE: f32 = 0.95;
 
 /// What mending needs beside the faces.
-pub(super) struct Mender<'a> {
+pub(super) struct BackdropMender<'a> {
     pub(super) house: &'a House,
     /// Of the cube, world metres.
     pub(super) centre: DVec3,
@@ -29,7 +29,7 @@ pub(super) struct Mender<'a> {
     pub(super) tolerance: f32,
 }
 
-impl Mender<'_> {
+impl BackdropMender<'_> {
     /// Adds what is missing to a cube's faces.
     pub(super) fn mend(&self, faces: &mut [LayeredDepthImage]) {
         for _ in 0..PASSES {
@@ -183,7 +183,7 @@ mod tests {
         let house = House::new(crate::scenes::house(0, 5_000)).expect("a built-in scene");
         let (mut removed, mut restored, mut beside) = (0, 0, 0);
         for centre in (0..4).filter_map(|cell| house.middle_of(cell)) {
-            let mender = Mender { house: &house, centre, tolerance: 0.01 };
+            let mender = BackdropMender { house: &house, centre, tolerance: 0.01 };
             for face in Face::ALL {
                 let whole = seen(&house, centre, face);
                 // A fifth of the pixels, scattered.

@@ -77,10 +77,10 @@ fn draw_span<S: Simd>(simd: S, span: &Span, to: &mut Row) {
         let index = u32x16::truncate_from(row) * span.width + u32x16::truncate_from(column);
         let [upper_left, upper_right] = pairs(simd, texels, index, 0);
         let [lower_left, lower_right] = pairs(simd, texels, index, stride);
-        let upper = mix(simd, upper_left, upper_right, right_share);
-        let lower_ = mix(simd, lower_left, lower_right, right_share);
-        let even = mix_two(simd, upper[0], lower_[0], lower_share);
-        let odd = mix_two(simd, upper[1], lower_[1], lower_share);
+        let upper = mix(upper_left, upper_right, right_share);
+        let lower_ = mix(lower_left, lower_right, right_share);
+        let even = mix_two(upper[0], lower_[0], lower_share);
+        let odd = mix_two(upper[1], lower_[1], lower_share);
         let color = even | (odd << 8);
         let alpha = color >> ALPHA_SHIFT;
         let whole = alpha.simd_eq(u32x16::splat(simd, 255));
@@ -131,15 +131,14 @@ const TWO: u32 = 0x00ff_00ff;
 
 /// Between two colours: the even and the odd bytes, 16 bits each.
 #[inline(always)]
-fn mix<S: Simd>(simd: S, a: u32x16<S>, b: u32x16<S>, share: u32x16<S>) -> [u32x16<S>; 2] {
-    [mix_two(simd, a & TWO, b & TWO, share), mix_two(simd, (a >> 8) & TWO, (b >> 8) & TWO, share)]
+fn mix<S: Simd>(a: u32x16<S>, b: u32x16<S>, share: u32x16<S>) -> [u32x16<S>; 2] {
+    [mix_two(a & TWO, b & TWO, share), mix_two((a >> 8) & TWO, (b >> 8) & TWO, share)]
 }
 
-/// Rounding is at most half a level.
+/// Rounding is at most half a level. One product serves both halves: borrows of `b - a` go again with the sum.
 #[inline(always)]
-fn mix_two<S: Simd>(simd: S, a: u32x16<S>, b: u32x16<S>, share: u32x16<S>) -> u32x16<S> {
-    let rest = u32x16::splat(simd, 256) - share;
-    ((a * rest + b * share + 0x0080_0080) >> 8) & TWO
+fn mix_two<S: Simd>(a: u32x16<S>, b: u32x16<S>, share: u32x16<S>) -> u32x16<S> {
+    (((a << 8) + (b - a) * share + 0x0080_0080) >> 8) & TWO
 }
 
 impl Rim {

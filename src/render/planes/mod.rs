@@ -93,10 +93,23 @@ impl PlaneCanvas {
         kernel::draw(&span, &mut row, level);
     }
 
-    /// Colours and inverse depths of a row, counted from the first, of what hides its pixel wholly.
+    /// Colours and inverse depths of a row, counted from the first, of what hides its pixel wholly. Empty if nothing was drawn.
     pub(crate) fn row(&self, row: usize) -> (&[[u8; 4]], &[f32]) {
         let start = row * (self.width + MARGIN);
-        (&self.colors[start..start + self.width], &self.inverse_depth[start..start + self.width])
+        let pixels = start..start + self.width;
+        (self.colors.get(pixels.clone()).unwrap_or(&[]), self.inverse_depth.get(pixels).unwrap_or(&[]))
+    }
+
+    /// [`MARGIN`] pixels of a row, also where the row ends among them; `None` if nothing was drawn.
+    #[inline]
+    pub(crate) fn sixteen(&self, row: usize, column: usize) -> Option<(&[[u8; 4]; MARGIN], &[f32; MARGIN])> {
+        let start = row * (self.width + MARGIN) + column;
+        Some((self.colors.get(start..)?.first_chunk()?, self.inverse_depth.get(start..)?.first_chunk()?))
+    }
+
+    /// All rows.
+    pub(crate) fn rows(&self) -> impl Iterator<Item = (&[[u8; 4]], &[f32])> {
+        (0..self.colors.len() / (self.width + MARGIN)).map(|row| self.row(row))
     }
 
     /// What covers its pixel in part, and is not hidden by planes; of a pixel, mostly far ones first.

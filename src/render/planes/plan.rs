@@ -55,11 +55,31 @@ pub(super) struct TileInView {
     pub(super) rows: Range<u32>,
     /// Rows of a matrix on frame positions (X, Y, 1): texel column and row times 1/w, 1/w, and inverse depth, 1/m.
     pub(super) of_frame: [DVec3; 4],
-    /// Distance between the middles of the outermost texels, in texels.
-    extent: [f64; 2],
+    sides: [Side; 5],
     /// Largest inverse depth, 1/m.
     nearest: f64,
     pub(super) index: u32,
+}
+
+/// Where a picture may lie: a half plane of the frame.
+#[derive(Clone, Copy)]
+struct Side {
+    /// Along a row: the picture lies to the right of the border if it is positive, to the left if it is negative.
+    slope: f64,
+    /// In row y, both from the principal point, the border lies at the column `crossing[0] + crossing[1] y`. If the slope is 0,
+    /// the row lies inside where that is not negative.
+    crossing: [f64; 2],
+}
+
+impl Side {
+    /// Where a row vector on frame positions (X, Y, 1) is not negative.
+    fn new(row: DVec3) -> Self {
+        let crossing = [-row.z / row.x, -row.y / row.x];
+        match crossing.iter().all(|of| of.is_finite()) {
+            true => Self { slope: row.x, crossing },
+            false => Self { slope: 0.0, crossing: [row.z, row.y] },
+        }
+    }
 }
 
 impl PlanesInView {
@@ -158,14 +178,24 @@ impl PlaneInView {
         set.texels.get(tile.texel_range()).filter(|_| tile.width.min(tile.height) > 1)?;
         let level = if in_front { self.level(DVec3::new((x0 + x1) / 2.0, (y0 + y1) / 2.0, 1.0)) } else { 0 };
         let scale = 1.0 / f64::from(1 << mips::halvings(level));
+        let [u, v] = [(u - w * x0) * scale, (v - w * y0) * scale];
+        let [right, lower] = [(x1 - x0) * scale, (y1 - y0) * scale];
         Some(TileInView {
             level,
             width: mips::side(tile.width, level) as u32,
             height: mips::side(tile.height, level) as u32,
             opaque: tile.opaque == 1,
             rows,
-            of_frame: [(u - w * x0) * scale, (v - w * y0) * scale, w, q],
-            extent: [(x1 - x0) * scale, (y1 - y0) * scale],
+            of_frame: [u, v, w, q],
+            // In front of the eye: w >= 1/1024, so that 1/w <= 1024.
+            sides: [
+                u + w * OVERLAP,
+                w * (right + OVERLAP) - u,
+                v + w * OVERLAP,
+                w * (lower + OVERLAP) - v,
+                DVec3::Z / W_NEAR - w,
+            ]
+            .map(Side::new),
             nearest,
             index,
         })
@@ -180,22 +210,13 @@ impl TileInView {
         let [cx, cy] = frame.principal_px;
         let (x_first, y) = (0.5 - cx, f64::from(y) + 0.5 - cy);
         let at_first = |row: DVec3| row.x * x_first + row.y * y + row.z;
-        let [right, lower] = self.extent;
         let (mut start, mut end) = (0.0f64, f64::from(frame.width) - 1.0);
-        // Half planes of the picture's sides, and in front of the eye: w >= 1/1024, so that 1/w <= 1024.
-        for side in [
-            u + w * OVERLAP,
-            w * (right + OVERLAP) - u,
-            v + w * OVERLAP,
-            w * (lower + OVERLAP) - v,
-            DVec3::Z / W_NEAR - w,
-        ] {
-            let (value, slope) = (at_first(side), side.x);
-            let zero = -value / slope;
+        for Side { slope, crossing: [at, per_row] } in self.sides {
+            let value = at + per_row * y;
             if slope > 0.0 {
-                start = start.max(zero);
+                start = start.max(value - x_first);
             } else if slope < 0.0 {
-                end = end.min(zero);
+                end = end.min(value - x_first);
             } else if value < 0.0 {
                 return None;
             }

@@ -2,8 +2,8 @@
 
 use super::{button, section};
 use crate::{
+    exchange::SourceInfo,
     keymap::Command,
-    session::SourceInfo,
     setting::{Control, Setting, SettingValue, SettingValues},
     steering::Sets,
 };

@@ -2,9 +2,10 @@
 
 use super::theme;
 use crate::{
+    exchange::Location,
     keymap::Command,
     recent::Recent,
-    session::{Location, Opening},
+    session::Opening,
     source::{Entry, Thumbnail},
 };
 use egui::{

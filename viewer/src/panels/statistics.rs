@@ -2,8 +2,8 @@
 
 use super::chart;
 use crate::{
+    exchange::{Finished, SourceInfo},
     history::{History, add_stages},
-    session::{Finished, SourceInfo},
     source::Figure,
 };
 use egui::{Grid, Ui};

@@ -1,6 +1,6 @@
 //! The line below the frame.
 
-use crate::{pose::Pose, session::Finished, tape::Tape};
+use crate::{exchange::Finished, pose::Pose, tape::Tape};
 use egui::{Align, Layout, Ui};
 
 /// Where the eye is, what is rendered, how fast.

@@ -2,7 +2,7 @@
 
 use super::super::folder_of;
 use super::super::notes::{Note, Notes};
-use super::super::textures::{DecodedTextures, Handle, Role, TextureSet};
+use super::super::textures::{DecodedTextures, Handle, Role, TextureTable};
 use super::accessor::Buffers;
 use super::uri::{self, Target};
 use crate::material::{Cutout, Material};
@@ -43,7 +43,7 @@ impl GltfMaterials {
         let neutral = gltf::json::Material::default();
         let all = || root.materials.iter().chain([&neutral]).zip(&used);
 
-        let mut set = TextureSet::default();
+        let mut set = TextureTable::default();
         let mut request = |info: &Option<texture::Info>, used: bool| {
             info.as_ref().filter(|_| used).map(|info| request_texture(root, buffers, info, path, &mut set, notes))
         };
@@ -81,7 +81,7 @@ fn request_texture(
     buffers: &Buffers,
     info: &texture::Info,
     path: &Path,
-    set: &mut TextureSet,
+    set: &mut TextureTable,
     notes: &mut Notes,
 ) -> Handle {
     let index = root.textures.get(info.index.value()).map(|texture| texture.source.value());

@@ -6,6 +6,7 @@
 
 mod accessor;
 pub(crate) mod cameras;
+mod lights;
 mod material;
 mod transform;
 mod uri;
@@ -125,6 +126,7 @@ fn push_nodes(
         }
         let world_from_node = world_from_parent * transforms.parent_from_node(index);
         open.extend(children(node).into_iter().rev().map(|child| (child, world_from_node)));
+        lights::push(root, node, world_from_node, builder);
         if let Some(mesh) = node.mesh {
             builder.notes.add(Note::SkinAtRest, usize::from(node.skin.is_some()));
             if groups {

@@ -9,7 +9,7 @@ use crate::linear_from_srgb;
 use crate::load::obj::load_text as load_obj_text;
 use crate::load::{Group, GroupedScene, LoadError, LoadOptions, folder_of, load_grouped, read};
 use crate::portal_model::{Cell, Portal, PortalModel, Prism};
-use crate::scene::{FileFrame, Sky, UpAxis};
+use crate::scene::{FileFrame, Sky, SkyGradient, UpAxis};
 use glam::{DVec2, DVec3};
 use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
@@ -72,12 +72,12 @@ fn surroundings(home: &Home) -> Sky {
     /// Light on level ground under sun and sky, over pi.
     const ON_GROUND: f32 = 1.2;
     let horizon = home.sky_color.unwrap_or(SKY).map(linear_from_srgb);
-    Sky {
+    Sky::Gradient(SkyGradient {
         // A clear sky is deeper above.
         zenith: horizon.map(|c| c * c),
         horizon,
         ground: home.ground_color.unwrap_or(GROUND).map(|c| linear_from_srgb(c) * ON_GROUND),
-    }
+    })
 }
 
 /// The geometry of a home without an export.

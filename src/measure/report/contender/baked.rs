@@ -2,7 +2,7 @@
 //! renderer without any representation but the scene's own can do for a static scene, with one ray per pixel
 //! ([`BakedRays`]) or with a rasteriser ([`super::RasterDraw`]).
 
-use super::{Draw, Picture, Shown};
+use super::{Draw, JudgedFrame, Shown};
 use crate::capture::light::{LightSample, Lighting, LitPoint};
 use crate::capture::sampler::random4;
 use crate::capture::trace::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
@@ -147,7 +147,7 @@ impl Draw for BakedRays {
         self.color = RgbImage::from_raw(width, camera.height(), pixels).unwrap_or_default();
     }
 
-    fn picture(&mut self, camera: &Camera) -> Picture {
+    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
         self.draw(camera);
         let mut shown = Vec::with_capacity(self.color.len() / 3);
         for y in 0..camera.height() {
@@ -155,6 +155,6 @@ impl Draw for BakedRays {
                 shown.push(if hit.is_some() { Shown::Surface } else { Shown::Environment });
             });
         }
-        Picture { color: self.color.clone(), shown }
+        JudgedFrame { color: self.color.clone(), shown }
     }
 }

@@ -1,6 +1,6 @@
 //! Cube LDIs: the renderer, and the slow one in f64.
 
-use super::{Draw, Picture};
+use super::{Draw, JudgedFrame};
 use crate::capture::Camera;
 use crate::ldi::CubeLdi;
 use crate::packed::{ExactCube, PackedCube};
@@ -39,8 +39,8 @@ impl Draw for LdiDraw {
         left_by_clipping(&mut self.renderer, &self.cube, camera, &self.settings)
     }
 
-    fn picture(&mut self, camera: &Camera) -> Picture {
-        Picture::of_frame(self.renderer.render(&self.cube, camera, &self.settings))
+    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
+        JudgedFrame::of_frame(self.renderer.render(&self.cube, camera, &self.settings))
     }
 }
 
@@ -67,15 +67,15 @@ impl Draw for ExactDraw {
         left_by_clipping(&mut self.renderer, &self.exact.cube, camera, &self.settings)
     }
 
-    fn picture(&mut self, camera: &Camera) -> Picture {
-        Picture::of_frame(self.renderer.render_exact(&self.exact, camera, &self.settings).0)
+    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
+        JudgedFrame::of_frame(self.renderer.render_exact(&self.exact, camera, &self.settings).0)
     }
 }
 
 /// A cube LDI by the slow renderer: direct warp in f64, exact footprints, nothing quantised that the LDI has not.
 pub struct OracleDraw {
     ldi: CubeLdi,
-    last: Option<(Camera, Picture)>,
+    last: Option<(Camera, JudgedFrame)>,
 }
 
 impl OracleDraw {
@@ -88,17 +88,17 @@ impl OracleDraw {
 impl Draw for OracleDraw {
     fn draw(&mut self, camera: &Camera) {
         let frame = render_oracle(&self.ldi, camera);
-        self.last = Some((*camera, Picture::of_frame(&frame)));
+        self.last = Some((*camera, JudgedFrame::of_frame(&frame)));
     }
 
     fn depth_pixels(&mut self, _: &Camera) -> u64 {
         self.ldi.faces.iter().map(|face| face.samples.len() as u64).sum()
     }
 
-    fn picture(&mut self, camera: &Camera) -> Picture {
+    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
         match self.last.take() {
             Some((drawn, picture)) if drawn == *camera => picture,
-            _ => Picture::of_frame(&render_oracle(&self.ldi, camera)),
+            _ => JudgedFrame::of_frame(&render_oracle(&self.ldi, camera)),
         }
     }
 }

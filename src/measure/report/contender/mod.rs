@@ -38,14 +38,14 @@ pub enum Shown {
 
 /// A frame as it is judged.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Picture {
+pub struct JudgedFrame {
     /// Its colours.
     pub color: RgbImage,
     /// What each pixel shows, row-major; empty if the renderer does not tell.
     pub shown: Vec<Shown>,
 }
 
-impl Picture {
+impl JudgedFrame {
     /// A frame of the LDI renderer.
     pub fn of_frame(frame: &Frame) -> Self {
         let shown = frame.coverage.iter().map(|coverage| {
@@ -89,7 +89,7 @@ pub trait Draw {
     }
 
     /// What [`Self::draw`] draws, as a picture. Not timed.
-    fn picture(&mut self, camera: &Camera) -> Picture;
+    fn picture(&mut self, camera: &Camera) -> JudgedFrame;
 }
 
 /// One row to be: a renderer with its setting, and what is known of it beforehand.
@@ -145,11 +145,11 @@ mod tests {
     fn holes_are_what_shows_nothing_or_the_sky_before_geometry() {
         let color = RgbImage::new(2, 2);
         let shown = vec![Shown::Surface, Shown::Environment, Shown::Environment, Shown::Nothing];
-        let picture = Picture { color: color.clone(), shown };
+        let picture = JudgedFrame { color: color.clone(), shown };
         assert_eq!(
             picture.hole_fraction(&[Coverage::FULL, Coverage::FULL, Coverage::of_splats(254), Coverage::ENVIRONMENT]),
             Some(0.5)
         );
-        assert_eq!(Picture { color, shown: vec![] }.hole_fraction(&[Coverage::FULL; 4]), None);
+        assert_eq!(JudgedFrame { color, shown: vec![] }.hole_fraction(&[Coverage::FULL; 4]), None);
     }
 }

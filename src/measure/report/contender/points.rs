@@ -1,7 +1,7 @@
 //! The depth pixels of a cube LDI as a cloud of points with a depth buffer: what one would write in an afternoon. Every
 //! point is projected, in any order, and the nearest one of each pixel overwrites the others.
 
-use super::{Draw, Picture, Shown};
+use super::{Draw, JudgedFrame, Shown};
 use crate::capture::Camera;
 use crate::environment::Environment;
 use crate::packed::PackedCube;
@@ -74,7 +74,7 @@ impl NearestColors {
     }
 
     /// The finished picture.
-    pub(super) fn picture(&self, camera: &Camera, environment: &Environment) -> Picture {
+    pub(super) fn picture(&self, camera: &Camera, environment: &Environment) -> JudgedFrame {
         let mut color = Vec::new();
         self.resolve(camera, environment, &mut color);
         let [width, height] = self.size;
@@ -88,7 +88,10 @@ impl NearestColors {
             _ => Shown::Surface,
         });
         let shown = shown.collect();
-        Picture { shown, color: RgbImage::from_fn(width, height, |x, y| image::Rgb(color[(y * width + x) as usize])) }
+        JudgedFrame {
+            shown,
+            color: RgbImage::from_fn(width, height, |x, y| image::Rgb(color[(y * width + x) as usize])),
+        }
     }
 }
 
@@ -170,7 +173,7 @@ impl Draw for PointCloud {
         self.points.len() as u64
     }
 
-    fn picture(&mut self, camera: &Camera) -> Picture {
+    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
         self.project(camera);
         self.nearest.picture(camera, &self.environment)
     }

@@ -2,7 +2,7 @@
 //! houses ([`crate::raster`]); here it only says which triangle each pixel shows, and baked light colours it.
 
 use super::baked::BakedLight;
-use super::{Draw, Picture, Shown};
+use super::{Draw, JudgedFrame, Shown};
 use crate::capture::Camera;
 use crate::capture::trace::{Hit, Ray, Tracer};
 use crate::environment::Environment;
@@ -89,11 +89,11 @@ impl Draw for RasterDraw {
         self.color = RgbImage::from_raw(width, camera.height(), color.collect()).unwrap_or_default();
     }
 
-    fn picture(&mut self, camera: &Camera) -> Picture {
+    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
         self.draw(camera);
         let cells = self.visibility.cells(self.baked.tracer(), camera);
         let shown = |cell: &Cell| if cell.is_some() { Shown::Surface } else { Shown::Environment };
-        Picture { color: self.color.clone(), shown: cells.iter().map(shown).collect() }
+        JudgedFrame { color: self.color.clone(), shown: cells.iter().map(shown).collect() }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Sprites with depth, over the environment.
 
-use super::{Draw, Picture};
+use super::{Draw, JudgedFrame};
 use crate::capture::Camera;
 use crate::compose::{ComposeSettings, Composer, Composition};
 use crate::frame::Frame;
@@ -44,8 +44,8 @@ impl Draw for SpriteDraw {
         self.layers.render(&mut self.composer, camera, &self.settings, &mut self.frame);
     }
 
-    fn picture(&mut self, camera: &Camera) -> Picture {
+    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
         self.draw(camera);
-        Picture::of_frame(&self.frame)
+        JudgedFrame::of_frame(&self.frame)
     }
 }

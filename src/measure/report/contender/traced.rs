@@ -1,6 +1,6 @@
 //! What traces rays for every frame, and the cube map.
 
-use super::{Draw, Picture};
+use super::{Draw, JudgedFrame};
 use crate::capture::Camera;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
@@ -32,11 +32,11 @@ impl Draw for PathTraced {
         self.last = Some((*camera, truth));
     }
 
-    fn picture(&mut self, camera: &Camera) -> Picture {
+    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
         if self.last.as_ref().is_none_or(|(drawn, _)| drawn != camera) {
             self.draw(camera);
         }
-        self.last.take().map(|(_, truth)| Picture::of_frame(&truth.frame)).unwrap_or_default()
+        self.last.take().map(|(_, truth)| JudgedFrame::of_frame(&truth.frame)).unwrap_or_default()
     }
 }
 
@@ -58,7 +58,7 @@ impl Draw for CubeMapDraw {
         self.color = self.map.resample(camera);
     }
 
-    fn picture(&mut self, camera: &Camera) -> Picture {
-        Picture { color: self.map.resample(camera), shown: Vec::new() }
+    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
+        JudgedFrame { color: self.map.resample(camera), shown: Vec::new() }
     }
 }

@@ -4,7 +4,7 @@
 //! What differs is how its position is found.
 
 use super::points::NearestColors;
-use super::{Draw, Picture};
+use super::{Draw, JudgedFrame};
 use crate::capture::Camera;
 use crate::capture::rig::Face;
 use crate::packed::blocks::BLOCK_COLUMNS;
@@ -204,7 +204,7 @@ impl Draw for WarpOnly {
         self.cube.depth_pixel_count() as u64
     }
 
-    fn picture(&mut self, camera: &Camera) -> Picture {
+    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
         self.warp(camera);
         self.nearest.picture(camera, &self.cube.environment)
     }

@@ -1,0 +1,180 @@
+//! A photograph that is asked about candidates, and the pixels of it that kept ones have claimed.
+
+use crate::capture::images::{Lens, LoadedView};
+use crate::capture::rig::Face;
+use glam::{DMat3, DVec3, Vec3};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// A photograph relative to a cube's centre.
+pub(super) struct Photograph {
+    width: usize,
+    height: usize,
+    /// sRGB; the last channel is 0 where the view is masked out, [`BEHIND`] for the backdrop, else 255.
+    color: Vec<[u8; 4]>,
+    /// Rows: x times w, y times w, and w (eye depth) of a point relative to the eye.
+    rows: DMat3,
+    /// The eye, metres, relative to the centre.
+    eye: DVec3,
+    /// Pixels of a radian.
+    focal_px: f64,
+    /// A bit for each pixel.
+    claimed: Vec<AtomicU64>,
+}
+
+/// Marks pixels that show the backdrop.
+const BEHIND: u8 = 1;
+
+/// Takes a pixel (x, y, 1) of a face, at eye depth 1, to x w, y w, w in a photograph; `start` is to be added once for any depth.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Projection {
+    start: Vec3,
+    across: Vec3,
+    down: Vec3,
+    corner: Vec3,
+}
+
+impl Projection {
+    /// At an eye depth: x w, y w, w of the first pixel's middle, and what a step to the right and down adds.
+    pub(super) fn at(&self, depth: f32) -> [Vec3; 3] {
+        [self.start + self.corner * depth, self.across * depth, self.down * depth]
+    }
+}
+
+impl Photograph {
+    /// Memory for each pixel of a view.
+    pub(super) const BYTES_A_PIXEL: u64 = 5;
+
+    /// `None` for a panorama.
+    pub(super) fn new(view: LoadedView, centre: DVec3, dark: Option<u8>) -> Option<Self> {
+        let Lens::Pinhole(pinhole) = view.lens else { return None };
+        let [width, height] = view.size_px.map(|side| side as usize);
+        let mut color = view.color;
+        if let Some(dark) = dark {
+            mark_backdrop(&mut color, width, dark);
+        }
+        let [right, up, back] = view.pose.world_from_eye.to_cols_array_2d().map(DVec3::from);
+        let [fx, fy] = pinhole.focal_px;
+        let [cx, cy] = pinhole.principal_px;
+        let rows = DMat3::from_cols(right * fx - back * cx, -up * fy - back * cy, -back).transpose();
+        Some(Self {
+            width,
+            height,
+            color,
+            rows,
+            eye: view.pose.eye - centre,
+            focal_px: view.lens.pixels_per_radian(view.size_px),
+            claimed: std::iter::repeat_with(AtomicU64::default).take((width * height).div_ceil(64)).collect(),
+        })
+    }
+
+    /// The eye, metres, relative to the centre.
+    pub(super) fn eye(&self) -> DVec3 {
+        self.eye
+    }
+
+    /// Whether the eye is inside the shell at an eye depth of the faces.
+    pub(super) fn is_inside(&self, depth: f64) -> bool {
+        self.eye.abs().max_element() < depth
+    }
+
+    /// Pixels that a metre across the line of sight takes at a point relative to the centre.
+    pub(super) fn pixels_a_metre(&self, point: DVec3) -> f64 {
+        self.focal_px / self.eye.distance(point)
+    }
+
+    /// Where a point relative to the centre is seen, if it is in the picture.
+    pub(super) fn project(&self, point: DVec3) -> Option<[f64; 2]> {
+        let h = self.rows * (point - self.eye);
+        let [x, y] = [h.x / h.z, h.y / h.z];
+        let inside = h.z > 0.0 && x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64;
+        inside.then_some([x, y])
+    }
+
+    /// Where the rays of `side` by `side` pixels, rim to rim, meet the shell at an eye depth of the faces, relative to the centre. The
+    /// eye is inside it.
+    pub(super) fn points_on_shell(&self, depth: f64, side: usize) -> impl Iterator<Item = DVec3> {
+        let unproject = self.rows.inverse();
+        let at = move |i: usize, pixels: usize| 0.5 + (pixels - 1) as f64 * i as f64 / (side - 1) as f64;
+        (0..side * side).map(move |i| {
+            let ray = unproject * DVec3::new(at(i % side, self.width), at(i / side, self.height), 1.0);
+            let walls = (ray.signum() * depth - self.eye) / ray;
+            self.eye + ray * walls.min_element()
+        })
+    }
+
+    /// From a face's pixels.
+    pub(super) fn projection(&self, face: Face, face_px: u32) -> Projection {
+        let step = 2.0 / f64::from(face_px);
+        let corner = face.normal() - face.right() + face.up() + (face.right() - face.up()) * (step / 2.0);
+        let of = |vector: DVec3| (self.rows * vector).as_vec3();
+        Projection {
+            start: of(-self.eye),
+            across: of(face.right() * step),
+            down: of(-face.up() * step),
+            corner: of(corner),
+        }
+    }
+
+    /// Width and height, pixels.
+    pub(super) fn size(&self) -> [f32; 2] {
+        [self.width as f32, self.height as f32]
+    }
+
+    /// Whether the pixel at a position inside the picture shows the backdrop.
+    #[inline]
+    pub(super) fn is_backdrop(&self, x: f32, y: f32) -> bool {
+        let (column, row) = ((x as usize).min(self.width - 1), (y as usize).min(self.height - 1));
+        self.color[row * self.width + column][3] == BEHIND
+    }
+
+    /// The colour at a position inside the picture, pixels; sRGB levels. `None` where it is masked, or claimed.
+    #[inline]
+    pub(super) fn at(&self, x: f32, y: f32) -> Option<Vec3> {
+        let (column, row) = ((x as usize).min(self.width - 1), (y as usize).min(self.height - 1));
+        let nearest = row * self.width + column;
+        let is_claimed = self.claimed[nearest / 64].load(Ordering::Relaxed) >> (nearest % 64) & 1 == 1;
+        if self.color[nearest][3] == 0 || is_claimed {
+            return None;
+        }
+        let (x, y) = ((x - 0.5).max(0.0), (y - 0.5).max(0.0));
+        let (x0, y0) = ((x as usize).min(self.width - 1), (y as usize).min(self.height - 1));
+        let (x1, y1) = ((x0 + 1).min(self.width - 1), (y0 + 1).min(self.height - 1));
+        let (fx, fy) = (x - x0 as f32, y - y0 as f32);
+        let color = |x: usize, y: usize| {
+            let [r, g, b, _] = self.color[y * self.width + x].map(f32::from);
+            Vec3::new(r, g, b)
+        };
+        let (above, below) = (color(x0, y0).lerp(color(x1, y0), fx), color(x0, y1).lerp(color(x1, y1), fx));
+        Some(above.lerp(below, fy))
+    }
+
+    /// Claims the pixels whose middles lie within `reach` of a position, to each side; at least the one that holds it.
+    pub(super) fn claim(&self, x: f32, y: f32, reach: f32) {
+        let range = |at: f32, side: usize| {
+            let own = at as i64;
+            let first = ((at - reach - 0.5).ceil() as i64).min(own).clamp(0, side as i64);
+            let last = ((at + reach - 0.5).floor() as i64).max(own).clamp(-1, side as i64 - 1);
+            first as usize..(last + 1) as usize
+        };
+        for row in range(y, self.height) {
+            for column in range(x, self.width) {
+                let i = row * self.width + column;
+                self.claimed[i / 64].fetch_or(1 << (i % 64), Ordering::Relaxed);
+            }
+        }
+    }
+}
+
+/// Marks the pixels that show a backdrop of levels up to `dark`; those beside others say nothing: calibrations err by about a pixel.
+fn mark_backdrop(color: &mut [[u8; 4]], width: usize, dark: u8) {
+    let shows = |pixel: &[u8; 4]| pixel[3] > 0 && pixel[..3].iter().all(|level| *level <= dark);
+    let dark: Vec<bool> = color.iter().map(shows).collect();
+    let height = dark.len() / width;
+    for (i, pixel) in color.iter_mut().enumerate().filter(|(i, _)| dark[*i]) {
+        let (x, y) = (i % width, i / width);
+        let columns = x.saturating_sub(1)..(x + 2).min(width);
+        let rows = y.saturating_sub(1)..(y + 2).min(height);
+        let mut around = rows.map(|row| &dark[row * width + columns.start..row * width + columns.end]);
+        pixel[3] = if around.all(|row| row.iter().all(|dark| *dark)) { BEHIND } else { 0 };
+    }
+}

@@ -1,0 +1,220 @@
+//! Photographs left out of a set without depth, judged against what voxel colouring makes of the others (S16).
+//!
+//! Every N-th photograph is left out. It is then shown by `photograph`, the nearest other one on a plane through what all cameras look
+//! at, by `ldi`, the cube that the others are coloured into about the camera of the one left out, and by `ldi-beside`, the same about the
+//! nearest one's camera. Before a dark backdrop errors are taken where the photograph shows the object or any of them shows anything,
+//! and holes are black; elsewhere where all show something.
+
+use super::images::{HeldOut, camera_of, errors, mean_difference, photograph};
+use super::machine::{Machine, commit};
+use super::stats::{Spread, pooled_psnr_db};
+use super::table::{Table, figure, percent};
+use crate::capture::Camera;
+use crate::capture::images::{ImageSet, ImagesError, LoadedView, View};
+use crate::ldi::voxel_colouring::PhotographsJob;
+use crate::packed::{PackError, PackedCube, SplatIndexLayout, Split};
+use crate::progress::Progress;
+use crate::render::{RenderSettings, Renderer};
+use glam::{DMat3, DVec3};
+use image::{Rgb, RgbImage};
+use serde::Serialize;
+use std::time::Instant;
+
+/// Why photographs could not be measured.
+#[derive(Debug, thiserror::Error)]
+pub enum PhotographsReportError {
+    /// A photograph could not be read.
+    #[error(transparent)]
+    Images(#[from] ImagesError),
+    /// A cube could not be packed.
+    #[error(transparent)]
+    Pack(#[from] PackError),
+    /// There is nothing to leave out.
+    #[error("{0} photographs: at least {least} are needed, so that one can be left out", least = LEAST)]
+    TooFew(usize),
+}
+
+/// The fewest photographs of which one can be left out.
+const LEAST: usize = 4;
+
+/// Ways to show a photograph that was left out.
+pub const VARIANTS: [&str; 3] = ["photograph", "ldi", "ldi-beside"];
+
+/// All rows, and where they were measured.
+#[derive(Clone, Debug, Serialize)]
+pub struct PhotographsReport {
+    /// The computer.
+    pub machine: Machine,
+    /// The program.
+    pub commit: String,
+    /// A photograph in so many was left out.
+    pub hold_out: usize,
+    /// A row for each photograph and variant.
+    pub rows: Vec<HeldOut>,
+}
+
+/// A picture of a way to show a photograph, and which of its pixels it shows.
+struct Drawn {
+    picture: RgbImage,
+    covered: Vec<bool>,
+    frame_ms: f64,
+    build_ms: f64,
+    bytes: u64,
+}
+
+/// Measures a set: each `hold_out`-th photograph is left out alone. `show` is given its name, the photograph and a frame for each of
+/// the [`VARIANTS`].
+///
+/// # Errors
+/// See [`PhotographsReportError`].
+pub fn measure(
+    set: &ImageSet,
+    job: &PhotographsJob,
+    hold_out: usize,
+    progress: &dyn Progress,
+    show: &mut dyn FnMut(&str, [&RgbImage; 4]),
+) -> Result<PhotographsReport, PhotographsReportError> {
+    if set.views.len() < LEAST {
+        return Err(PhotographsReportError::TooFew(set.views.len()));
+    }
+    let focus = focus(&set.views);
+    let mut rows = Vec::new();
+    let hold_out = hold_out.clamp(1, set.views.len());
+    for view in set.views.iter().skip(hold_out / 2).step_by(hold_out) {
+        let held = view.load()?;
+        let Some(camera) = camera_of(&held) else { continue };
+        let others: Vec<&View> = set.views.iter().filter(|other| other.name != view.name).collect();
+        let angle = |other: &&&View| (other.pose.eye - focus).angle_between(view.pose.eye - focus);
+        let Some(nearest) = others.iter().min_by(|a, b| angle(a).total_cmp(&angle(b))) else { continue };
+        let (truth, visible) = photograph(&held, &camera);
+        let drawn = [
+            on_plane(&nearest.load()?, &camera, focus),
+            ldi(set, job, view.pose.eye, &others, &camera, progress)?,
+            ldi(set, job, nearest.pose.eye, &others, &camera, progress)?,
+        ];
+        let dark = job.dark(std::slice::from_ref(&held));
+        let shows = |pixel: &Rgb<u8>| dark.is_none_or(|dark| pixel.0.iter().any(|level| *level > dark));
+        let judged: Vec<bool> = truth
+            .pixels()
+            .enumerate()
+            .map(|(p, pixel)| match dark {
+                Some(_) => visible[p] && (shows(pixel) || drawn.iter().any(|drawn| drawn.covered[p])),
+                None => visible[p] && drawn.iter().all(|drawn| drawn.covered[p]),
+            })
+            .collect();
+        let object: Vec<bool> = truth.pixels().zip(&visible).map(|(pixel, visible)| *visible && shows(pixel)).collect();
+        let pixels = object.iter().filter(|object| **object).count().max(1) as f64;
+        for (variant, drawn) in VARIANTS.into_iter().zip(&drawn) {
+            let (psnr_db, flip) = errors(&truth, &drawn.picture, &judged);
+            let covered = drawn.covered.iter().zip(&object).filter(|(covered, object)| **covered && **object).count();
+            rows.push(HeldOut {
+                scene: set.folder.display().to_string(),
+                variant,
+                view: view.name.clone(),
+                psnr_db,
+                flip,
+                mad: mean_difference(&truth, &drawn.picture, &judged),
+                mad_at_edges: f64::NAN, // nothing is known of its depth
+                covered: covered as f64 / pixels,
+                frame_ms: drawn.frame_ms,
+                build_ms: drawn.build_ms,
+                bytes: drawn.bytes,
+            });
+        }
+        show(&view.name, [&truth, &drawn[0].picture, &drawn[1].picture, &drawn[2].picture]);
+    }
+    Ok(PhotographsReport { machine: Machine::here(), commit: commit(), hold_out, rows })
+}
+
+/// The point nearest to all viewing axes.
+fn focus(views: &[View]) -> DVec3 {
+    let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
+    for view in views {
+        let axis = view.pose.world_from_eye.z_axis;
+        let across = DMat3::IDENTITY - DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
+        matrix += across;
+        right += across * view.pose.eye;
+    }
+    let ahead = views.first().map_or(DVec3::ZERO, |view| view.pose.eye - view.pose.world_from_eye.z_axis);
+    if matrix.determinant().abs() > 1e-9 { matrix.inverse() * right } else { ahead }
+}
+
+/// A photograph on the plane through `focus` that faces it.
+fn on_plane(view: &LoadedView, camera: &Camera, focus: DVec3) -> Drawn {
+    let normal = view.pose.world_from_eye.z_axis;
+    let (mut picture, mut covered) = (RgbImage::new(camera.width(), camera.height()), Vec::new());
+    let started = Instant::now();
+    for (x, y, pixel) in picture.enumerate_pixels_mut() {
+        let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        let depth = (focus - camera.eye()).dot(normal) / direction.dot(normal);
+        let point = view.pose.world_from_eye.transpose() * (camera.eye() + direction * depth - view.pose.eye);
+        let there = view.lens.project(point, view.size_px).filter(|_| depth > 0.0);
+        let color = there.and_then(|[px, py, _]| view.color_at([px, py]));
+        covered.push(color.is_some());
+        *pixel = Rgb(color.unwrap_or_default().map(|level| (level + 0.5) as u8));
+    }
+    let frame_ms = started.elapsed().as_secs_f64() * 1e3;
+    Drawn { picture, covered, frame_ms, build_ms: 0.0, bytes: view.color.len() as u64 * 4 }
+}
+
+/// A frame of the cube about `centre`.
+fn ldi(
+    set: &ImageSet,
+    job: &PhotographsJob,
+    centre: DVec3,
+    views: &[&View],
+    camera: &Camera,
+    progress: &dyn Progress,
+) -> Result<Drawn, PhotographsReportError> {
+    let started = Instant::now();
+    let cube = PhotographsJob { centre, ..job.clone() }.run(set, views, progress)?;
+    let cube = PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto)?;
+    let build_ms = started.elapsed().as_secs_f64() * 1e3;
+    let settings = RenderSettings { hole_color_srgb: [0; 3], ..RenderSettings::default() };
+    let mut renderer = Renderer::new();
+    renderer.render(&cube, camera, &settings);
+    let (frame, stats) = renderer.render_with_stats(&cube, camera, &settings);
+    let color = |x: u32, y: u32| {
+        let [r, g, b, _] = frame.color[(y * frame.width + x) as usize];
+        Rgb([r, g, b])
+    };
+    Ok(Drawn {
+        picture: RgbImage::from_fn(frame.width, frame.height, color),
+        covered: frame.coverage.iter().map(|coverage| coverage.splat_share() >= 128).collect(),
+        frame_ms: stats.frame_ms,
+        build_ms,
+        bytes: cube.bytes() as u64,
+    })
+}
+
+impl PhotographsReport {
+    /// Some lines and a table.
+    pub fn summary(&self) -> String {
+        let mut table = Table::new(["variant", "PSNR dB", "FLIP", "MAD", "covered", "frame ms", "build ms", "MB"]);
+        for variant in VARIANTS {
+            let of = || self.rows.iter().filter(|row| row.variant == variant);
+            let mean = |value: fn(&HeldOut) -> f64| {
+                Spread::of(&of().map(value).collect::<Vec<_>>()).map_or(f64::NAN, |spread| spread.mean)
+            };
+            table.row([
+                variant.into(),
+                format!("{:.2}", pooled_psnr_db(of().map(|row| row.psnr_db))),
+                format!("{:.4}", mean(|row| row.flip)),
+                format!("{:.2}", mean(|row| row.mad)),
+                percent(mean(|row| row.covered)),
+                figure(mean(|row| row.frame_ms)),
+                figure(mean(|row| row.build_ms)),
+                figure(mean(|row| row.bytes as f64 / 1e6)),
+            ]);
+        }
+        format!(
+            "# Photographs left out of a set\n\n{} photographs left out, one at a time, and shown by the nearest other one on a plane, \
+             and by layered depth images that the others are coloured into about its own camera and about the nearest one's.\nCommit {}, {}, {} threads, {}.\n\n{table}",
+            self.rows.len() / VARIANTS.len(),
+            self.commit,
+            self.machine.processor,
+            self.machine.threads,
+            self.machine.simd,
+        )
+    }
+}

@@ -1,0 +1,291 @@
+//! A pixel of a canvas of surfaces: one mean in front, one colour behind it.
+
+use crate::render::linear::LinearLight;
+use crate::render::size::LANES;
+use crate::render::splat;
+use crate::render::tent::ONE;
+use bytemuck::{Pod, Zeroable};
+use fearless_simd::{Simd, SimdCvtFloat, SimdCvtTruncate, f32x16, prelude::*, u32x16};
+
+/// A pixel's weights stay at or below this, so that sums of 255 times a weight fit into 16 bits.
+const MAX_WEIGHT: u64 = 257;
+
+/// Weight at which a surface hides wholly what is behind it: inside a surface, rounded weights add up to [`ONE`] less a few.
+pub(in crate::render) const OPAQUE: u64 = 120;
+
+/// The least share of 255 of a pixel that a surface has where it has any.
+pub(in crate::render) const MIN_SHARE: u64 = 13;
+
+/// One pixel: 16 bytes.
+#[derive(Clone, Copy, Default, Pod, Zeroable)]
+#[repr(C, align(16))]
+pub(super) struct Cell {
+    /// Of the front surface, 16 bits each from the lowest: red, green and blue times weight, and weight. No lane
+    /// overflows into the next, so that one multiplication and one addition serve all four.
+    pub(super) sum: u64,
+    /// 1 / eye depth of the front surface, 1/m: the largest in the mean. 0 for none.
+    pub(super) inverse_depth: f32,
+    /// What is behind it: straight colour, and the share of the pixel that is covered.
+    behind: [u8; 4],
+}
+
+const _: () = assert!(size_of::<Cell>() == 16, "one SIMD register a pixel");
+
+/// Red, green, blue and 1, 16 bits each: times a weight, what a splat adds to a sum.
+#[inline]
+pub(super) fn lanes([r, g, b, _]: [u8; 4]) -> u64 {
+    u64::from(r) | u64::from(g) << 16 | u64::from(b) << 32 | 1 << 48
+}
+
+static RECIPROCALS: [u64; MAX_WEIGHT as usize + 1] = splat::reciprocals();
+
+impl Cell {
+    /// Weight of the front surface.
+    #[inline]
+    fn weight(&self) -> u64 {
+        self.sum >> 48
+    }
+
+    /// The front surface over what is behind it.
+    #[inline(always)]
+    fn flattened(&self, light: &LinearLight) -> [u8; 4] {
+        let weight = self.weight();
+        if weight == 0 {
+            return self.behind;
+        }
+        let [r, g, b] = self.mean();
+        let share = (weight * 255 / OPAQUE).clamp(MIN_SHARE, 255) as u8;
+        if share == 255 {
+            return [r, g, b, share];
+        }
+        beside([r, g, b, share], self.behind, light)
+    }
+
+    /// Mean colour of the front surface, if there is one.
+    #[inline(always)]
+    fn mean(&self) -> [u8; 3] {
+        let weight = self.weight();
+        let reciprocal = RECIPROCALS[(weight as usize).min(RECIPROCALS.len() - 1)];
+        let mean = |lane: u32| {
+            let sum = (self.sum >> (16 * lane)) & 0xffff;
+            (((sum + weight / 2) * reciprocal) >> 32) as u8
+        };
+        [mean(0), mean(1), mean(2)]
+    }
+
+    /// Halves the sums, so that more splats have room. An odd weight first loses one mean colour: rounding it down alone
+    /// would brighten.
+    #[cold]
+    fn halve(&mut self) {
+        if self.weight() % 2 == 1 {
+            let [r, g, b] = self.mean();
+            self.sum -= lanes([r, g, b, 0]);
+        }
+        self.sum = self.sum >> 1 & 0x7fff_7fff_7fff_7fff;
+    }
+
+    /// Makes way for a nearer surface. Out of the loop, like [`Self::add_behind`], whose registers it would take.
+    #[inline(never)]
+    fn send_behind(&mut self, light: &LinearLight) {
+        self.behind = self.flattened(light);
+    }
+
+    /// Adds a splat behind a surface that does not fill the pixel (yet).
+    #[inline(never)]
+    fn add_behind(&mut self, color: u64, weight: u64, light: &LinearLight) {
+        let lane = |lane: u32| (color >> (16 * lane)) as u8;
+        let share = (weight * 255 / OPAQUE).min(255) as u8;
+        self.behind = beside([lane(0), lane(1), lane(2), share], self.behind, light);
+    }
+
+    /// Adds a splat by a weight, which may be 0.
+    #[inline(always)]
+    pub(super) fn add(&mut self, added: &Added, weight: u64, light: &LinearLight) {
+        if weight == 0 {
+            return;
+        }
+        if self.inverse_depth < added.nearest_behind {
+            if self.sum != 0 {
+                self.send_behind(light);
+            }
+            self.sum = added.color * weight;
+            self.inverse_depth = added.inverse_depth;
+        } else if self.inverse_depth <= added.farthest_in_front {
+            if self.weight() + weight > MAX_WEIGHT {
+                self.halve();
+            }
+            self.sum += added.color * weight;
+            self.inverse_depth = self.inverse_depth.max(added.inverse_depth);
+        } else if self.weight() < OPAQUE {
+            self.add_behind(added.color, weight, light);
+        }
+    }
+}
+
+/// A straight colour over another, each with the share of 255 of a pixel that it has: what is behind shows beside what is in front,
+/// as far as there is room.
+///
+/// The surface behind often ends here only because nobody could see it go on behind the front one, and the weights of
+/// its tents fade toward that border. It is therefore taken to lie in the part of the pixel that the front surface
+/// leaves open: without this the sky shines through every crown of leaves along its branches (docs/decisions.md: surfaces are averaged
+/// before they are blended). So shares of one surface's splats add up behind another surface as they do in front of it
+/// (docs/decisions.md: shares behind a surface add up).
+#[inline(always)]
+fn beside(front: [u8; 4], behind: [u8; 4], light: &LinearLight) -> [u8; 4] {
+    let share = front[3];
+    let rest = behind[3].min(255 - share);
+    let rgb = |[r, g, b, _]: [u8; 4]| [r, g, b];
+    let [r, g, b] = light.mix([rgb(front), rgb(behind)], [u32::from(share), u32::from(rest)]);
+    [r, g, b, share + rest]
+}
+
+/// What of a splat is added to every cell that it touches.
+pub(super) struct Added {
+    /// As [`lanes`] makes it.
+    pub(super) color: u64,
+    /// 1/m.
+    pub(super) inverse_depth: f32,
+    /// The inverse depth below which another surface lies behind the splat's.
+    pub(super) nearest_behind: f32,
+    /// The inverse depth above which another surface lies in front of the splat's.
+    pub(super) farthest_in_front: f32,
+}
+
+/// Cells of what pictures on planes show: colours that hide the pixel where alpha is 255 and are not there elsewhere, and 1 / eye
+/// depth, 1/m.
+#[inline(always)]
+pub(super) fn of_ground<S: Simd>(simd: S, colors: &[[u8; 4]; LANES], inverse_depths: &[f32; LANES]) -> [Cell; LANES] {
+    let zero = u32x16::splat(simd, 0);
+    let color = u32x16::load_array(simd, bytemuck::cast(colors.map(u32::from_le_bytes)));
+    let is_whole = (color >> 24).simd_eq(255);
+    // [`lanes`] times the weight 1, half by half.
+    let low = ((color & 0xff) * ONE as u32) | (((color >> 8) & 0xff) * ((ONE as u32) << 16));
+    let high = (((color >> 16) & 0xff) * ONE as u32) | (ONE as u32) << 16;
+    let inverse_depth = f32x16::load_array(simd, *inverse_depths).max(0.0).bitcast();
+    let [low, high, inverse_depth] =
+        [is_whole.select(low, zero), is_whole.select(high, zero), is_whole.select(inverse_depth, zero)];
+    let (evens, odds) = (simd.interleave_u32x16(low, inverse_depth), simd.interleave_u32x16(high, zero));
+    let (first, second) = (simd.interleave_u32x16(evens.0, odds.0), simd.interleave_u32x16(evens.1, odds.1));
+    bytemuck::cast([first.0.to_array(), first.1.to_array(), second.0.to_array(), second.1.to_array()])
+}
+
+/// Writes [`Cell::flattened`] of each cell.
+#[inline(always)]
+pub(super) fn resolve<S: Simd>(simd: S, from: &[Cell], to: &mut [[u8; 4]]) {
+    let light = LinearLight::tables();
+    let ((from, from_rest), (to, to_rest)) = (from.as_chunks::<LANES>(), to.as_chunks_mut::<LANES>());
+    for (from, to) in from.iter().zip(to) {
+        let mut others;
+        (*to, others) = fronts(simd, from);
+        while others != 0 {
+            let i = others.trailing_zeros() as usize;
+            others &= others - 1;
+            to[i] = from[i].flattened(light);
+        }
+    }
+    for (to, cell) in to_rest.iter_mut().zip(from_rest) {
+        *to = cell.flattened(light);
+    }
+}
+
+/// [`Cell::mean`] and 255 for cells whose front surface fills the pixel; of the others, the bits.
+#[inline(always)]
+fn fronts<S: Simd>(simd: S, cells: &[Cell; LANES]) -> ([[u8; 4]; LANES], u64) {
+    let (mut low, mut high) = ([0; LANES], [0; LANES]);
+    for i in 0..LANES {
+        (low[i], high[i]) = (cells[i].sum as u32, (cells[i].sum >> 32) as u32);
+    }
+    let (low, high) = (u32x16::load_array(simd, low), u32x16::load_array(simd, high));
+    let weight = high >> 16;
+    let fills = weight.simd_ge(OPAQUE as u32);
+    let (red, green, blue) = (mean(low & 0xffff, weight), mean(low >> 16, weight), mean(high & 0xffff, weight));
+    let colors = (red | (green << 8) | (blue << 16) | 0xff00_0000).to_array();
+    let mut bytes = [[0; 4]; LANES];
+    for (bytes, color) in bytes.iter_mut().zip(colors) {
+        *bytes = color.to_le_bytes();
+    }
+    (bytes, !fills.to_bitmask() & 0xffff)
+}
+
+/// Sums over weights, rounded to the nearest; 0 for weight 0, whose sums are 0.
+#[inline(always)]
+fn mean<S: Simd>(sum: u32x16<S>, weight: u32x16<S>) -> u32x16<S> {
+    let divisor = f32x16::float_from(weight.max(1));
+    // Rounded down like the integers: a quotient of them that is not whole is at least 1 / 257 away from the next.
+    u32x16::truncate_from(f32x16::float_from(sum + (weight >> 1)) / divisor)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ground_is_one_whole_splat() {
+        let colors: [[u8; 4]; LANES] =
+            std::array::from_fn(|i| [3 * i as u8, 255, 7, if i % 3 == 0 { 254 } else { 255 }]);
+        let inverse_depths = std::array::from_fn(|i| i as f32 - 1.0);
+        let level = fearless_simd::Level::new();
+        let cells = fearless_simd::dispatch!(level, simd => of_ground(simd, &colors, &inverse_depths));
+        for ((cell, color), q) in cells.iter().zip(colors).zip(inverse_depths) {
+            let mut expected = Cell::default();
+            if color[3] == 255 {
+                expected.add(&added(color, f32::max(q, 0.0), 0.01), ONE, LinearLight::tables());
+                expected.inverse_depth = f32::max(q, 0.0);
+                expected.sum = lanes(color) * ONE;
+            }
+            assert_eq!((cell.sum, cell.inverse_depth, cell.behind), (expected.sum, expected.inverse_depth, [0; 4]));
+        }
+    }
+
+    fn added(color: [u8; 4], q: f32, tolerance: f32) -> Added {
+        let (nearest_behind, farthest_in_front) = (q * (1.0 - tolerance), q * (1.0 + tolerance));
+        Added { color: lanes(color), inverse_depth: q, nearest_behind, farthest_in_front }
+    }
+
+    #[test]
+    fn means_are_exact_divisions() {
+        for weight in 1..=MAX_WEIGHT {
+            for sum in (0..=255 * weight).step_by(7).chain([255 * weight]) {
+                let cell = Cell { sum: sum | weight << 48, ..Cell::default() };
+                assert_eq!(u64::from(cell.mean()[0]), (sum + weight / 2) / weight, "{sum} / {weight}");
+            }
+        }
+    }
+
+    #[test]
+    fn one_colour_stays_one_colour_however_many_splats() {
+        let color = [201, 0, 255, 255];
+        for weights in [[1, 3, 5, 7], [127, 128, 1, 2], [0, 0, 64, 91], [37, 99, 128, 128]] {
+            let mut cell = Cell::default();
+            for i in 0..10_000 {
+                let weight = weights[i % 4];
+                if weight > 0 {
+                    cell.add(&added(color, 1.0, 0.01), weight, LinearLight::tables());
+                    assert_eq!(cell.flattened(LinearLight::tables())[..3], color[..3]);
+                    assert!(cell.weight() <= MAX_WEIGHT);
+                }
+            }
+            assert_eq!(cell.flattened(LinearLight::tables()), color);
+        }
+    }
+
+    #[test]
+    fn surfaces_are_blended_in_depth_order() {
+        let (red, blue, green) = ([250, 0, 0, 255], [0, 0, 250, 255], [0, 250, 0, 255]);
+        let add = |cell: &mut Cell, color, weight, q: f32| {
+            cell.add(&added(color, q, 0.05), weight, LinearLight::tables());
+        };
+        let mut cell = Cell::default();
+        add(&mut cell, blue, ONE, 1.0);
+        add(&mut cell, red, OPAQUE / 2, 2.0);
+        let [r, g, b, share] = cell.flattened(LinearLight::tables());
+        assert!(r.abs_diff(184) <= 2 && g == 0 && b.abs_diff(184) <= 2 && share == 255, "half red over blue");
+        add(&mut cell, green, ONE, 1.5);
+        let [r, g, b, _] = cell.flattened(LinearLight::tables());
+        assert!(r.abs_diff(184) <= 2 && g.abs_diff(184) <= 2 && b == 0, "green comes between");
+        add(&mut cell, red, ONE, 2.02);
+        assert_eq!(cell.flattened(LinearLight::tables()), red);
+        add(&mut cell, green, ONE, 1.5);
+        assert_eq!(cell.flattened(LinearLight::tables()), red, "hidden");
+    }
+}

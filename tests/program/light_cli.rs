@@ -1,0 +1,100 @@
+//! Light that people bring, on the command line: `--sky`, `--sun`, `--exposure`.
+
+#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+
+use crate::run::{json, refused, succeeds};
+use std::path::Path;
+
+/// Small and lit.
+const CAPTURE: [&str; 10] =
+    ["capture", "builtin:miniature", "--face-size", "32", "--strata", "4", "--rays", "4", "--light-samples", "2"];
+
+/// A sky of 8 x 4 texels: red in the east half, blue in the west, with a green texel in the zenith's row.
+fn write_sky(folder: &Path) {
+    let mut file = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n".to_vec();
+    for at in 0..32 {
+        file.extend(match at % 8 {
+            1 if at < 8 => [8, 200, 8, 129],
+            0..4 => [8, 8, 128, 129],
+            _ => [128, 8, 8, 129],
+        });
+    }
+    std::fs::write(folder.join("sky.hdr"), file).unwrap();
+}
+
+fn capture(folder: &Path, more: &[&str]) -> String {
+    succeeds(folder, &[CAPTURE.as_slice(), more].concat())
+}
+
+#[test]
+fn parts_of_a_capture_agree_on_its_light_and_the_file_tells_it() {
+    let dir = tempfile::tempdir().unwrap();
+    write_sky(dir.path());
+    let light =
+        ["--sky", "sky.hdr", "--sky-turn", "30", "--sun", "100,40", "--sun-strength", "2", "--exposure", "-1.5"];
+    capture(dir.path(), &[light.as_slice(), &["-o", "whole.ldi"]].concat());
+    for part in ["1/2", "2/2"] {
+        capture(dir.path(), &[light.as_slice(), &["--shard", part, "-o", &format!("{}.shard", &part[..1])]].concat());
+    }
+    succeeds(dir.path(), &["merge", "1.shard", "2.shard", "-o", "merged.ldi"]);
+    let read = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
+    assert!(read("whole.ldi") == read("merged.ldi"));
+    let info = &json(dir.path(), &["info", "whole.ldi", "--json"])["capture"];
+    assert_eq!((info["light"]["sky"].as_str(), info["light"]["sun"].as_str()), (Some("sky.hdr"), Some("100,40")));
+    assert_eq!(
+        (info["tone"].as_str(), info["exposure"].as_f64()),
+        (Some("srgb-clipped"), Some(f64::from(0.5f32.powf(1.5))))
+    );
+    let told = succeeds(dir.path(), &["info", "whole.ldi"]);
+    assert!(told.contains("sky sky.hdr, turned by 30 degrees, sun 100,40, sun's strength 2"), "{told}");
+    assert!(told.contains("-1.50 stops (-1.5); sRGB, cut off at white"), "{told}");
+    // A shard in another light is a part of another capture.
+    capture(dir.path(), &["--shard", "2/2", "-o", "other.shard"]);
+    let message = refused(dir.path(), 1, &["merge", "1.shard", "other.shard", "-o", "merged.ldi"]);
+    assert!(message.contains("parts of different captures"), "{message}");
+    // The sky is needed again to light what was merged, and is named where it is gone.
+    std::fs::remove_file(dir.path().join("sky.hdr")).unwrap();
+    let message = refused(dir.path(), 1, &["merge", "1.shard", "2.shard", "-o", "merged.ldi"]);
+    assert!(message.contains("sky.hdr"), "{message}");
+}
+
+#[test]
+fn frames_truth_and_sprites_show_the_same_sky() {
+    let dir = tempfile::tempdir().unwrap();
+    write_sky(dir.path());
+    let light = ["--sky", "sky.hdr", "--sky-turn", "0", "--exposure", "0"];
+    capture(dir.path(), &[light.as_slice(), &["-o", "a.ldi"]].concat());
+    let eastward = ["--look-at", "100,50,0", "--eye", "0,30,0", "--size", "32x24"];
+    let run = |arguments: &[&[&str]]| succeeds(dir.path(), &arguments.concat());
+    run(&[&["render", "a.ldi", "-o", "frame.png"], &eastward]);
+    run(&[&["truth", "builtin:miniature", "-o", "truth.png", "--samples", "4"], &light, &eastward]);
+    let middle = |name: &str| image::open(dir.path().join(name)).unwrap().to_rgb8().get_pixel(16, 12).0;
+    let (frame, truth) = (middle("frame.png"), middle("truth.png"));
+    assert!(truth[0] > 200 && truth[2] < 120, "the east is red: {truth:?}");
+    assert!((0..3).all(|c| frame[c].abs_diff(truth[c]) <= 2), "{frame:?} for {truth:?}");
+    run(&[&["sprite", "builtin:miniature", "-o", "a.sprite", "--samples", "1"], &light]);
+    let info = json(dir.path(), &["info", "a.sprite", "--json"]);
+    assert_eq!(info["capture"]["light"]["sky"].as_str(), Some("sky.hdr"));
+}
+
+#[test]
+fn a_house_keeps_the_sky_that_lights_it() {
+    let dir = tempfile::tempdir().unwrap();
+    write_sky(dir.path());
+    let small = ["--triangles", "300", "--rays", "0", "--backdrops", "none", "--edge", "5", "--light-samples", "1"];
+    for (name, sky) in [("a.house", ["--sky", "sky.hdr"].as_slice()), ("b.house", &[])] {
+        succeeds(dir.path(), &[["house", "builtin:house", "-o", name].as_slice(), &small, sky].concat());
+        assert_eq!(json(dir.path(), &["info", name, "--json"])["ok"], true);
+    }
+    let bytes = |name: &str| std::fs::metadata(dir.path().join(name)).unwrap().len();
+    assert!(bytes("a.house") >= bytes("b.house") + 8 * 4 * 12, "the picture of the sky is in it");
+    let render = |house: &str, to: &str| {
+        let eye = ["--eye", "0,40,0", "--look-at", "100,60,0", "--size", "32x24"];
+        succeeds(dir.path(), &[["render", house, "-o", to].as_slice(), &eye].concat());
+        image::open(dir.path().join(to)).unwrap().to_rgb8().get_pixel(16, 4).0
+    };
+    let [red, _, blue] = render("a.house", "a.png");
+    assert!(red > 2 * blue, "the east is red: {red}, {blue}");
+    let [red, _, blue] = render("b.house", "b.png");
+    assert!(red <= blue, "the builtin sky is blue: {red}, {blue}");
+}
