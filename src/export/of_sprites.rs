@@ -118,7 +118,7 @@ impl<'a> View<'a> {
         };
         let (columns, rows) = self.sprite.displacement().size();
         let per_radian =
-            [columns as f64 / f64::from(self.camera.width()), rows as f64 / f64::from(self.camera.height())]
+            [f64::from(columns) / f64::from(self.camera.width()), f64::from(rows) / f64::from(self.camera.height())]
                 .map(|cells_a_px| cells_a_px * self.camera.focal_px());
         let a = change(at(-1, 0), at(1, 0)) * per_radian[0];
         let b = -change(at(0, -1), at(0, 1)) * per_radian[1];
