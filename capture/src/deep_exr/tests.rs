@@ -14,7 +14,7 @@ fn random_image(seed: u64, stored_px: [u32; 2]) -> DeepImage {
     let channels = channels.map(|(name, kind, step)| DeepChannel { name: name.into(), kind, values: values(step) });
     let matrix = |step: f32| std::array::from_fn(|i| i as f32 * step);
     let view = DeepView {
-        cube: seed % 2 == 0,
+        cube: seed.is_multiple_of(2),
         world_to_camera: Some(matrix(0.5)),
         world_to_ndc: (seed > 1).then(|| matrix(-2.0)),
     };
