@@ -1,6 +1,7 @@
 //! What the command line promises, of the built program as a user runs it.
 
 mod cli;
+mod export_cli;
 mod house;
 mod images_cli;
 mod light_cli;
