@@ -7,10 +7,16 @@
 //!
 //! `up`, `fov` and `size` may be left out. Three forms are read: a list of cameras, one camera alone, and a path that the
 //! window has recorded, `{"size": ..., "poses": [...]}` with times.
+//!
+//! Paths of other programs are read, too: the JSON of nerfstudio's viewer (`{"camera_path": [{"camera_to_world": [16 numbers, row by row],
+//! "fov": 50}], "render_height": ...}`), whose cameras are in the scene file's axes and unit, and the cameras of a `.gltf` or `.glb` file
+//! with the animation that moves them, as Blender exports it: metres, Y up.
 
+use crate::load::LoadError;
+use crate::load::gltf::cameras::{self, GltfCamera};
 use crate::scene::{FileFrame, UpAxis};
 use crate::{Camera, CameraError};
-use glam::DVec3;
+use glam::{DMat4, DVec3};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -72,6 +78,9 @@ pub enum PathError {
         /// The parser's words, with line and column.
         source: serde_json::Error,
     },
+    /// A glTF file that cannot be read, or without cameras.
+    #[error(transparent)]
+    Gltf(#[from] LoadError),
     /// A pose that is no camera.
     #[error("{}: pose {pose}: {source}", path.display())]
     Pose {
@@ -112,36 +121,91 @@ impl CameraRecord {
     }
 }
 
-/// Reads a file of any of the three forms; poses without a size of their own have that of the path.
+/// A path of nerfstudio's viewer.
+#[derive(Deserialize)]
+struct NerfstudioPath {
+    camera_path: Vec<NerfstudioPose>,
+    render_height: Option<u32>,
+    render_width: Option<u32>,
+    fps: Option<f64>,
+}
+
+#[derive(Deserialize)]
+struct NerfstudioPose {
+    /// Row by row: right, up, back and position as columns.
+    camera_to_world: [f64; 16],
+    /// Vertical, degrees.
+    #[serde(default = "default_fov")]
+    fov: f64,
+}
+
+impl NerfstudioPath {
+    fn records(self) -> Vec<CameraRecord> {
+        let size = self.render_width.zip(self.render_height).map(|(width, height)| [width, height]);
+        let record = |(i, pose): (usize, NerfstudioPose)| {
+            let camera = DMat4::from_cols_array(&pose.camera_to_world).transpose();
+            let [up, back, eye] = [camera.y_axis, camera.z_axis, camera.w_axis].map(|column| column.truncate());
+            CameraRecord {
+                eye: eye.to_array(),
+                look_at: (eye - back).to_array(),
+                up: Some(up.to_array()),
+                fov: pose.fov,
+                size,
+                time_s: self.fps.filter(|fps| *fps > 0.0).map(|fps| i as f64 / fps),
+            }
+        };
+        self.camera_path.into_iter().enumerate().map(record).collect()
+    }
+}
+
+/// A glTF camera that says its aspect gets pictures of this height.
+fn gltf_record(camera: &GltfCamera, frame: &FileFrame) -> CameraRecord {
+    let width =
+        |aspect: f64| (aspect * f64::from(DEFAULT_SIZE[1])).round().clamp(1.0, f64::from(Camera::MAX_SIDE_PX)) as u32;
+    CameraRecord {
+        size: camera.aspect.map(|aspect| [width(aspect), DEFAULT_SIZE[1]]),
+        time_s: Some(camera.time_s),
+        ..CameraRecord::new(camera.eye, camera.forward, camera.up, camera.fov_y.to_degrees(), frame)
+    }
+}
+
+/// Reads a file of any form; poses without a size of their own have that of the path. Of animations `fps` moments a second become poses.
 ///
 /// # Errors
 /// See [`PathError`]; poses are not looked at here.
-pub fn read_records(path: &Path) -> Result<Vec<CameraRecord>, PathError> {
-    let text = std::fs::read_to_string(path).map_err(|source| PathError::Io { path: path.into(), source })?;
+pub fn read_records(path: &Path, frame: &FileFrame, fps: f64) -> Result<Vec<CameraRecord>, PathError> {
+    let bytes = std::fs::read(path).map_err(|source| PathError::Io { path: path.into(), source })?;
     let json = |source| PathError::Json { path: path.into(), source };
-    // An untagged enum would swallow the parser's words: look which form it is first.
-    let value: serde_json::Value = serde_json::from_str(&text).map_err(json)?;
-    let poses = if value.is_array() {
-        serde_json::from_str(&text).map_err(json)?
-    } else if value.get("eye").is_some() {
-        vec![serde_json::from_str(&text).map_err(json)?]
+    let has_ending = |ending: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending));
+    let poses: Vec<CameraRecord> = if has_ending("gltf") || has_ending("glb") {
+        cameras::read(path, &bytes, fps)?.iter().map(|camera| gltf_record(camera, frame)).collect()
     } else {
-        let path: PathRecord = serde_json::from_str(&text).map_err(json)?;
-        let sized = |pose: CameraRecord| CameraRecord { size: pose.size.or(path.size), ..pose };
-        path.poses.into_iter().map(sized).collect()
+        // An untagged enum would swallow the parser's words: look which form it is first.
+        let value: serde_json::Value = serde_json::from_slice(&bytes).map_err(json)?;
+        if value.is_array() {
+            serde_json::from_slice(&bytes).map_err(json)?
+        } else if value.get("eye").is_some() {
+            vec![serde_json::from_slice(&bytes).map_err(json)?]
+        } else if value.get("camera_path").is_some() {
+            serde_json::from_slice::<NerfstudioPath>(&bytes).map_err(json)?.records()
+        } else {
+            let path: PathRecord = serde_json::from_slice(&bytes).map_err(json)?;
+            let sized = |pose: CameraRecord| CameraRecord { size: pose.size.or(path.size), ..pose };
+            path.poses.into_iter().map(sized).collect()
+        }
     };
     if poses.is_empty() { Err(PathError::Empty { path: path.into() }) } else { Ok(poses) }
 }
 
-/// Reads a path and turns it into cameras in the world.
+/// Reads a path and turns it into cameras in the world; of animations `fps` moments a second.
 ///
 /// # Errors
 /// See [`PathError`].
-pub fn read(path: &Path, frame: &FileFrame) -> Result<Vec<Camera>, PathError> {
+pub fn read(path: &Path, frame: &FileFrame, fps: f64) -> Result<Vec<Camera>, PathError> {
     let camera = |(number, pose): (usize, &CameraRecord)| {
         pose.camera(frame).map_err(|source| PathError::Pose { path: path.into(), pose: number, source })
     };
-    read_records(path)?.iter().enumerate().map(camera).collect()
+    read_records(path, frame, fps)?.iter().enumerate().map(camera).collect()
 }
 
 #[cfg(test)]
@@ -152,7 +216,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("path.json");
         std::fs::write(&path, text).unwrap();
-        read(&path, &FileFrame { up: UpAxis::Z, unit_m: 0.01 })
+        read(&path, &FileFrame { up: UpAxis::Z, unit_m: 0.01 }, 30.0)
     }
 
     #[test]
@@ -179,6 +243,83 @@ mod tests {
         let cameras = read_text(&serde_json::to_string(&record).unwrap()).unwrap();
         assert_eq!((cameras.len(), cameras[0].width()), (1, 8));
         assert!((cameras[0].eye() - eye).length() < 1e-12 && (cameras[0].forward() - forward).length() < 1e-12);
+    }
+
+    #[test]
+    fn a_path_of_nerfstudio_is_read() {
+        // Right is +X, up +Z, back -Y of the file: it looks along +Y, which is -Z of the world.
+        let pose = r#"{"camera_to_world": [1,0,0,100, 0,0,-1,0, 0,1,0,200, 0,0,0,1], "fov": 50, "aspect": 2}"#;
+        let text = format!(
+            r#"{{"camera_path": [{pose}, {pose}], "render_height": 4, "render_width": 8, "fps": 24, "seconds": 1}}"#
+        );
+        let cameras = read_text(&text).unwrap();
+        assert_eq!((cameras.len(), cameras[1].width(), cameras[1].height()), (2, 8, 4));
+        assert!((cameras[0].eye() - DVec3::new(1.0, 2.0, 0.0)).length() < 1e-12);
+        assert!((cameras[0].forward() - DVec3::NEG_Z).length() < 1e-12);
+        assert!((cameras[0].world_from_eye().y_axis - DVec3::Y).length() < 1e-12);
+        assert!((cameras[0].focal_px() - 2.0 / 25f64.to_radians().tan()).abs() < 1e-9);
+    }
+
+    /// A camera on an arm: the arm turns by 90 degrees about Y in 1 s, the camera stands 2 m before it and moves up by 1 m.
+    fn arm(interpolation: &str) -> String {
+        let floats =
+            [0.0f32, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.5f32.sqrt(), 0.0, 0.5f32.sqrt(), 0.0, 0.0, 2.0, 0.0, 1.0, 2.0];
+        let numbers: Vec<String> =
+            floats.iter().flat_map(|f| f.to_le_bytes()).map(|byte| format!("%{byte:02x}")).collect();
+        format!(
+            r#"{{"asset": {{"version": "2.0"}}, "scene": 0, "scenes": [{{"nodes": [0]}}],
+            "nodes": [{{"children": [1]}}, {{"camera": 0, "translation": [9, 9, 9]}}],
+            "cameras": [{{"type": "perspective", "perspective": {{"yfov": 0.8, "znear": 0.1, "aspectRatio": 2.0}}}}],
+            "buffers": [{{"byteLength": 64, "uri": "data:application/octet-stream,{}"}}],
+            "bufferViews": [{{"buffer": 0, "byteOffset": 0, "byteLength": 8}}, {{"buffer": 0, "byteOffset": 8, "byteLength": 32}},
+                {{"buffer": 0, "byteOffset": 40, "byteLength": 24}}],
+            "accessors": [{{"bufferView": 0, "componentType": 5126, "count": 2, "type": "SCALAR"}},
+                {{"bufferView": 1, "componentType": 5126, "count": 2, "type": "VEC4"}},
+                {{"bufferView": 2, "componentType": 5126, "count": 2, "type": "VEC3"}}],
+            "animations": [{{"samplers": [{{"input": 0, "output": 1, "interpolation": "{interpolation}"}},
+                {{"input": 0, "output": 2, "interpolation": "{interpolation}"}}],
+                "channels": [{{"sampler": 0, "target": {{"node": 0, "path": "rotation"}}}},
+                {{"sampler": 1, "target": {{"node": 1, "path": "translation"}}}}]}}]}}"#,
+            numbers.concat()
+        )
+    }
+
+    fn read_gltf(text: &str, fps: f64) -> Result<Vec<Camera>, PathError> {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("path.gltf");
+        std::fs::write(&path, text).unwrap();
+        read(&path, &FileFrame::default(), fps)
+    }
+
+    #[test]
+    fn an_animated_camera_of_gltf_is_a_path() {
+        let cameras = read_gltf(&arm("LINEAR"), 4.0).unwrap();
+        assert_eq!((cameras.len(), cameras[0].width(), cameras[0].height()), (5, 1536, 768));
+        for (i, camera) in cameras.iter().enumerate() {
+            let t = i as f64 / 4.0;
+            let angle = t * std::f64::consts::FRAC_PI_2;
+            let eye = DVec3::new(2.0 * angle.sin(), t, 2.0 * angle.cos());
+            // Keys are floats.
+            assert!((camera.eye() - eye).length() < 1e-6, "{t}: {}", camera.eye());
+            assert!((camera.forward() + eye.with_y(0.0) / 2.0).length() < 1e-6);
+        }
+        let held = read_gltf(&arm("STEP"), 4.0).unwrap();
+        assert!((held[3].eye() - DVec3::new(0.0, 0.0, 2.0)).length() < 1e-6 && (held[4].eye().y - 1.0).abs() < 1e-6);
+        let standing = arm("LINEAR").replace("\"animations\"", "\"stillness\"");
+        let standing = read_gltf(&standing, 4.0).unwrap();
+        assert!(standing.len() == 1 && (standing[0].eye() - DVec3::splat(9.0)).length() < 1e-12);
+    }
+
+    #[test]
+    fn gltf_that_is_no_path_is_told() {
+        let message = |text: &str| read_gltf(text, 30.0).err().unwrap().to_string();
+        assert!(message(r#"{"asset": {"version": "2.0"}}"#).contains("no perspective camera"));
+        assert!(
+            message(&arm("LINEAR").replace("\"count\": 2, \"type\": \"VEC4\"", "\"count\": 3, \"type\": \"VEC4\""))
+                .contains("keys")
+        );
+        assert!(message(&arm("CUBICSPLINE")).contains("keys"), "three values a key");
+        assert!(message("glTF").contains("path.gltf"));
     }
 
     #[test]

@@ -3,9 +3,12 @@
 use super::output::{EXPORT, Outputs, print_json};
 use super::words::UsageError;
 use crate::capture::files;
+use crate::capture::rig::Face;
 use crate::container::{Container, FileKind};
-use crate::export::{ExportError, glb, page::Page, ply};
+use crate::export::deep::{self, DeepSummary, Faces};
+use crate::export::{ExportError, glb, las, of_sprites, page::Page, ply, splats};
 use crate::packed::PackedCube;
+use crate::sprite::{SPRITE_FILE, SpriteSet};
 use anyhow::{Context, bail};
 use clap::Args;
 use serde_json::{Value, json};
@@ -14,10 +17,11 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 pub(super) struct ExportCommand {
-    /// A .ldi file
+    /// A .ldi or .sprite file
     file: PathBuf,
     /// What to write; its ending decides the format: .html, a page to look around in that works offline; .glb for engines; .ply, flat
-    /// Gaussians as of 3D Gaussian splatting, or plain points with --points
+    /// Gaussians as of 3D Gaussian splatting, or plain points with --points; .splat, the same Gaussians in 32 bytes each; .las, points;
+    /// .exr for compositing, deep or with --layers flat
     #[arg(short, long)]
     output: PathBuf,
     /// What the page is called; the name of the file if absent
@@ -29,9 +33,21 @@ pub(super) struct ExportCommand {
     /// Write plain points with normal and colour to a .ply
     #[arg(long)]
     points: bool,
+    /// Flat layers of an .exr, each a part, nearest first, instead of deep data; the last holds all that lies deeper
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=64))]
+    layers: Option<u64>,
+    /// The one face of the cube that an .exr holds, as the picture of a camera of 90 degrees: +X, -X, +Y, -Y, +Z or -Z; all six, one above
+    /// another as OpenEXR's environment maps have them, if absent
+    #[arg(long, value_name = "FACE", allow_hyphen_values = true, value_parser = parse_face)]
+    face: Option<Face>,
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
+}
+
+fn parse_face(text: &str) -> Result<Face, String> {
+    let found = Face::ALL.into_iter().find(|face| face.name().eq_ignore_ascii_case(text));
+    found.ok_or_else(|| "give +X, -X, +Y, -Y, +Z or -Z".into())
 }
 
 /// Triangles of a .glb unless something else is said.
@@ -45,6 +61,8 @@ impl ExportCommand {
             (self.title.is_some(), "--title", "html"),
             (self.triangles.is_some(), "--triangles", "glb"),
             (self.points, "--points", "ply"),
+            (self.layers.is_some(), "--layers", "exr"),
+            (self.face.is_some(), "--face", "exr"),
         ] {
             if given && ending != wanted {
                 return Err(UsageError(format!("{name} is for .{wanted} files")).into());
@@ -57,8 +75,11 @@ impl ExportCommand {
             Some("glb") => self.glb(&cube, &mut told).with_context(of_file)?,
             Some("ply") => self.write(|to| match self.points {
                 true => ply::write_points(&cube, to),
-                false => ply::write_splats(&cube, to),
+                false => splats::write_ply(&cube, to),
             })?,
+            Some("splat") => self.write(|to| splats::write_splat(&cube, to))?,
+            Some("las") => self.write(|to| las::write(&cube, to))?,
+            Some("exr") => self.exr(&cube, &mut told).with_context(of_file)?,
             _ => {
                 let name = self.title.clone().unwrap_or_else(|| name_of(&self.file));
                 let page = Page::new(&cube, &name).with_context(of_file)?;
@@ -95,6 +116,23 @@ impl ExportCommand {
         Ok(())
     }
 
+    fn exr(&self, cube: &PackedCube, told: &mut Value) -> anyhow::Result<()> {
+        let faces = self.face.map_or(Faces::All, Faces::One);
+        let mut summary = None;
+        self.write(|to| {
+            summary = Some(match self.layers {
+                Some(layers) => deep::write_layers(cube, faces, layers as usize, to)?,
+                None => deep::write(cube, faces, to)?,
+            });
+            Ok(())
+        })?;
+        let Some(DeepSummary { samples, size_px: [width, height] }) = summary else { return Ok(()) };
+        (told["samples"], told["size"]) = (samples.into(), json!([width, height]));
+        let layers = self.layers.map_or_else(|| "deep".into(), |layers| format!("{layers} layers"));
+        told["words"] = format!(", {width}x{height}, {layers}, of {samples} samples").into();
+        Ok(())
+    }
+
     /// Writes the output, whole or not at all.
     fn write(&self, write: impl FnOnce(&mut dyn io::Write) -> Result<(), ExportError>) -> anyhow::Result<()> {
         let written = files::write_whole(&self.output, |mut to| match write(&mut to) {
@@ -105,13 +143,21 @@ impl ExportCommand {
     }
 }
 
-/// A cube LDI; of other files of ours it is said what can be exported.
+/// A cube LDI, or sprites as one; of other files of ours it is said what can be exported.
 pub(super) fn open(path: &Path) -> anyhow::Result<PackedCube> {
     let found = Container::peek_kind(path).ok().flatten();
     let kind = found.and_then(|tag| FileKind::ALL.iter().find(|kind| kind.tag == tag));
     match kind {
+        Some(kind) if kind.tag == SPRITE_FILE.tag => {
+            of_sprites::cube(&SpriteSet::read(path)?).with_context(|| path.display().to_string())
+        }
         Some(kind) if kind.tag != FileKind::CUBE_LDI.tag => {
-            bail!("{} is a {}, which cannot be exported yet; a cube LDI (.ldi) can", path.display(), kind.name)
+            bail!(
+                "{} is a {}, which cannot be exported; a cube LDI (.ldi) and sprites (.sprite) can. `headbox render --path` makes a \
+                 film of it",
+                path.display(),
+                kind.name
+            )
         }
         _ => Ok(PackedCube::read(path)?),
     }

@@ -13,7 +13,8 @@ use crate::capture::statistics::median;
 use crate::capture::{Camera, simd};
 use crate::compose::{ComposeSettings, Composition};
 use crate::container::Container;
-use crate::export::{film, panorama};
+use crate::export::film;
+use crate::export::stereo::View;
 use crate::frame::Frame;
 use crate::lumigraph::{Blend, LUMI_FILE, Lumigraph, LumigraphSettings};
 use crate::packed::PackedCube;
@@ -45,19 +46,24 @@ pub(super) struct RenderCommand {
     output: PathBuf,
     #[command(flatten)]
     camera: CameraArgs,
-    /// Render a frame per pose of this JSON file
-    #[arg(long, value_name = "PATH.json")]
+    /// Render a frame per pose of this file: JSON of poses, of the window or of nerfstudio's viewer, or the cameras of a .gltf or .glb
+    /// with the animation that moves them, as Blender exports it
+    #[arg(long, value_name = "PATH")]
     path: Option<PathBuf>,
-    /// Frames a second of a film; 30 if absent
+    /// Frames a second of a film, and of an animation in --path; 30 if absent
     #[arg(long, requires = "path", value_parser = clap::value_parser!(u32).range(1..=240))]
     fps: Option<u32>,
-    /// Frames for both eyes side by side, so many metres apart: 0.064 for people
-    #[arg(long, value_name = "METRES", value_parser = parse_length, conflicts_with = "panorama")]
+    /// Frames for both eyes side by side, so many metres apart: 0.064 for people; with --panorama one above the other
+    #[arg(long, value_name = "METRES", value_parser = parse_length)]
     stereo: Option<f64>,
     /// All directions about the eye, twice as wide as high (equirectangular), as players of 360-degree pictures and films have it; the
-    /// height is that of --size or of the path
+    /// height is that of --size or of the path. With --stereo for both eyes (omni-directional stereo), the left one above
     #[arg(long)]
     panorama: bool,
+    /// What lies before both eyes, 180 by 180 degrees each, side by side, as VR180 has it; the height is that of --size or of the path, and
+    /// the eyes are 0.064 m apart without --stereo
+    #[arg(long, conflicts_with = "panorama")]
+    vr180: bool,
     /// How samples become pixels, or how parallax inside sprites is drawn: see the list that a wrong name prints. For a folder of
     /// images also geometry-blended and its kin: view-dependent geometry, made for each frame, instead of a cube LDI
     #[arg(long, value_name = "NAME")]
@@ -117,7 +123,7 @@ impl RenderCommand {
         let (mut content, frame, default_camera) = self.open()?;
         match &self.path {
             Some(path) => {
-                let cameras = path::read(path, &frame)?;
+                let cameras = path::read(path, &frame, f64::from(self.fps()))?;
                 content.warn_if_outside(&cameras, &frame);
                 match film::is_film(&self.output) {
                     true => self.render_film(&mut content, &cameras),
@@ -283,26 +289,33 @@ impl RenderCommand {
         Ok(settings)
     }
 
-    /// What a camera sees, for one eye, for two, or all about it.
-    fn picture(&self, content: &mut Content, camera: &Camera) -> anyhow::Result<RgbImage> {
-        let mut draw = |camera: &Camera| anyhow::Ok(content.render(camera, 1)?.image);
-        match self.stereo {
-            Some(distance_m) => panorama::side_by_side(camera, distance_m, draw),
-            None if self.panorama => panorama::equirectangular(camera, camera.height(), draw),
-            None => draw(camera),
+    /// Frames a second.
+    fn fps(&self) -> u32 {
+        self.fps.unwrap_or(30)
+    }
+
+    /// What is shown of what is about the eye.
+    fn view(&self) -> View {
+        /// Between the pupils of people, metres.
+        const PEOPLE_M: f64 = 0.064;
+        match (self.stereo, self.panorama, self.vr180) {
+            (distance_m, _, true) => View::HalfSpheres(distance_m.unwrap_or(PEOPLE_M)),
+            (Some(distance_m), true, _) => View::StereoPanorama(distance_m),
+            (Some(distance_m), false, _) => View::SideBySide(distance_m),
+            (None, true, _) => View::Panorama,
+            (None, false, _) => View::Frame,
         }
+    }
+
+    fn picture(&self, content: &mut Content, camera: &Camera) -> anyhow::Result<RgbImage> {
+        self.view().draw(camera, |camera| anyhow::Ok(content.render(camera, 1)?.image))
     }
 
     fn render_film(&self, content: &mut Content, cameras: &[Camera]) -> anyhow::Result<()> {
         let started = Instant::now();
         let Some(first) = cameras.first() else { bail!("the path has no poses") };
-        let [width, height] = [first.width(), first.height()];
-        let size = match (self.stereo, self.panorama) {
-            (Some(_), _) => [2 * width, height],
-            (None, true) => [2 * height, height],
-            (None, false) => [width, height],
-        };
-        let fps = self.fps.unwrap_or(30);
+        let size = self.view().size_px([first.width(), first.height()]);
+        let fps = self.fps();
         let bar = Bar::new();
         bar.begin("frames", "frames", cameras.len() as u64);
         let mut frames = cameras.iter().map(|camera| {
@@ -327,7 +340,7 @@ impl RenderCommand {
     }
 
     fn render_one(&self, content: &mut Content, camera: &Camera) -> anyhow::Result<()> {
-        if self.stereo.is_some() || self.panorama {
+        if self.view() != View::Frame {
             let picture = self.picture(content, camera)?;
             save_picture(&self.output, &picture)?;
             let (width, height) = picture.dimensions();
@@ -377,8 +390,8 @@ impl RenderCommand {
     }
 
     fn render_path(&self, content: &mut Content, cameras: &[Camera]) -> anyhow::Result<()> {
-        if self.stereo.is_some() || self.panorama {
-            return Err(UsageError("--stereo and --panorama are for films and single frames".into()).into());
+        if self.view() != View::Frame {
+            return Err(UsageError("--stereo, --panorama and --vr180 are for films and single frames".into()).into());
         }
         let folder = &self.output;
         let mut csv = String::from("pose,ms,depth_pixels_in,splatted,hole_pixels\n");

@@ -6,8 +6,10 @@
 use super::export::{name_of, open};
 use super::output::Outputs;
 use super::words::UsageError;
+use crate::container::Container;
 use crate::export::page::Page;
 use crate::export::poster;
+use crate::sprite::SPRITE_FILE;
 use anyhow::Context;
 use clap::Args;
 use std::fs::File;
@@ -26,7 +28,7 @@ const MAX_CONNECTIONS: usize = 64;
 
 #[derive(Args)]
 pub(super) struct ServeCommand {
-    /// .ldi files
+    /// .ldi and .sprite files
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Address to listen on; this machine alone (127.0.0.1) if absent
@@ -87,14 +89,16 @@ impl ServeCommand {
             page.write(&mut io::BufWriter::new(&mut spooled))?;
             let title = crate::export::page::escape(&name);
             let samples = cube.depth_pixel_count();
+            let is_sprite = Container::peek_kind(file).ok().flatten() == Some(SPRITE_FILE.tag);
+            let ending = if is_sprite { "sprite" } else { "ldi" };
             rows += &format!(
                 "<li><a href=\"/{i}/page.html\"><img src=\"/{i}/poster.jpg\" alt=\"\" width=\"400\" height=\"250\">{title}</a> \
-                 <small>{samples} depth pixels, <a href=\"/{i}/capture.ldi\" download=\"{title}.ldi\">.ldi</a></small></li>\n"
+                 <small>{samples} depth pixels, <a href=\"/{i}/capture.{ending}\" download=\"{title}.{ending}\">.{ending}</a></small></li>\n"
             );
             let add = [
-                ("page.html", "text/html; charset=utf-8", Content::File(spooled)),
-                ("poster.jpg", "image/jpeg", Content::Bytes(poster(&cube)?)),
-                ("capture.ldi", "application/octet-stream", Content::File(File::open(file)?)),
+                ("page.html".into(), "text/html; charset=utf-8", Content::File(spooled)),
+                ("poster.jpg".into(), "image/jpeg", Content::Bytes(poster(&cube)?)),
+                (format!("capture.{ending}"), "application/octet-stream", Content::File(File::open(file)?)),
             ];
             let of_file = add.into_iter();
             resources.extend(of_file.map(|(name, kind, content)| Resource {

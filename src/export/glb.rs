@@ -1,8 +1,8 @@
 //! GLB files for engines: quadrilaterals with unlit textures, and the environment as a box around them.
 
 use super::atlas::{self, AtlasPicture, PAGE_PX};
-use super::mesh::{self, TexturedQuads, Tolerance};
-use super::{ExportError, surfels};
+use super::mesh::{self, TexturedQuads};
+use super::{ExportError, sheets, surfels};
 use crate::capture::picture::{self, PictureError};
 use crate::capture::rig::Face;
 use crate::ldi::CubeLdi;
@@ -14,10 +14,11 @@ use image::codecs::jpeg::JpegEncoder;
 use serde_json::{Value, json};
 use std::io::Write;
 
-/// Error, face pixels, with which quadrilaterals begin; it grows until they are within the budget.
+/// Error, face pixels, of quadrilaterals where the budget holds them; else the least of those errors that it holds, each so many times the one before.
 const FIRST_ERROR_PX: f64 = 0.1;
-const GROWTH: f64 = 1.6;
-const LAST_ERROR_PX: f64 = 64.0;
+const GROWTH: f64 = 1.1;
+/// The last is 60 face pixels.
+const ERRORS: i32 = 68;
 /// Error, px, of the pictures on planes that are made of a capture without.
 const PLANES_ERROR_PX: f64 = 1.0;
 /// The least alpha that is drawn. Where two surfaces meet each has a rim that is half open; with 0.5 the background shows between them.
@@ -50,13 +51,10 @@ pub fn write(cube: &PackedCube, budget: u64, to: &mut dyn Write) -> Result<GlbSu
     } else {
         cube
     };
-    let mut error_px = FIRST_ERROR_PX;
-    let triangles = |charts: &[TexturedQuads]| charts.iter().map(|chart| 2 * chart.quads.len() as u64).sum::<u64>();
-    let mut charts = mesh::charts(cube, Tolerance::new(cube, error_px));
-    while triangles(&charts) > budget && error_px < LAST_ERROR_PX {
-        error_px *= GROWTH;
-        charts = mesh::charts(cube, Tolerance::new(cube, error_px));
-    }
+    let (mut charts, sheets) = (mesh::of_planes(cube), sheets::sheets(cube));
+    let left = budget.saturating_sub(triangles(&charts));
+    let (error_px, cut) = least_error(left, |error_px| mesh::of_sheets(cube, &sheets, error_px));
+    charts.extend(cut);
     let dropped_samples = drop_smallest(&mut charts, budget);
     let mut file = File::default();
     file.charts(&charts)?;
@@ -66,6 +64,31 @@ pub fn write(cube: &PackedCube, budget: u64, to: &mut dyn Write) -> Result<GlbSu
     }
     file.write(cube.info.centre, to)?;
     Ok(GlbSummary { triangles: triangles(&charts), error_px, dropped_samples })
+}
+
+fn triangles(charts: &[TexturedQuads]) -> u64 {
+    charts.iter().map(|chart| 2 * chart.quads.len() as u64).sum()
+}
+
+/// The least error, face pixels, that makes no more than `budget` triangles, or the largest; and its charts.
+fn least_error(budget: u64, charts: impl Fn(f64) -> Vec<TexturedQuads>) -> (f64, Vec<TexturedQuads>) {
+    let of = |i: i32| FIRST_ERROR_PX * GROWTH.powi(i);
+    let first = charts(of(0));
+    if triangles(&first) <= budget {
+        return (of(0), first);
+    }
+    // The first is too fine, and the last is taken if none is not.
+    let (mut fine, mut found) = (0, (ERRORS - 1, None));
+    while found.0 - fine > 1 {
+        let middle = (fine + found.0) / 2;
+        let made = charts(of(middle));
+        match triangles(&made) <= budget {
+            true => found = (middle, Some(made)),
+            false => fine = middle,
+        }
+    }
+    let (i, made) = found;
+    (of(i), made.unwrap_or_else(|| charts(of(i))))
 }
 
 /// Leaves out what shows least, until the rest is within the budget; the number of samples that are gone.
@@ -203,8 +226,7 @@ impl File {
     fn environment(&mut self, cube: &PackedCube) -> Result<(), ExportError> {
         let size = cube.environment.size_px;
         let per_face = size as usize * size as usize;
-        // Behind what is at infinity and not environment, or they would fight for the same depth.
-        let distance = 2.0 / surfels::infinity(cube);
+        let distance = surfels::sky(cube);
         for (face, texels) in Face::ALL.into_iter().zip(cube.environment.texels.chunks_exact(per_face.max(1))) {
             if texels.iter().all(|texel| texel[3] == 0) {
                 continue;

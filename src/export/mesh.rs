@@ -1,7 +1,8 @@
 //! A capture as textured quadrilaterals: pictures on planes, and sheets of samples cut where a plane no longer holds them.
 
 use super::atlas::AtlasPicture;
-use super::sheets::{SHEET_COLUMNS, SHEET_ROWS, SurfaceSheet, sheets};
+use super::sheets::{SHEET_COLUMNS, SHEET_ROWS, SurfaceSheet};
+use super::surfels::straight;
 use crate::capture::rig::Face;
 use crate::packed::PackedCube;
 use glam::{DMat3, DVec3, dvec3};
@@ -9,6 +10,13 @@ use rayon::prelude::*;
 
 /// By how much of a pixel a quadrilateral is larger than its samples, so that neighbours leave no crack.
 const OVERLAP_PX: f64 = 0.1;
+/// By how much of a pixel a texel may be elsewhere than its sample; what is open at the rims of textures would leave cracks between them.
+const TEXEL_ERROR_PX: f64 = 0.25;
+/// By how much inverse depth at the corners of a quadrilateral may lie beyond that of its samples, as a share: it must not stand out of
+/// leaves that lie at a slant to each other.
+const BEYOND: f64 = 0.02;
+/// Weight of the samples' own slopes in a fit, for each sample.
+const SLOPE_WEIGHT: f64 = 0.02;
 
 /// A part of a picture in space.
 #[derive(Clone, Copy)]
@@ -29,35 +37,17 @@ pub(super) struct TexturedQuads {
     pub(super) samples: u32,
 }
 
-/// What quadrilaterals may be off.
-#[derive(Clone, Copy)]
-pub(super) struct Tolerance {
-    /// By which an eye anywhere in the headbox sees a sample elsewhere, and by which a texel is, face pixels.
-    pub(super) error_px: f64,
-    /// The same in inverse depth, 1/m.
-    inverse_depth: f64,
+/// Whether texels are where they belong although engines take them for spread evenly over a quadrilateral that recedes. Of a
+/// length L whose ends are r times as far as each other, the middle is off by L (r - 1) / (2 (r + 1)).
+fn holds_texels(length_px: f64, [q0, q1]: [f64; 2]) -> bool {
+    let ratio = q0.max(q1) / q0.min(q1);
+    length_px * (ratio - 1.0) / (2.0 * (ratio + 1.0)) <= TEXEL_ERROR_PX
 }
 
-impl Tolerance {
-    pub(super) fn new(cube: &PackedCube, error_px: f64) -> Self {
-        let inverse_depth = error_px * 2.0 / (f64::from(cube.face_size_px) * cube.info.half_size_m);
-        Self { error_px, inverse_depth }
-    }
-
-    /// Whether texels are where they belong although engines take them for spread evenly over a quadrilateral that recedes. Of a
-    /// length L whose ends are r times as far as each other, the middle is off by L (r - 1) / (2 (r + 1)).
-    fn holds_texels(&self, length_px: f64, [q0, q1]: [f64; 2]) -> bool {
-        let ratio = q0.max(q1) / q0.min(q1);
-        length_px * (ratio - 1.0) / (2.0 * (ratio + 1.0)) <= self.error_px.max(0.25)
-    }
-}
-
-/// All charts of a cube.
-pub(super) fn charts(cube: &PackedCube, tolerance: Tolerance) -> Vec<TexturedQuads> {
-    let mut charts = planes(cube, tolerance);
-    let of_sheets = sheets(cube).into_par_iter().map(|sheet| sheet_chart(cube, &sheet, tolerance));
-    charts.extend(of_sheets.collect::<Vec<_>>());
-    charts
+/// Charts of sheets, whose quadrilaterals show no sample elsewhere by more than `error_px` face pixels to an eye in the headbox.
+pub(super) fn of_sheets(cube: &PackedCube, sheets: &[SurfaceSheet], error_px: f64) -> Vec<TexturedQuads> {
+    let tolerance = error_px * 2.0 / (f64::from(cube.face_size_px) * cube.info.half_size_m);
+    sheets.par_iter().map(|sheet| sheet_chart(cube, sheet, tolerance)).collect()
 }
 
 /// Inverse depth on a face as coefficients of (1, x, y).
@@ -87,7 +77,8 @@ impl Rectangle {
     }
 }
 
-fn planes(cube: &PackedCube, tolerance: Tolerance) -> Vec<TexturedQuads> {
+/// Charts of the pictures on planes.
+pub(super) fn of_planes(cube: &PackedCube) -> Vec<TexturedQuads> {
     let (set, face_px) = (&cube.planes, cube.face_size_px);
     let infinity = super::surfels::infinity(cube);
     let chart = |tile: &crate::packed::PlaneTile| {
@@ -99,7 +90,7 @@ fn planes(cube: &PackedCube, tolerance: Tolerance) -> Vec<TexturedQuads> {
         let (right, bottom) = (x0 + width as f64, y0 + height as f64);
         let mut quads = Vec::new();
         let whole = Rectangle { face, face_px, sides: [x0, y0, right, bottom], picture: [x0 - 1.0, y0 - 1.0] };
-        cut_plane(whole, inverse_depth, infinity, tolerance, &mut quads);
+        cut_plane(whole, inverse_depth, infinity, &mut quads);
         Some(TexturedQuads { picture, quads, opaque: tile.opaque == 1, samples: tile.texel_count() as u32 })
     };
     set.tiles.par_iter().filter_map(chart).collect()
@@ -108,10 +99,6 @@ fn planes(cube: &PackedCube, tolerance: Tolerance) -> Vec<TexturedQuads> {
 /// A picture on a plane with straight colours, and around it once more its outermost texels: the renderer's tents reach beyond them
 /// to what comes next, here half a texel has to do.
 fn framed(texels: &[[u8; 4]], width: usize, height: usize) -> AtlasPicture {
-    let straight = |[r, g, b, a]: [u8; 4]| {
-        let of = |c: u8| (u32::from(c) * 255 / u32::from(a).max(1)).min(255) as u8;
-        [of(r), of(g), of(b), a]
-    };
     let inside = |i: usize, length: usize| i.saturating_sub(1).min(length.saturating_sub(1));
     let rows = (0..height + 2).map(|row| inside(row, height) * width);
     let framed =
@@ -122,12 +109,12 @@ fn framed(texels: &[[u8; 4]], width: usize, height: usize) -> AtlasPicture {
 }
 
 /// Cuts a rectangle until its texels are where they belong.
-fn cut_plane(whole: Rectangle, inverse_depth: Affine, least: f64, tolerance: Tolerance, to: &mut Vec<Quad>) {
+fn cut_plane(whole: Rectangle, inverse_depth: Affine, least: f64, to: &mut Vec<Quad>) {
     let [left, top, right, bottom] = whole.sides;
     let q = |x: f64, y: f64| inverse_depth.dot(dvec3(1.0, x, y)).max(least);
     let across = [q(left, top), q(right, top)];
     let down = [q(left, top), q(left, bottom)];
-    let holds = [tolerance.holds_texels(right - left, across), tolerance.holds_texels(bottom - top, down)];
+    let holds = [holds_texels(right - left, across), holds_texels(bottom - top, down)];
     let halves = |at: usize| {
         let middle = f64::midpoint(whole.sides[at], whole.sides[at + 2]);
         let (mut first, mut second) = (whole.sides, whole.sides);
@@ -140,7 +127,7 @@ fn cut_plane(whole: Rectangle, inverse_depth: Affine, least: f64, tolerance: Tol
         _ => return to.push(whole.quad(inverse_depth, [least, f64::INFINITY])),
     };
     for sides in cut {
-        cut_plane(Rectangle { sides, ..whole }, inverse_depth, least, tolerance, to);
+        cut_plane(Rectangle { sides, ..whole }, inverse_depth, least, to);
     }
 }
 
@@ -151,10 +138,11 @@ type Placed = (usize, usize, [f64; 3]);
 struct SheetCut<'a> {
     sheet: &'a SurfaceSheet,
     face_px: u32,
-    tolerance: Tolerance,
+    /// In inverse depth, 1/m.
+    tolerance: f64,
 }
 
-fn sheet_chart(cube: &PackedCube, sheet: &SurfaceSheet, tolerance: Tolerance) -> TexturedQuads {
+fn sheet_chart(cube: &PackedCube, sheet: &SurfaceSheet, tolerance: f64) -> TexturedQuads {
     let cut = SheetCut { sheet, face_px: cube.face_size_px, tolerance };
     let mut quads = Vec::new();
     cut.cut([1, 1, SHEET_COLUMNS - 1, SHEET_ROWS - 1], &mut quads);
@@ -218,7 +206,7 @@ impl SheetCut<'_> {
         }
         let single = right - left == 1 && bottom - top == 1;
         let longer = (right - left).max(bottom - top) as f64;
-        let holds = off <= self.tolerance.inverse_depth && self.tolerance.holds_texels(longer, [least, most]);
+        let holds = off <= self.tolerance && holds_texels(longer, [least, most]);
         if single || holds {
             let [x, y] = self.sheet.origin;
             let sides = [
@@ -230,7 +218,7 @@ impl SheetCut<'_> {
             let rectangle =
                 Rectangle { face: self.sheet.face, face_px: self.face_px, sides, picture: self.sheet.origin };
             // A plane of few samples must not run away at their rim.
-            to.push(rectangle.quad(plane, [least * 0.8, most * 1.25]));
+            to.push(rectangle.quad(plane, [least * (1.0 - BEYOND), most * (1.0 + BEYOND)]));
         } else if right - left >= bottom - top {
             let middle = usize::midpoint(left, right);
             self.cut([left, top, middle, bottom], to);
@@ -248,7 +236,7 @@ impl SheetCut<'_> {
         let mean = |of: &dyn Fn(&Placed) -> f64| samples.iter().map(of).sum::<f64>() / count;
         let [middle_x, middle_y] = [0, 1].map(|i| mean(&|s| self.at(s.0, s.1)[i]));
         let [q, slope_x, slope_y] = [0, 1, 2].map(|i| mean(&|s| s.2[i]));
-        let prior = 0.05 * count;
+        let prior = SLOPE_WEIGHT * count;
         let (mut matrix, mut right) =
             (DMat3::from_diagonal(dvec3(0.0, prior, prior)), dvec3(0.0, slope_x, slope_y) * prior);
         for (column, row, [q, ..]) in samples {
@@ -297,7 +285,7 @@ mod tests {
     fn walls_are_quadrilaterals_on_their_planes() {
         let face_px = 64;
         let cube = two_walls(face_px);
-        let charts = charts(&cube, Tolerance::new(&cube, 0.5));
+        let charts = of_sheets(&cube, &crate::export::sheets::sheets(&cube), 0.5);
         let mut area = [0.0; 2];
         for quad in charts.iter().flat_map(|chart| &chart.quads) {
             let wall = usize::from(quad.corners[0].z < -3.0);

@@ -1,13 +1,20 @@
 //! To where headbox is not installed: a page, an engine, a splat viewer, a film package.
 
 mod atlas;
+pub mod deep;
 pub mod film;
 pub mod glb;
+pub mod las;
 mod mesh;
+pub mod of_sprites;
 pub mod page;
 pub mod panorama;
+mod pieces;
 pub mod ply;
 mod sheets;
+pub mod splats;
+mod stacks;
+pub mod stereo;
 mod surfels;
 
 use crate::capture::picture::PictureError;
@@ -35,6 +42,11 @@ pub enum ExportError {
         /// Bytes that it may have.
         limit: u64,
     },
+    /// Sprites are of no one view.
+    #[error(
+        "its sprites were taken from several places, and only sprites of one eye can be exported; export them one by one"
+    )]
+    Eyes,
     /// It could not be written.
     #[error(transparent)]
     Io(#[from] io::Error),

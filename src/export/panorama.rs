@@ -5,6 +5,7 @@ use crate::capture::{Camera, CameraError};
 use glam::{DMat3, DVec3};
 use image::RgbImage;
 use std::f64::consts::{PI, TAU};
+use std::ops::Range;
 
 /// By how much a face is wider than 90 degrees, as a share: pixels between two faces have neighbours on either.
 const OVERLAP: f64 = 1.02;
@@ -17,25 +18,60 @@ const OVERLAP: f64 = 1.02;
 pub fn equirectangular<E: From<CameraError>>(
     camera: &Camera,
     height: u32,
+    draw: impl FnMut(&Camera) -> Result<RgbImage, E>,
+) -> Result<RgbImage, E> {
+    columns(camera, height, 0..2 * height, draw)
+}
+
+/// What lies before the eye of a camera, 180 by 180 degrees: the middle half of [`equirectangular`].
+///
+/// # Errors
+/// [`CameraError`], and what `draw` reports.
+pub fn half_sphere<E: From<CameraError>>(
+    camera: &Camera,
+    height: u32,
+    draw: impl FnMut(&Camera) -> Result<RgbImage, E>,
+) -> Result<RgbImage, E> {
+    let first = height / 2;
+    columns(camera, height, first..first + height, draw)
+}
+
+/// Some columns of the picture of all directions; only faces of a cube that they look through are drawn.
+fn columns<E: From<CameraError>>(
+    camera: &Camera,
+    height: u32,
+    columns: Range<u32>,
     mut draw: impl FnMut(&Camera) -> Result<RgbImage, E>,
 ) -> Result<RgbImage, E> {
-    let level = DVec3::new(camera.forward().x, 0.0, camera.forward().z).try_normalize().unwrap_or(DVec3::NEG_Z);
-    let world_from_level = DMat3::from_cols(level.cross(DVec3::Y), DVec3::Y, -level);
+    let world_from_level = level(camera);
     // A face has as many pixels a degree in its middle as the panorama at its horizon, twice.
     let size = (f64::from(height) * 4.0 / PI).ceil().max(16.0) as u32;
     let focal_px = f64::from(size) / 2.0 / OVERLAP;
+    let located = |x: u32, y: u32| {
+        let at = [f64::from(columns.start + x) + 0.5, f64::from(y) + 0.5];
+        Face::locate(direction(at, f64::from(height)).as_vec3())
+    };
+    let width = columns.end - columns.start;
+    let mut seen = [false; 6];
+    (0..height).for_each(|y| (0..width).for_each(|x| seen[located(x, y).0.index()] = true));
     let mut faces = Vec::with_capacity(6);
-    for face in Face::ALL {
+    for (face, seen) in Face::ALL.into_iter().zip(seen) {
         let rotation = world_from_level * face.world_from_eye();
-        faces.push(draw(&Camera::from_parts(camera.eye(), rotation, focal_px, size, size)?)?);
+        let camera = Camera::from_parts(camera.eye(), rotation, focal_px, size, size)?;
+        faces.push(if seen { draw(&camera)? } else { RgbImage::default() });
     }
-    Ok(RgbImage::from_fn(2 * height, height, |x, y| {
-        let direction = direction([f64::from(x) + 0.5, f64::from(y) + 0.5], f64::from(height));
-        let (face, [right, up, depth]) = Face::locate(direction.as_vec3());
+    Ok(RgbImage::from_fn(width, height, |x, y| {
+        let (face, [right, up, depth]) = located(x, y);
         let middle = size as f32 / 2.0;
         let at = [right, -up].map(|c| middle + c / depth * focal_px as f32 - 0.5);
         bilinear(&faces[face.index()], at)
     }))
+}
+
+/// The axes of a picture whose middle is where a camera looks, but level: right, up, back.
+pub(super) fn level(camera: &Camera) -> DMat3 {
+    let ahead = DVec3::new(camera.forward().x, 0.0, camera.forward().z).try_normalize().unwrap_or(DVec3::NEG_Z);
+    DMat3::from_cols(ahead.cross(DVec3::Y), DVec3::Y, -ahead)
 }
 
 /// The direction of a position in pixels; the middle looks along -Z.
@@ -44,7 +80,7 @@ fn direction([x, y]: [f64; 2], height: f64) -> DVec3 {
     DVec3::new(longitude.sin() * latitude.cos(), latitude.sin(), -longitude.cos() * latitude.cos())
 }
 
-fn bilinear(picture: &RgbImage, [x, y]: [f32; 2]) -> image::Rgb<u8> {
+pub(super) fn bilinear(picture: &RgbImage, [x, y]: [f32; 2]) -> image::Rgb<u8> {
     let (left, top) = (x.floor(), y.floor());
     let at = |dx: f32, dy: f32| {
         let inside = |v: f32, size: u32| v.clamp(0.0, size as f32 - 1.0) as u32;
@@ -56,24 +92,6 @@ fn bilinear(picture: &RgbImage, [x, y]: [f32; 2]) -> image::Rgb<u8> {
         let (upper, lower) = (a[i] + (b[i] - a[i]) * u, c[i] + (d[i] - c[i]) * u);
         (upper + (lower - upper) * v + 0.5) as u8
     }))
-}
-
-/// Two frames side by side, the left eye's on the left; the eyes are `distance_m` apart.
-///
-/// # Errors
-/// What `draw` reports.
-pub fn side_by_side<E>(
-    camera: &Camera,
-    distance_m: f64,
-    mut draw: impl FnMut(&Camera) -> Result<RgbImage, E>,
-) -> Result<RgbImage, E> {
-    let aside = camera.world_from_eye().x_axis * (distance_m / 2.0);
-    let left = draw(&camera.with_eye(camera.eye() - aside))?;
-    let right = draw(&camera.with_eye(camera.eye() + aside))?;
-    let mut both = RgbImage::new(left.width() + right.width(), left.height().max(right.height()));
-    image::imageops::replace(&mut both, &left, 0, 0);
-    image::imageops::replace(&mut both, &right, i64::from(left.width()), 0);
-    Ok(both)
 }
 
 #[cfg(test)]
@@ -103,13 +121,19 @@ mod tests {
     }
 
     #[test]
-    fn the_left_eye_is_on_the_left() {
-        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [4, 3]).unwrap();
-        let both = side_by_side(&camera, 0.5, |camera| {
-            let level = if camera.eye().x < 0.0 { 10 } else { 200 };
-            Ok::<_, CameraError>(RgbImage::from_pixel(4, 3, image::Rgb([level; 3])))
-        });
-        let both = both.unwrap();
-        assert_eq!((both.dimensions(), both.get_pixel(1, 1).0[0], both.get_pixel(6, 1).0[0]), ((8, 3), 10, 200));
+    fn the_half_before_the_eye_is_the_middle_of_all() {
+        let camera = Camera::look_at(DVec3::ONE, DVec3::new(2.0, 1.4, 0.5), DVec3::Y, 60.0, [10, 10]).unwrap();
+        let mut drawn = 0;
+        let mut draw = |camera: &Camera| {
+            drawn += 1;
+            let color = |x, y| (camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5) * 30.0 + 128.0).to_array();
+            Ok::<_, CameraError>(RgbImage::from_fn(camera.width(), camera.height(), |x, y| {
+                image::Rgb(color(x, y).map(|c| c as u8))
+            }))
+        };
+        let half = half_sphere(&camera, 32, &mut draw).unwrap();
+        let all = equirectangular(&camera, 32, &mut draw).unwrap();
+        assert_eq!((half.dimensions(), drawn), ((32, 32), 5 + 6));
+        assert_eq!(half, image::imageops::crop_imm(&all, 16, 0, 32, 32).to_image());
     }
 }

@@ -35,8 +35,19 @@ impl Surfel {
 /// Inverse depth, 1/m, at which what is at infinity is put: so far that no eye in the headbox sees it move by a face pixel.
 pub(super) fn infinity(cube: &PackedCube) -> f64 {
     let farthest = cube.segments.iter().map(|s| s.inverse_depth(0)).fold(f64::INFINITY, f64::min);
-    let still = 1.0 / (cube.info.half_size_m * f64::from(cube.face_size_px));
-    still.min(farthest / 2.0)
+    let still = (1.0 / (cube.info.half_size_m * f64::from(cube.face_size_px))).max(1.0 / 400.0);
+    still.min(farthest / 1.25)
+}
+
+/// Metres to the environment: behind what is at infinity and not environment, or they would fight for the same depth.
+pub(super) fn sky(cube: &PackedCube) -> f64 {
+    1.2 / infinity(cube)
+}
+
+/// The straight colour of a texel that is times alpha.
+pub(super) fn straight([r, g, b, a]: [u8; 4]) -> [u8; 4] {
+    let of = |c: u8| (u32::from(c) * 255 / u32::from(a).max(1)).min(255) as u8;
+    [of(r), of(g), of(b), a]
 }
 
 /// Number of [`for_each`].
@@ -85,22 +96,20 @@ fn texels(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io
         let face = Face::ALL[usize::from(tile.face) % 6];
         let n = plane.normal_per_distance.as_dvec3();
         let [q, along_x, along_y] = plane.inverse_depth(face, face_px);
-        for (i, [r, g, b, a]) in texels.iter().copied().enumerate().filter(|(_, texel)| texel[3] > 0) {
+        for (i, texel) in texels.iter().enumerate().filter(|(_, texel)| texel[3] > 0) {
             let (column, row) = (i % usize::from(tile.width), i / usize::from(tile.width));
             let (x, y) = (f64::from(tile.x0) + column as f64 + 0.5, f64::from(tile.y0) + row as f64 + 0.5);
             let d = face.direction(x, y, face_px);
             let normal = -n.try_normalize().unwrap_or(d.normalize());
-            let straight = |c: u8| (u32::from(c) * 255 / u32::from(a)).min(255) as u8;
-            let color_srgb = [straight(r), straight(g), straight(b), a];
-            to(Surfel::new(face, face_px, d, (q + along_x * x + along_y * y).max(infinity), normal, color_srgb))?;
+            let q = (q + along_x * x + along_y * y).max(infinity);
+            to(Surfel::new(face, face_px, d, q, normal, straight(*texel)))?;
         }
     }
     Ok(())
 }
 
 fn environment(cube: &PackedCube, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
-    // Behind what is at infinity and not environment.
-    let (size_px, q) = (cube.environment.size_px, infinity(cube) / 2.0);
+    let (size_px, q) = (cube.environment.size_px, 1.0 / sky(cube));
     let per_face = size_px as usize * size_px as usize;
     let known = cube.environment.texels.iter().enumerate().filter(|(_, texel)| texel[3] > 0);
     for (i, color_srgb) in known {

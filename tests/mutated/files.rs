@@ -131,7 +131,7 @@ fn read_lumigraph(path: &Path) -> bool {
 }
 
 fn read_path(path: &Path) -> bool {
-    path::read(path, &FileFrame::default()).is_ok()
+    path::read(path, &FileFrame::default(), 30.0).is_ok()
 }
 
 fn read_scene(path: &Path) -> bool {

@@ -2,6 +2,7 @@
 
 mod align_cli;
 mod cli;
+mod export_cli;
 mod house;
 mod images_cli;
 mod light_cli;

@@ -44,7 +44,7 @@ pub(crate) fn read_path(file: &Path, frame: &FileFrame) -> Result<CameraPath, Ca
         let pose = Pose::looking_at(camera.eye(), camera.eye() + camera.forward(), record.fov);
         Ok(TimedPose { time_s: record.time_s.unwrap_or(index as f64 * DEFAULT_INTERVAL_S), pose })
     };
-    let poses = path::read_records(file)?.into_iter().enumerate().map(timed);
+    let poses = path::read_records(file, frame, 1.0 / DEFAULT_INTERVAL_S)?.into_iter().enumerate().map(timed);
     let poses = poses.collect::<Result<Vec<_>, path::PathError>>()?;
     CameraPath::new(poses).map_err(|source| CameraFileError::Times { path: file.into(), source })
 }
@@ -76,7 +76,7 @@ mod tests {
             assert!(a.pose.eye.distance(b.pose.eye) < POSE_TOLERANCE_M);
             assert!(a.pose.forward().distance(b.pose.forward()) < POSE_TOLERANCE_M);
         }
-        let cameras = path::read(file.path(), &CENTIMETRES_Z_UP).unwrap();
+        let cameras = path::read(file.path(), &CENTIMETRES_Z_UP, 30.0).unwrap();
         assert_eq!((cameras.len(), cameras[4].width()), (5, 64), "`headbox render --path` reads it too");
     }
 

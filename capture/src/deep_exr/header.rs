@@ -1,7 +1,7 @@
 //! The header of a file with one deep scanline part, and values as they are stored.
 
 use super::compress::DeepCompression;
-use super::{DeepChannel, DeepImage, DeepKind, Wrong, wrong};
+use super::{DeepChannel, DeepImage, DeepKind, DeepView, Wrong, wrong};
 use exr::prelude::f16;
 
 const MAGIC: u32 = 20_000_630;
@@ -15,6 +15,12 @@ const PARTS: u32 = 0x1000;
 /// The type of the one kind of part that is read.
 const DEEP_SCANLINE: &str = "deepscanline";
 
+/// What a picture shows.
+const ENVIRONMENT: &str = "envmap";
+const ENVIRONMENT_CUBE: u8 = 1;
+const WORLD_TO_CAMERA: &str = "worldToCamera";
+const WORLD_TO_NDC: &str = "worldToNDC";
+
 /// Rows and columns at most, and pixels.
 const MAX_SIDE: i64 = 1 << 20;
 const MAX_PIXELS: i64 = 1 << 28;
@@ -25,6 +31,7 @@ pub(super) struct Header {
     pub(super) origin_px: [i32; 2],
     pub(super) stored_px: [u32; 2],
     pub(super) channels: Vec<(String, DeepKind)>,
+    pub(super) view: DeepView,
     /// The byte after it.
     pub(super) end: usize,
 }
@@ -78,6 +85,7 @@ impl Header {
             return Err(wrong("the version", format!("{version:#x} is not that of one deep part")));
         }
         let (mut kind, mut compression, mut windows, mut channels) = (None, None, [None; 2], None);
+        let mut view = DeepView::default();
         loop {
             let name = cursor.text("the header")?;
             if name.is_empty() {
@@ -92,6 +100,9 @@ impl Header {
                 "compression" => compression = value.first().copied(),
                 "displayWindow" => windows[0] = Some(window(value, &name)?),
                 "dataWindow" => windows[1] = Some(window(value, &name)?),
+                ENVIRONMENT => view.cube = value == [ENVIRONMENT_CUBE],
+                WORLD_TO_CAMERA => view.world_to_camera = Some(matrix(value, &name)?),
+                WORLD_TO_NDC => view.world_to_ndc = Some(matrix(value, &name)?),
                 "channels" => channels = Some(channel_list(value)?),
                 _ => {}
             }
@@ -109,7 +120,7 @@ impl Header {
         let [(_, size_px), (origin_px, stored_px)] =
             [windows[0].ok_or_else(|| missing("displayWindow"))?, windows[1].ok_or_else(|| missing("dataWindow"))?];
         let channels = channels.ok_or_else(|| missing("channels"))?;
-        Ok(Self { compression, size_px, origin_px, stored_px, channels, end: cursor.at })
+        Ok(Self { compression, size_px, origin_px, stored_px, channels, view, end: cursor.at })
     }
 }
 
@@ -123,6 +134,12 @@ fn window(value: &[u8], field: &str) -> Result<([i32; 2], [u32; 2]), Wrong> {
         return Err(wrong(field, format!("is {width}x{height} pixels")));
     }
     Ok(([left, top], [width as u32, height as u32]))
+}
+
+fn matrix(value: &[u8], field: &str) -> Result<[f32; 16], Wrong> {
+    let words: &[[u8; 4]] = value.as_chunks().0;
+    let words: [[u8; 4]; 16] = words.try_into().map_err(|_| wrong(field, "is no matrix of 4x4 numbers"))?;
+    Ok(words.map(f32::from_le_bytes))
 }
 
 fn channel_list(value: &[u8]) -> Result<Vec<(String, DeepKind)>, Wrong> {
@@ -179,12 +196,19 @@ pub(super) fn written(image: &DeepImage, channels: &[&DeepChannel], compression:
     attribute("compression", "compression", &[compression.code()]);
     attribute("dataWindow", "box2i", &window(image.origin_px, image.stored_px));
     attribute("displayWindow", "box2i", &window([0, 0], image.size_px));
+    if image.view.cube {
+        attribute(ENVIRONMENT, "envmap", &[ENVIRONMENT_CUBE]);
+    }
     attribute("lineOrder", "lineOrder", &[0]);
     attribute("pixelAspectRatio", "float", &1f32.to_le_bytes());
     attribute("screenWindowCenter", "v2f", &[0; 8]);
     attribute("screenWindowWidth", "float", &1f32.to_le_bytes());
     attribute("type", "string", DEEP_SCANLINE.as_bytes());
     attribute("version", "int", &1u32.to_le_bytes());
+    let matrices = [(WORLD_TO_CAMERA, image.view.world_to_camera), (WORLD_TO_NDC, image.view.world_to_ndc)];
+    for (name, matrix) in matrices.iter().filter_map(|(name, matrix)| Some((name, (*matrix)?))) {
+        attribute(name, "m44f", &matrix.map(f32::to_le_bytes).concat());
+    }
     out.push(0);
     out
 }

@@ -71,6 +71,19 @@ pub struct DeepImage {
     pub offsets: Vec<u32>,
     /// In the order of their names.
     pub channels: Vec<DeepChannel>,
+    /// What it is a picture of.
+    pub view: DeepView,
+}
+
+/// What a deep image is a picture of, as far as its header says.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DeepView {
+    /// Six faces of a cube, one above another, as OpenEXR's environment maps have them (`envmap`).
+    pub cube: bool,
+    /// `worldToCamera`, for row vectors, row by row (which is: for column vectors, column by column).
+    pub world_to_camera: Option<[f32; 16]>,
+    /// `worldToNDC`, likewise.
+    pub world_to_ndc: Option<[f32; 16]>,
 }
 
 /// A file may unpack to no more than this many bytes: what it says of its size is not to be trusted.
@@ -141,7 +154,10 @@ impl DeepImage {
     }
 
     /// The file's bytes.
-    fn to_bytes(&self, compression: DeepCompression) -> Result<Vec<u8>, Wrong> {
+    ///
+    /// # Errors
+    /// The field that is wrong, and what is, if counts and channels do not fit together.
+    pub fn to_bytes(&self, compression: DeepCompression) -> Result<Vec<u8>, Wrong> {
         self.check()?;
         let mut order: Vec<&DeepChannel> = self.channels.iter().collect();
         order.sort_by(|a, b| a.name.cmp(&b.name));
@@ -188,7 +204,7 @@ impl DeepImage {
 }
 
 /// A field, and what is wrong with it.
-type Wrong = (String, String);
+pub type Wrong = (String, String);
 
 fn wrong(field: &str, cause: impl Into<String>) -> Wrong {
     (field.into(), cause.into())
@@ -251,7 +267,14 @@ fn parse(bytes: &[u8]) -> Result<DeepImage, Wrong> {
             rest = after;
         }
     }
-    Ok(DeepImage { size_px: header.size_px, origin_px: header.origin_px, stored_px, offsets, channels: read })
+    Ok(DeepImage {
+        size_px: header.size_px,
+        origin_px: header.origin_px,
+        stored_px,
+        offsets,
+        channels: read,
+        view: header.view,
+    })
 }
 
 #[cfg(test)]

@@ -12,7 +12,13 @@ fn random_image(seed: u64, stored_px: [u32; 2]) -> DeepImage {
     let mut values = |step: f32| (0..total).map(|_| random.below(200) as f32 * step).collect::<Vec<f32>>();
     let channels = [("A", DeepKind::Half, 0.5), ("Z", DeepKind::Float, 0.37), ("id", DeepKind::Uint, 1.0)];
     let channels = channels.map(|(name, kind, step)| DeepChannel { name: name.into(), kind, values: values(step) });
-    DeepImage { size_px: [40, 30], origin_px: [-3, 5], stored_px, offsets, channels: channels.into() }
+    let matrix = |step: f32| std::array::from_fn(|i| i as f32 * step);
+    let view = DeepView {
+        cube: seed.is_multiple_of(2),
+        world_to_camera: Some(matrix(0.5)),
+        world_to_ndc: (seed > 1).then(|| matrix(-2.0)),
+    };
+    DeepImage { size_px: [40, 30], origin_px: [-3, 5], stored_px, offsets, channels: channels.into(), view }
 }
 
 const ALL: [DeepCompression; 3] = [DeepCompression::None, DeepCompression::Rle, DeepCompression::Zips];
@@ -75,6 +81,7 @@ fn samples_lie_over_each_other_by_depth() {
         stored_px: [1, 1],
         offsets: vec![0, 2],
         channels: vec![channel("A", [1.0, 0.25]), channel("R", [0.8, 0.1]), channel("Z", [5.0, 2.0])],
+        view: DeepView::default(),
     };
     let found = DeepImage::composite(&[&image], 0, 0);
     assert!((found[0] - (0.1 + 0.75 * 0.8)).abs() < 1e-6 && (found[3] - 1.0).abs() < 1e-6, "{found:?}");

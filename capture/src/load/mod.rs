@@ -5,7 +5,7 @@
 //! file and the cause.
 
 mod builder;
-mod gltf;
+pub(crate) mod gltf;
 mod lights;
 mod lines;
 mod model;

@@ -43,7 +43,7 @@ fn the_camera_is_saved_in_the_words_of_the_command_line() {
     settle(&mut window);
     press(&mut window, Key::K);
     wait(&mut window, "the file", |viewer| viewer.messages.iter().len() == 1);
-    let cameras = path::read(&dir.path().join("camera-0001.json"), &FileFrame::default()).unwrap();
+    let cameras = path::read(&dir.path().join("camera-0001.json"), &FileFrame::default(), 30.0).unwrap();
     assert_eq!([cameras[0].width(), cameras[0].height()], window.state().wish.as_ref().unwrap().size_px);
     assert!(cameras[0].forward().distance(window.state().eye.pose.forward()) < FILE_TOLERANCE_M);
 }

@@ -5,6 +5,7 @@
 //! the light through (blended alpha, transmission) is left out.
 
 mod accessor;
+pub(crate) mod cameras;
 mod lights;
 mod material;
 mod transform;

@@ -11,12 +11,13 @@ pub(super) struct NodeTransforms {
     nodes: Vec<NodeTransform>,
 }
 
-#[derive(Default, Deserialize)]
-struct NodeTransform {
+/// The transform of a node, as the file gives it.
+#[derive(Clone, Default, Deserialize)]
+pub(super) struct NodeTransform {
     matrix: Option<[f64; 16]>,
-    translation: Option<[f64; 3]>,
-    rotation: Option<[f64; 4]>,
-    scale: Option<[f64; 3]>,
+    pub(super) translation: Option<[f64; 3]>,
+    pub(super) rotation: Option<[f64; 4]>,
+    pub(super) scale: Option<[f64; 3]>,
 }
 
 impl NodeTransforms {
@@ -27,15 +28,25 @@ impl NodeTransforms {
 
     /// The transform of a node; none if the file gives none.
     pub(super) fn parent_from_node(&self, index: usize) -> DAffine3 {
-        let Some(node) = self.nodes.get(index) else { return DAffine3::IDENTITY };
-        if let Some(columns) = node.matrix {
+        self.nodes.get(index).map_or(DAffine3::IDENTITY, NodeTransform::parent_from_node)
+    }
+
+    /// A node's own transform; for what is animated, which has no matrix.
+    pub(super) fn of(&self, index: usize) -> NodeTransform {
+        self.nodes.get(index).cloned().unwrap_or_default()
+    }
+}
+
+impl NodeTransform {
+    pub(super) fn parent_from_node(&self) -> DAffine3 {
+        if let Some(columns) = self.matrix {
             return DAffine3::from_mat4(DMat4::from_cols_array(&columns));
         }
-        let rotation = DQuat::from_array(node.rotation.unwrap_or([0.0; 4]));
+        let rotation = DQuat::from_array(self.rotation.unwrap_or([0.0; 4]));
         DAffine3::from_scale_rotation_translation(
-            DVec3::from_array(node.scale.unwrap_or([1.0; 3])),
+            DVec3::from_array(self.scale.unwrap_or([1.0; 3])),
             if rotation.length_squared() > 0.0 { rotation.normalize() } else { DQuat::IDENTITY },
-            DVec3::from_array(node.translation.unwrap_or_default()),
+            DVec3::from_array(self.translation.unwrap_or_default()),
         )
     }
 }

@@ -1,0 +1,178 @@
+//! The cameras of a glTF file, with the animations that move them: a path.
+
+use super::accessor::Buffers;
+use super::transform::{NodeTransform, NodeTransforms};
+use super::{LoadError, folder_of, parse};
+use crate::load::notes::Notes;
+use ::gltf::json::Root;
+use ::gltf::json::animation::{Animation, Interpolation, Property};
+use ::gltf::json::validation::Checked;
+use glam::{DAffine3, DQuat, DVec3, DVec4};
+use std::path::Path;
+
+/// A camera of a file at one moment: metres, Y up.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct GltfCamera {
+    pub(crate) eye: DVec3,
+    pub(crate) forward: DVec3,
+    pub(crate) up: DVec3,
+    /// Vertical field of view, radians.
+    pub(crate) fov_y: f64,
+    /// Width over height, if the file says it.
+    pub(crate) aspect: Option<f64>,
+    /// Seconds; 0 without an animation.
+    pub(crate) time_s: f64,
+}
+
+/// The most moments of an animation.
+const MAX_FRAMES: f64 = 1e6;
+
+/// The path of the first camera that an animation moves, `fps` moments a second from the first key to the last; without an animation
+/// that moves one, all perspective cameras as they stand, in the order of nodes.
+pub(crate) fn read(path: &Path, bytes: &[u8], fps: f64) -> Result<Vec<GltfCamera>, LoadError> {
+    let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };
+    let (root, transforms, blob) = parse(path, bytes)?;
+    let mut notes = Notes::default();
+    let buffers = Buffers::read(&root, blob, folder_of(path), &mut notes);
+    let rig = Rig::new(&root, transforms);
+    let cameras: Vec<usize> = (0..root.nodes.len()).filter(|node| rig.lens(*node).is_some()).collect();
+    if cameras.is_empty() {
+        return Err(malformed("it holds no perspective camera; export cameras with it".into()));
+    }
+    for animation in &root.animations {
+        let tracks =
+            tracks(animation, &buffers).ok_or_else(|| malformed("the keys of an animation cannot be read".into()))?;
+        let moved = cameras.iter().find(|camera| rig.ancestry(**camera).any(|n| tracks.iter().any(|t| t.node == n)));
+        let Some(camera) = moved else { continue };
+        let of_camera = tracks.iter().filter(|track| rig.ancestry(*camera).any(|node| node == track.node));
+        let times = of_camera.flat_map(|track| track.times.iter().copied());
+        let (first, last) = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
+        let frames = ((last - first) * fps + 1e-6).floor() + 1.0;
+        if !(1.0..=MAX_FRAMES).contains(&frames) {
+            return Err(malformed(format!("its animation lasts {} s", last - first)));
+        }
+        let at = |i: u32| rig.camera(*camera, &tracks, first + f64::from(i) / fps);
+        return Ok((0..frames as u32).filter_map(at).collect());
+    }
+    Ok(cameras.into_iter().filter_map(|camera| rig.camera(camera, &[], 0.0)).collect())
+}
+
+/// Nodes and who stands on whom.
+struct Rig<'a> {
+    root: &'a Root,
+    transforms: NodeTransforms,
+    parents: Vec<Option<usize>>,
+}
+
+impl<'a> Rig<'a> {
+    fn new(root: &'a Root, transforms: NodeTransforms) -> Self {
+        let mut parents = vec![None; root.nodes.len()];
+        for (i, node) in root.nodes.iter().enumerate() {
+            for child in node.children.iter().flatten() {
+                if let Some(parent) = parents.get_mut(child.value()) {
+                    *parent = Some(i);
+                }
+            }
+        }
+        Self { root, transforms, parents }
+    }
+
+    /// A node, its parent, ...; in a file whose nodes go round in a circle no more than there are nodes.
+    fn ancestry(&self, node: usize) -> impl Iterator<Item = usize> {
+        std::iter::successors(Some(node), |node| self.parents[*node]).take(self.parents.len())
+    }
+
+    /// Vertical field of view and aspect of a node's perspective camera.
+    fn lens(&self, node: usize) -> Option<(f64, Option<f64>)> {
+        let camera = self.root.cameras.get(self.root.nodes.get(node)?.camera?.value())?;
+        let lens = camera.perspective.as_ref()?;
+        Some((f64::from(lens.yfov), lens.aspect_ratio.map(f64::from)))
+    }
+
+    fn camera(&self, node: usize, tracks: &[Track], time_s: f64) -> Option<GltfCamera> {
+        let (fov_y, aspect) = self.lens(node)?;
+        let world_from_node = self.ancestry(node).fold(DAffine3::IDENTITY, |from, node| {
+            let mut transform = self.transforms.of(node);
+            tracks.iter().filter(|track| track.node == node).for_each(|track| track.apply(time_s, &mut transform));
+            transform.parent_from_node() * from
+        });
+        let [up, back] =
+            [world_from_node.matrix3.y_axis, world_from_node.matrix3.z_axis].map(|axis| axis.normalize_or_zero());
+        Some(GltfCamera { eye: world_from_node.translation, forward: -back, up, fov_y, aspect, time_s })
+    }
+}
+
+/// One property of a node over time.
+struct Track {
+    node: usize,
+    property: Property,
+    interpolation: Interpolation,
+    times: Vec<f64>,
+    /// One a time; for cubic splines a tangent before and one after each.
+    values: Vec<DVec4>,
+}
+
+/// The tracks of an animation that move, turn or scale nodes; `None` if one cannot be read.
+fn tracks(animation: &Animation, buffers: &Buffers) -> Option<Vec<Track>> {
+    let mut tracks = Vec::new();
+    for channel in &animation.channels {
+        let Checked::Valid(property) = channel.target.path else { return None };
+        let sampler = animation.samplers.get(channel.sampler.value())?;
+        let Checked::Valid(interpolation) = sampler.interpolation else { return None };
+        let values = match property {
+            Property::Translation | Property::Scale => {
+                buffers.vectors::<3>(sampler.output)?.into_iter().map(|v| DVec3::from(v).extend(0.0)).collect()
+            }
+            Property::Rotation => {
+                buffers.vectors::<4>(sampler.output)?.into_iter().map(DVec4::from).collect::<Vec<_>>()
+            }
+            Property::MorphTargetWeights => continue,
+        };
+        let times: Vec<f64> = buffers.vectors::<1>(sampler.input)?.into_iter().map(|[time]| time).collect();
+        let a_time = if interpolation == Interpolation::CubicSpline { 3 } else { 1 };
+        let rising = times.windows(2).all(|pair| pair[0] < pair[1]) && times.iter().all(|time| time.is_finite());
+        if times.is_empty() || !rising || values.len() != times.len() * a_time {
+            return None;
+        }
+        tracks.push(Track { node: channel.target.node.value(), property, interpolation, times, values });
+    }
+    Some(tracks)
+}
+
+impl Track {
+    fn apply(&self, time_s: f64, to: &mut NodeTransform) {
+        let value = self.value(time_s);
+        let vector = value.truncate().to_array();
+        match self.property {
+            Property::Translation => to.translation = Some(vector),
+            Property::Scale => to.scale = Some(vector),
+            Property::Rotation => to.rotation = Some(value.to_array()),
+            Property::MorphTargetWeights => {}
+        }
+    }
+
+    /// The value at a time, held before the first and after the last key (glTF 2.0, appendix C).
+    fn value(&self, time_s: f64) -> DVec4 {
+        let next = self.times.partition_point(|time| *time <= time_s);
+        let spline = self.interpolation == Interpolation::CubicSpline;
+        let key = |i: usize| self.values[if spline { 3 * i + 1 } else { i }];
+        if next == 0 || next == self.times.len() || self.interpolation == Interpolation::Step {
+            return key(next.saturating_sub(1));
+        }
+        let (before, step) = (next - 1, self.times[next] - self.times[next - 1]);
+        let t = (time_s - self.times[before]) / step;
+        if spline {
+            let (out, into) = (self.values[3 * before + 2] * step, self.values[3 * next] * step);
+            let (t2, t3) = (t * t, t * t * t);
+            return key(before) * (2.0 * t3 - 3.0 * t2 + 1.0)
+                + out * (t3 - 2.0 * t2 + t)
+                + key(next) * (3.0 * t2 - 2.0 * t3)
+                + into * (t3 - t2);
+        }
+        if self.property == Property::Rotation {
+            let [a, b] = [key(before), key(next)].map(|v| DQuat::from_vec4(v.normalize_or(DVec4::W)));
+            return DVec4::from(a.slerp(b, t));
+        }
+        key(before).lerp(key(next), t)
+    }
+}

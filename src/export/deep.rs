@@ -1,0 +1,156 @@
+//! OpenEXR files for compositing: all samples of each pixel as deep data, or as flat layers.
+//!
+//! The six faces of the cube stand one above another as OpenEXR's cubic environment maps have them (`ImfEnvmap.h`), which are the faces of a
+//! cube LDI; a single face is the picture of a camera at the centre of the headbox that sees 90 degrees. Colours are linear, of sRGB's
+//! primaries, times alpha; `Z` is eye depth of the face's camera, metres. Cameras are in the world's axes, Y up, and look along -Z.
+
+use super::ExportError;
+use super::pieces;
+use super::stacks::{Deep, Stacks};
+use crate::capture::deep_exr::{DeepChannel, DeepCompression, DeepImage, DeepKind, DeepView};
+use crate::capture::rig::Face;
+use crate::packed::PackedCube;
+use exr::prelude::{
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds, Layer, LayerAttributes,
+    SmallVec, Text, WritableImage, f16,
+};
+use glam::{DMat4, DVec4};
+use rayon::prelude::*;
+use std::io::{self, Write};
+
+/// Which faces a file holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Faces {
+    /// All six, one above another.
+    All,
+    /// One, as the picture of a camera.
+    One(Face),
+}
+
+impl Faces {
+    fn list(self) -> Vec<Face> {
+        match self {
+            Self::All => Face::ALL.into(),
+            Self::One(face) => vec![face],
+        }
+    }
+
+    fn view(self, cube: &PackedCube) -> DeepView {
+        match self {
+            Self::All => DeepView { cube: true, ..DeepView::default() },
+            Self::One(face) => {
+                let camera_from_world =
+                    DMat4::from_mat3(face.world_from_eye().transpose()) * DMat4::from_translation(-cube.info.centre);
+                // x and y from -1 to 1 over the picture, times eye depth, and eye depth.
+                let ndc_from_camera = DMat4::from_cols(DVec4::X, DVec4::Y, DVec4::NEG_Z - DVec4::W, DVec4::ZERO);
+                DeepView {
+                    cube: false,
+                    world_to_camera: Some(camera_from_world.as_mat4().to_cols_array()),
+                    world_to_ndc: Some((ndc_from_camera * camera_from_world).as_mat4().to_cols_array()),
+                }
+            }
+        }
+    }
+}
+
+/// What a file holds.
+#[derive(Clone, Copy, Debug)]
+pub struct DeepSummary {
+    /// Samples.
+    pub samples: u64,
+    /// Width and height, pixels.
+    pub size_px: [u32; 2],
+}
+
+/// Writes all samples as one deep image of scanlines, tidy, compressed by ZIPS.
+///
+/// # Errors
+/// [`ExportError::Empty`], [`ExportError::Io`].
+pub fn write(cube: &PackedCube, faces: Faces, to: &mut dyn Write) -> Result<DeepSummary, ExportError> {
+    let stacks = stacks(cube, faces)?;
+    let mut offsets = vec![0u32];
+    for of_face in &stacks {
+        let before = offsets[offsets.len() - 1];
+        offsets.extend(of_face.offsets[1..].iter().map(|end| before + end));
+    }
+    let values = |of: &(dyn Fn(&Deep) -> f32 + Sync)| -> Vec<f32> {
+        stacks.iter().flat_map(|of_face| &of_face.samples).map(of).collect()
+    };
+    let mut channels: Vec<DeepChannel> = ["A", "B", "G", "R"]
+        .into_iter()
+        .zip([3, 2, 1, 0])
+        .map(|(name, i)| DeepChannel { name: name.into(), kind: DeepKind::Half, values: values(&|s| s.rgba[i]) })
+        .collect();
+    channels.push(DeepChannel { name: "Z".into(), kind: DeepKind::Float, values: values(&|s| s.depth_m) });
+    let size_px = [cube.face_size_px, cube.face_size_px * stacks.len() as u32];
+    let samples = u64::from(offsets[offsets.len() - 1]);
+    let image = DeepImage { size_px, origin_px: [0, 0], stored_px: size_px, offsets, channels, view: faces.view(cube) };
+    let bytes = image
+        .to_bytes(DeepCompression::Zips)
+        .map_err(|(field, cause)| io::Error::other(format!("{field}: {cause}")))?;
+    to.write_all(&bytes)?;
+    Ok(DeepSummary { samples, size_px })
+}
+
+/// Writes `layers` flat parts: of each pixel the nearest sample, the next, ..., and in the last all that lie deeper, over one another. All
+/// parts over one another are the picture.
+///
+/// # Errors
+/// [`ExportError::Empty`], [`ExportError::Io`].
+pub fn write_layers(
+    cube: &PackedCube,
+    faces: Faces,
+    layers: usize,
+    to: &mut dyn Write,
+) -> Result<DeepSummary, ExportError> {
+    let stacks = stacks(cube, faces)?;
+    let size_px = [cube.face_size_px, cube.face_size_px * stacks.len() as u32];
+    let size = exr::math::Vec2(size_px[0] as usize, size_px[1] as usize);
+    let view = faces.view(cube);
+    let parts: SmallVec<[Layer<AnyChannels<FlatSamples>>; 2]> = (0..layers)
+        .map(|i| {
+            let mut attributes = LayerAttributes::named(Text::new_or_panic(format!("layer{}", i + 1)));
+            attributes.environment_map = view.cube.then_some(exr::meta::attribute::EnvironmentMap::Cube);
+            attributes.world_to_camera = view.world_to_camera;
+            attributes.world_to_normalized_device = view.world_to_ndc;
+            Layer::new(size, attributes, Encoding::SMALL_LOSSLESS, layer(&stacks, i, i + 1 == layers))
+        })
+        .collect();
+    let window = IntegerBounds::from_dimensions(size);
+    let image = Image::from_layers(ImageAttributes::new(window), parts);
+    let mut file = io::Cursor::new(Vec::new());
+    image.write().to_buffered(&mut file).map_err(io::Error::other)?;
+    to.write_all(file.get_ref())?;
+    Ok(DeepSummary { samples: stacks.iter().map(|of_face| of_face.samples.len() as u64).sum(), size_px })
+}
+
+fn stacks(cube: &PackedCube, faces: Faces) -> Result<Vec<Stacks>, ExportError> {
+    let cube = &pieces::with_whole_rims(cube);
+    let stacks: Vec<Stacks> = faces.list().into_par_iter().map(|face| Stacks::of_face(cube, face)).collect();
+    if stacks.iter().all(|of_face| of_face.samples.is_empty()) { Err(ExportError::Empty) } else { Ok(stacks) }
+}
+
+/// The channels of the sample number `i` of each pixel; of the last layer, with all behind it.
+fn layer(stacks: &[Stacks], i: usize, last: bool) -> AnyChannels<FlatSamples> {
+    const NOTHING: Deep = Deep { depth_m: f32::INFINITY, rgba: [0.0; 4] };
+    let found: Vec<Deep> = stacks
+        .iter()
+        .flat_map(|of_face| (0..of_face.offsets.len() - 1).map(move |at| of_face.pixel(at)))
+        .map(|pixel| match pixel.get(i..) {
+            Some([first, behind @ ..]) if last => behind.iter().fold(*first, |front, behind| front.over(*behind)),
+            Some([first, ..]) => *first,
+            _ => NOTHING,
+        })
+        .collect();
+    let channel = |name: &str, samples| AnyChannel::new(name, samples);
+    let half = |i: usize| FlatSamples::F16(found.iter().map(|sample| f16::from_f32(sample.rgba[i])).collect());
+    let [r, g, b, a] = [0, 1, 2, 3].map(half);
+    let depth = FlatSamples::F32(found.iter().map(|sample| sample.depth_m).collect());
+    AnyChannels::sort(SmallVec::from_vec(vec![
+        channel("R", r),
+        channel("G", g),
+        channel("B", b),
+        channel("A", a),
+        channel("Z", depth),
+    ]))
+}

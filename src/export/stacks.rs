@@ -1,0 +1,73 @@
+//! The pieces of a face as compositing programs take them: *tidy* deep pixels.
+
+use super::pieces;
+use super::surfels;
+use crate::capture::linear_from_srgb8;
+use crate::capture::rig::Face;
+use crate::packed::PackedCube;
+
+/// One sample of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Deep {
+    /// Eye depth of the face's camera, metres.
+    pub(super) depth_m: f32,
+    /// Linear red, green and blue times alpha, and alpha.
+    pub(super) rgba: [f32; 4],
+}
+
+impl Deep {
+    fn new(depth_m: f64, [r, g, b, a]: [u8; 4]) -> Self {
+        let alpha = f32::from(a) / 255.0;
+        let [r, g, b] = [r, g, b].map(|c| linear_from_srgb8(c) * alpha);
+        Self { depth_m: depth_m as f32, rgba: [r, g, b, alpha] }
+    }
+
+    /// This before another.
+    pub(super) fn over(self, behind: Self) -> Self {
+        let open = 1.0 - self.rgba[3];
+        Self { rgba: std::array::from_fn(|i| self.rgba[i] + open * behind.rgba[i]), ..self }
+    }
+}
+
+/// The samples of all pixels of a face.
+pub(super) struct Stacks {
+    /// Where the samples of each pixel begin, row by row from the top, and at last their number.
+    pub(super) offsets: Vec<u32>,
+    /// Nearest first within a pixel, no two at one depth, none behind what hides it.
+    pub(super) samples: Vec<Deep>,
+}
+
+impl Stacks {
+    /// Depth pixels, texels of pictures on planes, and behind all the environment.
+    pub(super) fn of_face(cube: &PackedCube, face: Face) -> Self {
+        let (face_px, distance) = (cube.face_size_px, surfels::sky(cube));
+        let pieces = pieces::of_face(cube, face);
+        let mut stacks = Self { offsets: vec![0], samples: Vec::with_capacity(pieces.len()) };
+        let mut rest = pieces.iter().peekable();
+        for (at, (y, x)) in (0u32..).zip((0..face_px).flat_map(|y| (0..face_px).map(move |x| (y, x)))) {
+            let direction = face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face_px);
+            let sky = cube.environment.sample(direction.as_vec3());
+            while let Some(piece) = rest.next_if(|piece| piece.at == at) {
+                stacks.put_behind(Deep::new(1.0 / piece.inverse_depth, piece.color_srgb));
+            }
+            sky.into_iter().for_each(|[r, g, b]| stacks.put_behind(Deep::new(distance, [r, g, b, 255])));
+            stacks.offsets.push(stacks.samples.len() as u32);
+        }
+        stacks
+    }
+
+    /// Puts a sample behind those of the last pixel.
+    fn put_behind(&mut self, sample: Deep) {
+        let first = self.offsets[self.offsets.len() - 1] as usize;
+        match self.samples[first..].last_mut() {
+            Some(front) if front.rgba[3] >= 1.0 => {}
+            Some(front) if front.depth_m == sample.depth_m => *front = front.over(sample),
+            _ => self.samples.push(sample),
+        }
+    }
+
+    /// The samples of a pixel, in the order of rows.
+    pub(super) fn pixel(&self, at: usize) -> &[Deep] {
+        &self.samples[self.offsets[at] as usize..self.offsets[at + 1] as usize]
+    }
+}

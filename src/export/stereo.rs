@@ -1,0 +1,228 @@
+//! Pictures for both eyes: side by side, in all directions (omni-directional stereo, ODS) and before the viewer (VR180).
+//!
+//! A player of ODS turns the head where the viewer looks, and each column of the picture was made for the head that is turned to it: the
+//! eyes go round on a circle, and a column's rays leave it along its tangents (*Rendering Omni-directional Stereo Content*, Google, 2015).
+//! Here some columns share an eye.
+
+use super::panorama::{bilinear, equirectangular, half_sphere, level};
+use crate::capture::{Camera, CameraError};
+use glam::{DMat3, DVec3};
+use image::RgbImage;
+use image::imageops::replace;
+use std::f64::consts::{FRAC_PI_4, FRAC_PI_8, PI, TAU};
+
+/// What a picture shows of what is about an eye.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum View {
+    /// The camera's own frame.
+    Frame,
+    /// The frames of two eyes so many metres apart, the left one on the left.
+    SideBySide(f64),
+    /// All directions, equirectangular.
+    Panorama,
+    /// All directions for two eyes so many metres apart, the left one above.
+    StereoPanorama(f64),
+    /// 180 by 180 degrees for two eyes so many metres apart, the left one on the left.
+    HalfSpheres(f64),
+}
+
+/// Columns that share an eye see it at most this angle from where it should be, radians: at a distance of 1 m and 64 mm between the
+/// eyes what they show is 0.2 mm off.
+const MOST_TURN: f64 = TAU / 1024.0;
+/// Pixels of a strip beyond the columns that are taken from it.
+const MARGIN_PX: f64 = 2.0;
+
+impl View {
+    /// Width and height of what [`Self::draw`] makes of a camera with a frame of this size. Where it shows directions, the height of the
+    /// frame is the height for one eye.
+    pub fn size_px(self, [width, height]: [u32; 2]) -> [u32; 2] {
+        match self {
+            Self::Frame => [width, height],
+            Self::SideBySide(_) => [2 * width, height],
+            Self::Panorama | Self::HalfSpheres(_) => [2 * height, height],
+            Self::StereoPanorama(_) => [2 * height, 2 * height],
+        }
+    }
+
+    /// The picture of a camera; `draw` makes the frames that it is put together from.
+    ///
+    /// # Errors
+    /// [`CameraError`], and what `draw` reports.
+    pub fn draw<E: From<CameraError>>(
+        self,
+        camera: &Camera,
+        mut draw: impl FnMut(&Camera) -> Result<RgbImage, E>,
+    ) -> Result<RgbImage, E> {
+        let height = camera.height();
+        let beside = |distance_m: f64, axes: DMat3| {
+            let aside = axes.x_axis * (distance_m / 2.0);
+            [camera.with_eye(camera.eye() - aside), camera.with_eye(camera.eye() + aside)]
+        };
+        let (first, second, at) = match self {
+            Self::Frame => return draw(camera),
+            Self::Panorama => return equirectangular(camera, height, draw),
+            Self::SideBySide(distance_m) => {
+                let [left, right] = beside(distance_m, camera.world_from_eye());
+                (draw(&left)?, draw(&right)?, [i64::from(camera.width()), 0])
+            }
+            Self::HalfSpheres(distance_m) => {
+                let [left, right] = beside(distance_m, level(camera));
+                let left = half_sphere(&left, height, &mut draw)?;
+                (left, half_sphere(&right, height, &mut draw)?, [i64::from(height), 0])
+            }
+            Self::StereoPanorama(distance_m) => {
+                let left = turning(camera, height, -distance_m / 2.0, &mut draw)?;
+                (left, turning(camera, height, distance_m / 2.0, &mut draw)?, [0, i64::from(height)])
+            }
+        };
+        let [width, height] = self.size_px([camera.width(), height]);
+        let mut both = RgbImage::new(width, height);
+        replace(&mut both, &first, 0, 0);
+        replace(&mut both, &second, at[0], at[1]);
+        Ok(both)
+    }
+}
+
+/// All directions from an eye that stands `aside_m` to the right of where each column looks from.
+fn turning<E: From<CameraError>>(
+    camera: &Camera,
+    height: u32,
+    aside_m: f64,
+    draw: &mut impl FnMut(&Camera) -> Result<RgbImage, E>,
+) -> Result<RgbImage, E> {
+    let (width, level) = (2 * height, level(camera));
+    let column = TAU / f64::from(width);
+    let in_strip = ((2.0 * MOST_TURN / column).floor() as u32).clamp(1, width);
+    let mut picture = RgbImage::new(width, height);
+    for first in (0..width).step_by(in_strip as usize) {
+        let columns = first..(first + in_strip).min(width);
+        let middle = (f64::from(columns.start + columns.end) / 2.0 - f64::from(height)) * column;
+        let axes = level * DMat3::from_rotation_y(-middle);
+        let eye = camera.eye() + axes.x_axis * aside_m;
+        let strips = Strips::new(eye, axes, height, f64::from(columns.end - columns.start) * column / 2.0, draw)?;
+        for x in columns {
+            let turn = (f64::from(x) + 0.5 - f64::from(height)) * column - middle;
+            (0..height).for_each(|y| {
+                let elevation = (0.5 - (f64::from(y) + 0.5) / f64::from(height)) * PI;
+                picture.put_pixel(x, y, strips.color(turn, elevation));
+            });
+        }
+    }
+    Ok(picture)
+}
+
+/// Three narrow frames of one eye, from straight down to straight up.
+struct Strips {
+    focal_px: f64,
+    /// Below, level, above.
+    frames: [RgbImage; 3],
+}
+
+impl Strips {
+    /// The frame in the middle sees 90 degrees, the others 45: from 45 to 90.
+    const ELEVATIONS: [f64; 3] = [-3.0 * FRAC_PI_8, 0.0, 3.0 * FRAC_PI_8];
+    const HALVES: [f64; 3] = [FRAC_PI_8, FRAC_PI_4, FRAC_PI_8];
+
+    /// Columns up to `half` radians beside the middle, which the axes (right, up, back) say.
+    fn new<E: From<CameraError>>(
+        eye: DVec3,
+        axes: DMat3,
+        height: u32,
+        half: f64,
+        draw: &mut impl FnMut(&Camera) -> Result<RgbImage, E>,
+    ) -> Result<Self, E> {
+        // Twice as many pixels a degree as the picture has.
+        let focal_px = 2.0 * f64::from(height) / PI;
+        let side = |half: f64| (2.0 * (focal_px * half.tan() + MARGIN_PX)).ceil() as u32;
+        let mut frame = |i: usize| {
+            let rotation = axes * DMat3::from_rotation_x(Self::ELEVATIONS[i]);
+            draw(&Camera::from_parts(eye, rotation, focal_px, side(half), side(Self::HALVES[i]))?)
+        };
+        Ok(Self { focal_px, frames: [frame(0)?, frame(1)?, frame(2)?] })
+    }
+
+    fn color(&self, turn: f64, elevation: f64) -> image::Rgb<u8> {
+        let i = if elevation.abs() <= FRAC_PI_4 { 1 } else { 2 * usize::from(elevation > 0.0) };
+        let direction = DVec3::new(turn.sin() * elevation.cos(), elevation.sin(), -turn.cos() * elevation.cos());
+        let seen = DMat3::from_rotation_x(-Self::ELEVATIONS[i]) * direction;
+        let frame = &self.frames[i];
+        let at = [(seen.x, frame.width()), (-seen.y, frame.height())]
+            .map(|(aside, side)| (f64::from(side) / 2.0 - aside / seen.z * self.focal_px - 0.5) as f32);
+        bilinear(frame, at)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A world that is a colour for each direction at infinity, but for a pole: a vertical line, red, at a distance.
+    fn draw(camera: &Camera, pole: DVec3) -> RgbImage {
+        RgbImage::from_fn(camera.width(), camera.height(), |x, y| {
+            let d = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5).normalize();
+            let to = (pole - camera.eye()) * DVec3::new(1.0, 0.0, 1.0);
+            let level = (d * DVec3::new(1.0, 0.0, 1.0)).normalize();
+            let on_pole = level.cross(to).length() < 0.02 && level.dot(to) > 0.0;
+            let color = (d * 100.0 + 128.0).to_array().map(|c| c as u8);
+            image::Rgb(if on_pole { [255, 0, 0] } else { color })
+        })
+    }
+
+    /// Where the pole is in a row, pixels; its middle.
+    fn pole_at(picture: &RgbImage, y: u32) -> f64 {
+        let red =
+            (0..picture.width()).filter(|x| picture.get_pixel(*x, y).0[0] > 240 && picture.get_pixel(*x, y).0[1] < 40);
+        let red: Vec<f64> = red.map(|x| f64::from(x) + 0.5).collect();
+        red.iter().sum::<f64>() / red.len() as f64
+    }
+
+    #[test]
+    fn both_eyes_of_all_columns_see_a_pole_where_the_turned_head_does() {
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [64, 256]).unwrap();
+        let (distance_m, height) = (0.3, 256u32);
+        for azimuth in [0.0f64, 1.0, -2.2, 3.0] {
+            let pole = DVec3::new(azimuth.sin(), 0.0, -azimuth.cos()) * 1.5;
+            let both = View::StereoPanorama(distance_m)
+                .draw(&camera, |camera| Ok::<_, CameraError>(draw(camera, pole)))
+                .unwrap();
+            assert_eq!(both.dimensions(), (512, 512));
+            // A ray along the tangent of a circle of radius r meets what is R away at asin(r / R) from its own azimuth.
+            let aside = (distance_m / 2.0 / 1.5f64).asin();
+            for (row, sign) in [(height / 2, 1.0), (height / 2 + 40, 1.0), (height + height / 2, -1.0)] {
+                let expected = (azimuth + sign * aside) / TAU * 512.0 + 256.0;
+                let found = pole_at(&both, row);
+                // Half a pixel for finding the pole, and 0.15 for eyes that columns share.
+                assert!((found - expected).abs() < 0.65, "{azimuth} {row}: {found} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn without_distance_both_eyes_see_the_panorama() {
+        let camera = Camera::look_at(DVec3::ONE, DVec3::new(2.0, 1.4, 0.5), DVec3::Y, 60.0, [64, 64]).unwrap();
+        let far = DVec3::new(1e9, 0.0, 0.7e9);
+        let both = View::StereoPanorama(0.0).draw(&camera, |camera| Ok::<_, CameraError>(draw(camera, far))).unwrap();
+        let one = View::Panorama.draw(&camera, |camera| Ok::<_, CameraError>(draw(camera, far))).unwrap();
+        for (x, y, pixel) in one.enumerate_pixels() {
+            for below in [0, 64] {
+                let found = both.get_pixel(x, y + below).0;
+                // Two pictures of 8 bits, looked up between pixels.
+                assert!((0..3).all(|i| found[i].abs_diff(pixel.0[i]) <= 3), "{x} {y}: {found:?} {pixel:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_left_eye_is_on_the_left() {
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [4, 3]).unwrap();
+        for (view, size, right) in [(View::SideBySide(0.5), (8, 3), 6), (View::HalfSpheres(0.5), (6, 3), 4)] {
+            let both = view.draw(&camera, |camera| {
+                let level = if camera.eye().x < 0.0 { 10 } else { 200 };
+                Ok::<_, CameraError>(RgbImage::from_pixel(camera.width(), camera.height(), image::Rgb([level; 3])))
+            });
+            let both = both.unwrap();
+            let levels = (both.get_pixel(1, 1).0[0], both.get_pixel(right, 1).0[0]);
+            assert_eq!((both.dimensions(), levels), (size, (10, 200)));
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! Promises of the command line about exports: every format is read back by a reader that did not write it.
+
+#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+
+use crate::run::{fails, json, succeeds};
+use headbox::capture::deep_exr::DeepImage;
+use headbox::capture::linear_from_srgb8;
+use std::path::Path;
+
+const FACE_PX: u32 = 48;
+
+/// A small capture, `a.ldi`.
+fn capture(folder: &Path) {
+    let face = FACE_PX.to_string();
+    let size = ["--face-size", &face, "--strata", "8", "--rays", "4", "--light-samples", "1", "--holes", "1"];
+    succeeds(folder, &[["capture", "builtin:interior", "-o", "a.ldi"].as_slice(), &size].concat());
+}
+
+/// The frame of the face -Z: linear red, green, blue of each pixel.
+fn frame_of_face(folder: &Path) -> Vec<[f32; 3]> {
+    let info = json(folder, &["info", "a.ldi", "--json"]);
+    let centre: Vec<f64> = info["capture"]["centre"].as_array().unwrap().iter().map(|c| c.as_f64().unwrap()).collect();
+    let text = |p: [f64; 3]| p.map(|c| c.to_string()).join(",");
+    let (eye, at) = (text([centre[0], centre[1], centre[2]]), text([centre[0], centre[1], centre[2] - 1.0]));
+    let size = format!("{FACE_PX}x{FACE_PX}");
+    succeeds(
+        folder,
+        &["render", "a.ldi", "-o", "z.png", "--eye", &eye, "--look-at", &at, "--fov", "90", "--size", &size],
+    );
+    let frame = image::open(folder.join("z.png")).unwrap().to_rgb8();
+    frame.pixels().map(|pixel| pixel.0.map(linear_from_srgb8)).collect()
+}
+
+/// Share of pixels that are farther than 0.08 from the frame: rims, where the renderer spreads samples over neighbours.
+fn share_off(found: impl Iterator<Item = [f32; 4]>, frame: &[[f32; 3]]) -> f64 {
+    let off = found.zip(frame).filter(|(found, frame)| (0..3).any(|i| (found[i] - frame[i]).abs() > 0.08)).count();
+    off as f64 / frame.len() as f64
+}
+
+#[test]
+fn deep_pixels_and_flat_layers_make_the_frame() {
+    let dir = tempfile::tempdir().unwrap();
+    capture(dir.path());
+    let frame = frame_of_face(dir.path());
+    let told = json(dir.path(), &["export", "a.ldi", "-o", "deep.exr", "--json"]);
+    assert_eq!(told["size"], serde_json::json!([FACE_PX, 6 * FACE_PX]));
+    let all = DeepImage::read(&dir.path().join("deep.exr")).unwrap();
+    assert!(all.view.cube && told["samples"].as_u64() == Some(u64::from(*all.offsets.last().unwrap())));
+    let depths = all.channel("Z").unwrap();
+    for pixel in all.offsets.windows(2).map(|ends| &depths[ends[0] as usize..ends[1] as usize]) {
+        assert!(pixel.windows(2).all(|pair| pair[0] < pair[1]), "tidy: {pixel:?}");
+    }
+    let pixels = || (0..FACE_PX).flat_map(|y| (0..FACE_PX).map(move |x| (x, y)));
+    let below = pixels().map(|(x, y)| DeepImage::composite(&[&all], x, y + 5 * FACE_PX));
+    let off = share_off(below, &frame);
+    assert!(off < 0.05, "{off}");
+
+    succeeds(dir.path(), &["export", "a.ldi", "-o", "face.exr", "--face", "-Z"]);
+    let face = DeepImage::read(&dir.path().join("face.exr")).unwrap();
+    assert_eq!(face.size_px, [FACE_PX, FACE_PX]);
+    assert!(!face.view.cube && face.view.world_to_camera.is_some() && face.view.world_to_ndc.is_some());
+    for (x, y) in pixels() {
+        assert_eq!(DeepImage::composite(&[&face], x, y), DeepImage::composite(&[&all], x, y + 5 * FACE_PX));
+    }
+
+    succeeds(dir.path(), &["export", "a.ldi", "-o", "flat.exr", "--face", "-z", "--layers", "3"]);
+    let flat = exr::prelude::read_all_flat_layers_from_file(dir.path().join("flat.exr")).unwrap();
+    assert_eq!(flat.layer_data.len(), 3);
+    let channel = |layer: usize, name: &str| {
+        let list = &flat.layer_data[layer].channel_data.list;
+        let found = list.iter().find(|channel| channel.name.eq(name)).unwrap();
+        found.sample_data.values_as_f32().collect::<Vec<f32>>()
+    };
+    let layers: Vec<[Vec<f32>; 4]> =
+        (0..3).map(|layer| ["R", "G", "B", "A"].map(|name| channel(layer, name))).collect();
+    for (at, (x, y)) in pixels().enumerate() {
+        let over = layers
+            .iter()
+            .fold([0.0f32; 4], |over, layer| std::array::from_fn(|i| over[i] + (1.0 - over[3]) * layer[i][at]));
+        let expected = DeepImage::composite(&[&face], x, y);
+        // Halves, and at most five of them over each other.
+        assert!((0..4).all(|i| (over[i] - expected[i]).abs() < 5e-3), "{x} {y}: {over:?} {expected:?}");
+    }
+}
+
+#[test]
+fn points_and_splats_are_as_many_as_samples() {
+    let dir = tempfile::tempdir().unwrap();
+    capture(dir.path());
+    for name in ["a.las", "a.splat", "a.ply", "a.glb", "a.html"] {
+        succeeds(dir.path(), &["export", "a.ldi", "-o", name]);
+    }
+    succeeds(dir.path(), &["export", "a.ldi", "-o", "points.ply", "--points"]);
+    let read = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
+    let vertices = |name: &str| {
+        let head = String::from_utf8_lossy(&read(name)[..400]).into_owned();
+        let line = head.lines().find_map(|line| line.strip_prefix("element vertex ")).unwrap().to_owned();
+        line.parse::<u64>().unwrap()
+    };
+    let mut points = las::Reader::from_path(dir.path().join("a.las")).unwrap();
+    assert_eq!(points.header().number_of_points(), vertices("points.ply"));
+    let info = json(dir.path(), &["info", "a.ldi", "--json"]);
+    let centre = |i: usize| info["capture"]["centre"][i].as_f64().unwrap();
+    for point in points.read_points(500).unwrap().points().map(Result::unwrap) {
+        assert!((point.x - centre(0)).abs() < 100.0 && (point.z - centre(1)).abs() < 100.0 && point.color.is_some());
+    }
+    assert_eq!(read("a.splat").len() as u64, 32 * vertices("a.ply"));
+    assert!(read("a.glb").starts_with(b"glTF") && read("a.html").starts_with(b"<!doctype html>"));
+    // What is written twice is the same.
+    succeeds(dir.path(), &["export", "a.ldi", "-o", "b.glb"]);
+    assert!(read("a.glb") == read("b.glb"));
+}
+
+#[test]
+fn sprites_are_exported_as_cubes() {
+    let dir = tempfile::tempdir().unwrap();
+    let camera =
+        ["--eye", "0,0,3", "--look-at", "0,0,0", "--fov", "50", "--size", "96x72", "--samples", "4", "--unlit"];
+    succeeds(dir.path(), &[["sprite", "builtin:bump", "-o", "s.sprite"].as_slice(), &camera].concat());
+    for name in ["s.html", "s.glb", "s.exr"] {
+        let told = json(dir.path(), &["export", "s.sprite", "-o", name, "--json"]);
+        assert!(told["bytes"].as_u64().unwrap() > 1000, "{told}");
+    }
+}
+
+#[test]
+fn what_cannot_be_exported_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    capture(dir.path());
+    let whole = std::fs::read(dir.path().join("a.ldi")).unwrap();
+    std::fs::write(dir.path().join("broken.ldi"), &whole[..whole.len() / 2]).unwrap();
+    std::fs::write(dir.path().join("empty.ldi"), []).unwrap();
+    for name in ["html", "glb", "ply", "splat", "las", "exr"] {
+        let output = format!("x.{name}");
+        fails(dir.path(), 1, &["export", "broken.ldi", "-o", &output], "broken.ldi");
+        fails(dir.path(), 1, &["export", "empty.ldi", "-o", &output], "empty.ldi");
+        assert!(!dir.path().join(&output).exists());
+    }
+    fails(dir.path(), 2, &["export", "a.ldi", "-o", "x.glb", "--layers", "2"], "--layers is for .exr files");
+    fails(dir.path(), 2, &["export", "a.ldi", "-o", "x.html", "--face", "+X"], "--face is for .exr files");
+    fails(dir.path(), 2, &["export", "a.ldi", "-o", "x.exr", "--face", "up"], "+X, -X, +Y, -Y, +Z or -Z");
+    fails(dir.path(), 2, &["export", "a.ldi", "-o", "x.spz"], ".splat");
+    #[cfg(target_os = "linux")]
+    for name in ["x.html", "x.glb", "x.exr", "x.las"] {
+        std::os::unix::fs::symlink("/dev/full", dir.path().join(name)).unwrap();
+        fails(dir.path(), 1, &["export", "a.ldi", "-o", name], "the disk is full");
+    }
+}
+
+#[test]
+fn both_eyes_see_all_directions_or_half_of_them() {
+    let dir = tempfile::tempdir().unwrap();
+    capture(dir.path());
+    let size = |flags: &[&str]| {
+        succeeds(dir.path(), &[["render", "a.ldi", "-o", "p.png", "--size", "40x20"].as_slice(), flags].concat());
+        image::image_dimensions(dir.path().join("p.png")).unwrap()
+    };
+    assert_eq!(size(&["--panorama"]), (40, 20));
+    assert_eq!(size(&["--panorama", "--stereo", "0.064"]), (40, 40));
+    assert_eq!(size(&["--vr180"]), (40, 20));
+    assert_eq!(size(&["--stereo", "0.064"]), (80, 20));
+    fails(dir.path(), 2, &["render", "a.ldi", "-o", "p.png", "--vr180", "--panorama"], "cannot be used with");
+    let path = r#"{"camera_path": [{"camera_to_world": [1,0,0,0.2, 0,1,0,1.45, 0,0,1,0.9, 0,0,0,1], "fov": 50}],
+        "render_height": 20, "render_width": 30, "fps": 24}"#;
+    std::fs::write(dir.path().join("nerfstudio.json"), path).unwrap();
+    succeeds(dir.path(), &["render", "a.ldi", "--path", "nerfstudio.json", "-o", "frames"]);
+    assert_eq!(image::image_dimensions(dir.path().join("frames/frame_0000.png")).unwrap(), (30, 20));
+    let film = json(dir.path(), &["render", "a.ldi", "--path", "nerfstudio.json", "-o", "f.gif", "--vr180", "--json"]);
+    assert_eq!(film["size"], serde_json::json!([40, 20]));
+    fails(dir.path(), 1, &["render", "a.ldi", "--path", "a.glb", "-o", "none"], "a.glb");
+}
