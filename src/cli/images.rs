@@ -3,7 +3,8 @@
 use super::output::print_json;
 use super::progress::Bar;
 use crate::capture::images::{
-    CheckReport, ImageSet, ImageSetOptions, ImagesError, Kept, Lens, RegistrationReport, View, check,
+    AlignStep, Aligned, CheckReport, ImageSet, ImageSetOptions, ImagesError, Kept, Lens, RegistrationReport, View,
+    align, check,
 };
 use crate::ldi::CubeLdi;
 use crate::ldi::from_images::ImagesJob;
@@ -22,6 +23,9 @@ pub(super) struct ImagesCommand {
     /// A folder of pictures with known cameras (Seurat, nerfstudio, COLMAP, RGB-D frames, Middlebury, panoramas), or its
     /// manifest.json or transforms.json
     folder: PathBuf,
+    /// Find out where photographs were taken: runs COLMAP, where it is installed, and puts its model beside them as sparse/0
+    #[arg(long)]
+    align: bool,
     #[command(flatten)]
     set: SetArgs,
     /// Pairs of neighbours whose pictures are compared; 0 for none
@@ -163,10 +167,13 @@ pub(super) fn is_image_set(name: &str) -> bool {
 impl ImagesCommand {
     /// As `headbox images FOLDER`.
     pub(super) fn of(folder: &Path, json: bool) -> Self {
-        Self { folder: folder.into(), set: SetArgs::default(), pairs: PAIRS, json }
+        Self { folder: folder.into(), align: false, set: SetArgs::default(), pairs: PAIRS, json }
     }
 
     pub(super) fn run(&self) -> anyhow::Result<()> {
+        if self.align {
+            self.align()?;
+        }
         let set = self.set.open(&self.folder)?;
         let pairs = self.pairs.min(set.with_depth().count().saturating_sub(1));
         let bar = Bar::new();
@@ -184,6 +191,31 @@ impl ImagesCommand {
         } else {
             self.print(&set, &report);
         }
+        Ok(())
+    }
+
+    fn align(&self) -> anyhow::Result<()> {
+        let bar = Bar::new();
+        let mut at = None;
+        let aligned = align(&self.folder, &mut |step, done, all| {
+            let what = match step {
+                AlignStep::Features => "points of pictures",
+                AlignStep::Matches => "points of pairs",
+                AlignStep::Poses => "where pictures were taken",
+            };
+            let before = match at {
+                Some((known, before)) if known == (step, all) => before,
+                _ => {
+                    bar.begin(what, "steps", all as u64);
+                    0
+                }
+            };
+            bar.advance(done.saturating_sub(before) as u64);
+            at = Some(((step, all), done.max(before)));
+        })?;
+        bar.finish();
+        let Aligned { found, pictures, model } = aligned;
+        eprintln!("note: it is known of {found} of {pictures} photographs where they were taken: {}", model.display());
         Ok(())
     }
 

@@ -1,5 +1,6 @@
 //! What the command line promises, of the built program as a user runs it.
 
+mod align_cli;
 mod cli;
 mod export_cli;
 mod house;

@@ -40,7 +40,7 @@ pub(super) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         return Err(ImagesError::field(&images_file, "the file", "holds no image"));
     }
     let (mut views, mut notes, mut missing) = (Vec::new(), Vec::new(), 0);
-    let pictures = picture_folder(folder, &place);
+    let pictures = picture_folder(folder, &place, &images[0].name);
     for image in images {
         let camera = cameras.get(&image.camera).ok_or_else(|| {
             let cause = format!("is of camera {}, which {} does not have", image.camera, cameras_file.display());
@@ -74,11 +74,16 @@ pub(super) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     Ok(Some(ImageSet { folder: folder.into(), format, frame, views, headbox_centre: None, notes }))
 }
 
-/// The folder of a model's pictures.
-fn picture_folder(folder: &Path, model: &Path) -> PathBuf {
+/// The folder of a model's pictures, of which one is called `first`: `images`, or where the model was made among them.
+fn picture_folder(folder: &Path, model: &Path, first: &str) -> PathBuf {
     let mut candidates = vec![folder.join("images"), model.join("images")];
     candidates.extend(model.parent().map(|parent| parent.join("images")));
-    candidates.iter().find(|candidate| candidate.is_dir()).cloned().unwrap_or_else(|| folder.join("images"))
+    candidates.push(folder.to_owned());
+    candidates
+        .iter()
+        .find(|candidate| candidate.join(first).is_file())
+        .cloned()
+        .unwrap_or_else(|| folder.join("images"))
 }
 
 /// Names of COLMAP's camera models by number, and how many parameters each has.

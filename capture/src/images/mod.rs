@@ -14,6 +14,7 @@
 //! | Middlebury `*_par.txt` | `middlebury` | calibrated photographs |
 //! | panoramas | `panorama` | equirectangular, or six cube faces, with depth beside them |
 
+mod align;
 mod check;
 mod colmap;
 mod depth;
@@ -30,6 +31,7 @@ mod seurat;
 mod text;
 mod view;
 
+pub use align::{AlignError, AlignProgress, AlignStep, Aligned, align};
 pub use check::{CheckReport, Residual, check};
 pub use depth::{DepthPicture, DepthSource};
 pub use lens::{Distortion, Lens, Pinhole};

@@ -1,0 +1,106 @@
+//! `headbox images --align`, with a program in COLMAP's place that finds three cameras, or none, or fails.
+
+#![cfg(unix)]
+#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+
+use image::{Rgb, RgbImage};
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// What the program does in its last step, where `$out` is the folder for models.
+fn with_colmap(folder: &Path, last_step: &str) {
+    let script = format!(
+        "#!/bin/sh\n\
+         case \"$*\" in *--Sift*) echo \"unrecognised option '--SiftExtraction.use_gpu'\"; exit 1;; esac\n\
+         case $1 in\n\
+         feature_extractor) echo 'Processed file [1/3]'; echo 'Processed file [3/3]';;\n\
+         exhaustive_matcher) echo 'Matching block [1/1, 1/1]' >&2;;\n\
+         mapper) while [ $# -gt 0 ]; do [ \"$1\" = --output_path ] && out=$2; shift; done; {last_step};;\n\
+         esac\n"
+    );
+    fs::create_dir(folder.join("bin")).unwrap();
+    let program = folder.join("bin/colmap");
+    fs::write(&program, script).unwrap();
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+/// Three photographs, and beside them the model that the program will find.
+fn photographs(folder: &Path) {
+    fs::create_dir_all(folder.join("photos")).unwrap();
+    fs::create_dir_all(folder.join("found/0")).unwrap();
+    let mut cameras = 1_u64.to_le_bytes().to_vec();
+    cameras.extend(1_u32.to_le_bytes());
+    cameras.extend(0_u32.to_le_bytes()); // SIMPLE_PINHOLE
+    cameras.extend([16_u64, 12].map(u64::to_le_bytes).as_flattened());
+    cameras.extend([20.0_f64, 8.0, 6.0].map(f64::to_le_bytes).as_flattened());
+    fs::write(folder.join("found/0/cameras.bin"), cameras).unwrap();
+    let mut images = 3_u64.to_le_bytes().to_vec();
+    for id in 0..3_u32 {
+        let name = format!("{id}.png");
+        RgbImage::from_pixel(16, 12, Rgb([200, 90, id as u8])).save(folder.join("photos").join(&name)).unwrap();
+        images.extend(id.to_le_bytes());
+        images.extend([1.0_f64, 0.0, 0.0, 0.0, f64::from(id), 0.0, 0.0].map(f64::to_le_bytes).as_flattened());
+        images.extend(1_u32.to_le_bytes());
+        images.extend(name.as_bytes());
+        images.extend([0_u8; 9]); // the name's end, and no points
+    }
+    fs::write(folder.join("found/0/images.bin"), images).unwrap();
+}
+
+fn align(folder: &Path, path: &str) -> (Output, String) {
+    let mut program = Command::new(env!("CARGO_BIN_EXE_headbox"));
+    let output = program.args(["images", "photos", "--align"]).current_dir(folder).env("PATH", path).output().unwrap();
+    let words = String::from_utf8(output.stderr.clone()).unwrap();
+    (output, words)
+}
+
+fn with_bin(folder: &Path) -> String {
+    format!("{}:{}", folder.join("bin").display(), std::env::var("PATH").unwrap_or_default())
+}
+
+/// What lies among the photographs besides them.
+fn left(folder: &Path) -> Vec<String> {
+    let names = fs::read_dir(folder.join("photos")).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
+    names.filter(|name| !name.ends_with(".png")).collect()
+}
+
+#[test]
+fn a_model_is_put_beside_its_photographs_and_read() {
+    let dir = tempfile::tempdir().unwrap();
+    photographs(dir.path());
+    with_colmap(dir.path(), &format!("cp -r {} \"$out/0\"", dir.path().join("found/0").display()));
+    let (output, words) = align(dir.path(), &with_bin(dir.path()));
+    assert!(output.status.success(), "{words}");
+    assert!(words.contains("3 of 3 photographs"), "{words}");
+    let told = String::from_utf8(output.stdout).unwrap();
+    assert!(told.contains("COLMAP model (binary), 3 views") && told.contains("16x12"), "{told}");
+    assert!(!words.contains("pictures are not in"), "the photographs themselves are its pictures: {words}");
+    assert_eq!(left(dir.path()), ["sparse"]);
+    let (again, words) = align(dir.path(), &with_bin(dir.path()));
+    assert_eq!(again.status.code(), Some(1));
+    assert!(words.contains("there is a model already"), "{words}");
+}
+
+#[test]
+fn what_fails_is_told_and_leaves_the_folder_as_it_was() {
+    for (last_step, expected) in [
+        ("echo 'No good initial image pair found.'", "could not say of any two photographs"),
+        ("echo 'ERROR: failed to create sparse model'; exit 1", "could not say of any two photographs"),
+        ("echo 'out of memory'; exit 1", "colmap mapper failed: out of memory"),
+    ] {
+        let dir = tempfile::tempdir().unwrap();
+        photographs(dir.path());
+        with_colmap(dir.path(), last_step);
+        let (output, words) = align(dir.path(), &with_bin(dir.path()));
+        assert_eq!(output.status.code(), Some(1), "{words}");
+        assert!(words.contains(expected), "{words}");
+        assert!(left(dir.path()).is_empty());
+    }
+    let dir = tempfile::tempdir().unwrap();
+    photographs(dir.path());
+    let (_, words) = align(dir.path(), "/nonexistent");
+    assert!(words.contains("COLMAP is not installed") && words.contains("apt install colmap"), "{words}");
+    assert!(left(dir.path()).is_empty());
+}
