@@ -18,8 +18,15 @@ pub(super) const FEW_SAMPLES: f32 = 32.0;
 /// errors, and not at all where it differs by more than the second.
 const TOLERANCE: [f32; 2] = [1.0, 2.5];
 
-/// A window has a say in that from the first of these numbers of samples on, and all of it from the second.
+/// A window has a say in that from the first of these numbers of samples on, and all of it from the second; or by the squared ratio of
+/// its light to its standard error. Means of fewer are off by several standard errors wherever one has met something small and bright.
+const MANY: [f32; 2] = [64.0, 256.0];
+
+/// A window's nearness and light count from the first of these numbers of samples on, and in full from the second...
 const TRUSTED_SAMPLES: [f32; 2] = [8.0, 32.0];
+
+/// ...and likewise by the squared ratio of its light to its standard error.
+const TOLD: [f32; 2] = [4.0, 16.0];
 
 /// Irradiance changes over a window by this share of the square of the window's radius over the harmonic mean distance, about.
 const CURVATURE: f32 = 1.0;
@@ -89,8 +96,12 @@ impl Chosen {
         let variance = wide.variance.max(self.last.variance);
         let error2 = self.last.error2(variance) + 1e-8 * self.last.level * self.last.level;
         let apart = (wide.level - self.last.level).abs() / error2.sqrt().max(1e-20);
-        let trusted = smooth_step(TRUSTED_SAMPLES, self.last.samples);
-        self.open *= 1.0 - trusted * smooth_step(TOLERANCE, apart);
+        let samples = self.last.samples;
+        let told = samples * wide.level.powi(2) / variance.max(1e-20);
+        let trusted = smooth_step(TRUSTED_SAMPLES, samples);
+        let judges = smooth_step(MANY, samples).max(trusted * smooth_step(MANY, told));
+        self.open *= 1.0 - judges * smooth_step(TOLERANCE, apart);
+        let trusted = trusted * smooth_step(TOLD, told);
         let bias = CURVATURE * self.last.level * (radius_m * wide.nearness).powi(2);
         self.open *= 1.0 - trusted * bias * bias / (bias * bias + error2);
         let pooled = &mut self.pooled;
