@@ -18,9 +18,13 @@ pub(super) const FEW_SAMPLES: f32 = 32.0;
 /// errors, and not at all where it differs by more than the second.
 const TOLERANCE: [f32; 2] = [1.0, 2.5];
 
-/// A window has a say in that from the first of these numbers of samples on, and all of it from the second; or by the squared ratio of
-/// its light to its standard error. Means of fewer are off by several standard errors wherever one has met something small and bright.
+/// A window has a say in that from the first of these numbers of samples on, and all of it from the second: means
+/// of fewer are off by some standard errors wherever one has met something small and bright.
 const MANY: [f32; 2] = [64.0, 256.0];
+
+/// Fewer samples have a say where they differ by more than the first of these standard errors, and all of it from the second on: at
+/// the edge of a shadow.
+const STRIKING: [f32; 2] = [2.5, 5.0];
 
 /// A window's nearness and light count from the first of these numbers of samples on, and in full from the second...
 const TRUSTED_SAMPLES: [f32; 2] = [8.0, 32.0];
@@ -99,7 +103,7 @@ impl Chosen {
         let samples = self.last.samples;
         let told = samples * wide.level.powi(2) / variance.max(1e-20);
         let trusted = smooth_step(TRUSTED_SAMPLES, samples);
-        let judges = smooth_step(MANY, samples).max(trusted * smooth_step(MANY, told));
+        let judges = smooth_step(MANY, samples).max(trusted * smooth_step(STRIKING, apart));
         self.open *= 1.0 - judges * smooth_step(TOLERANCE, apart);
         let trusted = trusted * smooth_step(TOLD, told);
         let bias = CURVATURE * self.last.level * (radius_m * wide.nearness).powi(2);
