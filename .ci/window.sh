@@ -34,6 +34,10 @@ done
 DISPLAY=:$(cat "$out/display")
 export DISPLAY
 unset WAYLAND_DISPLAY
+# A list of its own of what was opened last: a long one of somebody's pushes the pictures off the start page.
+XDG_STATE_HOME=$(cd "$out" && pwd)/state
+export XDG_STATE_HOME
+rm -rf "$XDG_STATE_HOME"
 
 # Six poses that turn and step through the middle of the room.
 cat >"$out/path.json" <<'JSON'

@@ -3,10 +3,10 @@
 use super::accumulate::DepthBins;
 use super::build::Tracing;
 use super::coverage::{AlphaMeasure, BinSpan};
-use super::illuminate::{ROUNDS, illuminate};
+use super::illuminate::{FaceSamples, ROUNDS, pool, sample};
 use super::mend::Mender;
 use super::merge::depth_pixels_of;
-use super::pool::FaceParts;
+use super::parts::FaceParts;
 use super::shade::{LitPart, Shader};
 use super::store::TILE_PX;
 use super::{CaptureInfo, CubeLdi, LayeredDepthImage};
@@ -15,7 +15,9 @@ use crate::capture::rig::Face;
 use crate::capture::trace::Tracer;
 use crate::ldi::parameters::{CaptureSettings, Sampler};
 use crate::progress::{Progress, check_cancelled};
+use glam::Vec3;
 use rayon::prelude::*;
+use std::collections::VecDeque;
 use std::io;
 
 /// Lights and merges what was traced into a cube LDI. `info` is completed with the rays and the missing estimate.
@@ -38,7 +40,7 @@ pub fn finish(
     if settings.resources.budget.is_some() {
         run.store.spill_all()?; // the LDI that now grows needs the memory
     }
-    progress.begin("light and merge", "rows", 6 * ROUNDS * u64::from(settings.face_size_px));
+    progress.begin("light and merge", "rows", 6 * (ROUNDS + 1) * u64::from(settings.face_size_px));
     let samples = settings.parameters.light_samples;
     let shader = Shader { tracer, lighting, samples, shape_only: false, face_size_px: settings.face_size_px };
     merge(run, info, &shader, settings, progress)
@@ -70,17 +72,17 @@ fn merge(
 ) -> io::Result<CubeLdi> {
     let Shader { tracer, lighting, .. } = *shader;
     let bins = DepthBins::new(settings.half_size_m, settings.face_size_px);
+    let dark = Dark { run, shader, settings, bins: &bins, progress };
+    let mut light = if shader.samples == 0 { None } else { Some(dark.sampled()?) };
+    let rows_done = if light.is_some() { 1 } else { ROUNDS + 1 } * u64::from(settings.face_size_px);
     let mut faces = Vec::with_capacity(6);
     for face in Face::ALL {
-        let mut parts = dark_face(run, face, shader, progress)?;
-        if settings.parameters.sampler != Sampler::CentreRays {
-            let half_size_m = settings.half_size_m as f32;
-            Mender { face, shader, bins: &bins, half_size_m }.mend(&mut parts);
-        }
-        if !shader.shape_only {
-            illuminate(&mut parts, face, shader, progress);
-            check_cancelled(progress)?;
-        }
+        let parts = match &mut light {
+            None => dark.face(face)?,
+            Some(light) => dark.lit(face, light)?,
+        };
+        check_cancelled(progress)?;
+        progress.advance(if shader.shape_only { 0 } else { rows_done });
         let (mut merged, spans) = merge_face(face, &parts, settings, &bins);
         drop(parts);
         let half_size_m = settings.half_size_m;
@@ -89,6 +91,74 @@ fn merge(
         faces.push(merged);
     }
     Ok(CubeLdi { info, faces, environment: run.misses.environment(lighting) })
+}
+
+/// Light samples of all faces, before any of them is pooled.
+struct Sampled {
+    samples: Vec<FaceSamples>,
+    /// Of those that are not pooled yet.
+    waiting: VecDeque<Waiting>,
+}
+
+/// What is kept of a face's parts while other faces are sampled.
+enum Waiting {
+    /// All of them.
+    Parts(FaceParts),
+    /// Where memory is short: the light straight from the sun; the rest is made again.
+    Sun(Vec<Vec3>),
+}
+
+/// Makes the parts of faces.
+struct Dark<'a> {
+    run: &'a Tracing,
+    shader: &'a Shader<'a>,
+    settings: &'a CaptureSettings,
+    bins: &'a DepthBins,
+    progress: &'a dyn Progress,
+}
+
+impl Dark<'_> {
+    /// The parts of a face without light, its gaps mended.
+    fn face(&self, face: Face) -> io::Result<FaceParts> {
+        let mut parts = dark_face(self.run, face, self.shader, self.progress)?;
+        if self.settings.parameters.sampler != Sampler::CentreRays {
+            let half_size_m = self.settings.half_size_m as f32;
+            Mender { face, shader: self.shader, bins: self.bins, half_size_m }.mend(&mut parts);
+        }
+        Ok(parts)
+    }
+
+    /// Samples the light of all faces: walls go on across their borders.
+    fn sampled(&self) -> io::Result<Sampled> {
+        let is_short = self.settings.resources.budget.is_some();
+        let mut sampled = Sampled { samples: Vec::with_capacity(6), waiting: VecDeque::with_capacity(6) };
+        for face in Face::ALL {
+            let mut parts = self.face(face)?;
+            sampled.samples.push(sample(&mut parts, face, self.shader, self.progress));
+            check_cancelled(self.progress)?;
+            sampled.waiting.push_back(match is_short {
+                true => Waiting::Sun(parts.parts.iter().map(|part| part.sun).collect()),
+                false => Waiting::Parts(parts),
+            });
+        }
+        Ok(sampled)
+    }
+
+    /// The parts of a face in its light.
+    fn lit(&self, face: Face, light: &mut Sampled) -> io::Result<FaceParts> {
+        let mut parts = match light.waiting.pop_front() {
+            Some(Waiting::Parts(parts)) => parts,
+            waiting => {
+                let mut parts = self.face(face)?;
+                if let Some(Waiting::Sun(sun)) = waiting {
+                    parts.parts.iter_mut().zip(sun).for_each(|(part, sun)| part.sun = sun);
+                }
+                parts
+            }
+        };
+        pool(&mut parts, face, &mut light.samples);
+        Ok(parts)
+    }
 }
 
 /// The parts of one tile, row-major.

@@ -7,7 +7,8 @@
 //!
 //! Sunlight is sampled once everywhere, and again where neighbours on one surface disagree on it: at the edges of its shadows.
 
-use super::pool::{FaceParts, Gathered, Pooled, Pooling, same_surface};
+use super::parts::FaceParts;
+use super::pool::{Blocks, Classes, Gathered, Pooled, Pooling, Windows, same_surface};
 use super::shade::{LitPart, Shader, Spot};
 use super::spread::{Share, spread};
 use crate::capture::light::{Arrival, LightSample, luminance};
@@ -36,20 +37,33 @@ const FIRST_ROUND: f32 = 32.0;
 /// of their number.
 const ENOUGH_LEVELS: f32 = 1.0;
 
-/// Lights all parts of a face: [`LitPart::sun`] and [`LitPart::soft`]. Gives up soon where `progress` says so.
-pub(super) fn illuminate(parts: &mut FaceParts, face: Face, shader: &Shader, progress: &dyn Progress) {
-    if shader.samples == 0 {
-        progress.advance(ROUNDS * u64::from(parts.size_px));
-        return;
-    }
+/// What the light samples of a face have found.
+pub(super) struct FaceSamples {
+    gathered: Vec<Gathered>,
+    blocks: Blocks,
+    classes: Classes,
+}
+
+/// Takes the light samples of all parts of a face; [`LitPart::sun`] is known then. Gives up soon where `progress` says so.
+pub(super) fn sample(parts: &mut FaceParts, face: Face, shader: &Shader, progress: &dyn Progress) -> FaceSamples {
     let light = FaceLight { face, shader, size_px: parts.size_px, progress };
     if shader.lighting.is_sharp() {
         light.sun(parts, 0, |_, _| 1);
         let edges = light.shadow_edges(parts);
         light.sun(parts, 1, |p, _| edges[p]);
     }
-    let soft = light.soft(parts);
-    parts.parts.iter_mut().zip(soft).for_each(|(part, soft)| part.soft = soft.light);
+    light.soft(parts)
+}
+
+/// Pools the samples of all faces, in their order, for the parts of one: [`LitPart::soft`]. Its own are gone then.
+pub(super) fn pool(parts: &mut FaceParts, face: Face, samples: &mut [FaceSamples]) {
+    let gathered = std::mem::take(&mut samples[face.index()].gathered);
+    let all = Face::ALL.map(|face| samples.get(face.index()).map(|of| &of.blocks));
+    let windows = Windows::new(face, parts.size_px, &samples[face.index()].blocks, all);
+    let mut classes = Classes::default();
+    samples.iter().for_each(|of| classes.absorb(&of.classes));
+    let pooled = Pooling::new(parts, face).pool(&gathered, &windows, &classes.variances(), true);
+    parts.parts.iter_mut().zip(pooled).for_each(|(part, pooled)| part.soft = pooled.light);
 }
 
 /// What lighting a face needs beside its parts.
@@ -115,20 +129,26 @@ impl FaceLight<'_> {
         rows.into_par_iter().map(visit_row).collect()
     }
 
-    /// Everything but the light straight from the sun.
-    fn soft(&self, parts: &FaceParts) -> Vec<Pooled> {
+    /// Samples of everything but the light straight from the sun.
+    fn soft(&self, parts: &FaceParts) -> FaceSamples {
         let pooling = Pooling::new(parts, self.face);
+        let (mut blocks, members) = pooling.blocks();
         let mut gathered = vec![Gathered::default(); parts.parts.len()];
+        let windows = |blocks: &Blocks| Windows::new(self.face, self.size_px, blocks, [None; 6]);
+        let extents = pooling.extents(&windows(&blocks));
         let first_round = FIRST_ROUND * self.shader.samples as f32;
-        let wanted: Vec<f32> = pooling.widest.iter().map(|widest| (first_round / widest).min(1.0)).collect();
+        let wanted: Vec<f32> = extents.widest.iter().map(|widest| (first_round / widest).min(1.0)).collect();
         self.gather(parts, &pooling, 0, &wanted, &mut gathered);
-        let pooled = pooling.pool(parts, &gathered, false);
+        blocks.fill(&members, &gathered);
+        let expected = Classes::of(parts, &gathered).variances();
+        let pooled = pooling.pool(&gathered, &windows(&blocks), &expected, false);
         let more = |(p, part): (usize, &LitPart)| {
-            self.wanted(part, &pooled[p], pooling.most_samples(p, self.shader.samples as f32))
+            self.wanted(part, &pooled[p], extents.most_samples(p, self.shader.samples as f32))
         };
         let wanted: Vec<f32> = parts.parts.par_iter().enumerate().map(more).collect();
         self.gather(parts, &pooling, 1, &wanted, &mut gathered);
-        pooling.pool(parts, &gathered, true)
+        blocks.fill(&members, &gathered);
+        FaceSamples { classes: Classes::of(parts, &gathered), gathered, blocks }
     }
 
     /// How many more samples a part takes: as many as bring the error of its colour down to what is enough, and no more than `most`.

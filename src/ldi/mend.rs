@@ -6,7 +6,8 @@
 //! that looks for it there, and only there, decides. What it meets becomes a depth pixel like any other.
 
 use super::accumulate::{Accumulator, DepthBins, Sample, sixteen_bits};
-use super::pool::{FaceParts, same_surface};
+use super::parts::FaceParts;
+use super::pool::same_surface;
 use super::shade::{LitPart, Shader};
 use crate::capture::rig::Face;
 use crate::capture::sampler::RayKey;

@@ -5,7 +5,7 @@
 //! evenly spread sequence by their numbers: neighbours share an evenly spread set of points (Ahmed and Wonka 2020, "Screen-Space
 //! Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of Pixels").
 
-use super::pool::FaceParts;
+use super::parts::FaceParts;
 use crate::capture::sampler::{random4, unit_float};
 
 /// The samples of one part: so many from number `first` on, among those of its class.

@@ -1,0 +1,218 @@
+//! Soft light pooled over a surface: neighbouring depth pixels of one plane share their light samples.
+//!
+//! Light from the sky, from lamps and from bounces varies slowly over a surface but is noisy per sample. So it is kept apart from
+//! albedo, and each part takes the mean over a window of its surface: parts of the same kind
+//! ([`super::accumulate::Accumulator::class`]: material, side, octant) in the same plane, in whatever layer and on whatever face. How
+//! wide the window is, is decided part by part, from narrow to wide:
+//!
+//! * The wider window's mean counts as far as it agrees with the narrower one's within the noise of both (Katkovnik 1999, "A new
+//!   method for varying adaptive bandwidth selection": intersecting confidence intervals). Edges of shadows stay.
+//! * It counts as far as what irradiance may change over it is less than the noise of the narrower one: by the harmonic mean of
+//!   the distances to what light comes from, with which Ward, Rubinstein and Clear (1988, "A ray tracing solution for diffuse
+//!   interreflection") bound the gradient of irradiance. Contact shadows stay.
+//!
+//! The narrowest window on large surfaces is a sum over dilated rows and columns ([`narrow`]), as in the a-trous wavelet transform
+//! (Dammertz et al. 2010, "Edge-avoiding a-trous wavelet transform for fast global illumination filtering"); all others are made once
+//! for a block of pixels ([`blocks`], [`around`]), each of twice the width of the one before, and know no borders of faces.
+//! Sunlight, whose shadows have edges, and albedo are never pooled.
+
+mod around;
+mod blocks;
+mod narrow;
+mod surface;
+mod window;
+
+pub(super) use around::Windows;
+pub(super) use blocks::Blocks;
+pub(super) use surface::same_surface;
+
+use super::parts::FaceParts;
+use crate::capture::light::luminance;
+use crate::capture::rig::Face;
+use blocks::Members;
+use glam::Vec3;
+use rayon::prelude::*;
+use surface::Surface;
+use window::{Chosen, FEW_SAMPLES, SHARE, Sums, Window};
+
+/// What the light samples of a part found.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Gathered {
+    /// Sum of the samples, exposed.
+    pub(super) light: Vec3,
+    /// Sum of their squared luminances.
+    pub(super) squares: f32,
+    /// Sum of one over the distance to what each sample's first ray met, 1/m.
+    pub(super) nearness: f32,
+    /// How many there are.
+    pub(super) samples: f32,
+}
+
+/// What pooling made of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Pooled {
+    /// Radiosity per albedo.
+    pub(super) light: Vec3,
+    /// Variance of the luminance of a single sample.
+    pub(super) variance: f32,
+    /// Samples of the window, about.
+    pub(super) samples: f32,
+    /// Parts of the window, about: those over which the mean is as good as that over all of a box.
+    pub(super) parts: f32,
+}
+
+/// Share of the window of [`SMALL_LEVEL`] that a surface fills less of if its parts take as many samples as a part alone.
+const ENOUGH_SHARE: f32 = 0.125;
+
+/// Share of the window of [`SMALL_LEVEL`] that a surface fills at least if its narrowest window is that of rows and columns. Of smaller
+/// ones (leaves) these find too little.
+const LARGE_SHARE: f32 = 0.6;
+
+/// Windows over the second smallest blocks: some 500 pixels.
+const SMALL_LEVEL: usize = 1;
+
+/// How the soft light of a face is pooled.
+pub(super) struct Pooling<'a> {
+    parts: &'a FaceParts,
+    /// Of each part.
+    pixels: Vec<[u16; 2]>,
+    surfaces: Vec<Surface>,
+    /// Width of the parts' pixels on their surfaces, metres.
+    pub(super) widths: Vec<f32>,
+}
+
+/// How much there is of the parts' surfaces.
+pub(super) struct Extents {
+    /// Share of the window of [`SMALL_LEVEL`] that each part's surface fills.
+    shares: Vec<f32>,
+    /// Parts of the widest window about each part.
+    pub(super) widest: Vec<f32>,
+}
+
+impl Extents {
+    /// How many samples a part takes at most, of so many that one alone takes: as many as make up for what its surface lacks of
+    /// the window.
+    pub(super) fn most_samples(&self, part: usize, samples: f32) -> f32 {
+        (samples * ENOUGH_SHARE / self.shares[part]).clamp(1.0, samples.max(1.0))
+    }
+}
+
+impl<'a> Pooling<'a> {
+    pub(super) fn new(parts: &'a FaceParts, face: Face) -> Self {
+        let surfaces: Vec<Surface> = parts.parts.par_iter().map(Surface::of).collect();
+        let (size_px, pixels) = (parts.size_px, parts.pixels());
+        let width = |(surface, pixel): (&Surface, &[u16; 2])| surface.pixel_width(face, pixel.map(u32::from), size_px);
+        let widths = surfaces.par_iter().zip(&pixels).map(width).collect();
+        Self { parts, pixels, surfaces, widths }
+    }
+
+    /// Blocks without light.
+    pub(super) fn blocks(&self) -> (Blocks, Members) {
+        Blocks::new(self.parts, &self.surfaces)
+    }
+
+    /// How much there is of each surface, by windows over blocks.
+    pub(super) fn extents(&self, windows: &Windows) -> Extents {
+        let extent = |p: usize| {
+            let (mut small, mut widest) = (0.0, 0.0f32);
+            for (number, level) in windows.levels.iter().enumerate() {
+                let share = level.at(&self.surfaces[p], self.pixels[p])[SHARE];
+                if number <= SMALL_LEVEL {
+                    small = share;
+                }
+                widest = widest.max(share * level.parts());
+            }
+            (small, widest)
+        };
+        let (shares, widest) = (0..self.surfaces.len()).into_par_iter().map(extent).unzip();
+        Extents { shares, widest }
+    }
+
+    /// The light of each part over its window, by what was gathered on the face and windows over blocks; not from the narrowest on unless
+    /// this is the last time.
+    pub(super) fn pool(
+        &self,
+        gathered: &[Gathered],
+        windows: &Windows,
+        expected: &[f32],
+        is_last: bool,
+    ) -> Vec<Pooled> {
+        let narrow = if is_last { self.narrow(gathered) } else { Vec::new() };
+        let pooled = |p: usize| {
+            let expected = expected[usize::from(self.parts.parts[p].class)];
+            self.pooled(p, narrow.get(p), windows, expected)
+        };
+        (0..self.surfaces.len()).into_par_iter().map(pooled).collect()
+    }
+
+    fn pooled(&self, part: usize, narrow: Option<&Sums>, windows: &Windows, expected: f32) -> Pooled {
+        let (surface, pixel) = (&self.surfaces[part], self.pixels[part]);
+        let sums = windows.levels.iter().map(|level| level.at(surface, pixel));
+        let mut first = [Sums::default(); SMALL_LEVEL + 1];
+        first.iter_mut().zip(sums).for_each(|(first, sums)| *first = sums);
+        let narrow = narrow.filter(|_| first[SMALL_LEVEL][SHARE] >= LARGE_SHARE);
+        let mut chosen = narrow.map(|sums| Chosen::first(Window::new(sums, narrow::parts(), expected)));
+        for (number, level) in windows.levels.iter().enumerate() {
+            let sums = first.get(number).copied().unwrap_or_else(|| level.at(surface, pixel));
+            let window = Window::new(&sums, level.parts(), expected);
+            match &mut chosen {
+                None => chosen = Some(Chosen::first(window)),
+                Some(chosen) if chosen.may_take(&window) => {
+                    chosen.widen(&window, level.radius_px() * self.widths[part]);
+                }
+                Some(_) => break,
+            }
+        }
+        chosen.map_or_else(Pooled::default, |chosen| chosen.pooled)
+    }
+}
+
+/// What samples found by class of surface.
+pub(super) struct Classes {
+    /// Samples, light, squares.
+    sums: Vec<[f64; 3]>,
+}
+
+impl Default for Classes {
+    fn default() -> Self {
+        Self { sums: vec![[0.0; 3]; 1 << 16] }
+    }
+}
+
+impl Classes {
+    /// What the parts of a face have gathered.
+    pub(super) fn of(parts: &FaceParts, gathered: &[Gathered]) -> Self {
+        let mut classes = Self::default();
+        for (part, g) in parts.parts.iter().zip(gathered).filter(|(_, g)| g.samples > 0.0) {
+            let found = [g.samples, luminance(g.light.to_array()), g.squares].map(f64::from);
+            let sums = &mut classes.sums[usize::from(part.class)];
+            sums.iter_mut().zip(found).for_each(|(sum, found)| *sum += found);
+        }
+        classes
+    }
+
+    /// Adds those of another face.
+    pub(super) fn absorb(&mut self, other: &Self) {
+        for (sums, others) in self.sums.iter_mut().zip(&other.sums) {
+            sums.iter_mut().zip(others).for_each(|(sum, other)| *sum += other);
+        }
+    }
+
+    /// Variance of the luminance of single samples by class of surface, and of all where there are few of a class.
+    pub(super) fn variances(&self) -> Vec<f32> {
+        let mut all = [0.0f64; 3];
+        for sums in &self.sums {
+            all.iter_mut().zip(sums).for_each(|(all, sum)| *all += sum);
+        }
+        let variance = |[samples, light, squares]: [f64; 3]| {
+            let per_sample = 1.0 / samples.max(1e-20);
+            (squares * per_sample - (light * per_sample).powi(2)).max(0.0)
+        };
+        let few = f64::from(FEW_SAMPLES);
+        let of_class = |of: &[f64; 3]| ((variance(*of) * of[0] + variance(all) * few) / (of[0] + few)) as f32;
+        self.sums.iter().map(of_class).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests;

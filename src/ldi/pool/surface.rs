@@ -1,0 +1,43 @@
+//! What parts are one surface.
+
+use crate::capture::rig::Face;
+use crate::ldi::shade::LitPart;
+use glam::Vec3;
+
+/// What tells a part's surface from others; the same on all faces.
+#[derive(Clone, Copy)]
+pub(super) struct Surface {
+    normal: Vec3,
+    distance: f32,
+    class: u32,
+}
+
+impl Surface {
+    pub(super) fn of(part: &LitPart) -> Self {
+        Self { normal: part.plane_normal, distance: part.plane_distance, class: u32::from(part.class) }
+    }
+
+    /// See [`same_surface`].
+    #[inline]
+    pub(super) fn is_same(&self, other: &Self) -> bool {
+        const MIN_COS: f32 = 0.9976;
+        let apart = (self.distance - other.distance).abs();
+        self.class == other.class
+            && apart <= 1e-3 * self.distance.abs().max(other.distance.abs())
+            && self.normal.dot(other.normal) >= MIN_COS
+    }
+
+    /// Width of a pixel on the surface where it is widest, metres; infinite for what is edge-on.
+    pub(super) fn pixel_width(&self, face: Face, [x, y]: [u32; 2], size_px: u32) -> f32 {
+        let direction = face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, size_px).as_vec3();
+        let facing = self.normal.dot(direction).abs();
+        let eye_depth = self.distance.abs() / facing;
+        2.0 * eye_depth / size_px as f32 * direction.length() / facing
+    }
+}
+
+/// True if two parts lie on one plane of one kind of surface: normals within 4 degrees, planes no farther apart than a
+/// thousandth of their distance from the centre.
+pub(in crate::ldi) fn same_surface(a: &LitPart, b: &LitPart) -> bool {
+    Surface::of(a).is_same(&Surface::of(b))
+}
