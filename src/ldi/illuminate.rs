@@ -35,7 +35,7 @@ const FIRST_ROUND: f32 = 32.0;
 
 /// Error of a colour, sRGB levels, at which a part takes no more samples of one light sample a depth pixel; of more, less by the root
 /// of their number.
-const ENOUGH_LEVELS: f32 = 1.0;
+const ENOUGH_LEVELS: f32 = 0.5;
 
 /// What the light samples of a face have found.
 pub(super) struct FaceSamples {
