@@ -98,3 +98,58 @@ impl Shape {
         &self.cube
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capture::random::Rng;
+    use crate::capture::sampler::RayKey;
+    use crate::capture::trace::Ray;
+    use crate::capture::viewpoint::place_headbox;
+    use crate::ldi::build::{self, Router};
+    use crate::ldi::job::CaptureJob;
+    use crate::ldi::parameters::Resources;
+    use crate::ldi::store::InsertScratch;
+    use crate::progress::Silent;
+    use glam::{Vec3, vec3};
+    use std::sync::Arc;
+
+    /// What rays from the centre meet below it; other rays than those of a capture.
+    fn more_samples(router: &Router, count: u64) -> Vec<Sample> {
+        let mut random = Rng::new(5);
+        let sample = |number: u64| {
+            let direction = Vec3::from_array([(); 3].map(|()| random.unit() as f32 - 0.5));
+            let direction = vec3(direction.x, -direction.y.abs(), direction.z);
+            let direction = direction.normalize();
+            let ray = Ray { origin: Vec3::ZERO, direction, t_min: 0.0, t_max: f32::INFINITY };
+            let hit = router.tracer.closest(&ray)?;
+            router.sample(&ray, &hit, RayKey::new(6, number as u32, 0))
+        };
+        (0..count).filter_map(sample).collect()
+    }
+
+    #[test]
+    fn a_renewed_shape_is_the_shape_of_all_rays() {
+        let scene = crate::Scene::open("builtin:miniature").unwrap();
+        let headbox = place_headbox(scene.loaded(), None, None).unwrap();
+        let mut job = CaptureJob::new(scene.source().clone(), headbox.centre, headbox.half_size_m);
+        (job.face_size_px, job.parameters.strata, job.parameters.rays_per_stratum) = (70, 6, 4);
+        let tracer = Tracer::new(Arc::clone(scene.loaded()), headbox.centre);
+        let (lighting, settings) = (Lighting::of_scene(&tracer, 1), job.settings(&Resources::default(), (0, 1)));
+        let run = build::trace(&tracer, &settings, &Silent).unwrap();
+        let source = ShapeSource { tracer: &tracer, lighting: &lighting, settings: &settings, progress: &Silent };
+        let whole = || source.shape(&run, job.shape_info(&tracer, &lighting)).unwrap();
+        let mut shape = whole();
+        for count in [40, 0, 400] {
+            let bins = DepthBins::new(job.half_size_m, job.face_size_px);
+            let router = Router { tracer: &tracer, bins, size_px: job.face_size_px, misses: &run.misses };
+            let samples = more_samples(&router, count);
+            let before = shape.cube.clone();
+            run.store.insert(&samples, &mut InsertScratch::default()).unwrap();
+            source.renew(&mut shape, &run, &samples).unwrap();
+            let expected = whole();
+            assert!(shape.cube == expected.cube && shape.spans == expected.spans, "{count} more rays");
+            assert_eq!(shape.cube != before, count > 0, "the rays were meant to find something");
+        }
+    }
+}
