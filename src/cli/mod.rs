@@ -19,6 +19,7 @@ mod demo;
 mod demo_sprites;
 mod estimate;
 mod export;
+mod exported;
 mod geometry;
 mod help;
 mod house;

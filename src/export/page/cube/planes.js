@@ -10,37 +10,23 @@ export const TILE_BYTES = 44;
 /** Texels along a side at a size: every second one of the larger, and the last. */
 const side = (length, level) => Math.ceil((length - 1) / 2 ** level) + 1;
 
-/** Texels, four bytes each, from what planes.rs of the export left of them: rests of a prediction. */
+/** Texels, four bytes each, from what texels.rs left of them: what each is more than the one on its left or, in the first column, above. */
 function readTexels(bytes, tiles, count) {
   const texels = new Uint8Array(count * 4);
   let alphas = count * 3;
   for (const { width, height, first, opaque } of tiles) {
     for (let i = 0; i < width * height; i++) {
-      const at = (first + i) * 4;
-      const [x, y] = [i % width, i >= width];
-      const rest = [bytes[count + first + i], 0, bytes[2 * count + first + i], 0];
-      const green = bytes[first + i];
-      rest[1] = green;
-      rest[0] += green;
-      rest[2] += green;
-      rest[3] = opaque ? 0 : bytes[alphas++];
-      for (let c = 0; c < 4; c++) {
-        if (c === 3 && opaque) texels[at + 3] = 255;
-        else texels[at + c] = expected(texels, at + c, x > 0, y, width * 4) + rest[c];
-      }
+      const [at, from] = [(first + i) * 4, (first + i) * 3];
+      const beside = i % width > 0 ? at - 4 : at - width * 4;
+      const was = (c) => (i === 0 ? 0 : texels[beside + c]);
+      const green = bytes[from];
+      texels[at] = was(0) + green + bytes[from + 1];
+      texels[at + 1] = was(1) + green;
+      texels[at + 2] = was(2) + green + bytes[from + 2];
+      texels[at + 3] = opaque ? 255 : was(3) + bytes[alphas++];
     }
   }
   return texels;
-}
-
-/** Left + above - above left, within the two that are beside (MED of JPEG-LS). */
-function expected(texels, at, hasLeft, hasAbove, row) {
-  if (!hasLeft) return hasAbove ? texels[at - row] : 0;
-  const left = texels[at - 4];
-  if (!hasAbove) return left;
-  const above = texels[at - row];
-  const low = Math.min(left, above);
-  return Math.min(Math.max(left + above - texels[at - row - 4], low), left + above - low);
 }
 
 /** Of a texel, what is taken of it and of its neighbours into one of half as many, in sixteenths. */
