@@ -110,7 +110,7 @@ void main() {
     if (open >= 1.0) {
       hidden = isHidden(slopes, across, up);
       if (hidden) look(slopes, across, up, true, color, open);
-      for (int i = 0; i < stepCount && hidden && open >= 1.0; i++) {
+      for (int i = 0; i < stepCount && hidden && open >= LEAST_OPEN; i++) {
         across = sidesOf(0, crossing.x, int(steps[i].x));
         up = sidesOf(1, crossing.y, int(steps[i].y));
         if (!across.away && !up.away) look(slopes, across, up, false, color, open);
