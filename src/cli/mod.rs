@@ -13,6 +13,7 @@ macro_rules! print {
 
 mod args;
 mod capture;
+mod capture_deep;
 mod compare;
 mod content;
 mod demo;

@@ -12,6 +12,7 @@ pub mod panorama;
 mod pieces;
 pub mod ply;
 mod sheets;
+mod spherical;
 pub mod splats;
 mod stacks;
 pub mod stereo;

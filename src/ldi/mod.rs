@@ -12,6 +12,7 @@ pub mod accumulate;
 pub mod build;
 pub(crate) mod coverage;
 pub mod finish;
+pub mod from_deep;
 pub mod from_images;
 mod illuminate;
 pub mod job;
