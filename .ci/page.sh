@@ -25,9 +25,9 @@ most=0.05
 # hold FILE EYE LOOK_AT: the page against the CPU, seen from an eye.
 hold() {
     holes=--keep-holes
-    case $1 in *.house) holes= ;; esac
+    case $1 in *.house | *.lumi) holes= ;; esac
     # shellcheck disable=SC2086 # nothing, or a word
-    "$headbox" render "$out/$1" -o "$out/$1.cpu.png" --size 320x240 $holes --eye "$2" --look-at "$3" >/dev/null
+    "$headbox" render "$out/$1" -o "$out/$1.cpu.png" --size 320x240 $holes --fov 60 --eye "$2" --look-at "$3" >/dev/null
     .ci/page.py 320x240 "file://$here/$1.html#eye=$2&look-at=$3&fov=60&ui=0" "$out/$1.page.png"
     "$headbox" compare "$out/$1.cpu.png" "$out/$1.page.png" --json >"$out/$1.json"
     python3 -c "import json, sys; flip = json.load(open('$out/$1.json'))['flip']
@@ -50,6 +50,12 @@ done
 hold home.house -11.37,1.55,-4.25 -11.63,1.5,-3.29
 hold home.house -2.24,1.55,-4.74 -1.45,1.38,-4.15
 hold home.house 7.63,1.55,3.62 6.7,1.41,3.96
+# What hides other things, cameras to all sides, and an eye beside them, behind them and before them.
+"$headbox" lumigraph builtin:statue -o "$out/statue.lumi" --size 200x150 --samples 1 --unlit >"$out/statue.txt"
+"$headbox" export "$out/statue.lumi" -o "$out/statue.lumi.html"
+hold statue.lumi 0,0,0 0,0,-1
+hold statue.lumi 1.2,0.9,0.2 0,0,-3.5
+hold statue.lumi -0.5,-0.6,-0.6 0,0,-3.5
 
 echo "page: damaged data and an old browser are told, and the poster stays"
 python3 - "$out" <<'PY'

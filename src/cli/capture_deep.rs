@@ -11,7 +11,8 @@ use std::time::Instant;
 
 /// Whether a scene's name is that of a deep picture.
 pub(super) fn is_deep_picture(name: &str) -> bool {
-    !name.starts_with("builtin:") && Path::new(name).extension().is_some_and(|ending| ending.eq_ignore_ascii_case("exr"))
+    !name.starts_with("builtin:")
+        && Path::new(name).extension().is_some_and(|ending| ending.eq_ignore_ascii_case("exr"))
 }
 
 /// Reads a deep picture and writes its cube. Positions and lengths are metres, Y up.

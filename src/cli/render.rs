@@ -1,15 +1,16 @@
 //! `headbox render`.
 
+mod poses;
+
 use super::args::{CameraArgs, DefaultCamera, Names, by_name, parse_length};
-use super::content::{Content, Rendered};
+use super::content::Content;
 use super::geometry::{GEOMETRY_ALONE, GeometryArgs, GeometryContent, texturing_of};
 use super::house_file::HouseContent;
 use super::images::{self, SetArgs, is_image_set};
-use super::output::{DEPTH, FILM, Outputs, PICTURE, print_json, save_picture, write_text};
+use super::output::{DEPTH, FILM, Outputs, PICTURE, print_json, save_picture};
 use super::progress::Bar;
 use super::words::UsageError;
 use crate::capture::scene::FileFrame;
-use crate::capture::statistics::median;
 use crate::capture::{Camera, simd};
 use crate::compose::{ComposeSettings, Composition};
 use crate::container::Container;
@@ -20,19 +21,17 @@ use crate::lumigraph::{Blend, LUMI_FILE, Lumigraph, LumigraphSettings};
 use crate::packed::PackedCube;
 use crate::path;
 use crate::portal::file::HOUSE_FILE;
-use crate::progress::Progress;
 use crate::render::splat::SplatKernel;
 use crate::render::{Parallel, Renderer};
 use crate::sprite::{
     DepthPicture, RenderOptions, SPRITE_FILE, SpriteSampling, SpriteSet, SpriteVariant, write_depth_exr,
 };
 use crate::view_geometry::Texturing;
-use anyhow::{Context, bail};
+use anyhow::bail;
 use clap::Args;
 use image::RgbImage;
 use serde_json::json;
 use std::path::PathBuf;
-use std::time::Instant;
 
 #[derive(Args)]
 pub(super) struct RenderCommand {

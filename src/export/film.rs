@@ -56,7 +56,7 @@ pub fn write(
     }
     let film = encode([width, height], fps, MP4, checked)?;
     let tagged = spherical::tagged(std::fs::read(film.path())?, view)?;
-    write_whole(path, |mut to| to.write_all(&tagged))
+    write_whole(path, |to| to.write_all(&tagged))
 }
 
 /// Browsers and phones play this; `yuv420p` and even sides are what they all can.

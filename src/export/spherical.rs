@@ -25,7 +25,8 @@ impl Spherical {
     fn boxes(&self) -> Vec<u8> {
         let words = |words: &[u32]| words.iter().flat_map(|word| word.to_be_bytes()).collect::<Vec<u8>>();
         // Version and flags first, then heading, pitch and roll; and what is missing above, below, left and right.
-        let (prhd, equi) = (boxed(b"prhd", &words(&[0; 4])), boxed(b"equi", &words(&[0, 0, 0, self.beside, self.beside])));
+        let (prhd, equi) =
+            (boxed(b"prhd", &words(&[0; 4])), boxed(b"equi", &words(&[0, 0, 0, self.beside, self.beside])));
         let svhd = boxed(b"svhd", &[&[0; 4], b"headbox\0".as_slice()].concat());
         let proj = boxed(b"proj", &[prhd, equi].concat());
         let st3d = boxed(b"st3d", &[0, 0, 0, 0, self.stereo]);

@@ -89,7 +89,10 @@ struct Sample {
 enum Lens {
     Cube,
     /// World to picture, and to the camera's axes.
-    Camera { ndc: DMat4, camera: DMat4 },
+    Camera {
+        ndc: DMat4,
+        camera: DMat4,
+    },
 }
 
 /// A deep picture as it is asked.
@@ -121,9 +124,11 @@ impl<'a> Picture<'a> {
         let (ndc, camera) = view.ok_or(FromDeepError::View)?;
         let world = camera.inverse();
         let eye = world.project_point3(DVec3::ZERO);
-        let mut picture = Self { image, channels, alpha, lens: Lens::Camera { ndc, camera }, eye: Some(eye), face_px: 0 };
+        let mut picture =
+            Self { image, channels, alpha, lens: Lens::Camera { ndc, camera }, eye: Some(eye), face_px: 0 };
         // A face pixel in the middle is as wide as one of the picture's.
-        let [ahead, aside] = [DVec3::NEG_Z, DVec3::new(1e-3, 0.0, -1.0)].map(|v| picture.place(world.transform_vector3(v)));
+        let [ahead, aside] =
+            [DVec3::NEG_Z, DVec3::new(1e-3, 0.0, -1.0)].map(|v| picture.place(world.transform_vector3(v)));
         let (Some([x0, y0, _]), Some([x1, y1, _])) = (ahead, aside) else { return Err(FromDeepError::Camera) };
         let focal_px = (x1 - x0).hypot(y1 - y0) * 1e3;
         if !focal_px.is_finite() || focal_px <= 0.0 || !eye.is_finite() {
@@ -269,7 +274,8 @@ mod tests {
             offsets.push(values[0].len() as u32);
         }
         let names = ["Z", "R", "G", "B", "A"];
-        let channel = |(name, values): (&str, Vec<f32>)| DeepChannel { name: name.into(), kind: DeepKind::Float, values };
+        let channel =
+            |(name, values): (&str, Vec<f32>)| DeepChannel { name: name.into(), kind: DeepKind::Float, values };
         let channels = names.into_iter().zip(values).map(channel).collect();
         let (size_px, view) = ([n, 6 * n], DeepView { cube: true, ..DeepView::default() });
         DeepImage { size_px, origin_px: [0, 0], stored_px: size_px, offsets, channels, view }

@@ -8,6 +8,7 @@ use crate::cli::output::{print_json, save_picture, write_text};
 use crate::cli::progress::Bar;
 use crate::export::film;
 use crate::export::stereo::View;
+use crate::progress::Progress;
 use anyhow::{Context, bail};
 use serde_json::json;
 use std::time::Instant;
