@@ -118,9 +118,9 @@ class Page {
     if (this.controls.step(elapsed / 1000)) this.changed();
     const moving = performance.now() - this.movedAt < STILL_MS;
     if (moving && this.dirty && elapsed > SLOW_MS) this.coarse = Math.max(this.coarse * 0.8, 0.3);
-    const sharpen = !moving && this.drawnCoarse;
-    if (!this.dirty && !sharpen) return;
-    this.drawnCoarse = moving && this.coarse < 1;
+    const settles = !moving && this.unsettled;
+    if (!this.dirty && !settles) return;
+    this.unsettled = moving;
     this.draw(moving ? this.coarse : 1);
     this.dirty = false;
     if (!moving) this.settle();
@@ -128,8 +128,8 @@ class Page {
 
   /** Nothing moves, and the frame is drawn in full. */
   settle() {
-    const place = this.complete ? this.view.place.words(this.view.eye) : '';
-    if (place && place !== this.place) say((this.place = place));
+    const room = Number.isFinite(this.movedAt) ? this.view.place.words(this.view.eye) : '';
+    if (room && room !== this.room) say((this.room = room));
     if (this.ui && Number.isFinite(this.movedAt)) history.replaceState(null, '', this.view.link());
     if (!this.ui && this.complete) this.renderer.gl.finish();
     if (!this.ui && this.complete) document.title = 'ready';

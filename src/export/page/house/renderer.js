@@ -51,7 +51,7 @@ export class Renderer {
   /** A picture, wrapping around, with smaller copies made in linear light. */
   async addTexture({ texture }, bytes) {
     const { gl } = this;
-    const picture = await pictureOf(bytes);
+    const picture = await pictureOf(bytes, gl.getParameter(gl.MAX_TEXTURE_SIZE));
     const made = gl.createTexture();
     gl.bindTexture(gl.TEXTURE_2D, made);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.SRGB8_ALPHA8, gl.RGBA, gl.UNSIGNED_BYTE, picture);

@@ -67,7 +67,7 @@ export class Renderer {
 
   async addColors({ camera, last }, bytes) {
     const { gl } = this;
-    const picture = await pictureOf(bytes);
+    const picture = await pictureOf(bytes, Infinity);
     gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.colors);
     gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, camera, picture.width, picture.height, 1, gl.RGBA, gl.UNSIGNED_BYTE, picture);
     picture.close();
