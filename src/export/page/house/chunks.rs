@@ -46,13 +46,18 @@ impl Chunk {
 
 /// All surfaces of a house, cell by cell.
 pub(super) fn chunks(house: &House) -> Vec<Chunk> {
+    cut(house, PIECE_TRIANGLES)
+}
+
+/// The same in pieces of so many triangles.
+fn cut(house: &House, most: usize) -> Vec<Chunk> {
     let (scene, origin) = (house.scene(), house.mesh().origin());
     let mut pieces = Vec::new();
     for (cell, of_cell) in (0..).zip(&house.plan().cells) {
         let end = of_cell.triangles.end.min(scene.triangles.len() as u32);
         let drawn: Vec<u32> =
             (of_cell.triangles.start..end).filter(|triangle| has_room(scene, origin, *triangle)).collect();
-        split(scene, drawn, &mut |piece| pieces.push((cell, piece)));
+        split(scene, drawn, most, &mut |piece| pieces.push((cell, piece)));
     }
     pieces.into_par_iter().map(|(cell, piece)| encode(scene, origin, cell, piece)).collect()
 }
@@ -65,8 +70,8 @@ fn has_room(scene: &Scene, origin: DVec3, triangle: u32) -> bool {
 
 /// Halves triangles along the longest side of their middles' box until they are few enough; those of a half keep their order, so that
 /// of two in the same place the same one shows as in other frames.
-fn split(scene: &Scene, triangles: Vec<u32>, put: &mut dyn FnMut(Vec<u32>)) {
-    if triangles.len() <= PIECE_TRIANGLES {
+fn split(scene: &Scene, triangles: Vec<u32>, most: usize, put: &mut dyn FnMut(Vec<u32>)) {
+    if triangles.len() <= most {
         if !triangles.is_empty() {
             put(triangles);
         }
@@ -83,7 +88,7 @@ fn split(scene: &Scene, triangles: Vec<u32>, put: &mut dyn FnMut(Vec<u32>)) {
     for half in [first, second] {
         let mut half = half.to_vec();
         half.sort_unstable();
-        split(scene, half.iter().map(|i| triangles[*i as usize]).collect(), put);
+        split(scene, half.iter().map(|i| triangles[*i as usize]).collect(), most, put);
     }
 }
 
@@ -215,13 +220,13 @@ mod tests {
 
     #[test]
     fn all_triangles_are_read_again_by_the_pages_rule() {
-        let mut model = crate::scenes::house(0, 60_000);
+        let mut model = crate::scenes::house(0, 6_000);
         model.mend();
         let house = House::new(model).expect("a house");
         let (scene, origin) = (house.scene(), house.mesh().origin());
-        let all = chunks(&house);
-        assert!(all.len() > house.plan().cells.len(), "some cells are split");
-        assert!(all.iter().all(|chunk| chunk.triangles <= PIECE_TRIANGLES && chunk.vertices <= 65_536));
+        let all = cut(&house, 100);
+        assert!(all.len() > 2 * house.plan().cells.len(), "{} pieces", all.len());
+        assert!(all.iter().all(|chunk| chunk.triangles <= 100 && chunk.vertices <= 300));
         let textured: HashMap<u32, bool> =
             (0..).zip(&scene.materials).map(|(number, material)| (number, is_textured(material))).collect();
         let plain = |(material, corners): Shown| {
