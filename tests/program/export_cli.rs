@@ -206,3 +206,24 @@ fn deep_pictures_come_back() {
     assert!(found.iter().zip(&centre).all(|(a, b)| (a - b).abs() < 1e-5), "{found:?} {centre:?}");
     fails(dir.path(), 1, &["capture", "face.ldi.exr", "-o", "b.ldi"], "face.ldi.exr");
 }
+
+/// Homes and lumigraphs become pages, the same each time, and nothing else.
+#[test]
+fn homes_and_lumigraphs_are_pages_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let house = ["house", "builtin:house", "--triangles", "2000", "--rays", "0", "--unlit", "--backdrops", "none"];
+    succeeds(dir.path(), &[house.as_slice(), &["-o", "a.house"]].concat());
+    let lumi =
+        ["lumigraph", "builtin:bump", "--plane", "0,0,3", "--normal", "0,0,-1", "--extent", "1", "--size", "32x32"];
+    succeeds(dir.path(), &[lumi.as_slice(), &["--samples", "1", "--unlit", "-o", "a.lumi"]].concat());
+    for (file, amount) in [("a.house", "triangles"), ("a.lumi", "images")] {
+        let told = json(dir.path(), &["export", file, "-o", "a.html", "--title", "A < B", "--json"]);
+        assert!(told[amount].as_u64().unwrap() > 0, "{told}");
+        let page = std::fs::read_to_string(dir.path().join("a.html")).unwrap();
+        assert!(page.starts_with("<!doctype html>") && page.contains("<title>A &lt; B</title>"));
+        succeeds(dir.path(), &["export", file, "-o", "b.html", "--title", "A < B"]);
+        assert!(page == std::fs::read_to_string(dir.path().join("b.html")).unwrap(), "{file}");
+        fails(dir.path(), 1, &["export", file, "-o", "x.glb"], "is exported as a page (.html) alone");
+        assert!(!dir.path().join("x.glb").exists());
+    }
+}
