@@ -85,14 +85,12 @@ struct Sample {
     color_srgb: [u8; 4],
 }
 
-/// How directions lead to pixels.
-enum Lens {
-    Cube,
-    /// World to picture, and to the camera's axes.
-    Camera {
-        ndc: DMat4,
-        camera: DMat4,
-    },
+/// How points lead to pixels of a camera's picture.
+struct Lens {
+    /// World to picture.
+    ndc: DMat4,
+    /// World to the camera's axes.
+    camera: DMat4,
 }
 
 /// A deep picture as it is asked.
@@ -101,7 +99,8 @@ struct Picture<'a> {
     /// Red, green, blue, depth.
     channels: [&'a [f32]; 4],
     alpha: Option<&'a [f32]>,
-    lens: Lens,
+    /// Of a camera; none for six faces.
+    lens: Option<Lens>,
     /// World metres, where the picture says so.
     eye: Option<DVec3>,
     face_px: u32,
@@ -117,15 +116,14 @@ impl<'a> Picture<'a> {
             if u64::from(height) != 6 * u64::from(width) || width == 0 || width > MAX_FACE_SIZE_PX {
                 return Err(FromDeepError::Faces(width, height));
             }
-            return Ok(Self { image, channels, alpha, lens: Lens::Cube, eye: None, face_px: width });
+            return Ok(Self { image, channels, alpha, lens: None, eye: None, face_px: width });
         }
         let matrix = |m: Option<[f32; 16]>| Some(DMat4::from_cols_array(&m?.map(f64::from)));
         let view = matrix(image.view.world_to_ndc).zip(matrix(image.view.world_to_camera));
         let (ndc, camera) = view.ok_or(FromDeepError::View)?;
         let world = camera.inverse();
         let eye = world.project_point3(DVec3::ZERO);
-        let mut picture =
-            Self { image, channels, alpha, lens: Lens::Camera { ndc, camera }, eye: Some(eye), face_px: 0 };
+        let mut picture = Self { image, channels, alpha, lens: Some(Lens { ndc, camera }), eye: Some(eye), face_px: 0 };
         // A face pixel in the middle is as wide as one of the picture's.
         let [ahead, aside] =
             [DVec3::NEG_Z, DVec3::new(1e-3, 0.0, -1.0)].map(|v| picture.place(world.transform_vector3(v)));
@@ -140,22 +138,19 @@ impl<'a> Picture<'a> {
 
     /// Where the camera looks.
     fn ahead(&self) -> Option<DVec3> {
-        match &self.lens {
-            Lens::Cube => None,
-            Lens::Camera { camera, .. } => camera.inverse().transform_vector3(DVec3::NEG_Z).try_normalize(),
-        }
+        self.lens.as_ref()?.camera.inverse().transform_vector3(DVec3::NEG_Z).try_normalize()
     }
 
     /// Position in the picture, px, of a direction from the eye, and how deep it goes in the camera's axes.
     fn place(&self, direction: DVec3) -> Option<[f64; 3]> {
         let [width, height] = self.image.size_px.map(f64::from);
         let [x, y, depth] = match &self.lens {
-            Lens::Cube => {
+            None => {
                 let face = Face::containing(direction);
                 let [x, y, depth] = face.project(direction, self.face_px);
                 [x, y + width * face.index() as f64, depth]
             }
-            Lens::Camera { ndc, camera } => {
+            Some(Lens { ndc, camera }) => {
                 let at = *ndc * (self.eye? + direction).extend(1.0);
                 let depth = -camera.transform_vector3(direction).z;
                 [(at.x / at.w + 1.0) / 2.0 * width, (1.0 - at.y / at.w) / 2.0 * height, depth]
@@ -189,8 +184,7 @@ impl<'a> Picture<'a> {
         let [r, g, b, z] = self.channels.map(|values| values[i]);
         let alpha = self.alpha.map_or(1.0, |values| values[i]).min(1.0);
         let level = (alpha * 255.0).round() as u8;
-        // False for NaN.
-        if level == 0 || !(z > 0.0) {
+        if level == 0 || z.is_nan() || z <= 0.0 {
             return None;
         }
         let [r, g, b] = [r, g, b].map(|c| srgb8_from_linear(c / alpha));
