@@ -13,6 +13,7 @@ pub mod build;
 pub(crate) mod coverage;
 mod dark;
 pub mod finish;
+pub mod from_deep;
 pub mod from_images;
 mod illuminate;
 pub mod job;
