@@ -18,9 +18,9 @@ impl PixelSet {
         self.has[place] = true;
     }
 
-    /// Whether pixel (x, y) is one of them.
+    /// Whether pixel (x, y), which may lie beyond the face, is one of them.
     pub(super) fn contains(&self, x: u32, y: u32) -> bool {
-        self.has[self.place(x, y)]
+        x.max(y) < self.size_px && self.has[self.place(x, y)]
     }
 
     /// With the pixels around each.
@@ -55,5 +55,6 @@ mod tests {
         assert_eq!(pixels(&set), [[4, 0]]);
         assert_eq!(pixels(&set.grown()), [[3, 0], [4, 0], [3, 1], [4, 1]]);
         assert_eq!(pixels(&set.grown().grown()).len(), 9);
+        assert!(!set.contains(0, 5) && !set.contains(9, 0) && !set.contains(5, u32::MAX), "tiles reach beyond faces");
     }
 }

@@ -111,15 +111,14 @@ mod tests {
     use crate::ldi::parameters::Resources;
     use crate::ldi::store::InsertScratch;
     use crate::progress::Silent;
-    use glam::{Vec3, vec3};
+    use glam::Vec3;
     use std::sync::Arc;
 
-    /// What rays from the centre meet below it; other rays than those of a capture.
+    /// What rays from the centre meet; other rays than those of a capture.
     fn more_samples(router: &Router, count: u64) -> Vec<Sample> {
         let mut random = Rng::new(5);
         let sample = |number: u64| {
             let direction = Vec3::from_array([(); 3].map(|()| random.unit() as f32 - 0.5));
-            let direction = vec3(direction.x, -direction.y.abs(), direction.z);
             let direction = direction.normalize();
             let ray = Ray { origin: Vec3::ZERO, direction, t_min: 0.0, t_max: f32::INFINITY };
             let hit = router.tracer.closest(&ray)?;
