@@ -22,9 +22,12 @@ here=$(cd "$out" && pwd)
 # The most that FLIP may say of the page against the CPU.
 most=0.05
 
-# hold NAME EYE LOOK_AT: the page against the CPU, seen from an eye.
+# hold FILE EYE LOOK_AT: the page against the CPU, seen from an eye.
 hold() {
-    "$headbox" render "$out/$1.ldi" -o "$out/$1.cpu.png" --size 320x240 --keep-holes --eye "$2" --look-at "$3" >/dev/null
+    holes=--keep-holes
+    case $1 in *.house | *.lumi) holes= ;; esac
+    # shellcheck disable=SC2086 # nothing, or a word
+    "$headbox" render "$out/$1" -o "$out/$1.cpu.png" --size 320x240 $holes --fov 60 --eye "$2" --look-at "$3" >/dev/null
     .ci/page.py 320x240 "file://$here/$1.html#eye=$2&look-at=$3&fov=60&ui=0" "$out/$1.page.png"
     "$headbox" compare "$out/$1.cpu.png" "$out/$1.page.png" --json >"$out/$1.json"
     python3 -c "import json, sys; flip = json.load(open('$out/$1.json'))['flip']
@@ -37,23 +40,35 @@ capture="--face-size 96 --strata 10 --rays 4 --light-samples 2"
 # shellcheck disable=SC2086
 "$headbox" capture builtin:interior -o "$out/planes.ldi" $capture >"$out/planes.txt"
 for name in samples planes; do
-    "$headbox" export "$out/$name.ldi" -o "$out/$name.html"
-    hold "$name" 0.2,1.45,0.9 0.2,1.45,-1.0
-    hold "$name" 0.4,1.55,0.7 1.0,1.30,-1.0
+    "$headbox" export "$out/$name.ldi" -o "$out/$name.ldi.html"
+    hold "$name.ldi" 0.2,1.45,0.9 0.2,1.45,-1.0
+    hold "$name.ldi" 0.4,1.55,0.7 1.0,1.30,-1.0
 done
+# Baked light, textures, doors, windows and the sky behind them.
+"$headbox" house builtin:house --triangles 12000 --rays 0 --edge 1 --light-samples 2 --backdrops none -o "$out/home.house" >"$out/home.txt"
+"$headbox" export "$out/home.house" -o "$out/home.house.html"
+hold home.house -11.37,1.55,-4.25 -11.63,1.5,-3.29
+hold home.house -2.24,1.55,-4.74 -1.45,1.38,-4.15
+hold home.house 7.63,1.55,3.62 6.7,1.41,3.96
+# What hides other things, cameras to all sides, and an eye beside them, behind them and before them.
+"$headbox" lumigraph builtin:statue -o "$out/statue.lumi" --size 200x150 --samples 1 --unlit >"$out/statue.txt"
+"$headbox" export "$out/statue.lumi" -o "$out/statue.lumi.html"
+hold statue.lumi 0,0,0 0,0,-1
+hold statue.lumi 1.2,0.9,0.2 0,0,-3.5
+hold statue.lumi -0.5,-0.6,-0.6 0,0,-3.5
 
 echo "page: damaged data and an old browser are told, and the poster stays"
 python3 - "$out" <<'PY'
 import sys
 out = sys.argv[1]
-page = open(f"{out}/samples.html", encoding="utf-8", newline="").read()
+page = open(f"{out}/samples.ldi.html", encoding="utf-8", newline="").read()
 at = page.index('id="part-1">') + 400
 open(f"{out}/damaged.html", "w", encoding="utf-8", newline="").write(page[:at] + ("a" if page[at] != "a" else "b") * 20 + page[at + 20:])
 open(f"{out}/old.js", "w").write("HTMLCanvasElement.prototype.getContext = () => null;")
 PY
 .ci/page.py 320x240 "file://$here/damaged.html" "$out/damaged.png" | tee "$out/damaged.txt"
 grep -q 'of this page is damaged' "$out/damaged.txt"
-.ci/page.py 320x240 --before "$out/old.js" "file://$here/samples.html" "$out/old.png" | tee "$out/old.txt"
+.ci/page.py 320x240 --before "$out/old.js" "file://$here/samples.ldi.html" "$out/old.png" | tee "$out/old.txt"
 grep -q 'no WebGL 2' "$out/old.txt"
 # A headset, emulated by iwer, where npm can fetch it.
 if command -v npm >/dev/null && timeout 120 npm install --silent --no-save --prefix "$out/npm" iwer@2 >/dev/null 2>&1; then
@@ -63,7 +78,7 @@ if command -v npm >/dev/null && timeout 120 npm install --silent --no-save --pre
         echo
         echo 'const headset = new IWER.XRDevice(IWER.metaQuest3); headset.installRuntime({ forceInstall: true }); headset.stereoEnabled = true;'
     } >"$out/headset.js"
-    .ci/page.py 320x160 --before "$out/headset.js" --click headset "file://$here/samples.html" "$out/headset.png" | tee "$out/headset.txt"
+    .ci/page.py 320x160 --before "$out/headset.js" --click headset "file://$here/samples.ldi.html" "$out/headset.png" | tee "$out/headset.txt"
     grep -q '"headsetEyes": "2"' "$out/headset.txt"
 else
     echo "page: headset skipped, npm could not fetch its emulator"

@@ -1,6 +1,7 @@
 //! `headbox capture`.
 
 use super::args::{SceneArgs, parse_length, parse_vector};
+use super::capture_deep::{self, is_deep_picture};
 use super::estimate::{Estimate, rays_of};
 use super::images::{SetArgs, SetJob, is_image_set};
 use super::output::{CUBE, Outputs, SHARD, memory_bytes, peak_rss_mb, print_json};
@@ -13,6 +14,7 @@ use crate::capture::{Scene, files, viewpoint};
 use crate::gaps;
 use crate::ldi::Holes;
 use crate::ldi::build;
+use crate::ldi::from_deep::DeepPlace;
 use crate::ldi::job::CaptureJob;
 use crate::ldi::parameters::{CaptureParameters, Resources};
 use crate::ldi::shard::{self, ShardInfo};
@@ -253,6 +255,10 @@ impl CaptureCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         if is_image_set(self.scene.name()) {
             return self.run_images();
+        }
+        if is_deep_picture(self.scene.name()) {
+            let place = DeepPlace { centre: self.center, half_size_m: self.half_size, ..DeepPlace::default() };
+            return capture_deep::run(self.scene.name(), &self.output, place, &self.packing, self.json);
         }
         let start = Instant::now();
         let source = self.scene.source();

@@ -1,15 +1,14 @@
 //! `headbox export`.
 
+use super::exported::Exported;
 use super::output::{EXPORT, Outputs, print_json};
 use super::words::UsageError;
 use crate::capture::files;
 use crate::capture::rig::Face;
-use crate::container::{Container, FileKind};
 use crate::export::deep::{self, DeepSummary, Faces};
-use crate::export::{ExportError, glb, las, of_sprites, page::Page, ply, splats};
+use crate::export::{ExportError, glb, las, ply, splats};
 use crate::packed::PackedCube;
-use crate::sprite::{SPRITE_FILE, SpriteSet};
-use anyhow::{Context, bail};
+use anyhow::Context;
 use clap::Args;
 use serde_json::{Value, json};
 use std::io;
@@ -17,9 +16,10 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 pub(super) struct ExportCommand {
-    /// A .ldi or .sprite file
+    /// A .ldi, .sprite, .house or .lumi file; the latter two as pages alone
     file: PathBuf,
-    /// What to write; its ending decides the format: .html, a page to look around in that works offline; .glb for engines; .ply, flat
+    /// What to write; its ending decides the format: .html, a page to look around in that works offline, of a house to walk
+    /// through; .glb for engines; .ply, flat
     /// Gaussians as of 3D Gaussian splatting, or plain points with --points; .splat, the same Gaussians in 32 bytes each; .las, points;
     /// .exr for compositing, deep or with --layers flat
     #[arg(short, long)]
@@ -68,24 +68,10 @@ impl ExportCommand {
                 return Err(UsageError(format!("{name} is for .{wanted} files")).into());
             }
         }
-        let cube = open(&self.file)?;
-        let mut told = json!({"output": self.output, "depth_pixels": cube.depth_pixel_count()});
-        let of_file = || self.file.display().to_string();
-        match ending.to_str() {
-            Some("glb") => self.glb(&cube, &mut told).with_context(of_file)?,
-            Some("ply") => self.write(|to| match self.points {
-                true => ply::write_points(&cube, to),
-                false => splats::write_ply(&cube, to),
-            })?,
-            Some("splat") => self.write(|to| splats::write_splat(&cube, to))?,
-            Some("las") => self.write(|to| las::write(&cube, to))?,
-            Some("exr") => self.exr(&cube, &mut told).with_context(of_file)?,
-            _ => {
-                let name = self.title.clone().unwrap_or_else(|| name_of(&self.file));
-                let page = Page::new(&cube, &name).with_context(of_file)?;
-                self.write(|to| Ok(page.write(to)?))?;
-            }
-        }
+        let exported = Exported::open(&self.file)?;
+        let (amount, of_what) = exported.amount();
+        let mut told = json!({"output": self.output, of_what.replace(' ', "_"): amount});
+        self.write_as(ending.to_str(), exported, &mut told)?;
         let bytes = std::fs::metadata(&self.output).map_or(0, |found| found.len());
         told["bytes"] = bytes.into();
         if self.json {
@@ -94,6 +80,26 @@ impl ExportCommand {
             println!("{}: {:.1} MB{}", self.output.display(), bytes as f64 / 1e6, told["words"].as_str().unwrap_or(""));
         }
         Ok(())
+    }
+
+    fn write_as(&self, ending: Option<&str>, exported: Exported, told: &mut Value) -> anyhow::Result<()> {
+        let of_file = || self.file.display().to_string();
+        if !matches!(ending, Some("glb" | "ply" | "splat" | "las" | "exr")) {
+            let name = self.title.clone().unwrap_or_else(|| name_of(&self.file));
+            let page = exported.page(&name).with_context(of_file)?;
+            return self.write(|to| Ok(page.write(to)?));
+        }
+        let cube = exported.cube(&self.file)?;
+        match ending {
+            Some("glb") => self.glb(&cube, told).with_context(of_file),
+            Some("ply") => self.write(|to| match self.points {
+                true => ply::write_points(&cube, to),
+                false => splats::write_ply(&cube, to),
+            }),
+            Some("splat") => self.write(|to| splats::write_splat(&cube, to)),
+            Some("las") => self.write(|to| las::write(&cube, to)),
+            _ => self.exr(&cube, told).with_context(of_file),
+        }
     }
 
     fn glb(&self, cube: &PackedCube, told: &mut Value) -> anyhow::Result<()> {
@@ -140,26 +146,6 @@ impl ExportCommand {
             other => other.map_err(io::Error::other),
         });
         written.with_context(|| format!("{} could not be written", self.output.display()))
-    }
-}
-
-/// A cube LDI, or sprites as one; of other files of ours it is said what can be exported.
-pub(super) fn open(path: &Path) -> anyhow::Result<PackedCube> {
-    let found = Container::peek_kind(path).ok().flatten();
-    let kind = found.and_then(|tag| FileKind::ALL.iter().find(|kind| kind.tag == tag));
-    match kind {
-        Some(kind) if kind.tag == SPRITE_FILE.tag => {
-            of_sprites::cube(&SpriteSet::read(path)?).with_context(|| path.display().to_string())
-        }
-        Some(kind) if kind.tag != FileKind::CUBE_LDI.tag => {
-            bail!(
-                "{} is a {}, which cannot be exported; a cube LDI (.ldi) and sprites (.sprite) can. `headbox render --path` makes a \
-                 film of it",
-                path.display(),
-                kind.name
-            )
-        }
-        _ => Ok(PackedCube::read(path)?),
     }
 }
 

@@ -55,6 +55,7 @@ const EXAMPLES: [(&str, &str); 18] = [
     (
         "export",
         "headbox export room.ldi -o room.html                     a page to look around in, for any browser\n  \
+         headbox export home.house -o home.html                   a page to walk through\n  \
          headbox export room.ldi -o room.glb --triangles 100000   for Unity, Unreal, Godot, three.js, Blender\n  \
          headbox export room.ldi -o room.ply                      for viewers and editors of Gaussian splats",
     ),

@@ -4,11 +4,11 @@ use super::args::DefaultCamera;
 use super::output::{HOUSE, Outputs, PATH, print_json, write_text};
 use super::progress::Bar;
 use super::words::UsageError;
-use crate::capture::Camera;
 use crate::capture::bake::{BakeOptions, bake_model};
 use crate::capture::path::{CameraRecord, PathRecord};
 use crate::capture::portal_model::PortalModel;
 use crate::capture::scene::FileFrame;
+use crate::capture::{Camera, CameraError};
 use crate::portal::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide};
 use crate::portal::file;
 use crate::portal::house::House;
@@ -20,6 +20,7 @@ use crate::portal::walk_path::{PAPER_POSES, WalkPath};
 use crate::progress::Progress;
 use anyhow::Context;
 use clap::Args;
+use glam::DVec3;
 use image::RgbImage;
 use serde_json::{Value, json};
 use std::ops::ControlFlow;
@@ -184,6 +185,13 @@ pub(super) fn variant_by_name(name: &str) -> Result<HouseVariant, UsageError> {
         .ok_or_else(|| UsageError(format!("there is no variant \"{name}\"; there are: {}", HouseVariant::names())))
 }
 
+/// How a house is seen first: from where a walk begins or, where nobody can stand, from the middle of everything.
+pub(super) fn first_view(house: &House) -> Result<Camera, CameraError> {
+    let (walk, middle) = (WalkPath::default(), house.tracer().origin());
+    let from_middle = || Camera::look_at(middle, middle + DVec3::NEG_Z, DVec3::Y, walk.fov_y_deg, walk.size);
+    WalkPath::first(house)?.map_or_else(from_middle, Ok)
+}
+
 /// A `.house` file to be walked.
 pub(super) struct HouseContent {
     house: House,
@@ -210,11 +218,7 @@ impl HouseContent {
             None => HouseVariant::of_store(&store),
         };
         let settings = variant.settings();
-        let first = WalkPath { poses: 1, ..WalkPath::default() }.cameras(&house)?;
-        let camera = match first.first() {
-            Some(camera) => DefaultCamera::like(camera),
-            None => DefaultCamera::at(house.tracer().origin()),
-        };
+        let camera = DefaultCamera::like(&first_view(&house)?);
         let frame = house.scene().frame;
         Ok((Self { house, store, quality, walker: Walker::new(), variant, settings }, frame, camera))
     }

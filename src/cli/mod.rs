@@ -13,12 +13,14 @@ macro_rules! print {
 
 mod args;
 mod capture;
+mod capture_deep;
 mod compare;
 mod content;
 mod demo;
 mod demo_sprites;
 mod estimate;
 mod export;
+mod exported;
 mod geometry;
 mod help;
 mod house;

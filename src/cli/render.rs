@@ -1,15 +1,16 @@
 //! `headbox render`.
 
+mod poses;
+
 use super::args::{CameraArgs, DefaultCamera, Names, by_name, parse_length};
-use super::content::{Content, Rendered};
+use super::content::Content;
 use super::geometry::{GEOMETRY_ALONE, GeometryArgs, GeometryContent, texturing_of};
 use super::house_file::HouseContent;
 use super::images::{self, SetArgs, is_image_set};
-use super::output::{DEPTH, FILM, Outputs, PICTURE, print_json, save_picture, write_text};
+use super::output::{DEPTH, FILM, Outputs, PICTURE, print_json, save_picture};
 use super::progress::Bar;
 use super::words::UsageError;
 use crate::capture::scene::FileFrame;
-use crate::capture::statistics::median;
 use crate::capture::{Camera, simd};
 use crate::compose::{ComposeSettings, Composition};
 use crate::container::Container;
@@ -20,19 +21,17 @@ use crate::lumigraph::{Blend, LUMI_FILE, Lumigraph, LumigraphSettings};
 use crate::packed::PackedCube;
 use crate::path;
 use crate::portal::file::HOUSE_FILE;
-use crate::progress::Progress;
 use crate::render::splat::SplatKernel;
 use crate::render::{Parallel, Renderer};
 use crate::sprite::{
     DepthPicture, RenderOptions, SPRITE_FILE, SpriteSampling, SpriteSet, SpriteVariant, write_depth_exr,
 };
 use crate::view_geometry::Texturing;
-use anyhow::{Context, bail};
+use anyhow::bail;
 use clap::Args;
 use image::RgbImage;
 use serde_json::json;
 use std::path::PathBuf;
-use std::time::Instant;
 
 #[derive(Args)]
 pub(super) struct RenderCommand {
@@ -311,34 +310,6 @@ impl RenderCommand {
         self.view().draw(camera, |camera| anyhow::Ok(content.render(camera, 1)?.image))
     }
 
-    fn render_film(&self, content: &mut Content, cameras: &[Camera]) -> anyhow::Result<()> {
-        let started = Instant::now();
-        let Some(first) = cameras.first() else { bail!("the path has no poses") };
-        let size = self.view().size_px([first.width(), first.height()]);
-        let fps = self.fps();
-        let bar = Bar::new();
-        bar.begin("frames", "frames", cameras.len() as u64);
-        let mut frames = cameras.iter().map(|camera| {
-            let picture = self.picture(content, camera).map_err(std::io::Error::other);
-            bar.advance(1);
-            picture
-        });
-        film::write(&self.output, size, fps, cameras.len() as u32, &mut frames)
-            .with_context(|| format!("{} could not be written", self.output.display()))?;
-        bar.finish();
-        let (count, seconds) = (cameras.len(), started.elapsed().as_secs_f64());
-        if self.json {
-            print_json(&json!({"frames": count, "fps": fps, "size": size, "seconds": seconds}));
-        } else {
-            let [width, height] = size;
-            println!(
-                "{}: {count} frames of {width}x{height} at {fps} a second, in {seconds:.1} s",
-                self.output.display()
-            );
-        }
-        Ok(())
-    }
-
     fn render_one(&self, content: &mut Content, camera: &Camera) -> anyhow::Result<()> {
         if self.view() != View::Frame {
             let picture = self.picture(content, camera)?;
@@ -385,35 +356,6 @@ impl RenderCommand {
         if let Some(path) = &self.coverage {
             let grey = |x: u32, y: u32| frame.coverage[y as usize * width as usize + x as usize].splat_share();
             save_picture(path, &RgbImage::from_fn(width, height, |x, y| image::Rgb([grey(x, y); 3])))?;
-        }
-        Ok(())
-    }
-
-    fn render_path(&self, content: &mut Content, cameras: &[Camera]) -> anyhow::Result<()> {
-        if self.view() != View::Frame {
-            return Err(UsageError("--stereo, --panorama and --vr180 are for films and single frames".into()).into());
-        }
-        let folder = &self.output;
-        let mut csv = String::from("pose,ms,depth_pixels_in,splatted,hole_pixels\n");
-        let mut times = Vec::with_capacity(cameras.len());
-        for (pose, camera) in cameras.iter().enumerate() {
-            let rendered = content.render(camera, self.repeat)?;
-            save_picture(&folder.join(format!("frame_{pose:04}.png")), &rendered.image)?;
-            let ms = rendered.ms_median();
-            let Rendered { depth_pixels_in, splatted, hole_pixels, .. } = rendered;
-            csv += &format!("{pose},{ms:.4},{depth_pixels_in},{splatted},{hole_pixels}\n");
-            times.push(ms);
-        }
-        write_text(&folder.join("times.csv"), &csv)?;
-        let median = median(times.iter().copied()).unwrap_or(f64::NAN);
-        let worst = times.iter().copied().fold(f64::NAN, f64::max);
-        if self.json {
-            print_json(&json!({
-                "ms_median": median, "ms": times, "frames": times.len(), "variant": content.variant(),
-                "threads": rayon::current_num_threads(), "simd": simd::name(simd::level()),
-            }));
-        } else {
-            println!("{}: {} frames, median {median:.2} ms, worst {worst:.2} ms", folder.display(), times.len());
         }
         Ok(())
     }

@@ -3,13 +3,10 @@
 //! A server of the standard library alone: what it gives is a table that is made before the first request, so that no word of a
 //! request ever names a file, and two methods and one header are all that it has to know.
 
-use super::export::{name_of, open};
+use super::export::name_of;
+use super::exported::Exported;
 use super::output::Outputs;
 use super::words::UsageError;
-use crate::container::Container;
-use crate::export::page::Page;
-use crate::export::poster;
-use crate::sprite::SPRITE_FILE;
 use anyhow::Context;
 use clap::Args;
 use std::fs::File;
@@ -28,7 +25,7 @@ const MAX_CONNECTIONS: usize = 64;
 
 #[derive(Args)]
 pub(super) struct ServeCommand {
-    /// .ldi and .sprite files
+    /// .ldi, .sprite, .house and .lumi files
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Address to listen on; this machine alone (127.0.0.1) if absent
@@ -83,21 +80,20 @@ impl ServeCommand {
         let mut rows = String::new();
         for (i, file) in self.files.iter().enumerate() {
             let name = name_of(file);
-            let cube = open(file)?;
-            let page = Page::new(&cube, &name).with_context(|| file.display().to_string())?;
+            let exported = Exported::open(file)?;
+            let page = exported.page(&name).with_context(|| file.display().to_string())?;
             let mut spooled = tempfile::tempfile()?;
             page.write(&mut io::BufWriter::new(&mut spooled))?;
             let title = crate::export::page::escape(&name);
-            let samples = cube.depth_pixel_count();
-            let is_sprite = Container::peek_kind(file).ok().flatten() == Some(SPRITE_FILE.tag);
-            let ending = if is_sprite { "sprite" } else { "ldi" };
+            let (amount, of_what) = exported.amount();
+            let ending = exported.ending();
             rows += &format!(
                 "<li><a href=\"/{i}/page.html\"><img src=\"/{i}/poster.jpg\" alt=\"\" width=\"400\" height=\"250\">{title}</a> \
-                 <small>{samples} depth pixels, <a href=\"/{i}/capture.{ending}\" download=\"{title}.{ending}\">.{ending}</a></small></li>\n"
+                 <small>{amount} {of_what}, <a href=\"/{i}/capture.{ending}\" download=\"{title}.{ending}\">.{ending}</a></small></li>\n"
             );
             let add = [
                 ("page.html".into(), "text/html; charset=utf-8", Content::File(spooled)),
-                ("poster.jpg".into(), "image/jpeg", Content::Bytes(poster(&cube)?)),
+                ("poster.jpg".into(), "image/jpeg", Content::Bytes(exported.poster()?)),
                 (format!("capture.{ending}"), "application/octet-stream", Content::File(File::open(file)?)),
             ];
             let of_file = add.into_iter();

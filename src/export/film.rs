@@ -1,11 +1,14 @@
 //! Films: frames one after the other to MP4 or WebM through ffmpeg, where it is installed, or to an animated PNG or GIF.
 
+use super::spherical;
+use super::stereo::View;
 use crate::capture::files::write_whole;
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, RgbImage};
 use std::io::{self, Read, Write};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use tempfile::NamedTempFile;
 
 /// Frames as they are made.
 type Frames<'a> = &'a mut dyn Iterator<Item = io::Result<RgbImage>>;
@@ -22,11 +25,18 @@ fn has_ending(path: &Path, wanted: &str) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case(wanted))
 }
 
-/// Writes a film of `count` frames of one size, whole or not at all.
+/// Writes a film of `count` frames of one size, whole or not at all. An `.mp4` says what of its surroundings a `view` shows.
 ///
 /// # Errors
 /// What making a frame, encoding or writing reports; a sentence that names ffmpeg where it is missing.
-pub fn write(path: &Path, [width, height]: [u32; 2], fps: u32, count: u32, frames: Frames) -> io::Result<()> {
+pub fn write(
+    path: &Path,
+    [width, height]: [u32; 2],
+    fps: u32,
+    count: u32,
+    view: View,
+    frames: Frames,
+) -> io::Result<()> {
     let checked = &mut frames.map(|frame| {
         let frame = frame?;
         match frame.dimensions() == (width, height) {
@@ -40,16 +50,22 @@ pub fn write(path: &Path, [width, height]: [u32; 2], fps: u32, count: u32, frame
     if has_ending(path, "apng") {
         return write_whole(path, |mut to| apng(&mut to, [width, height], fps, count, checked));
     }
-    let codec = if has_ending(path, "webm") { WEBM } else { MP4 };
-    encode(path, [width, height], fps, codec, checked)
+    if has_ending(path, "webm") {
+        let film = encode([width, height], fps, WEBM, checked)?;
+        return write_whole(path, |mut to| io::copy(&mut film.reopen()?, &mut to).map(drop));
+    }
+    let film = encode([width, height], fps, MP4, checked)?;
+    let tagged = spherical::tagged(std::fs::read(film.path())?, view)?;
+    write_whole(path, |to| to.write_all(&tagged))
 }
 
 /// Browsers and phones play this; `yuv420p` and even sides are what they all can.
 const MP4: &[&str] = &["-c:v", "libx264", "-crf", "18", "-preset", "medium", "-movflags", "+faststart", "-f", "mp4"];
 const WEBM: &[&str] = &["-c:v", "libvpx-vp9", "-crf", "28", "-b:v", "0", "-row-mt", "1", "-f", "webm"];
 
-fn encode(path: &Path, [width, height]: [u32; 2], fps: u32, codec: &[&str], frames: Frames) -> io::Result<()> {
-    let film = tempfile::NamedTempFile::new()?;
+/// The file that ffmpeg makes.
+fn encode([width, height]: [u32; 2], fps: u32, codec: &[&str], frames: Frames) -> io::Result<NamedTempFile> {
+    let film = NamedTempFile::new()?;
     let started = Command::new("ffmpeg")
         .args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"])
         .args(["-s", &format!("{width}x{height}"), "-r", &fps.to_string(), "-i", "-"])
@@ -75,7 +91,7 @@ fn encode(path: &Path, [width, height]: [u32; 2], fps: u32, codec: &[&str], fram
         // A pipe that broke says less than who broke it.
         (false, _) => return Err(io::Error::other(format!("ffmpeg failed: {}", words.trim()))),
     }
-    write_whole(path, |mut to| io::copy(&mut film.reopen()?, &mut to).map(drop))
+    Ok(film)
 }
 
 fn feed(ffmpeg: &mut Child, frames: Frames) -> io::Result<()> {
@@ -125,7 +141,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let [gif, apng] = ["a.gif", "a.apng"].map(|name| folder.path().join(name));
         for path in [&gif, &apng] {
-            write(path, [5, 4], 10, 3, &mut frames([5, 4])).unwrap();
+            write(path, [5, 4], 10, 3, View::Frame, &mut frames([5, 4])).unwrap();
         }
         let bytes = std::fs::read(&apng).unwrap();
         let reader = png::Decoder::new(io::Cursor::new(&bytes)).read_info().unwrap();
@@ -139,7 +155,7 @@ mod tests {
     fn frames_of_another_size_leave_no_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.gif");
-        let error = write(&path, [6, 4], 10, 3, &mut frames([5, 4])).unwrap_err();
+        let error = write(&path, [6, 4], 10, 3, View::Frame, &mut frames([5, 4])).unwrap_err();
         assert!(error.to_string().contains("one --size") && !path.exists());
     }
 }

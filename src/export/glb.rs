@@ -116,22 +116,22 @@ struct File {
     primitives: Vec<Value>,
 }
 
-/// Vertices of one material.
+/// Quadrilaterals of one material, four vertices each.
 #[derive(Default)]
 struct Mesh {
     positions: Vec<[f32; 3]>,
     /// 16 bits for 0 to 1.
     texcoords: Vec<[u16; 2]>,
-    indices: Vec<u32>,
 }
+
+/// Vertices of a primitive at most: as many as indices of two bytes tell apart, without the last, which some take for a restart.
+const MOST_VERTICES: usize = 65_532;
 
 impl Mesh {
     /// Corners as of [`mesh::Quad`]; `texels` over the size of the texture.
     fn add(&mut self, corners: [DVec3; 4], texels: [[f64; 2]; 4]) {
-        let first = self.positions.len() as u32;
         self.positions.extend(corners.map(|corner| corner.as_vec3().to_array()));
         self.texcoords.extend(texels.map(|at| at.map(|c| (c.clamp(0.0, 1.0) * 65_535.0).round() as u16)));
-        self.indices.extend([0, 2, 1, 1, 2, 3].map(|i| first + i));
     }
 }
 
@@ -156,8 +156,8 @@ impl File {
     }
 
     /// A texture of a page or of a face, and a mesh with it.
-    fn primitive(&mut self, mesh: &Mesh, image: &[u8], mime: &str, mask: bool) {
-        if mesh.indices.is_empty() {
+    fn textured(&mut self, mesh: &Mesh, image: &[u8], mime: &str, mask: bool) {
+        if mesh.positions.is_empty() {
             return;
         }
         let view = self.view(image, None);
@@ -173,18 +173,26 @@ impl File {
             (material["alphaMode"], material["alphaCutoff"]) = ("MASK".into(), ALPHA_CUTOFF.into());
         }
         self.materials.push(material);
+        let runs = mesh.positions.chunks(MOST_VERTICES).zip(mesh.texcoords.chunks(MOST_VERTICES));
+        runs.for_each(|(positions, texcoords)| self.primitive(positions, texcoords));
+    }
+
+    /// Quadrilaterals of the last material.
+    fn primitive(&mut self, positions: &[[f32; 3]], texcoords: &[[u16; 2]]) {
         let bound = |pick: fn(f32, f32) -> f32| {
-            mesh.positions.iter().copied().reduce(|a, b| [0, 1, 2].map(|i| pick(a[i], b[i]))).unwrap_or_default()
+            positions.iter().copied().reduce(|a, b| [0, 1, 2].map(|i| pick(a[i], b[i]))).unwrap_or_default()
         };
-        let count = mesh.positions.len();
+        let count = positions.len();
         let position = json!({
             "componentType": 5126, "count": count, "type": "VEC3", "min": bound(f32::min), "max": bound(f32::max),
         });
-        let position = self.accessor(bytemuck::cast_slice(&mesh.positions), false, position);
+        let position = self.accessor(bytemuck::cast_slice(positions), false, position);
         let texcoord = json!({"componentType": 5123, "normalized": true, "count": count, "type": "VEC2"});
-        let texcoord = self.accessor(bytemuck::cast_slice(&mesh.texcoords), false, texcoord);
-        let indices = json!({"componentType": 5125, "count": mesh.indices.len(), "type": "SCALAR"});
-        let indices = self.accessor(bytemuck::cast_slice(&mesh.indices), true, indices);
+        let texcoord = self.accessor(bytemuck::cast_slice(texcoords), false, texcoord);
+        let corners: Vec<u16> =
+            (0..count as u16).step_by(4).flat_map(|first| [0, 2, 1, 1, 2, 3].map(|i| first + i)).collect();
+        let indices = json!({"componentType": 5123, "count": corners.len(), "type": "SCALAR"});
+        let indices = self.accessor(bytemuck::cast_slice(&corners), true, indices);
         self.primitives.push(json!({
             "attributes": {"POSITION": position, "TEXCOORD_0": texcoord}, "indices": indices, "material": self.materials.len() - 1,
         }));
@@ -212,10 +220,10 @@ impl File {
                     let mut jpeg = Vec::new();
                     let mut encoder = JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY);
                     encoder.encode(&rgb, width, height, ExtendedColorType::Rgb8).map_err(PictureError::from)?;
-                    self.primitive(mesh, &jpeg, "image/jpeg", false);
+                    self.textured(mesh, &jpeg, "image/jpeg", false);
                 } else {
                     let png = picture::png(page.texels.as_flattened(), width, height, ExtendedColorType::Rgba8)?;
-                    self.primitive(mesh, &png, "image/png", true);
+                    self.textured(mesh, &png, "image/png", true);
                 }
             }
         }
@@ -241,7 +249,7 @@ impl File {
                 corners.map(|[x, y]| [inset(x), inset(y)]),
             );
             let png = picture::png(texels.as_flattened(), size, size, ExtendedColorType::Rgba8)?;
-            self.primitive(&mesh, &png, "image/png", texels.iter().any(|texel| texel[3] == 0));
+            self.textured(&mesh, &png, "image/png", texels.iter().any(|texel| texel[3] == 0));
         }
         Ok(())
     }

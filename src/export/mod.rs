@@ -12,6 +12,7 @@ pub mod panorama;
 mod pieces;
 pub mod ply;
 mod sheets;
+mod spherical;
 pub mod splats;
 mod stacks;
 pub mod stereo;
@@ -19,6 +20,7 @@ mod surfels;
 
 use crate::capture::picture::PictureError;
 use crate::capture::{Camera, CameraError};
+use crate::frame::Frame;
 use crate::packed::{PackError, PackedCube};
 use crate::render::Renderer;
 use image::codecs::jpeg::JpegEncoder;
@@ -61,15 +63,20 @@ pub enum ExportError {
     Pack(#[from] PackError),
 }
 
+/// Pixels of a poster.
+pub(crate) const POSTER_PX: [u32; 2] = [800, 500];
+
 /// A JPEG file of what the centre of the headbox sees where there is most to see.
 pub(crate) fn poster(cube: &PackedCube) -> Result<Vec<u8>, ExportError> {
-    const SIZE_PX: [u32; 2] = [800, 500];
-    const QUALITY: u8 = 75;
     let ahead = cube.info.ahead.unwrap_or(glam::DVec3::NEG_Z);
     let up = cube.info.up.unwrap_or(glam::DVec3::Y);
-    let camera = Camera::look_at(cube.center(), cube.center() + ahead, up, 60.0, SIZE_PX)?;
-    let mut renderer = Renderer::new();
-    let frame = renderer.render(cube, &camera, &Default::default());
+    let camera = Camera::look_at(cube.center(), cube.center() + ahead, up, 60.0, POSTER_PX)?;
+    jpeg(Renderer::new().render(cube, &camera, &Default::default()))
+}
+
+/// A JPEG file of a frame, for a poster.
+pub(crate) fn jpeg(frame: &Frame) -> Result<Vec<u8>, ExportError> {
+    const QUALITY: u8 = 75;
     let picture = frame.to_rgb().map_err(io::Error::other)?;
     let mut file = Vec::new();
     JpegEncoder::new_with_quality(&mut file, QUALITY).encode_image(&picture).map_err(PictureError::from)?;

@@ -18,6 +18,7 @@ use crate::ldi::accumulate::DepthBins;
 use crate::ldi::build::{self, Router, Tracing};
 use crate::ldi::job::CaptureJob;
 use crate::ldi::parameters::{Resources, Sampler};
+use crate::ldi::shape::{Shape, ShapeSource};
 use crate::ldi::store::InsertScratch;
 use crate::ldi::{CubeLdi, Holes};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
@@ -78,16 +79,24 @@ pub fn close(
     if limit >= 1.0 || job.parameters.sampler == Sampler::CentreRays {
         return Ok(());
     }
-    let (mut share_before, mut worst) = (None, Vec::new());
+    let (settings, patient) = (job.settings(&Resources::default(), (0, 1)), Patient(progress));
+    let source = ShapeSource { tracer, lighting, settings: &settings, progress: &patient };
+    let (mut shape, mut share_before) = (None::<Shape>, None);
+    let (mut worst, mut aimed) = (Vec::new(), Vec::new());
     let (mut least, mut idle_rounds) = (f64::INFINITY, 0);
     for round in 0..MAX_ROUNDS {
         progress.begin("look for holes", "frames", u64::from(FRESH_VIEWS) + worst.len() as u64);
-        let shape = job.shape(tracing, tracer, lighting, &Patient(progress))?;
+        let shape = match &mut shape {
+            None => shape.insert(source.shape(tracing, job.shape_info(tracer, lighting))?),
+            Some(shape) => {
+                source.renew(shape, tracing, &aimed)?;
+                shape
+            }
+        };
         // What cannot be packed fails at the end, with its reason.
-        let Ok(cube) = PackedCube::pack(&shape, SplatIndexLayout::Normal, Split::Auto) else { return Ok(()) };
-        drop(shape);
+        let Ok(cube) = PackedCube::pack(shape.cube(), SplatIndexLayout::Normal, Split::Auto) else { return Ok(()) };
         let fresh = (0..FRESH_VIEWS).filter_map(|i| View::fresh(job, round * FRESH_VIEWS + i)).collect();
-        let mut found = look_at(job, tracing, tracer, &cube, fresh, progress)?;
+        let found = look_at(job, tracing, tracer, &cube, fresh, progress)?;
         let (share, standard_error) = (found.share(), found.standard_error());
         let share_before = *share_before.get_or_insert(share);
         idle_rounds = if share < 0.9 * least { 0 } else { idle_rounds + 1 };
@@ -102,11 +111,11 @@ pub fn close(
         }
         let near = look_at(job, tracing, tracer, &cube, std::mem::take(&mut worst), progress)?;
         worst = found.worst(NEAR_VIEWS as usize).iter().enumerate().filter_map(|(i, view)| view.near(job, i)).collect();
-        found.aimed.extend(near.aimed);
-        let aimed = found.aimed.len() as u64;
-        tracing.holes = Some(Holes { aimed_rays: aimed_rays + aimed, ..holes });
-        tracing.store.insert(&found.aimed, &mut InsertScratch::default())?;
-        tracing.rays += aimed;
+        aimed = found.aimed;
+        aimed.extend(near.aimed);
+        tracing.holes = Some(Holes { aimed_rays: aimed_rays + aimed.len() as u64, ..holes });
+        tracing.store.insert(&aimed, &mut InsertScratch::default())?;
+        tracing.rays += aimed.len() as u64;
     }
     Ok(())
 }

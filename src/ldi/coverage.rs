@@ -42,11 +42,16 @@ const DEPTH_RUN_GAP: u16 = 2;
 const LEAST_REACHABLE: f64 = 0.05;
 
 impl AlphaMeasure<'_> {
-    /// The alphas of all samples, in their order.
-    pub(crate) fn alphas(&self) -> Vec<u8> {
+    /// The alphas of all samples, in their order: measured in the pixels (x, y) for which `wanted` says so, as they are elsewhere.
+    pub(crate) fn alphas(&self, wanted: impl Fn(u32, u32) -> bool + Sync) -> Vec<u8> {
         let row = |y: u32| {
             let mut alphas = Vec::new();
-            (0..self.face.size_px).for_each(|x| self.pixel(x, y, &mut alphas));
+            for x in 0..self.face.size_px {
+                match wanted(x, y) {
+                    true => self.pixel(x, y, &mut alphas),
+                    false => alphas.extend(self.face.pixel(x, y).iter().map(|sample| sample.color_srgb[3])),
+                }
+            }
             alphas
         };
         let rows: Vec<Vec<u8>> = (0..self.face.size_px).into_par_iter().map(row).collect();

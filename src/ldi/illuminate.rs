@@ -35,7 +35,7 @@ const FIRST_ROUND: f32 = 32.0;
 
 /// Error of a colour, sRGB levels, at which a part takes no more samples of one light sample a depth pixel; of more, less by the root
 /// of their number.
-const ENOUGH_LEVELS: f32 = 1.0;
+const ENOUGH_LEVELS: f32 = 0.5;
 
 /// What the light samples of a face have found.
 pub(super) struct FaceSamples {
@@ -194,9 +194,8 @@ impl FaceLight<'_> {
             gathered.samples += count as f32;
         };
         let rows = self.for_each_part(&parts.offsets, gathered, 1, begin);
-        let begun: Vec<Begun> = rows.into_iter().flatten().collect();
-        let (cell_of, light) = self.beyond(&begun);
-        for (begun, cell) in begun.iter().zip(cell_of) {
+        let (cell_of, light) = self.beyond(&rows);
+        for (begun, cell) in rows.iter().flatten().zip(cell_of) {
             let light = begun.before + begun.arrival.albedo * light[cell as usize];
             gathered[begun.part as usize].add(light * lighting.exposure);
         }
@@ -207,14 +206,17 @@ impl FaceLight<'_> {
         random4([self.face.index() as u32, u32::from(part.class), kind, 1])[0]
     }
 
-    /// What lies beyond the samples' arrivals: the number of the cell of each, and the light of each cell.
-    fn beyond(&self, begun: &[Begun]) -> (Vec<u32>, Vec<Vec3>) {
-        let filed = |(i, begun): (usize, &Begun)| {
+    /// What lies beyond the arrivals of the samples of all rows, which are numbered one after the other: the number of the cell of each,
+    /// and the light of each cell.
+    fn beyond(&self, rows: &[Vec<Begun>]) -> (Vec<u32>, Vec<Vec3>) {
+        let mut count = 0;
+        let firsts: Vec<u32> = rows.iter().map(|row| (count, count += row.len() as u32).0).collect();
+        let filed = |(first, row): (&u32, &Vec<Begun>)| -> Vec<(u64, u32, u32)> {
             // Any fixed order that has nothing to do with places will do to draw those that stand for their cell.
-            let rank = (i as u32).wrapping_mul(0x9e37_79b9);
-            (begun.cell, rank, i as u32)
+            (*first..).zip(row).map(|(i, begun)| (begun.cell, i.wrapping_mul(0x9e37_79b9), i)).collect()
         };
-        let mut order: Vec<(u64, u32, u32)> = begun.par_iter().enumerate().map(filed).collect();
+        let filed: Vec<Vec<_>> = firsts.par_iter().zip(rows).map(filed).collect();
+        let mut order = filed.concat();
         order.par_sort_unstable();
         let cells: Vec<&[(u64, u32, u32)]> = order.chunk_by(|a, b| a.0 == b.0).collect();
         let light_of = |cell: &&[(u64, u32, u32)]| {
@@ -225,12 +227,14 @@ impl FaceLight<'_> {
             let [stream, ..] = random4([cell[0].0 as u32, (cell[0].0 >> 32) as u32, 0xce11, 0]);
             let light = |(index, &(_, _, i)): (u32, &(u64, u32, u32))| {
                 let sample = LightSample { stream, index };
-                self.shader.lighting.beyond(self.shader.tracer, &begun[i as usize].arrival, &sample)
+                let row = firsts.partition_point(|&first| first <= i) - 1;
+                let begun = &rows[row][(i - firsts[row]) as usize];
+                self.shader.lighting.beyond(self.shader.tracer, &begun.arrival, &sample)
             };
             (0..).zip(drawn).map(light).sum::<Vec3>() / drawn.len() as f32
         };
         let light = cells.par_iter().map(light_of).collect();
-        let mut cell_of = vec![0; begun.len()];
+        let mut cell_of = vec![0; order.len()];
         for (number, cell) in (0..).zip(&cells) {
             cell.iter().for_each(|&(_, _, i)| cell_of[i as usize] = number);
         }

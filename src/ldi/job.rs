@@ -80,40 +80,25 @@ impl CaptureJob {
         finish::finish(tracing, self.info(tracer, lighting), tracer, lighting, &settings, progress)
     }
 
-    /// What the rays so far have found, without light; more may be traced after it.
-    ///
-    /// # Errors
-    /// If spilled accumulators cannot be read.
-    pub fn shape(
-        &self,
-        tracing: &Tracing,
-        tracer: &Tracer,
-        lighting: &Lighting,
-        progress: &dyn Progress,
-    ) -> io::Result<CubeLdi> {
-        let settings = self.settings(&Resources::default(), (0, 1));
-        let info = CaptureInfo {
+    /// What a look at the rays so far needs to know of them.
+    pub fn shape_info(&self, tracer: &Tracer, lighting: &Lighting) -> CaptureInfo {
+        CaptureInfo {
             centre: self.centre,
             half_size_m: self.half_size_m,
             frame: tracer.scene().frame,
             exposure: lighting.exposure,
             ..CaptureInfo::default()
-        };
-        finish::shape(tracing, info, tracer, lighting, &settings, progress)
+        }
     }
 
     fn info(&self, tracer: &Tracer, lighting: &Lighting) -> CaptureInfo {
         CaptureInfo {
             scene: self.scene.name.clone(),
-            centre: self.centre,
-            half_size_m: self.half_size_m,
-            frame: tracer.scene().frame,
-            exposure: lighting.exposure,
             light: self.scene.light.clone(),
             parameters: self.parameters,
             blocked_share: build::blocked_share(tracer, self.half_size_m),
             ahead: Some(viewpoint::suggest_view(tracer, self.centre)),
-            ..CaptureInfo::default()
+            ..self.shape_info(tracer, lighting)
         }
     }
 }

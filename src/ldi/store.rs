@@ -153,7 +153,7 @@ impl TileStore {
         }
         for (tile, runs) in self.tiles.iter().zip(&mut spill.runs) {
             let mut tile = lock(tile);
-            let run = tile.sorted_run();
+            let run = tile.sorted_run(|_| true);
             self.chunks_in_memory.fetch_sub(tile.chunks.len(), Ordering::Relaxed);
             *tile = Tile::default();
             drop(tile);
@@ -182,7 +182,15 @@ impl TileStore {
     /// # Errors
     /// If the spill file cannot be read.
     pub fn tile_run(&self, tile: usize) -> io::Result<Vec<Accumulator>> {
-        let mut run = lock(&self.tiles[tile]).sorted_run();
+        self.tile_run_of(tile, |_| true)
+    }
+
+    /// As [`Self::tile_run`], of those pixels of the tile only for which `wanted` says so.
+    ///
+    /// # Errors
+    /// As [`Self::tile_run`].
+    pub fn tile_run_of(&self, tile: usize, wanted: impl Fn(u32) -> bool) -> io::Result<Vec<Accumulator>> {
+        let mut run = lock(&self.tiles[tile]).sorted_run(&wanted);
         let mut spill = lock(&self.spill);
         if let Some(spill) = spill.as_mut() {
             for &(start, len) in &spill.runs[tile] {
@@ -193,6 +201,7 @@ impl TileStore {
             }
         }
         drop(spill);
+        run.retain(|acc| wanted(acc.link)); // spilled runs are whole
         combine(&mut run);
         Ok(run)
     }
@@ -261,18 +270,20 @@ impl Tile {
         index as u32
     }
 
-    fn sorted_run(&self) -> Vec<Accumulator> {
+    /// The accumulators of the pixels for which `wanted` says so.
+    fn sorted_run(&self, wanted: impl Fn(u32) -> bool) -> Vec<Accumulator> {
         let mut run = Vec::with_capacity(self.len);
         let at = |number: u32| self.chunks[number as usize / CHUNK][number as usize % CHUNK];
-        for (pixel, &head) in self.heads.iter().enumerate() {
+        for (pixel, &head) in (0..).zip(&self.heads).filter(|(pixel, _)| wanted(*pixel)) {
             let mut next = head;
             while next != Accumulator::NO_NEXT {
                 let here = at(next);
-                run.push(Accumulator { link: pixel as u32, ..here });
+                run.push(Accumulator { link: pixel, ..here });
                 next = here.link;
             }
         }
-        run.extend(self.beyond.iter().map(|(&(pixel, ..), &number)| Accumulator { link: pixel, ..at(number) }));
+        let beyond = self.beyond.iter().filter(|(of, _)| wanted(of.0));
+        run.extend(beyond.map(|(&(pixel, ..), &number)| Accumulator { link: pixel, ..at(number) }));
         run.sort_unstable_by_key(Accumulator::run_order);
         run
     }

@@ -6,6 +6,7 @@ use super::layout::{PackedCube, PackedSegment, SegmentSide};
 use super::plane_set::PlaneSet;
 use super::splat_index::DepthCodeRange;
 use crate::ldi::{CubeLdi, DepthPixel, LayeredDepthImage, LdiError};
+use rayon::prelude::*;
 
 /// Where each face is cut into a near and a far segment (S23).
 ///
@@ -50,22 +51,23 @@ impl PackedCube {
             return Err(PackError::SplitDepth(depth));
         }
         ldi.validate()?;
-        let mut segments = Vec::new();
-        for face in &ldi.faces {
+        let segments_of = |face: &LayeredDepthImage| {
             // Near samples have an inverse depth of at least this.
             let cut = match split {
                 Split::None => 0.0,
                 Split::AtDepth(depth) => (1.0 / depth) as f32,
                 Split::Auto => automatic_cut(face, ldi.info.half_size_m),
             };
-            segments.extend(pack_segment(face, layout, SegmentSide::Far, |s| s.inverse_depth < cut));
-            segments.extend(pack_segment(face, layout, SegmentSide::Near, |s| s.inverse_depth >= cut));
-        }
+            let far = pack_segment(face, layout, SegmentSide::Far, |s| s.inverse_depth < cut);
+            let near = pack_segment(face, layout, SegmentSide::Near, |s| s.inverse_depth >= cut);
+            [far, near]
+        };
+        let segments: Vec<[Option<PackedSegment>; 2]> = ldi.faces.par_iter().map(segments_of).collect();
         Ok(Self {
             info: ldi.info.clone(),
             face_size_px: ldi.faces.first().map_or(0, |f| f.size_px),
             layout,
-            segments,
+            segments: segments.into_iter().flatten().flatten().collect(),
             environment: ldi.environment.clone(),
             planes: PlaneSet::default(),
         })

@@ -190,7 +190,7 @@ impl House {
 }
 
 /// Half of the thickest wall in which a portal is looked for around the eye, metres.
-const REVEAL_M: f64 = 0.3;
+pub(crate) const REVEAL_M: f64 = 0.3;
 
 /// Height of an eye above the floor, metres.
-const EYE_HEIGHT_M: f64 = 1.6;
+pub(crate) const EYE_HEIGHT_M: f64 = 1.6;

@@ -2,7 +2,7 @@
 
 use super::house::House;
 use super::opening::Opening;
-use crate::capture::portal_model::PortalModel;
+use crate::capture::portal_model::{Portal, PortalModel};
 use crate::capture::sampler::random4;
 use crate::capture::{Camera, CameraError};
 use glam::{DVec2, DVec3};
@@ -82,6 +82,14 @@ impl WalkPath {
         (0..self.poses).map(pose).collect()
     }
 
+    /// Where a walk begins, if there is anywhere to stand: how a house is seen first.
+    ///
+    /// # Errors
+    /// As of [`Self::cameras`].
+    pub fn first(house: &House) -> Result<Option<Camera>, CameraError> {
+        Ok(Self { poses: 1, ..Self::default() }.cameras(house)?.first().copied())
+    }
+
     /// Names of the rooms that the walk does not enter: no door leads there from where it begins, or there is nowhere to
     /// stand in them.
     pub fn unvisited<'a>(&self, house: &'a House) -> Vec<&'a str> {
@@ -156,17 +164,18 @@ impl WalkPath {
 
     /// Points before, in and after a door, from a cell; `None` for a window.
     fn passage(&self, plan: &PortalModel, portal: usize, from: u32) -> Option<[DVec3; 3]> {
-        let portal = plan.portals.get(portal)?;
-        let side = usize::from(portal.cells[0] != from);
-        let opening = Opening::new(portal, side)?;
-        let floor = plan.cells.get(from as usize)?.space.iter().map(|p| p.floor_y).fold(f64::INFINITY, f64::min);
-        let sill = opening.centre.y - opening.half.y;
-        let too_small = 2.0 * opening.half.y < DOOR_HEIGHT_M || 2.0 * opening.half.x < DOOR_WIDTH_M;
-        if sill > floor + SILL_M || too_small {
-            return None;
-        }
+        let (opening, floor) = door(plan, plan.portals.get(portal)?, from)?;
         let top = opening.centre.y + opening.half.y - 0.1;
         let middle = DVec3::new(opening.centre.x, (floor + self.eye_height_m).min(top), opening.centre.z);
         Some([middle + opening.normal * APPROACH_M, middle, middle - opening.normal * APPROACH_M])
     }
+}
+
+/// A portal as seen from one of its cells, and the height of that cell's floor, if it is a door there and no window.
+pub(crate) fn door(plan: &PortalModel, portal: &Portal, from: u32) -> Option<(Opening, f64)> {
+    let opening = Opening::new(portal, usize::from(portal.cells[0] != from))?;
+    let floor = plan.cells.get(from as usize)?.space.iter().map(|p| p.floor_y).fold(f64::INFINITY, f64::min);
+    let sill = opening.centre.y - opening.half.y;
+    let too_small = 2.0 * opening.half.y < DOOR_HEIGHT_M || 2.0 * opening.half.x < DOOR_WIDTH_M;
+    (sill <= floor + SILL_M && !too_small).then_some((opening, floor))
 }

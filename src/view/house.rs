@@ -208,8 +208,8 @@ impl Baking {
 /// Inside a room, at the height of an eye, looking toward the door by which a walk through the house begins. Where there is
 /// no room, the middle of everything.
 fn start_in(house: &House) -> Pose {
-    let walk = WalkPath { poses: 1, ..WalkPath::default() };
-    let first = walk.cameras(house).ok().and_then(|cameras| cameras.first().copied());
+    let walk = WalkPath::default();
+    let first = WalkPath::first(house).ok().flatten();
     let (eye, forward) =
         first.map_or((house.tracer().origin(), DVec3::NEG_Z), |camera| (camera.eye(), camera.forward()));
     Pose::looking_at(eye, eye + forward, walk.fov_y_deg)

@@ -169,3 +169,61 @@ fn both_eyes_see_all_directions_or_half_of_them() {
     assert_eq!(film["size"], serde_json::json!([40, 20]));
     fails(dir.path(), 1, &["render", "a.ldi", "--path", "a.glb", "-o", "none"], "a.glb");
 }
+
+/// What is written for compositing comes back as a capture that shows the same.
+#[test]
+fn deep_pictures_come_back() {
+    let dir = tempfile::tempdir().unwrap();
+    capture(dir.path());
+    let info = json(dir.path(), &["info", "a.ldi", "--json"]);
+    let centre: Vec<f64> = info["capture"]["centre"].as_array().unwrap().iter().map(|c| c.as_f64().unwrap()).collect();
+    let text = |p: [f64; 3]| p.map(|c| c.to_string()).join(",");
+    let [x, y, z] = [centre[0], centre[1], centre[2]];
+    succeeds(dir.path(), &["export", "a.ldi", "-o", "all.exr"]);
+    succeeds(dir.path(), &["export", "a.ldi", "-o", "face.exr", "--face", "-Z"]);
+    let half = info["capture"]["half_size_m"].as_f64().unwrap().to_string();
+    // Of an environment map nobody knows where it was taken.
+    let place = ["--center", &text([x, y, z]), "--half-size", &half];
+    succeeds(dir.path(), &[["capture", "all.exr", "-o", "all.ldi"].as_slice(), &place].concat());
+    succeeds(dir.path(), &["capture", "face.exr", "-o", "face.ldi", "--half-size", &half]);
+    let frame = |file: &str, eye: [f64; 3]| {
+        let at = text([eye[0], eye[1], eye[2] - 1.0]);
+        let camera = ["--eye", &text(eye), "--look-at", &at, "--fov", "60", "--size", "64x48"];
+        succeeds(dir.path(), &[["render", file, "-o", "frame.png"].as_slice(), &camera].concat());
+        std::fs::rename(dir.path().join("frame.png"), dir.path().join(format!("{file}.png"))).unwrap();
+        format!("{file}.png")
+    };
+    for eye in [[x, y, z], [x + 0.05, y, z - 0.05]] {
+        let expected = frame("a.ldi", eye);
+        for file in ["all.ldi", "face.ldi"] {
+            let found = json(dir.path(), &["compare", &expected, &frame(file, eye), "--json"]);
+            let flip = found["flip"].as_f64().unwrap();
+            assert!(flip < 0.05, "{file} from {eye:?}: FLIP {flip}");
+        }
+    }
+    let told = json(dir.path(), &["info", "face.ldi", "--json"]);
+    let found: Vec<f64> = told["capture"]["centre"].as_array().unwrap().iter().map(|c| c.as_f64().unwrap()).collect();
+    assert!(found.iter().zip(&centre).all(|(a, b)| (a - b).abs() < 1e-5), "{found:?} {centre:?}");
+    fails(dir.path(), 1, &["capture", "face.ldi.exr", "-o", "b.ldi"], "face.ldi.exr");
+}
+
+/// Homes and lumigraphs become pages, the same each time, and nothing else.
+#[test]
+fn homes_and_lumigraphs_are_pages_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let house = ["house", "builtin:house", "--triangles", "2000", "--rays", "0", "--unlit", "--backdrops", "none"];
+    succeeds(dir.path(), &[house.as_slice(), &["-o", "a.house"]].concat());
+    let lumi =
+        ["lumigraph", "builtin:bump", "--plane", "0,0,3", "--normal", "0,0,-1", "--extent", "1", "--size", "32x32"];
+    succeeds(dir.path(), &[lumi.as_slice(), &["--samples", "1", "--unlit", "-o", "a.lumi"]].concat());
+    for (file, amount) in [("a.house", "triangles"), ("a.lumi", "images")] {
+        let told = json(dir.path(), &["export", file, "-o", "a.html", "--title", "A < B", "--json"]);
+        assert!(told[amount].as_u64().unwrap() > 0, "{told}");
+        let page = std::fs::read_to_string(dir.path().join("a.html")).unwrap();
+        assert!(page.starts_with("<!doctype html>") && page.contains("<title>A &lt; B</title>"));
+        succeeds(dir.path(), &["export", file, "-o", "b.html", "--title", "A < B"]);
+        assert!(page == std::fs::read_to_string(dir.path().join("b.html")).unwrap(), "{file}");
+        fails(dir.path(), 1, &["export", file, "-o", "x.glb"], "is exported as a page (.html) alone");
+        assert!(!dir.path().join("x.glb").exists());
+    }
+}

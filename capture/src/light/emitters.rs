@@ -1,9 +1,14 @@
-//! Emissive triangles, and light straight from them.
+//! Emissive triangles, and light straight from them: by points drawn on them and by cosine-weighted rays that meet one.
+//!
+//! Each sample counts by the balance heuristic, as with the sky ([`super::sky`]): no point that is drawn on a lamp then counts more
+//! than the lamp is bright, however close to it the lit place lies, where points alone are rare and thousands of times too bright.
 
 use super::light_tree::{Leaf, LightTree};
 use super::{LightSample, Lighting, LitPoint, luminance};
+use crate::scene::Surface;
 use crate::trace::{Ray, Tracer};
 use glam::Vec3;
+use std::f32::consts::PI;
 
 /// All emissive triangles of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -27,6 +32,10 @@ impl Emitters {
         };
         Self { tree: LightTree::new((0..scene.triangles.len() as u32).filter_map(leaf).collect()) }
     }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.tree.is_empty()
+    }
 }
 
 /// Of a triangle, square metres.
@@ -35,15 +44,17 @@ fn area([a, b, c]: [Vec3; 3]) -> f32 {
 }
 
 impl Lighting {
-    /// Radiosity per albedo straight from one emissive triangle.
+    /// Radiosity per albedo straight from one emissive triangle, by a point on it; its share if cosine-weighted rays find the rest
+    /// ([`Self::emitter_by_chance`]).
     pub(super) fn emitter_light(
         &self,
         tracer: &Tracer,
         point: &LitPoint,
         sample: &LightSample,
         dimension: u32,
+        is_shared: bool,
     ) -> Vec3 {
-        if self.emitters.tree.is_empty() {
+        if self.emitters.is_empty() {
             return Vec3::ZERO;
         }
         let drawn = self.emitters.tree.draw(point, sample.single(dimension + 1));
@@ -71,8 +82,81 @@ impl Lighting {
         if cos_there <= 0.0 || tracer.occluded(&ray) {
             return Vec3::ZERO;
         }
-        let density = probability / area(corners);
-        let geometry = cos_here * cos_there / (distance2 * std::f32::consts::PI * density);
-        Vec3::from_array(surface.emission) * geometry
+        let (cosine_density, density) = (cos_here / PI, probability * distance2 / (area(corners) * cos_there));
+        let share = if is_shared { cosine_density / (density + cosine_density) } else { cosine_density / density };
+        Vec3::from_array(surface.emission) * share
+    }
+
+    /// Radiosity per albedo by a cosine-weighted ray that met an emissive triangle after so many metres.
+    pub(super) fn emitter_by_chance(
+        &self,
+        tracer: &Tracer,
+        point: &LitPoint,
+        ray: &Ray,
+        (primitive, distance_m): (u32, f32),
+        met: &Surface,
+    ) -> Vec3 {
+        if met.emission == [0.0; 3] {
+            return Vec3::ZERO;
+        }
+        let cosine_density = (ray.direction.dot(point.shading_normal) / PI).max(f32::MIN_POSITIVE);
+        let cos_there = ray.direction.dot(met.normal).abs().max(f32::MIN_POSITIVE);
+        let probability = self.emitters.tree.probability(point, primitive);
+        let density = probability * distance_m * distance_m / (area(tracer.triangle(primitive)) * cos_there);
+        Vec3::from_array(met.emission) * (cosine_density / (density + cosine_density))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Material;
+    use crate::scene::{Scene, Triangle};
+    use glam::{DVec3, dvec3};
+    use std::sync::Arc;
+
+    /// A square lamp of 1 m^2 of this radiance in the plane y = 0, in so many pieces a side.
+    fn lamp(radiance: f32, pieces: u32) -> Tracer {
+        let materials = vec![Material { emission: [radiance; 3], albedo: [0.0; 3], ..Material::default() }];
+        let mut scene = Scene { materials, ..Scene::default() };
+        for i in 0..pieces * pieces {
+            let corner = |dx: u32, dz: u32| {
+                let [x, z] = [i % pieces + dx, i / pieces + dz].map(|c| f64::from(c) / f64::from(pieces) - 0.5);
+                dvec3(x, 0.0, z)
+            };
+            let first = scene.positions.len() as u32;
+            scene.positions.extend([corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)]);
+            for vertices in [[first, first + 1, first + 2], [first, first + 2, first + 3]] {
+                scene.triangles.push(Triangle { vertices, material: 0 });
+            }
+        }
+        Tracer::new(Arc::new(scene), DVec3::ZERO)
+    }
+
+    /// Share of what a place sees that a parallel square of 1 m^2 fills, h metres away and right above it: four corners of 1/2 m.
+    fn form_factor(h: f64) -> f64 {
+        let corner = 0.5 / (0.25 + h * h).sqrt();
+        4.0 / std::f64::consts::PI * corner * corner.atan()
+    }
+
+    #[test]
+    fn a_lamp_close_by_brings_what_it_fills_of_the_view_and_no_sample_is_brighter() {
+        const SAMPLES: u32 = 1 << 14;
+        for (h, pieces, bounces) in [(0.01, 1, 1), (0.01, 4, 0), (0.1, 3, 1), (1.0, 2, 1), (5.0, 3, 0)] {
+            let tracer = lamp(3.0, pieces);
+            let lighting = Lighting::of_scene(&tracer, bounces);
+            let position = Vec3::new(0.0, -h as f32, 0.0);
+            let point = LitPoint { position, normal: Vec3::Y, shading_normal: Vec3::Y, extent: 1.0 };
+            let light = |index: u32| {
+                let light = lighting.soft_radiosity(&tracer, &point, &LightSample { stream: 5, index }).x;
+                assert!(light <= 3.0 * 1.001 * 2.0, "{h}: {light}, by one point and one ray");
+                f64::from(light)
+            };
+            let mean = (0..SAMPLES).map(light).sum::<f64>() / f64::from(SAMPLES);
+            let expected = 3.0 * form_factor(h);
+            // Samples vary by at most the lamp's radiance; evenly spread ones err by less than random ones.
+            let tolerance = 3.0 * expected / f64::from(SAMPLES).sqrt();
+            assert!((mean - expected).abs() < tolerance, "{h} m, {pieces} pieces: {mean}, not {expected}");
+        }
     }
 }

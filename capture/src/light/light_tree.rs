@@ -25,6 +25,8 @@ struct Node {
     /// Of the sphere around the box.
     radius: f32,
     power: f32,
+    /// The number of its first light, in the order of the tree.
+    first: u32,
     below: Below,
 }
 
@@ -40,25 +42,29 @@ enum Below {
 pub(super) struct LightTree {
     /// Each before what lies below it.
     nodes: Vec<Node>,
+    /// The name of each light and its number in the order of the tree, by name.
+    numbers: Vec<(u32, u32)>,
 }
 
 impl LightTree {
     pub(super) fn new(mut leaves: Vec<Leaf>) -> Self {
-        let mut tree = Self { nodes: Vec::with_capacity(2 * leaves.len()) };
+        let mut tree = Self { nodes: Vec::with_capacity(2 * leaves.len()), numbers: Vec::new() };
         if !leaves.is_empty() {
-            tree.push(&mut leaves);
+            tree.push(&mut leaves, 0);
         }
+        tree.numbers = leaves.iter().zip(0..).map(|(leaf, number)| (leaf.name, number)).collect();
+        tree.numbers.sort_unstable();
         tree
     }
 
-    /// Adds a node around lights, and all below it.
-    fn push(&mut self, leaves: &mut [Leaf]) {
+    /// Adds a node around lights, the first of which has this number, and all below it.
+    fn push(&mut self, leaves: &mut [Leaf], first: u32) {
         let around = |[low, high]: [Vec3; 2], leaf: &Leaf| [low.min(leaf.bounds[0]), high.max(leaf.bounds[1])];
         let [low, high] = leaves.iter().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], around);
         let power = leaves.iter().map(|leaf| leaf.power).sum();
         let (middle, radius) = ((low + high) / 2.0, (high - low).length() / 2.0);
         let at = self.nodes.len();
-        self.nodes.push(Node { middle, radius, power, below: Below::Light(leaves[0].name) });
+        self.nodes.push(Node { middle, radius, power, first, below: Below::Light(leaves[0].name) });
         if leaves.len() == 1 {
             return;
         }
@@ -70,9 +76,9 @@ impl LightTree {
         let lower = leaves.partition_point(|leaf| place(leaf) < low[axis] + high[axis]);
         let half = if lower == 0 || lower == leaves.len() { leaves.len() / 2 } else { lower };
         let (left, right) = leaves.split_at_mut(half);
-        self.push(left);
+        self.push(left, first);
         self.nodes[at].below = Below::Nodes(self.nodes.len() as u32);
-        self.push(right);
+        self.push(right, first + half as u32);
     }
 
     pub(super) fn is_empty(&self) -> bool {
@@ -86,11 +92,7 @@ impl LightTree {
             match self.nodes.get(at)?.below {
                 Below::Light(name) => return Some((name, probability)),
                 Below::Nodes(right) => {
-                    let first = self.nodes[at + 1].importance(point);
-                    let second = self.nodes[right as usize].importance(point);
-                    let share = first / (first + second);
-                    // Both may be infinite, or nothing, where a light is as small as a point.
-                    let share = if share.is_nan() { 0.5 } else { share };
+                    let share = self.share(at, right, point);
                     let is_first = number < share;
                     let (from, width) = if is_first { (0.0, share) } else { (share, 1.0 - share) };
                     number = ((number - from) / width).clamp(0.0, BELOW_ONE);
@@ -99,6 +101,28 @@ impl LightTree {
                 }
             }
         }
+    }
+
+    /// The probability with which [`Self::draw`] gives the light of this name; 0 if there is none.
+    pub(super) fn probability(&self, point: &LitPoint, name: u32) -> f32 {
+        let Ok(place) = self.numbers.binary_search_by_key(&name, |&(name, _)| name) else { return 0.0 };
+        let number = self.numbers[place].1;
+        let (mut at, mut probability) = (0, 1.0);
+        while let Below::Nodes(right) = self.nodes[at].below {
+            let share = self.share(at, right, point);
+            let is_first = number < self.nodes[right as usize].first;
+            probability *= if is_first { share } else { 1.0 - share };
+            at = if is_first { at + 1 } else { right as usize };
+        }
+        probability
+    }
+
+    /// How often the first of the two nodes below one is drawn, whose second has the number `right`.
+    fn share(&self, at: usize, right: u32, point: &LitPoint) -> f32 {
+        let [first, second] = [at + 1, right as usize].map(|node| self.nodes[node].importance(point));
+        let share = first / (first + second);
+        // Both may be infinite, or nothing, where a light is as small as a point.
+        if share.is_nan() { 0.5 } else { share }
     }
 }
 
@@ -145,6 +169,7 @@ mod tests {
             for i in 0..DRAWS {
                 let (name, probability) =
                     tree.draw(&point(), (i as f32 + 0.5) / DRAWS as f32).expect("there are lights");
+                assert_eq!(tree.probability(&point(), name), probability);
                 let (times, of_light) = &mut drawn[name as usize];
                 (*times, *of_light) = (*times + 1, probability);
             }
@@ -156,7 +181,8 @@ mod tests {
             let sum: f32 = drawn.iter().map(|(_, probability)| probability).sum();
             assert!((sum - 1.0).abs() < 1e-2, "{count}: all that can matter are drawn: {sum}");
         }
-        assert_eq!(LightTree::new(Vec::new()).draw(&point(), 0.5), None);
+        let none = LightTree::new(Vec::new());
+        assert_eq!((none.draw(&point(), 0.5), none.probability(&point(), 0)), (None, 0.0));
     }
 
     #[test]

@@ -2,8 +2,8 @@
 //!
 //! One estimator serves capture and truth alike. At a surface point it returns one sample of *radiosity per albedo*
 //! (irradiance / pi): the radiance that leaves the surface is that times its albedo, plus its emission. Next-event
-//! estimation for the sun, lamps, emissive triangles and pictures of the sky; the sky (and the next bounce) also by one cosine-weighted
-//! ray; Russian roulette beyond three bounces.
+//! estimation for the sun, lamps, emissive triangles and pictures of the sky; these two (and the next bounce) also by one
+//! cosine-weighted ray; Russian roulette beyond three bounces.
 
 mod arrival;
 mod emitters;
@@ -244,19 +244,29 @@ impl Lighting {
         }
     }
 
+    /// Radiosity per albedo by points and directions drawn among the lights at vertex number `bounce`; of emissive triangles the share
+    /// that cosine-weighted rays leave, if they look for these.
+    fn direct(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample, bounce: u32, is_shared: bool) -> Vec3 {
+        let dimension = bounce * DECISIONS;
+        let mut direct = self.emitter_light(tracer, point, sample, dimension, is_shared);
+        direct += self.sky_light(tracer, point, sample, dimension);
+        if bounce > 0 {
+            direct += self.sun_light(tracer, point, sample, dimension);
+            direct += self.one_lamp(tracer, point, sample, dimension);
+        }
+        direct
+    }
+
     /// Adds what a path finds at its vertex number `bounce`, and moves it on to the next. How long the way there was; `None`
     /// if the path ends.
     fn vertex(&self, tracer: &Tracer, path: &mut Path, bounce: u32, sample: &LightSample) -> Option<f32> {
         let dimension = bounce * DECISIONS;
         let point = &path.point;
-        let mut direct = Vec3::ZERO;
-        if bounce > 0 {
-            direct += self.sun_light(tracer, point, sample, dimension);
-            direct += self.one_lamp(tracer, point, sample, dimension);
-        }
-        direct += self.emitter_light(tracer, point, sample, dimension);
-        direct += self.sky_light(tracer, point, sample, dimension);
+        let last = bounce == self.bounces;
         let brightest = if bounce > 0 { BRIGHTEST_BOUNCE / self.exposure } else { f32::INFINITY };
+        // The last ray of a path that has bounced looks for the sky alone; points drawn on lamps are all that it sees of these.
+        let meets_nothing = last && self.fill.radiance == 0.0 && (bounce > 0 || self.emitters.is_empty());
+        let direct = self.direct(tracer, point, sample, bounce, !meets_nothing);
         path.sum += (path.throughput * direct).min(Vec3::splat(brightest));
         let [u, v] = sample.pair(dimension + 2);
         let local = Vec3::from_array(cosine_direction(u, v));
@@ -265,8 +275,7 @@ impl Lighting {
             return None; // below the true surface: a shading normal that leans too far
         }
         let ray = Ray { origin: point.lifted(), direction, t_min: 0.0, t_max: f32::INFINITY };
-        let last = bounce == self.bounces;
-        let hit = if last && self.fill.radiance == 0.0 {
+        let hit = if meets_nothing {
             // Of what the last ray meets, nothing matters but whether it is there.
             if self.sky.is_none() || tracer.occluded(&ray) {
                 return None;
@@ -283,10 +292,12 @@ impl Lighting {
             let open = (hit.t / self.fill.reach_m).min(1.0);
             path.sum += path.throughput * (self.fill.radiance * open * open);
         }
+        let (next, surface) = LitPoint::from_hit(tracer, &ray, &hit);
+        let by_chance = self.emitter_by_chance(tracer, point, &ray, (hit.primitive, hit.t), &surface);
+        path.sum += (path.throughput * by_chance).min(Vec3::splat(brightest));
         if last {
             return None;
         }
-        let (next, surface) = LitPoint::from_hit(tracer, &ray, &hit);
         path.point = next;
         path.throughput *= Vec3::from_array(surface.albedo);
         if bounce >= ROULETTE_BOUNCES {

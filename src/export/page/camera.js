@@ -1,5 +1,5 @@
 // Cameras as the CPU's: world right-handed, Y up; looking along -back; pixels with row 0 on top.
-import { add, clamp, cross, dot, length, normalize, scale, subtract } from './vectors.js';
+import { add, cross, dot, length, normalize, scale, subtract } from './vectors.js';
 
 /** A camera at `eye` (from the headbox's centre) that looks along `forward`. */
 export function lookAlong(eye, forward, up, fovDegrees, size) {
@@ -62,13 +62,4 @@ export function mayBeSeen(camera, { one, x, y, q }, [x0, x1], [y0, y1], [q0, q1]
     outside &= left | right | top | bottom | (w < wNear ? 16 : 0);
   }
   return outside === 0;
-}
-
-/** An eye that has moved by a step, held inside the headbox: the nearer its border, the less of a step outward is left. */
-export function stepInside(eye, step, halfSize) {
-  const soft = 0.25;
-  return eye.map((from, i) => {
-    const room = clamp((halfSize - from * Math.sign(step[i])) / (halfSize * soft), 0, 1);
-    return clamp(from + step[i] * room, -halfSize, halfSize);
-  });
 }

@@ -1,9 +1,6 @@
 // Mouse, fingers, keys and the sensors of phones.
 import { cross, normalize } from './vectors.js';
 
-/** Headbox edges a second at which keys move. */
-const SPEED = 0.4;
-
 const MOVES = { KeyW: [0, 0, 1], KeyS: [0, 0, -1], KeyD: [1, 0, 0], KeyA: [-1, 0, 0], KeyE: [0, 1, 0], KeyQ: [0, -1, 0] };
 const TURNS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
@@ -36,8 +33,9 @@ export class Controls {
     const [dx, dy] = [now[0] - before[0], now[1] - before[1]];
     if (this.fingers.size === 1 && !event.shiftKey) this.view.turn(-dx * this.perPixel(), dy * this.perPixel());
     else {
-      const metres = (2 * this.view.header.halfSize) / this.canvas.clientHeight;
-      this.view.move(-dx * metres, dy * metres, 0);
+      const { reach, walks } = this.view.place;
+      const metres = reach / this.canvas.clientHeight;
+      this.view.move(-dx * metres, walks ? 0 : dy * metres, walks ? dy * metres : 0);
       const other = [...this.fingers].find(([id]) => id !== event.pointerId)?.[1];
       if (other) {
         const apart = (from) => Math.max(Math.hypot(from[0] - other[0], from[1] - other[1]), 1);
@@ -57,7 +55,9 @@ export class Controls {
   key(event) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const zooms = { Equal: 1 / 1.1, NumpadAdd: 1 / 1.1, Minus: 1.1, NumpadSubtract: 1.1 };
-    if (MOVES[event.code] || TURNS[event.code]) this.keys.add(event.code);
+    const storeys = this.view.place.walks ? MOVES[event.code]?.[1] : 0;
+    if (storeys) this.view.move(0, event.repeat ? 0 : storeys, 0);
+    else if (MOVES[event.code] || TURNS[event.code]) this.keys.add(event.code);
     else if (zooms[event.code]) this.view.zoom(zooms[event.code]);
     else if (event.code === 'Home' || event.code === 'KeyR') this.view.reset();
     else return;
@@ -67,7 +67,7 @@ export class Controls {
 
   /** Moves by the keys that are held down; whether any are. */
   step(seconds) {
-    const distance = SPEED * 2 * this.view.header.halfSize * seconds;
+    const distance = this.view.place.speed * seconds;
     for (const code of this.keys) {
       if (MOVES[code]) this.view.move(...MOVES[code].map((c) => c * distance));
       else this.view.turn(...TURNS[code].map((c) => c * seconds));

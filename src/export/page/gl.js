@@ -1,5 +1,12 @@
 // WebGL 2, with fewer words.
 
+/** The context of a canvas; `buffers`: what it must have. */
+export function context(canvas, buffers) {
+  const gl = canvas.getContext('webgl2', { alpha: false, powerPreference: 'high-performance', xrCompatible: true, ...buffers });
+  if (!gl) throw new Error('This browser has no WebGL 2, which the view needs. Another one, or a newer one, will show it.');
+  return gl;
+}
+
 /** A program whose uniforms are set by name. Textures are numbered as they come. */
 export class Program {
   constructor(gl, vertex, fragment) {
@@ -30,7 +37,7 @@ export class Program {
   textureTarget(type) {
     const { gl } = this;
     if (type === gl.SAMPLER_2D) return gl.TEXTURE_2D;
-    if (type === gl.SAMPLER_2D_ARRAY) return gl.TEXTURE_2D_ARRAY;
+    if (type === gl.SAMPLER_2D_ARRAY || type === gl.UNSIGNED_INT_SAMPLER_2D_ARRAY) return gl.TEXTURE_2D_ARRAY;
     return type === gl.SAMPLER_CUBE ? gl.TEXTURE_CUBE_MAP : null;
   }
 
@@ -51,6 +58,8 @@ export class Program {
       gl.uniform1i(location, unit);
     } else if (type === gl.FLOAT) gl.uniform1f(location, value);
     else if (type === gl.INT || type === gl.BOOL) gl.uniform1i(location, value);
+    else if (type === gl.INT_VEC2) gl.uniform2iv(location, value);
+    else if (type === gl.INT_VEC3) gl.uniform3iv(location, value);
     else if (type === gl.FLOAT_VEC2) gl.uniform2fv(location, value);
     else if (type === gl.FLOAT_VEC3) gl.uniform3fv(location, value);
     else throw new Error(`no uniform of type ${type}`);

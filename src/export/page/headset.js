@@ -1,11 +1,11 @@
-// WebXR: both eyes of a headset, seated or about a room. Where the session begins is the centre of the headbox.
+// WebXR: both eyes of a headset, seated or about a room. Where the session begins is where the eye was.
 import { ofHeadset } from './camera.js';
 import { clamp } from './vectors.js';
 
-/** Half of a headbox, metres, below which the world is shown larger: a head has to fit in. */
-const ROOM_M = 0.15;
-/** Metres outside of the headbox over which light fades. */
+/** Metres outside of where the eye may be over which light fades. */
 const FADE_M = 0.1;
+/** What a stick must be off its middle to count. */
+const STICK = 0.2;
 
 /** Offers the button if there is a headset. */
 export async function offer(button) {
@@ -13,34 +13,49 @@ export async function offer(button) {
   button.hidden = !(xr && (await xr.isSessionSupported('immersive-vr').catch(() => false)));
 }
 
-/** Shows a capture in a headset until the session ends. */
+/** Shows what a page holds in a headset until the session ends. */
 export async function enter(renderer, view, ended) {
-  const { gl, header } = renderer;
+  const { gl } = renderer;
   const session = await navigator.xr.requestSession('immersive-vr');
   await gl.makeXRCompatible();
-  session.updateRenderState({ baseLayer: new XRWebGLLayer(session, gl, { antialias: false, depth: false }) });
+  session.updateRenderState({ baseLayer: new XRWebGLLayer(session, gl, renderer.buffers) });
   const space = await session.requestReferenceSpace('local');
-  const metres = Math.min(header.halfSize / ROOM_M, 1);
   const turn = Math.atan2(view.forward[0], -view.forward[2]);
-  const onFrame = (_, frame) => {
+  let from = view.eye;
+  let before = null;
+  const onFrame = (time, frame) => {
     session.requestAnimationFrame(onFrame);
     const pose = frame.getViewerPose(space);
     if (!pose) return;
+    if (view.place.walks && before !== null) from = walked(from, session, turnedPose(pose.transform.matrix, turn), view, (time - before) / 1000);
+    before = time;
     const layer = session.renderState.baseLayer;
     for (const eye of pose.views) {
       const { x, y, width, height } = layer.getViewport(eye);
       const matrix = turnedPose(eye.transform.matrix, turn);
-      const wanted = [12, 13, 14].map((i) => matrix[i] * metres);
-      const inside = wanted.map((c) => clamp(c, -header.halfSize, header.halfSize));
-      const outside = Math.hypot(...wanted.map((c, i) => c - inside[i]));
-      const camera = ofHeadset(inside, matrix, eye.projectionMatrix, [width, height]);
-      renderer.draw(camera, layer.framebuffer, [x, y], 1 - 0.8 * clamp(outside / FADE_M, 0, 1));
+      const head = view.place.ofHead(from, [12, 13, 14].map((i) => matrix[i]));
+      const camera = ofHeadset(head.eye, matrix, eye.projectionMatrix, [width, height]);
+      renderer.draw(camera, layer.framebuffer, [x, y], 1 - 0.8 * clamp(head.outside / FADE_M, 0, 1));
     }
     document.body.dataset.headsetEyes = pose.views.length;
   };
   session.addEventListener('end', ended);
   session.requestAnimationFrame(onFrame);
   return session;
+}
+
+/** Where the sticks of the controllers take somebody who looks along the -Z of a pose. */
+function walked(from, session, pose, view, seconds) {
+  const [across, back] = [...session.inputSources].reduce(
+    ([x, y], { gamepad }) => [x + (gamepad?.axes[2] ?? 0), y + (gamepad?.axes[3] ?? 0)],
+    [0, 0],
+  );
+  const length = Math.hypot(pose[8], pose[10]);
+  if (Math.hypot(across, back) < STICK || length < 1e-3) return from;
+  // Level, whatever the head's tilt.
+  const [x, z] = [pose[8] / length, pose[10] / length];
+  const metres = view.place.speed * Math.min(seconds, 0.1);
+  return view.place.step(from, [(across * z + back * x) * metres, 0, (back * z - across * x) * metres]);
 }
 
 /** A pose, column by column, turned to the right about Y. */

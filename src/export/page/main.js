@@ -1,4 +1,4 @@
-// The page: loads the capture while it is shown, and draws when something has changed.
+// The page: loads what it holds while it is shown, and draws when something has changed.
 import { lookAlong } from './camera.js';
 import { Controls } from './controls.js';
 import { enter, offer } from './headset.js';
@@ -74,16 +74,20 @@ class Page {
   /** Loads all parts; what has come is drawn meanwhile. */
   async load() {
     let drawnAt = performance.now();
+    let pause = 400;
     let done = 0;
     const whole = this.header.parts.reduce((sum, part) => sum + part.packed, 0);
     for await (const [part, bytes] of parts(this.header)) {
-      this.renderer.add(part, bytes);
+      await this.renderer.add(part, bytes);
+      this.view.place.take(part, bytes);
       done += part.packed;
       byId('progress').value = done / whole;
-      // Parts come as the view begins to need them; the first picture waits for those that lie ahead.
-      if (this.ui && done < whole && part.kind === 'samples' && !part.ahead && performance.now() - drawnAt > 400) {
+      // Parts come as the view begins to need them; the first picture waits for those that it must have.
+      if (this.ui && done < whole && part.later && performance.now() - drawnAt > pause) {
         this.draw(1);
         drawnAt = performance.now();
+        // Pictures on the way shall not hold up the whole.
+        pause *= 2;
         await new Promise(requestAnimationFrame);
       }
     }
@@ -114,9 +118,9 @@ class Page {
     if (this.controls.step(elapsed / 1000)) this.changed();
     const moving = performance.now() - this.movedAt < STILL_MS;
     if (moving && this.dirty && elapsed > SLOW_MS) this.coarse = Math.max(this.coarse * 0.8, 0.3);
-    const sharpen = !moving && this.drawnCoarse;
-    if (!this.dirty && !sharpen) return;
-    this.drawnCoarse = moving && this.coarse < 1;
+    const settles = !moving && this.unsettled;
+    if (!this.dirty && !settles) return;
+    this.unsettled = moving;
     this.draw(moving ? this.coarse : 1);
     this.dirty = false;
     if (!moving) this.settle();
@@ -124,6 +128,8 @@ class Page {
 
   /** Nothing moves, and the frame is drawn in full. */
   settle() {
+    const room = Number.isFinite(this.movedAt) ? this.view.place.words(this.view.eye) : '';
+    if (room && room !== this.room) say((this.room = room));
     if (this.ui && Number.isFinite(this.movedAt)) history.replaceState(null, '', this.view.link());
     if (!this.ui && this.complete) this.renderer.gl.finish();
     if (!this.ui && this.complete) document.title = 'ready';

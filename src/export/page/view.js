@@ -1,5 +1,5 @@
 // Where the eye is and where it looks, and the words for that in a link: file axes and units, as on the command line.
-import { stepInside } from './camera.js';
+import { Place } from './place.js';
 import { add, clamp, cross, normalize, scale, subtract } from './vectors.js';
 
 const UP = [0, 1, 0];
@@ -17,25 +17,23 @@ function numbers(text) {
 export class View {
   constructor(header) {
     this.header = header;
+    this.place = new Place(header);
     this.reset();
   }
 
   reset() {
-    this.eye = [0, 0, 0];
+    this.eye = this.place.start;
     this.forward = normalize(this.header.ahead);
     this.up = UP;
-    this.fov = 60;
+    this.fov = this.header.fov ?? 60;
   }
 
   /** Takes over what a link says, as far as it says it. */
   restore(hash) {
     const words = new URLSearchParams(hash.replace(/^#/, ''));
-    const { centre, frame, halfSize } = this.header;
+    const { centre, frame } = this.header;
     const eye = numbers(words.get('eye'));
-    if (eye) {
-      const from = subtract(worldFromFile(frame, eye), centre);
-      this.eye = from.map((c) => clamp(c, -halfSize, halfSize));
-    }
+    if (eye) this.eye = this.place.nearest(subtract(worldFromFile(frame, eye), centre));
     const target = numbers(words.get('look-at'));
     if (target) {
       const forward = subtract(subtract(worldFromFile(frame, target), centre), this.eye);
@@ -63,11 +61,12 @@ export class View {
     this.up = UP;
   }
 
-  /** Moves by metres to the right, up and ahead, as far as the headbox allows. */
+  /** Moves by metres to the right, up and ahead, as far as the place allows. */
   move(right, up, ahead) {
     const toRight = normalize(cross(this.forward, this.up));
-    const step = add(add(scale(toRight, right), scale(UP, up)), scale(this.forward, ahead));
-    this.eye = stepInside(this.eye, step, this.header.halfSize);
+    // Who walks looks up and down without rising.
+    const toFront = this.place.walks ? cross(UP, toRight) : this.forward;
+    this.eye = this.place.step(this.eye, add(add(scale(toRight, right), scale(UP, up)), scale(toFront, ahead)));
   }
 
   zoom(factor) {

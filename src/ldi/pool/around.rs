@@ -53,22 +53,45 @@ impl WindowLevel {
     pub(super) fn parts(&self) -> f32 {
         4.0 * std::f32::consts::PI * self.radius_px().powi(2)
     }
+}
 
+/// Reads windows of one size at one part after the other: parts that follow on each other mostly lie on one surface among the same
+/// four blocks.
+pub(super) struct Reader<'a> {
+    pub(super) level: &'a WindowLevel,
+    /// The first of the four blocks and the surface that were read last...
+    last: (usize, Surface),
+    /// ...and what is found of it in each.
+    found: [Option<&'a Sums>; 4],
+}
+
+impl Windows {
+    /// Readers of all sizes.
+    pub(super) fn readers(&self) -> Vec<Reader<'_>> {
+        let reader = |level| Reader { level, last: (usize::MAX, Surface::NONE), found: [None; 4] };
+        self.levels.iter().map(reader).collect()
+    }
+}
+
+impl Reader<'_> {
     /// The window of a surface about the middle of a pixel.
-    pub(super) fn at(&self, surface: &Surface, pixel: [u16; 2]) -> Sums {
-        let [x, y] = pixel.map(|c| (f32::from(c) + 0.5) / self.width_px() + 0.5);
+    pub(super) fn at(&mut self, surface: &Surface, pixel: [u16; 2]) -> Sums {
+        let level = self.level;
+        let [x, y] = pixel.map(|c| (f32::from(c) + 0.5) / level.width_px() + 0.5);
         let (column, row) = (x as usize, y as usize);
         let (right, down) = (x - column as f32, y - row as f32);
-        let side = self.blocks as usize + 2;
+        let side = level.blocks as usize + 2;
+        let first = row * side + column;
+        if self.last != (first, *surface) {
+            let cells = [first, first + 1, first + side, first + side + 1];
+            self.found = cells.map(|cell| level.lattice.find(cell, surface));
+            self.last = (first, *surface);
+        }
+        let weights = [(1.0 - right) * (1.0 - down), right * (1.0 - down), (1.0 - right) * down, right * down];
         let mut all = Sums::default();
-        for (cell, weight) in [
-            (row * side + column, (1.0 - right) * (1.0 - down)),
-            (row * side + column + 1, right * (1.0 - down)),
-            ((row + 1) * side + column, (1.0 - right) * down),
-            ((row + 1) * side + column + 1, right * down),
-        ] {
-            if let Some(sums) = self.lattice.find(cell, surface) {
-                all.iter_mut().zip(sums).for_each(|(all, value)| *all += weight * value);
+        for (sums, weight) in self.found.iter().zip(weights) {
+            if let Some(sums) = sums {
+                all.iter_mut().zip(*sums).for_each(|(all, value)| *all += weight * value);
             }
         }
         all

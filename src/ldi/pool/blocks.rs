@@ -22,6 +22,9 @@ const WHOLE_LEVELS: usize = 2;
 /// Of a surface that is not followed.
 const NOT_FOLLOWED: u32 = u32::MAX;
 
+/// What is found of each surface in one cell.
+type Cell = Vec<(Surface, Sums)>;
+
 /// What is found of each surface in each cell of a square lattice.
 #[derive(Default)]
 pub(super) struct Lattice {
@@ -44,8 +47,14 @@ impl Lattice {
         Some(&self.sums[run.start + at])
     }
 
+    /// The surfaces in row `y` of `side` cells.
+    fn row(&self, y: usize, side: u32) -> Range<usize> {
+        let [first, end] = [y, y + 1].map(|y| self.starts[y * side as usize] as usize);
+        first..end
+    }
+
     /// Of cells, row after row.
-    pub(super) fn of_rows(rows: Vec<Vec<Vec<(Surface, Sums)>>>) -> Self {
+    pub(super) fn of_rows(rows: Vec<Vec<Cell>>) -> Self {
         let mut lattice = Self { starts: vec![0], ..Self::default() };
         for cell in rows.into_iter().flatten() {
             for (surface, sums) in cell {
@@ -78,6 +87,8 @@ pub(in crate::ldi) struct Members {
     entry: Vec<u32>,
     /// One over the number of parts of that surface in its pixel, of which the mean counts.
     weight: Vec<f32>,
+    /// The number of the first part in each row of the smallest blocks, and of all parts.
+    rows: Vec<usize>,
 }
 
 /// Blocks a side, from the smallest to the largest.
@@ -113,30 +124,48 @@ impl Blocks {
 
     /// Sums what the parts have gathered.
     pub(in crate::ldi) fn fill(&mut self, members: &Members, gathered: &[Gathered]) {
-        let smallest = &mut self.levels[0].lattice.sums;
-        smallest.fill(Sums::default());
-        for ((&entry, &weight), gathered) in members.entry.iter().zip(&members.weight).zip(gathered) {
-            add(&mut smallest[entry as usize], &sums_of(gathered), weight);
-        }
+        self.levels[0].for_each_row(|y, first, sums| {
+            for p in members.rows[y]..members.rows[y + 1] {
+                let place = members.entry[p] as usize - first;
+                add(&mut sums[place], &sums_of(&gathered[p]), members.weight[p]);
+            }
+        });
         for number in 1..self.levels.len() {
             let (below, above) = self.levels.split_at_mut(number);
-            add_up(&below[number - 1], &mut above[0].lattice.sums);
+            let below = &below[number - 1];
+            above[0].for_each_row(|y, first, sums| {
+                let [upper, lower] = [2 * y, 2 * y + 1].map(|y| below.lattice.row(y, below.blocks));
+                for child in upper.start..lower.end {
+                    if below.parents[child] != NOT_FOLLOWED {
+                        let place = below.parents[child] as usize - first;
+                        add(&mut sums[place], &below.lattice.sums[child], 1.0);
+                    }
+                }
+            });
         }
+    }
+}
+
+impl Level {
+    /// Calls `fill` for each row of blocks with its number, the number of its first surface and the row's sums, which are nothing yet.
+    fn for_each_row(&mut self, fill: impl Fn(usize, usize, &mut [Sums]) + Sync) {
+        let Lattice { starts, sums, .. } = &mut self.lattice;
+        let (mut rows, mut rest) = (Vec::with_capacity(self.blocks as usize), sums.as_mut_slice());
+        for (y, ends) in starts.windows(self.blocks as usize + 1).step_by(self.blocks as usize).enumerate() {
+            let (row, after) = rest.split_at_mut((ends[self.blocks as usize] - ends[0]) as usize);
+            rows.push((y, ends[0] as usize, row));
+            rest = after;
+        }
+        rows.into_par_iter().for_each(|(y, first, sums)| {
+            sums.fill(Sums::default());
+            fill(y, first, sums);
+        });
     }
 }
 
 #[inline]
 fn add(to: &mut Sums, sums: &Sums, weight: f32) {
     to.iter_mut().zip(sums).for_each(|(to, value)| *to += weight * value);
-}
-
-fn add_up(below: &Level, above: &mut [Sums]) {
-    above.fill(Sums::default());
-    for (&parent, sums) in below.parents.iter().zip(&below.lattice.sums) {
-        if parent != NOT_FOLLOWED {
-            add(&mut above[parent as usize], sums, 1.0);
-        }
-    }
 }
 
 /// The smallest blocks: their surfaces are told apart by the first part of each.
@@ -146,7 +175,7 @@ fn smallest(parts: &FaceParts, surfaces: &[Surface], blocks: u32) -> (Level, Mem
     let row = |by: u32| {
         let rows = pixels_of(by, blocks, size_px);
         let [first, end] = [rows.start, rows.end].map(|y| parts.offsets[(y * size_px) as usize] as usize);
-        let mut cells = vec![Vec::<(Surface, Sums)>::new(); blocks as usize];
+        let mut cells = vec![Cell::new(); blocks as usize];
         let mut members = vec![(0u32, 0u32, 0.0f32); end - first];
         for y in rows {
             for (bx, cell) in (0..).zip(&mut cells) {
@@ -173,8 +202,10 @@ fn smallest(parts: &FaceParts, surfaces: &[Surface], blocks: u32) -> (Level, Mem
     };
     let (rows, members): (Vec<_>, Vec<_>) = (0..blocks).into_par_iter().map(row).unzip();
     let lattice = Lattice::of_rows(rows);
-    let mut found = Members { entry: Vec::with_capacity(surfaces.len()), weight: Vec::with_capacity(surfaces.len()) };
+    let (entry, weight) = (Vec::with_capacity(surfaces.len()), Vec::with_capacity(surfaces.len()));
+    let mut found = Members { entry, weight, rows: vec![0] };
     for (by, members) in members.into_iter().enumerate() {
+        found.rows.push(found.entry.len() + members.len());
         for (bx, place, weight) in members {
             found.entry.push(lattice.starts[by * blocks as usize + bx as usize] + place);
             found.weight.push(weight);
@@ -185,31 +216,45 @@ fn smallest(parts: &FaceParts, surfaces: &[Surface], blocks: u32) -> (Level, Mem
 
 /// The blocks twice as wide as those `below`; surfaces that fill fewer pixels than `least` are left out.
 fn above(below: &mut Level, blocks: u32, least: f32) -> Level {
-    let mut parents = vec![NOT_FOLLOWED; below.lattice.surfaces.len()];
-    let mut lattice = Lattice { starts: vec![0], ..Lattice::default() };
-    for block in 0..blocks * blocks {
-        let (x, y) = (2 * (block % blocks), 2 * (block / blocks));
-        let children = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)];
-        let mut cell = Vec::<(Surface, Sums)>::new();
-        let mut members = Vec::new();
-        for child in children.into_iter().flat_map(|(x, y)| below.lattice.cell((y * below.blocks + x) as usize)) {
-            let (surface, sums) = (below.lattice.surfaces[child], &below.lattice.sums[child]);
-            let place = cell.iter().position(|(other, _)| surface.is_same(other)).unwrap_or_else(|| {
-                cell.push((surface, Sums::default()));
-                cell.len() - 1
-            });
-            add(&mut cell[place].1, sums, 1.0);
-            members.push((child, place));
+    // By rows of blocks: cells, and the block and the place there of each surface of the two rows below, if it is followed.
+    let row = |y: u32| {
+        let mut cells = Vec::with_capacity(blocks as usize);
+        let mut parents = Vec::new();
+        for x in 0..blocks {
+            let (cell, children) = merged(below, [x, y], least);
+            cells.push(cell);
+            parents.extend(children.into_iter().map(|(child, place)| (child, place.map(|place| (x, place)))));
         }
-        let mut kept = vec![NOT_FOLLOWED; cell.len()];
-        for (kept, (surface, sums)) in kept.iter_mut().zip(cell).filter(|(_, (_, sums))| sums[SHARE] >= least) {
-            *kept = lattice.surfaces.len() as u32;
-            lattice.surfaces.push(surface);
-            lattice.sums.push(sums);
+        (cells, parents)
+    };
+    let (rows, parents): (Vec<_>, Vec<_>) = (0..blocks).into_par_iter().map(row).unzip();
+    let lattice = Lattice::of_rows(rows);
+    below.parents = vec![NOT_FOLLOWED; below.lattice.surfaces.len()];
+    for (y, parents) in (0..).zip(parents) {
+        for (child, place) in parents {
+            let parent = place.map(|(x, place)| lattice.starts[(y * blocks + x) as usize] + place);
+            below.parents[child] = parent.unwrap_or(NOT_FOLLOWED);
         }
-        lattice.starts.push(lattice.surfaces.len() as u32);
-        members.into_iter().for_each(|(child, place)| parents[child] = kept[place]);
     }
-    below.parents = parents;
     Level { blocks, lattice, parents: Vec::new() }
+}
+
+/// The surfaces of block (x, y) of twice the width, and the place among them of each surface of the four blocks below, if it is followed.
+fn merged(below: &Level, [x, y]: [u32; 2], least: f32) -> (Cell, Vec<(usize, Option<u32>)>) {
+    let children = [(2 * x, 2 * y), (2 * x + 1, 2 * y), (2 * x, 2 * y + 1), (2 * x + 1, 2 * y + 1)];
+    let (mut cell, mut members) = (Cell::new(), Vec::new());
+    for child in children.into_iter().flat_map(|(x, y)| below.lattice.cell((y * below.blocks + x) as usize)) {
+        let (surface, sums) = (below.lattice.surfaces[child], &below.lattice.sums[child]);
+        let place = cell.iter().position(|(other, _)| surface.is_same(other)).unwrap_or_else(|| {
+            cell.push((surface, Sums::default()));
+            cell.len() - 1
+        });
+        add(&mut cell[place].1, sums, 1.0);
+        members.push((child, place));
+    }
+    let mut kept = 0;
+    let follow = |(_, sums): &(Surface, Sums)| (sums[SHARE] >= least).then(|| (kept, kept += 1).0);
+    let places: Vec<Option<u32>> = cell.iter().map(follow).collect();
+    cell.retain(|(_, sums)| sums[SHARE] >= least);
+    (cell, members.into_iter().map(|(child, place)| (child, places[place])).collect())
 }

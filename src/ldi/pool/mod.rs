@@ -22,6 +22,7 @@ mod narrow;
 mod surface;
 mod window;
 
+use around::Reader;
 pub(super) use around::Windows;
 pub(super) use blocks::Blocks;
 pub(super) use surface::same_surface;
@@ -113,18 +114,18 @@ impl<'a> Pooling<'a> {
 
     /// How much there is of each surface, by windows over blocks.
     pub(super) fn extents(&self, windows: &Windows) -> Extents {
-        let extent = |p: usize| {
+        let extent = |readers: &mut Vec<Reader>, p: usize| {
             let (mut small, mut widest) = (0.0, 0.0f32);
-            for (number, level) in windows.levels.iter().enumerate() {
-                let share = level.at(&self.surfaces[p], self.pixels[p])[SHARE];
+            for (number, reader) in readers.iter_mut().enumerate() {
+                let share = reader.at(&self.surfaces[p], self.pixels[p])[SHARE];
                 if number <= SMALL_LEVEL {
                     small = share;
                 }
-                widest = widest.max(share * level.parts());
+                widest = widest.max(share * reader.level.parts());
             }
             (small, widest)
         };
-        let (shares, widest) = (0..self.surfaces.len()).into_par_iter().map(extent).unzip();
+        let (shares, widest) = (0..self.surfaces.len()).into_par_iter().map_init(|| windows.readers(), extent).unzip();
         Extents { shares, widest }
     }
 
@@ -138,27 +139,27 @@ impl<'a> Pooling<'a> {
         is_last: bool,
     ) -> Vec<Pooled> {
         let narrow = if is_last { self.narrow(gathered) } else { Vec::new() };
-        let pooled = |p: usize| {
+        let pooled = |readers: &mut Vec<Reader>, p: usize| {
             let expected = expected[usize::from(self.parts.parts[p].class)];
-            self.pooled(p, narrow.get(p), windows, expected)
+            self.pooled(p, narrow.get(p), readers, expected)
         };
-        (0..self.surfaces.len()).into_par_iter().map(pooled).collect()
+        (0..self.surfaces.len()).into_par_iter().map_init(|| windows.readers(), pooled).collect()
     }
 
-    fn pooled(&self, part: usize, narrow: Option<&Sums>, windows: &Windows, expected: f32) -> Pooled {
+    fn pooled(&self, part: usize, narrow: Option<&Sums>, readers: &mut [Reader], expected: f32) -> Pooled {
         let (surface, pixel) = (&self.surfaces[part], self.pixels[part]);
-        let sums = windows.levels.iter().map(|level| level.at(surface, pixel));
+        let sums = readers.iter_mut().map(|reader| reader.at(surface, pixel));
         let mut first = [Sums::default(); SMALL_LEVEL + 1];
         first.iter_mut().zip(sums).for_each(|(first, sums)| *first = sums);
         let narrow = narrow.filter(|_| first[SMALL_LEVEL][SHARE] >= LARGE_SHARE);
         let mut chosen = narrow.map(|sums| Chosen::first(Window::new(sums, narrow::parts(), expected)));
-        for (number, level) in windows.levels.iter().enumerate() {
-            let sums = first.get(number).copied().unwrap_or_else(|| level.at(surface, pixel));
-            let window = Window::new(&sums, level.parts(), expected);
+        for (number, reader) in readers.iter_mut().enumerate() {
+            let sums = first.get(number).copied().unwrap_or_else(|| reader.at(surface, pixel));
+            let window = Window::new(&sums, reader.level.parts(), expected);
             match &mut chosen {
                 None => chosen = Some(Chosen::first(window)),
                 Some(chosen) if chosen.may_take(&window) => {
-                    chosen.widen(&window, level.radius_px() * self.widths[part]);
+                    chosen.widen(&window, reader.level.radius_px() * self.widths[part]);
                 }
                 Some(_) => break,
             }

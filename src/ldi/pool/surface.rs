@@ -5,7 +5,7 @@ use crate::ldi::shade::LitPart;
 use glam::Vec3;
 
 /// What tells a part's surface from others; the same on all faces.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq)]
 pub(super) struct Surface {
     normal: Vec3,
     distance: f32,
@@ -13,6 +13,9 @@ pub(super) struct Surface {
 }
 
 impl Surface {
+    /// Unlike any surface of a part.
+    pub(super) const NONE: Self = Self { normal: Vec3::ZERO, distance: 0.0, class: u32::MAX };
+
     pub(super) fn of(part: &LitPart) -> Self {
         Self { normal: part.plane_normal, distance: part.plane_distance, class: u32::from(part.class) }
     }

@@ -6,6 +6,7 @@ mod leaves;
 mod plain;
 mod split;
 mod sweethome;
+mod threshold;
 mod toml;
 
 use super::{LoadError, extension_of};
@@ -60,7 +61,8 @@ impl LoadedModel {
 /// there is. Of an archive without one it is made from the plan and the models in the archive: walls with their openings,
 /// floors, ceilings and furniture, without textures; corners of walls overlap, and what is no OBJ becomes a box. Each room with a ceiling becomes a cell; a balcony or terrace open to the sky is outside. Each door and
 /// window becomes a portal in the middle of its wall, between the rooms on its two sides or a room and the outside; the
-/// space in the wall belongs to the room on its side. Where no wall stands at the border of a room there is a portal too. Leaves and panes that close an opening are left out with their
+/// space in the wall belongs to the room on its side, and has a threshold just below its floor: floors that are drawn by hand leave
+/// slits there. Where no wall stands at the border of a room there is a portal too. Leaves and panes that close an opening are left out with their
 /// handles, open ones stay. Furniture goes as a whole to the cell that it stands in; walls and floors go, triangle by
 /// triangle, to the cell that they face, cut where they face several; the rest is outside.
 ///

@@ -4,7 +4,7 @@ use super::assign::{Assignment, Portion};
 use super::home::{Home, Opening, Room};
 use super::leaves::closing_groups;
 use super::plain::PlainHome;
-use super::{LoadedModel, ModelOptions};
+use super::{LoadedModel, ModelOptions, threshold};
 use crate::linear_from_srgb;
 use crate::load::obj::load_text as load_obj_text;
 use crate::load::{Group, GroupedScene, LoadError, LoadOptions, folder_of, load_grouped, read};
@@ -21,6 +21,9 @@ const UNIT_M: f64 = 0.01;
 const REACH: f64 = 40.0;
 /// In steps of this, centimetres.
 const STEP: f64 = 1.0;
+
+/// A door begins no farther from its room's floor than this, metres; what begins higher is a window.
+const AT_FLOOR_M: f64 = 0.05;
 
 /// A `Home.xml` longer than this is taken for damage, bytes.
 const LONGEST_XML: u64 = 1 << 28;
@@ -162,11 +165,12 @@ fn add_portal(model: &mut PortalModel, opening: &Opening) {
         if let Some((cell, distance)) = found {
             let far = across * (side * (distance + STEP));
             let outline = [middle - half, middle + half, middle + half + far, middle - half + far];
-            let prism = Prism {
-                outline: outline.map(|corner| corner * UNIT_M).to_vec(),
-                floor_y: bottom * UNIT_M,
-                ceiling_y: top * UNIT_M,
-            };
+            let outline = outline.map(|corner| corner * UNIT_M);
+            let prism = Prism { outline: outline.to_vec(), floor_y: bottom * UNIT_M, ceiling_y: top * UNIT_M };
+            let floor_y = model.cells[cell as usize].space[0].floor_y;
+            if (prism.floor_y - floor_y).abs() < AT_FLOOR_M {
+                threshold::add(&mut model.scene, outline, floor_y);
+            }
             model.cells[cell as usize].space.push(prism);
         }
     }

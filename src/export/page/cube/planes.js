@@ -10,67 +10,57 @@ export const TILE_BYTES = 44;
 /** Texels along a side at a size: every second one of the larger, and the last. */
 const side = (length, level) => Math.ceil((length - 1) / 2 ** level) + 1;
 
-/** Texels, four bytes each, from what planes.rs of the export left of them: rests of a prediction. */
+/** Texels, four bytes each, from what texels.rs left of them: what each is more than the one on its left or, in the first column, above. */
 function readTexels(bytes, tiles, count) {
   const texels = new Uint8Array(count * 4);
   let alphas = count * 3;
   for (const { width, height, first, opaque } of tiles) {
     for (let i = 0; i < width * height; i++) {
-      const at = (first + i) * 4;
-      const [x, y] = [i % width, i >= width];
-      const rest = [bytes[count + first + i], 0, bytes[2 * count + first + i], 0];
-      const green = bytes[first + i];
-      rest[1] = green;
-      rest[0] += green;
-      rest[2] += green;
-      rest[3] = opaque ? 0 : bytes[alphas++];
-      for (let c = 0; c < 4; c++) {
-        if (c === 3 && opaque) texels[at + 3] = 255;
-        else texels[at + c] = expected(texels, at + c, x > 0, y, width * 4) + rest[c];
-      }
+      const [at, from] = [(first + i) * 4, (first + i) * 3];
+      // The first is more than nothing, which it is as yet.
+      const beside = i === 0 ? at : i % width > 0 ? at - 4 : at - width * 4;
+      const green = bytes[from];
+      texels[at] = texels[beside] + green + bytes[from + 1];
+      texels[at + 1] = texels[beside + 1] + green;
+      texels[at + 2] = texels[beside + 2] + green + bytes[from + 2];
+      texels[at + 3] = opaque ? 255 : texels[beside + 3] + bytes[alphas++];
     }
   }
   return texels;
 }
 
-/** Left + above - above left, within the two that are beside (MED of JPEG-LS). */
-function expected(texels, at, hasLeft, hasAbove, row) {
-  if (!hasLeft) return hasAbove ? texels[at - row] : 0;
-  const left = texels[at - 4];
-  if (!hasAbove) return left;
-  const above = texels[at - row];
-  const low = Math.min(left, above);
-  return Math.min(Math.max(left + above - texels[at - row - 4], low), left + above - low);
-}
-
-/** Of a texel, what is taken of it and of its neighbours into one of half as many, in sixteenths. */
-const HALVING = [-1, 4, 10, 4, -1];
-
-/** Which texels of a line are taken into the `i`th of half as many, and their weights; those at the ends are kept as they are. */
-function taps(i, length) {
-  const [middle, last] = [2 * i, length - 1];
-  if (middle === 0 || middle >= last) return [[Math.min(middle, last), 16]];
-  return HALVING.map((weight, k) => [Math.min(Math.max(middle + k - 2, 0), last), weight]);
-}
-
-/** A picture at half of its size. */
-function halve(from, [width, height], [newWidth, newHeight]) {
-  const to = new Uint8Array(newWidth * newHeight * 4);
-  for (let y = 0; y < newHeight; y++) {
-    const rows = taps(y, height);
-    for (let x = 0; x < newWidth; x++) {
-      const sum = [0, 0, 0, 0];
-      for (const [column, across] of taps(x, width)) {
-        for (const [row, down] of rows) {
-          for (let c = 0; c < 4; c++) sum[c] += across * down * from[(row * width + column) * 4 + c];
-        }
+/**
+ * Numbers that lie in `outer` runs of `length` times `inner`, at half the length, times 16: of each and its neighbours -1, 4, 10, 4, -1
+ * sixteenths; those at the ends are kept as they are.
+ */
+function halveAlong(from, outer, length, inner) {
+  const [shorter, last] = [side(length, 1), length - 1];
+  const to = new Int32Array(outer * shorter * inner);
+  for (let run = 0; run < outer; run++) {
+    for (let i = 0; i < shorter; i++) {
+      const out = (run * shorter + i) * inner;
+      const middle = (run * length + Math.min(2 * i, last)) * inner;
+      if (i === 0 || 2 * i >= last) {
+        for (let k = 0; k < inner; k++) to[out + k] = 16 * from[middle + k];
+        continue;
       }
-      const at = (y * newWidth + x) * 4;
-      const mean = sum.map((c) => Math.min(Math.max(Math.floor((c + 128) / 256), 0), 255));
-      for (let c = 0; c < 4; c++) to[at + c] = Math.min(mean[c], mean[3]);
+      const [near, far, end] = [inner, 2 * inner, 2 * i + 1 < last ? 2 * inner : inner];
+      for (let k = middle; k < middle + inner; k++) {
+        to[out + k - middle] = 10 * from[k] + 4 * (from[k - near] + from[k + near]) - from[k - far] - from[k + end];
+      }
     }
   }
   return to;
+}
+
+/** A picture at half of its size. */
+function halve(from, [width, height]) {
+  const sums = halveAlong(halveAlong(from, height, width, 4), 1, height, side(width, 1) * 4);
+  const to = new Uint8ClampedArray(sums.length);
+  for (let i = 0; i < sums.length; i++) to[i] = (sums[i] + 128) >> 8;
+  // No colour is more than alpha.
+  for (let i = 0; i < to.length; i += 4) for (let c = 0; c < 3; c++) to[i + c] = Math.min(to[i + c], to[i + 3]);
+  return new Uint8Array(to.buffer);
 }
 
 /** Places for rectangles on shelves: the tallest first, each layer filled before the next. */
@@ -115,7 +105,7 @@ export function readPlanes(bytes, part) {
     pictures.push({ size, picture });
     for (let level = 1; level < LEVELS; level++) {
       const smaller = [side(width, level), side(height, level)];
-      picture = halve(picture, size, smaller);
+      picture = halve(picture, size);
       size = smaller;
       pictures.push({ size, picture });
     }

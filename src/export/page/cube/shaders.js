@@ -1,18 +1,5 @@
 // The shaders. Rows of all targets but the last run downward, as those of pictures do.
-
-const HEAD = `#version 300 es
-precision highp float;
-precision highp int;
-precision highp sampler2D;
-precision highp sampler2DArray;
-precision highp samplerCube;
-`;
-
-/** sRGB's two curves. */
-const CURVES = `
-vec3 linear(vec3 c) { return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c)); }
-vec3 srgb(vec3 c) { return mix(c * 12.92, 1.055 * pow(c, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, c)); }
-`;
+import { CURVES, HEAD, SURROUNDINGS } from '../glsl.js';
 
 /**
  * Which surface of a pixel something is on. Of each pixel the nearest surface is found first, as 1 / eye depth, then what lies on
@@ -148,10 +135,6 @@ void main() {
   light = vec4(linear(found.rgb / found.a) * share, share);
 }`;
 
-/** A triangle that covers the frame. */
-export const WHOLE_VERTEX = `${HEAD}
-void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0); }`;
-
 /** What planes show, on its way to the surfaces of samples. */
 export const LAID_FRAGMENT = `${HEAD}${PEELING}${CURVES}
 uniform sampler2D planeColor, planeDepth;
@@ -168,12 +151,9 @@ void main() {
 }`;
 
 /** Surfaces over one another and over the environment, in linear light (surface.rs, finish.rs). */
-export const finishFragment = (layers) => `${HEAD}${CURVES}
+export const finishFragment = (layers) => `${HEAD}${CURVES}${SURROUNDINGS}
 ${layers.map((i) => `uniform sampler2D sum${i};`).join('\n')}
-uniform samplerCube environment;
-uniform bool hasEnvironment;
-uniform vec3 right, up, back, hole;
-uniform vec2 focal, principal, size, origin;
+uniform vec3 hole;
 uniform float margin, opaque, minShare, shade;
 out vec4 color;
 /** A surface over what is behind it, which fills what it leaves open as it fills the pixel. */
@@ -184,15 +164,13 @@ vec4 over(vec4 sum, vec4 behind) {
   return vec4((linear(sum.rgb / sum.a) * share + behind.rgb * rest) / (share + rest), share + rest);
 }
 void main() {
-  vec2 pixel = vec2(gl_FragCoord.x - origin.x, size.y - (gl_FragCoord.y - origin.y));
+  vec2 pixel = inFrame();
   ivec2 at = ivec2(pixel + margin);
   vec4 seen = vec4(0.0);
 ${layers.map((i) => `  seen = over(texelFetch(sum${i}, at, 0), seen);`).reverse().join('\n')}
   if (seen.a < 1.0) {
-    vec2 off = (pixel - principal) / focal;
-    vec3 direction = right * off.x - up * off.y - back;
-    vec4 far = hasEnvironment ? texture(environment, direction * vec3(1.0, 1.0, -1.0)) : vec4(0.0);
-    if (far.a > 0.0) seen.rgb = linear(far.rgb / far.a) * (1.0 - seen.a) + seen.rgb * seen.a;
+    vec4 far = surroundings(directionAt(pixel));
+    if (far.a > 0.0) seen.rgb = linear(far.rgb) * (1.0 - seen.a) + seen.rgb * seen.a;
     else if (seen.a <= 0.0) seen.rgb = hole;
   }
   color = vec4(srgb(seen.rgb) * shade, 1.0);

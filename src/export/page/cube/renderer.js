@@ -1,9 +1,11 @@
 // Draws a capture as the CPU does: samples are tents, those of one surface are averaged, surfaces are laid over one another.
-import { mayBeSeen, transfer, withMargin } from './camera.js';
-import { Program, target, texture } from './gl.js';
+import { mayBeSeen, transfer, withMargin } from '../camera.js';
+import { context, Program, target, texture } from '../gl.js';
+import { WHOLE_VERTEX } from '../glsl.js';
+import { raysOf, readSurroundings } from '../surroundings.js';
 import { ATLAS_PX, readPlanes, TILE_BYTES } from './planes.js';
 import { readSamples, SAMPLE_BYTES } from './samples.js';
-import * as shaders from './shaders.js';
+import { finishFragment, LAID_FRAGMENT, SAMPLE_FRAGMENT, SAMPLE_VERTEX, TILE_FRAGMENT, TILE_VERTEX } from './shaders.js';
 
 /** Pixels around a frame in which samples are drawn whose tents may reach into it. */
 const MARGIN_PX = 16;
@@ -11,14 +13,11 @@ const MARGIN_PX = 16;
 /** Surfaces in a pixel that are told apart. */
 const LAYERS = Array.from({ length: 4 }, (_, i) => i);
 
-/** GL's six faces of a cube map in the order of ours. GL looks at them from outside: z is turned round in the shader. */
-const CUBE_ORDER = [0, 1, 2, 3, 5, 4];
-
 export class Renderer {
   constructor(canvas, header) {
-    const options = { alpha: false, antialias: false, depth: false, powerPreference: 'high-performance', xrCompatible: true };
-    const gl = canvas.getContext('webgl2', options);
-    if (!gl) throw new Error('This browser has no WebGL 2, which the view needs. Another one, or a newer one, will show it.');
+    /** What its framebuffers must have. */
+    this.buffers = { antialias: false, depth: false };
+    const gl = context(canvas, this.buffers);
     if (!gl.getExtension('EXT_color_buffer_float') && !gl.getExtension('EXT_color_buffer_half_float')) {
       throw new Error('This browser cannot add up light in WebGL 2 (no EXT_color_buffer_float), which the view needs.');
     }
@@ -40,10 +39,10 @@ export class Renderer {
 
   makePrograms() {
     const { gl } = this;
-    this.sampleProgram = new Program(gl, shaders.SAMPLE_VERTEX, shaders.SAMPLE_FRAGMENT);
-    this.tileProgram = new Program(gl, shaders.TILE_VERTEX, shaders.TILE_FRAGMENT);
-    this.laidProgram = new Program(gl, shaders.WHOLE_VERTEX, shaders.LAID_FRAGMENT);
-    this.finishProgram = new Program(gl, shaders.WHOLE_VERTEX, shaders.finishFragment(LAYERS));
+    this.sampleProgram = new Program(gl, SAMPLE_VERTEX, SAMPLE_FRAGMENT);
+    this.tileProgram = new Program(gl, TILE_VERTEX, TILE_FRAGMENT);
+    this.laidProgram = new Program(gl, WHOLE_VERTEX, LAID_FRAGMENT);
+    this.finishProgram = new Program(gl, WHOLE_VERTEX, finishFragment(LAYERS));
     // For what has no texture (yet).
     this.noTexture = texture(gl, gl.RGBA8, [1, 1]);
     this.noCube = gl.createTexture();
@@ -64,26 +63,8 @@ export class Renderer {
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, values.length / 3, 1, gl.RGBA, gl.FLOAT, texels);
   }
 
-  /** Three arrays of a byte a texel, and a bit array of those that are known, all of them differences to the texel before. */
   addEnvironment(part, bytes) {
-    const { gl } = this;
-    const size = part.size;
-    const count = size * size * 6;
-    const texels = new Uint8Array(count * 4);
-    for (let c = 0; c < 4; c++) {
-      for (let i = 0, value = 0; i < count; i++) texels[i * 4 + c] = value += bytes[c * count + i];
-    }
-    // What no miss has reached must not weigh.
-    for (let i = 0; i < texels.length; i += 4) if (texels[i + 3] === 0) texels.fill(0, i, i + 3);
-    this.environment = gl.createTexture();
-    gl.bindTexture(gl.TEXTURE_CUBE_MAP, this.environment);
-    gl.texStorage2D(gl.TEXTURE_CUBE_MAP, 1, gl.RGBA8, size, size);
-    CUBE_ORDER.forEach((face, ours) => {
-      const pixels = texels.subarray(ours * size * size * 4, (ours + 1) * size * size * 4);
-      const to = gl.TEXTURE_CUBE_MAP_POSITIVE_X + face;
-      gl.texSubImage2D(to, 0, 0, 0, size, size, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
-    });
-    for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_CUBE_MAP, name, gl.LINEAR);
+    this.environment = readSurroundings(this.gl, part, bytes);
   }
 
   addPlanes(part, bytes) {
@@ -270,25 +251,17 @@ export class Renderer {
   }
 
   /** Puts surfaces and environment together. */
-  finish({ right, up, back, focal, principal, size }, framebuffer, origin, shade) {
+  finish(camera, framebuffer, origin, shade) {
     const { gl, header } = this;
     const sums = this.targets.layers.map(({ color }, i) => [`sum${i}`, color]);
     gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
-    gl.viewport(...origin, ...size);
+    gl.viewport(...origin, ...camera.size);
     gl.disable(gl.BLEND);
     gl.bindVertexArray(this.nothing);
     this.finishProgram.use({
       ...header.rules,
       ...Object.fromEntries(sums),
-      environment: this.environment ?? this.noCube,
-      hasEnvironment: this.environment !== null,
-      right,
-      up,
-      back,
-      focal,
-      principal,
-      size,
-      origin,
+      ...raysOf(camera, origin, this.environment, this.noCube),
       margin: MARGIN_PX,
       hole: [0, 0, 0],
       shade,

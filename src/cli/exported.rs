@@ -1,0 +1,99 @@
+//! Files that `headbox export` and `headbox serve` take, by what they hold.
+
+use super::house_file::first_view;
+use crate::capture::Camera;
+use crate::container::{Container, FileKind};
+use crate::export::page::{Page, house_poster, lumigraph_poster};
+use crate::export::{ExportError, of_sprites, poster};
+use crate::lumigraph::{LUMI_FILE, Lumigraph};
+use crate::packed::PackedCube;
+use crate::portal::file::{self, HOUSE_FILE};
+use crate::portal::house::House;
+use crate::sprite::{SPRITE_FILE, SpriteSet};
+use anyhow::{Context, bail};
+use std::path::Path;
+
+/// What is to be exported.
+pub(super) enum Exported {
+    /// A cube LDI, or sprites as one, and how such a file's name ends.
+    Cube(Box<PackedCube>, &'static str),
+    /// A house, and how it is seen first.
+    House(Box<House>, Camera),
+    /// A layered lumigraph.
+    Lumigraph(Box<Lumigraph>),
+}
+
+impl Exported {
+    /// Opens a file; of other files of ours it is said what can be exported.
+    pub(super) fn open(path: &Path) -> anyhow::Result<Self> {
+        let found = Container::peek_kind(path).ok().flatten();
+        let kind = found.and_then(|tag| FileKind::ALL.iter().find(|kind| kind.tag == tag));
+        match kind {
+            Some(kind) if kind.tag == SPRITE_FILE.tag => {
+                let cube = of_sprites::cube(&SpriteSet::read(path)?).with_context(|| path.display().to_string())?;
+                Ok(Self::Cube(Box::new(cube), "sprite"))
+            }
+            Some(kind) if kind.tag == HOUSE_FILE.tag => {
+                // A page shows no backdrop.
+                let (house, _, _) = file::read(path, 0)?;
+                let first = first_view(&house)?;
+                Ok(Self::House(Box::new(house), first))
+            }
+            Some(kind) if kind.tag == LUMI_FILE.tag => Ok(Self::Lumigraph(Box::new(Lumigraph::read(path)?))),
+            Some(kind) if kind.tag != FileKind::CUBE_LDI.tag => {
+                bail!(
+                    "{} is a {}, which cannot be exported; what can be rendered can (.ldi, .sprite, .house, .lumi)",
+                    path.display(),
+                    kind.name
+                )
+            }
+            _ => Ok(Self::Cube(Box::new(PackedCube::read(path)?), "ldi")),
+        }
+    }
+
+    /// The cube; of anything else it is said that only pages are made of it.
+    pub(super) fn cube(self, path: &Path) -> anyhow::Result<PackedCube> {
+        match self {
+            Self::Cube(cube, _) => Ok(*cube),
+            Self::House(..) => bail!("{} is a house, which is exported as a page (.html) alone", path.display()),
+            Self::Lumigraph(..) => {
+                bail!("{} is a lumigraph, which is exported as a page (.html) alone", path.display())
+            }
+        }
+    }
+
+    pub(super) fn page(&self, name: &str) -> Result<Page, ExportError> {
+        match self {
+            Self::Cube(cube, _) => Page::new(cube, name),
+            Self::House(house, first) => Page::of_house(house, first, name),
+            Self::Lumigraph(lumigraph) => Page::of_lumigraph(lumigraph, name),
+        }
+    }
+
+    /// A JPEG file of the first view.
+    pub(super) fn poster(&self) -> Result<Vec<u8>, ExportError> {
+        match self {
+            Self::Cube(cube, _) => poster(cube),
+            Self::House(house, first) => house_poster(house, first),
+            Self::Lumigraph(lumigraph) => lumigraph_poster(lumigraph),
+        }
+    }
+
+    /// How much there is to see.
+    pub(super) fn amount(&self) -> (u64, &'static str) {
+        match self {
+            Self::Cube(cube, _) => (cube.depth_pixel_count() as u64, "depth pixels"),
+            Self::House(house, _) => (house.scene().triangles.len() as u64, "triangles"),
+            Self::Lumigraph(lumigraph) => (lumigraph.pictures().len() as u64, "images"),
+        }
+    }
+
+    /// How the name of such a file ends.
+    pub(super) fn ending(&self) -> &'static str {
+        match self {
+            Self::Cube(_, ending) => ending,
+            Self::House(..) => "house",
+            Self::Lumigraph(_) => "lumi",
+        }
+    }
+}

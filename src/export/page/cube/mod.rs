@@ -1,0 +1,109 @@
+//! A cube LDI as a page. It is drawn by the rules of [`crate::render::surface`], whose numbers travel in the page's header, so that its
+//! frames are held to the CPU's.
+
+mod samples;
+mod texels;
+
+use super::{Content, MAX_PAGE_BYTES, Part, environment, poster};
+use crate::capture::rig::Face;
+use crate::export::ExportError;
+use crate::ldi::accumulate::DepthBins;
+use crate::packed::splat_index::SPLAT_INDEX_COUNT;
+use crate::packed::{PackedCube, PlaneSet};
+use crate::render::{rules, surface};
+use serde_json::{Value, json};
+
+pub(super) const MODULES: &[&str] = &[
+    include_str!("samples.js"),
+    include_str!("planes.js"),
+    include_str!("place.js"),
+    include_str!("shaders.js"),
+    include_str!("renderer.js"),
+];
+
+/// What a page of a cube holds.
+pub(super) fn content(cube: &PackedCube) -> Result<Content, ExportError> {
+    if cube.depth_pixel_count() == 0 && cube.planes.tiles.is_empty() && cube.environment.size_px == 0 {
+        return Err(ExportError::Empty);
+    }
+    let at_least = cube.bytes() as u64 / 4;
+    if at_least > MAX_PAGE_BYTES {
+        return Err(ExportError::TooLarge { bytes: at_least, limit: MAX_PAGE_BYTES });
+    }
+    Ok(Content { header: header(cube), parts: parts(cube), poster: poster(cube)?, modules: MODULES })
+}
+
+fn header(cube: &PackedCube) -> Value {
+    let info = &cube.info;
+    let face_px = f64::from(cube.face_size_px);
+    let faces = Face::ALL.map(|face| json!({"right": face.right(), "up": face.up(), "normal": face.normal()}));
+    let segments: Vec<Value> = cube.segments.iter().map(|segment| {
+        json!({"face": segment.face.index(), "min": segment.inverse_depth(0), "step": segment.inverse_depth_step()})
+    }).collect();
+    json!({
+        "centre": info.centre,
+        "halfSize": info.half_size_m,
+        "frame": {"unit": info.frame.unit_m, "zUp": bool::from(info.frame.up)},
+        "ahead": ahead(cube),
+        "facePx": cube.face_size_px,
+        "blockPx": samples::BLOCK_PX,
+        "samples": cube.depth_pixel_count(),
+        "faces": faces,
+        "segments": segments,
+        "rules": {
+            "pixel": 2.0 / face_px,
+            "tolerance": surface::SurfaceCanvas::tolerance(cube.face_size_px),
+            "bin": DepthBins::new(info.half_size_m, cube.face_size_px).inverse_depth(1.0),
+            "maxSlope": rules::MAX_SLOPE,
+            "minRadius": rules::MIN_RADIUS_PX,
+            "maxRadius": rules::MAX_RADIUS_PX,
+            "minPeak": rules::MIN_PEAK,
+            "wNear": rules::W_NEAR,
+            "steps": rules::WEIGHT_STEPS,
+            "opaque": rules::OPAQUE_WEIGHT,
+            "minShare": rules::MIN_SHARE,
+        },
+    })
+}
+
+/// Where the view looks at first.
+fn ahead(cube: &PackedCube) -> glam::DVec3 {
+    cube.info.ahead.unwrap_or(glam::DVec3::NEG_Z)
+}
+
+/// All data, in the order in which a view begins to need it.
+fn parts(cube: &PackedCube) -> Vec<Part> {
+    let mut parts = vec![normals(cube)];
+    parts.extend((cube.environment.size_px > 0).then(|| environment(&cube.environment)));
+    parts.extend((!cube.planes.tiles.is_empty()).then(|| planes(&cube.planes)));
+    let mut segments: Vec<usize> = (0..cube.segments.len()).collect();
+    let toward = |i: &usize| cube.segments[*i].face.normal().dot(ahead(cube));
+    segments.sort_by(|a, b| toward(b).total_cmp(&toward(a)));
+    for i in segments {
+        for part in samples::parts(&cube.segments[i]) {
+            let header = json!({
+                "kind": "samples", "segment": i, "blocks": part.blocks, "samples": part.samples, "later": toward(&i) <= 0.5,
+            });
+            parts.push(Part { header, bytes: part.bytes });
+        }
+    }
+    parts
+}
+
+/// The normals that splat indices stand for, in the face's frame, as 16-bit integers of 1/32767.
+fn normals(cube: &PackedCube) -> Part {
+    let normals = (0..SPLAT_INDEX_COUNT as u32).flat_map(|index| cube.layout.normal(index).to_array());
+    let bytes = normals.flat_map(|c| ((c * 32767.0).round() as i16).to_le_bytes()).collect();
+    Part { header: json!({"kind": "normals"}), bytes }
+}
+
+/// Planes and pictures as they lie in memory, and the rests of their texels.
+fn planes(set: &PlaneSet) -> Part {
+    let mut bytes = bytemuck::cast_slice(&set.planes).to_vec();
+    bytes.extend_from_slice(bytemuck::cast_slice(&set.tiles));
+    bytes.extend(texels::rests(set));
+    let header = json!({
+        "kind": "planes", "planes": set.planes.len(), "tiles": set.tiles.len(), "texels": set.texels.len(),
+    });
+    Part { header, bytes }
+}

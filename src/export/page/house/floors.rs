@@ -1,0 +1,193 @@
+//! Where somebody may stand in a house: a grid for each storey.
+//!
+//! A place is free if the eye above it is in a room and nothing that reaches to its height is nearer than a shoulder; and in doors, whose
+//! leaves, if the model has them closed, are walked through. Windows are not passed.
+
+use crate::capture::portal_model::{Portal, Prism};
+use crate::capture::trace::Ray;
+use crate::portal::house::{EYE_HEIGHT_M, House, REVEAL_M};
+use crate::portal::opening::Opening;
+use crate::portal::walk_path::door;
+use glam::{DVec2, DVec3, Vec3};
+use rayon::prelude::*;
+use serde_json::{Value, json};
+
+/// Distance between places, metres, unless a storey is very large.
+const STEP_M: f64 = 0.05;
+/// Places along a side, at most.
+const MOST: f64 = 2000.0;
+/// Storeys whose floors are nearer than this are one, metres.
+const STOREY_M: f64 = 0.5;
+/// What is lower than this is no room but a window's niche, metres.
+const ROOM_M: f64 = 1.8;
+/// What is kept between an eye and what stands beside it, metres; twice this is wider than the step, so that not even a sheet is passed.
+const SHOULDER_M: f32 = 0.15;
+
+/// The places of a storey.
+#[derive(Debug)]
+pub(super) struct Floor {
+    /// Height of an eye, and where the first place is, (x, z); world metres.
+    eye_y: f64,
+    low: DVec2,
+    step: f64,
+    columns: usize,
+    rows: usize,
+    /// Row by row: 1 where one may stand, else 0.
+    pub(super) free: Vec<u8>,
+}
+
+impl Floor {
+    pub(super) fn header(&self, origin: DVec3) -> Value {
+        let low = [self.low.x - origin.x, self.low.y - origin.z];
+        json!({
+            "height": self.eye_y - origin.y, "low": low, "step": self.step, "columns": self.columns, "rows": self.rows,
+        })
+    }
+}
+
+/// What a portal is to a walker.
+struct Passage {
+    opening: Opening,
+    is_door: bool,
+}
+
+impl Passage {
+    fn new(house: &House, portal: &Portal) -> Option<Self> {
+        let opening = Opening::new(portal, 0)?;
+        let is_door = portal
+            .cells
+            .iter()
+            .all(|cell| house.plan().outside == Some(*cell) || door(house.plan(), portal, *cell).is_some());
+        Some(Self { opening, is_door })
+    }
+
+    /// Whether an eye is in the opening, somewhat away from its jambs.
+    fn holds(&self, eye: DVec3) -> bool {
+        let aside = self.opening.right * f64::from(SHOULDER_M).min(self.opening.half.x / 2.0);
+        self.opening.distance_in_front(eye).abs() < REVEAL_M
+            && [eye - aside, eye + aside].iter().all(|p| self.opening.contains(*p))
+    }
+}
+
+/// The storeys of a house, the lowest first.
+pub(super) fn floors(house: &House) -> Vec<Floor> {
+    let is_room = |prism: &&Prism| prism.floor_y.is_finite() && prism.ceiling_y - prism.floor_y >= ROOM_M;
+    let rooms = || house.plan().cells.iter().flat_map(|cell| &cell.space).filter(is_room);
+    let mut heights: Vec<f64> = rooms().map(|prism| prism.floor_y).collect();
+    heights.sort_by(f64::total_cmp);
+    heights.dedup_by(|next, kept| *next - *kept < STOREY_M);
+    let passages: Vec<Passage> = house.plan().portals.iter().filter_map(|portal| Passage::new(house, portal)).collect();
+    let of_height = |height: &f64| {
+        let here: Vec<&Prism> = rooms().filter(|prism| (0.0..STOREY_M).contains(&(prism.floor_y - height))).collect();
+        floor(house, &passages, &here, height + EYE_HEIGHT_M)
+    };
+    heights.iter().filter_map(of_height).collect()
+}
+
+fn floor(house: &House, passages: &[Passage], rooms: &[&Prism], eye_y: f64) -> Option<Floor> {
+    let corners = || rooms.iter().flat_map(|prism| prism.outline.iter().copied()).filter(|p| p.is_finite());
+    let (low, high) = (corners().reduce(DVec2::min)?, corners().reduce(DVec2::max)?);
+    let step = STEP_M.max((high - low).max_element() / MOST);
+    let [columns, rows] = [high.x - low.x, high.y - low.y].map(|side| (side / step).ceil() as usize + 1);
+    let at = |i: usize| DVec3::new(low.x + (i % columns) as f64 * step, eye_y, low.y + (i / columns) as f64 * step);
+    let free = (0..columns * rows).into_par_iter().map(|i| u8::from(is_free(house, passages, at(i))));
+    Some(Floor { eye_y, low, step, columns, rows, free: free.collect() })
+}
+
+fn is_free(house: &House, passages: &[Passage], eye: DVec3) -> bool {
+    let in_room = house.cell_of_eye(eye).is_some_and(|cell| house.plan().outside != Some(cell));
+    let holds = |is_door: bool| passages.iter().any(|passage| passage.is_door == is_door && passage.holds(eye));
+    in_room && (holds(true) || !holds(false) && has_elbow_room(house, eye))
+}
+
+/// Whether nothing is within a shoulder's width of an eye, in eight directions.
+fn has_elbow_room(house: &House, eye: DVec3) -> bool {
+    let origin = (eye - house.tracer().origin()).as_vec3();
+    let diagonal = std::f32::consts::FRAC_1_SQRT_2;
+    let half = [[1.0, 0.0], [diagonal, diagonal], [0.0, 1.0], [-diagonal, diagonal]];
+    half.iter()
+        .flat_map(|[x, z]| [Vec3::new(*x, 0.0, *z), Vec3::new(-x, 0.0, -z)])
+        .all(|direction| !house.tracer().occluded(&Ray { origin, direction, t_min: 0.0, t_max: SHOULDER_M }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::portal::walk_path::WalkPath;
+
+    /// Numbers of the places that one can walk to from another, in steps to neighbours.
+    fn reached(floor: &Floor, from: usize) -> Vec<usize> {
+        let (mut seen, mut left) = (vec![false; floor.free.len()], vec![from]);
+        while let Some(i) = left.pop() {
+            if floor.free[i] == 0 || std::mem::replace(&mut seen[i], true) {
+                continue;
+            }
+            let (column, row) = (i % floor.columns, i / floor.columns);
+            left.extend(
+                [
+                    (column > 0).then(|| i - 1),
+                    (column + 1 < floor.columns).then(|| i + 1),
+                    (row > 0).then(|| i - floor.columns),
+                    (row + 1 < floor.rows).then(|| i + floor.columns),
+                ]
+                .into_iter()
+                .flatten(),
+            );
+        }
+        (0..seen.len()).filter(|i| seen[*i]).collect()
+    }
+
+    #[test]
+    fn doors_lead_to_every_room_and_nothing_leads_through_walls() {
+        let mut model = crate::scenes::house(0, 6_000);
+        model.mend();
+        let house = House::new(model).expect("a house");
+        let all = floors(&house);
+        let [floor] = all.as_slice() else { panic!("one storey, not {}", all.len()) };
+        let eye = WalkPath::first(&house).expect("a camera").expect("a room").eye();
+        let place = |p: DVec3| {
+            let [column, row] = [p.x - floor.low.x, p.z - floor.low.y].map(|d| (d / floor.step).round() as usize);
+            row * floor.columns + column
+        };
+        let at = |i: usize| {
+            let (column, row) = ((i % floor.columns) as f64, (i / floor.columns) as f64);
+            DVec3::new(floor.low.x + column * floor.step, floor.eye_y, floor.low.y + row * floor.step)
+        };
+        let reached = reached(floor, place(eye));
+        let mut entered = vec![false; house.plan().cells.len()];
+        for i in &reached {
+            let cell = house.cell_of_eye(at(*i)).expect("in a room") as usize;
+            entered[cell] = true;
+        }
+        let outside = house.plan().outside.expect("an outside") as usize;
+        let left_out: Vec<usize> = (0..entered.len()).filter(|cell| !entered[*cell]).collect();
+        assert_eq!(left_out, [outside], "of {} cells", entered.len());
+        // From each place to those beside it there is no wall but closed leaves in doors.
+        let passages: Vec<Passage> = house.plan().portals.iter().filter_map(|p| Passage::new(&house, p)).collect();
+        for i in reached {
+            let from = at(i);
+            for (beside, direction) in [(i + 1, Vec3::X), (i + floor.columns, Vec3::Z)] {
+                let both = floor.free.get(beside) == Some(&1) && (beside % floor.columns != 0 || direction == Vec3::Z);
+                if !both || passages.iter().any(|p| p.is_door && (p.holds(from) || p.holds(at(beside)))) {
+                    continue;
+                }
+                let origin = (from - house.tracer().origin()).as_vec3();
+                let ray = Ray { origin, direction, t_min: 0.0, t_max: floor.step as f32 };
+                assert!(!house.tracer().occluded(&ray), "from {from} along {direction}");
+            }
+        }
+    }
+
+    #[test]
+    fn windows_are_not_passed() {
+        let mut model = crate::scenes::house(0, 6_000);
+        model.mend();
+        let house = House::new(model).expect("a house");
+        let outside = house.plan().outside;
+        let passages = house.plan().portals.iter().map(|p| (p, Passage::new(&house, p).expect("an area")));
+        let (doors, windows): (Vec<_>, Vec<_>) = passages.partition(|(_, passage)| passage.is_door);
+        assert!(doors.len() > 10 && windows.len() > 10, "{} doors, {} windows", doors.len(), windows.len());
+        let high = |(_, passage): &(&Portal, Passage)| passage.opening.half.y * 2.0 > 1.9;
+        assert!(doors.iter().all(high) && windows.iter().all(|(p, _)| outside.is_some_and(|o| p.cells.contains(&o))));
+    }
+}
