@@ -30,8 +30,8 @@ const fn places() -> [[f32; SAMPLES]; 2] {
     while i < 36 {
         let (column, row) = (i % 6, i / 6);
         if !((column == 0 || column == 5) && (row == 0 || row == 5)) {
-            places[0][k] = (2 * column as i32 - 5) as f32;
-            places[1][k] = (2 * row as i32 - 5) as f32;
+            places[0][k] = (2 * column - 5) as f32;
+            places[1][k] = (2 * row - 5) as f32;
             k += 1;
         }
         i += 1;
@@ -117,9 +117,9 @@ impl Patch {
             let (x, y) = (x.max(zero).min(right), y.max(zero).min(lower));
             let level = bilinear(simd, other, x, y);
             let weight = f32x16::from_slice(simd, &self.weights[lanes.clone()]) * level;
-            sum = sum + weight;
-            square = square + weight * level;
-            cross = cross + f32x16::from_slice(simd, &self.weighted[lanes]) * level;
+            sum += weight;
+            square += weight * level;
+            cross += f32x16::from_slice(simd, &self.weighted[lanes]) * level;
         }
         let (mean, square, cross) = (total(sum), total(square), total(cross));
         let variance = (square - mean * mean).max(0.0);
