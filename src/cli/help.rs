@@ -9,7 +9,7 @@ use clap_complete::Shell;
 use std::io::Write;
 
 /// Each subcommand's examples.
-const EXAMPLES: [(&str, &str); 17] = [
+const EXAMPLES: [(&str, &str); 18] = [
     ("demo", "headbox demo --quick --no-window"),
     ("scenes", "headbox scenes"),
     (
@@ -34,6 +34,13 @@ const EXAMPLES: [(&str, &str); 17] = [
         "house",
         "headbox house Home.xml --plan home.svg                   what it has, what is wrong with it, its plan\n  \
          headbox house Home.xml -o home.house --walk walk.json    bake its light, capture what is behind its doors",
+    ),
+    (
+        "images",
+        "headbox images scans/kitchen                             what it holds, and whether poses and depths agree\n  \
+         headbox images photos --align                            where photographs were taken, by COLMAP\n  \
+         headbox images photos --depth                            their depth, kept beside them\n  \
+         headbox images scans/kitchen --depth -o new              as a new set, compared with the depth that is there",
     ),
     ("info", "headbox info room.ldi --check"),
     (

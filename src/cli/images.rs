@@ -1,5 +1,6 @@
 //! `headbox images`: what an image set is, and what is wrong with it.
 
+use super::images_depth::{DepthArgs, Outcome};
 use super::output::print_json;
 use super::progress::Bar;
 use crate::capture::images::{
@@ -26,6 +27,8 @@ pub(super) struct ImagesCommand {
     /// Find out where photographs were taken: runs COLMAP, where it is installed, and puts its model beside them as sparse/0
     #[arg(long)]
     align: bool,
+    #[command(flatten)]
+    depth: DepthArgs,
     #[command(flatten)]
     set: SetArgs,
     /// Pairs of neighbours whose pictures are compared; 0 for none
@@ -167,14 +170,22 @@ pub(super) fn is_image_set(name: &str) -> bool {
 impl ImagesCommand {
     /// As `headbox images FOLDER`.
     pub(super) fn of(folder: &Path, json: bool) -> Self {
-        Self { folder: folder.into(), align: false, set: SetArgs::default(), pairs: PAIRS, json }
+        Self {
+            folder: folder.into(),
+            align: false,
+            depth: DepthArgs::default(),
+            set: SetArgs::default(),
+            pairs: PAIRS,
+            json,
+        }
     }
 
     pub(super) fn run(&self) -> anyhow::Result<()> {
         if self.align {
             self.align()?;
         }
-        let set = self.set.open(&self.folder)?;
+        let found = self.depth.run(&self.folder, &self.set)?;
+        let set = self.set.open(found.as_ref().map_or(&self.folder, |found| &found.folder))?;
         let pairs = self.pairs.min(set.with_depth().count().saturating_sub(1));
         let bar = Bar::new();
         bar.begin("comparing neighbours", "views", pairs as u64 + 1);
@@ -187,8 +198,11 @@ impl ImagesCommand {
             eprintln!("warning: {warning}");
         }
         if self.json {
-            self.print_json(&set, &report);
+            self.print_json(&set, &report, found.as_ref());
         } else {
+            if let Some(found) = &found {
+                found.print();
+            }
             self.print(&set, &report);
         }
         Ok(())
@@ -219,7 +233,7 @@ impl ImagesCommand {
         Ok(())
     }
 
-    fn print_json(&self, set: &ImageSet, report: &CheckReport) {
+    fn print_json(&self, set: &ImageSet, report: &CheckReport, found: Option<&Outcome>) {
         let file = |p: DVec3| set.frame.file_from_world(p).to_array();
         let views: Vec<_> = set
             .views
@@ -245,11 +259,12 @@ impl ImagesCommand {
             "kind": "images", "format": set.format, "views": views, "with_depth": set.with_depth().count(),
             "median_depth_m": report.median_depth_m, "depth_share": report.depth_share, "residuals": residuals,
             "warnings": report.warnings, "notes": set.notes,
+            "found_depth": found.map(Outcome::json),
         }));
     }
 
     fn print(&self, set: &ImageSet, report: &CheckReport) {
-        println!("{}: {}, {} views", self.folder.display(), set.format, set.views.len());
+        println!("{}: {}, {} views", set.folder.display(), set.format, set.views.len());
         let with_depth = set.with_depth().count();
         let panoramas = set.views.iter().filter(|view| view.lens == Lens::Equirectangular).count();
         let sizes: std::collections::BTreeSet<[u32; 2]> = set.views.iter().map(|view| view.size_px).collect();
@@ -277,7 +292,7 @@ impl ImagesCommand {
             );
         }
         if !set.views.is_empty() {
-            println!("capture it: headbox capture {} -o F.ldi", self.folder.display());
+            println!("capture it: headbox capture {} -o F.ldi", set.folder.display());
         }
     }
 }

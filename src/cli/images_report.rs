@@ -37,11 +37,12 @@ impl Sheets<'_> {
     }
 }
 
-/// Measures a set, by its depth or, where it has none, by voxel colouring, and writes what was found into a folder.
+/// Measures a set, by its depth or, where it has none but what is found, by what is made of the photographs alone, and writes what was found into a folder.
 pub(super) fn write(set: &ImageSet, hold_out: usize, geometry: &GeometryArgs, folder: &Path) -> anyhow::Result<()> {
     let bar = Bar::new();
     let mut sheets = Sheets { folder, failed: None };
-    let (json, summary) = if set.with_depth().next().is_some() {
+    let has_own_depth = set.with_depth().next().is_some() && !set.depth_is_found();
+    let (json, summary) = if has_own_depth {
         let geometry =
             Geometry { settings: geometry.settings(), samples: geometry.samples(), budget: geometry.budget() };
         let mut save = |shown: SideBySide| {
@@ -51,7 +52,7 @@ pub(super) fn write(set: &ImageSet, hold_out: usize, geometry: &GeometryArgs, fo
         let report = images::measure(set, &ImagesJob::suggest(set), &geometry, hold_out, &bar, &mut save)?;
         (serde_json::to_string_pretty(&report)?, report.summary())
     } else {
-        let mut save = |name: &str, pictures: [&RgbImage; 4]| sheets.save(name, &pictures, 4);
+        let mut save = |name: &str, pictures: &[&RgbImage]| sheets.save(name, pictures, 4);
         let report = photographs::measure(set, &PhotographsJob::suggest(set), hold_out, &bar, &mut save)?;
         (serde_json::to_string_pretty(&report)?, report.summary())
     };

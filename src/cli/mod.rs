@@ -26,6 +26,7 @@ mod help;
 mod house;
 mod house_file;
 mod images;
+mod images_depth;
 mod images_report;
 mod info;
 mod lumigraph;
@@ -75,7 +76,7 @@ enum Command {
     Lumigraph(Box<lumigraph::LumigraphCommand>),
     /// A home to walk through: read its rooms and doors, say what is wrong with them, draw its plan, write a .house file
     House(house::HouseCommand),
-    /// What a folder of pictures with known cameras holds, and whether its poses and depths agree
+    /// What a folder of pictures holds, and whether its poses and depths agree; where photographs were taken, and their depth
     Images(images::ImagesCommand),
     /// Show what a file holds; check every promise of its layout
     Info(info::InfoCommand),

@@ -2,7 +2,8 @@
 //!
 //! Every N-th photograph is left out. It is then shown by `photograph`, the nearest other one on a plane through what all cameras look
 //! at, by `ldi`, the cube that the others are coloured into about the camera of the one left out, and by `ldi-beside`, the same about the
-//! nearest one's camera. Before a dark backdrop errors are taken where the photograph shows the object or any of them shows anything,
+//! nearest one's camera. Then depth is found from the others alone, and shown by `depth-ldi` and `depth-ldi-beside`, cubes that their depth images are
+//! warped into, and by view-dependent geometry in its two best ways. Before a dark backdrop errors are taken where the photograph shows the object or any of them shows anything,
 //! and holes are black; elsewhere where all show something.
 
 use super::images::{HeldOut, camera_of, errors, mean_difference, photograph};
@@ -10,11 +11,18 @@ use super::machine::{Machine, commit};
 use super::stats::{Spread, pooled_psnr_db};
 use super::table::{Table, figure, percent};
 use crate::capture::Camera;
+use crate::capture::images::dense_depth::{DenseDepth, DenseDepthError};
 use crate::capture::images::{ImageSet, ImagesError, LoadedView, View};
+use crate::frame::Frame;
+use crate::ldi::CubeLdi;
+use crate::ldi::from_images::ImagesJob;
 use crate::ldi::voxel_colouring::PhotographsJob;
 use crate::packed::{PackError, PackedCube, SplatIndexLayout, Split};
 use crate::progress::Progress;
 use crate::render::{RenderSettings, Renderer};
+use crate::view_geometry::{
+    GeometryError, GeometryRenderer, GeometrySettings, Patience, SampleGrid, Texturing, ViewGeometry,
+};
 use glam::{DMat3, DVec3};
 use image::{Rgb, RgbImage};
 use serde::Serialize;
@@ -26,9 +34,18 @@ pub enum PhotographsReportError {
     /// A photograph could not be read.
     #[error(transparent)]
     Images(#[from] ImagesError),
+    /// Depth could not be found.
+    #[error(transparent)]
+    Depth(#[from] DenseDepthError),
+    /// There is no view-dependent geometry.
+    #[error(transparent)]
+    Geometry(#[from] GeometryError),
     /// A cube could not be packed.
     #[error(transparent)]
     Pack(#[from] PackError),
+    /// Depth that is found has nowhere to lie.
+    #[error("no folder for what is found on the way can be made: {0}")]
+    Folder(std::io::Error),
     /// There is nothing to leave out.
     #[error("{0} photographs: at least {least} are needed, so that one can be left out", least = LEAST)]
     TooFew(usize),
@@ -37,8 +54,13 @@ pub enum PhotographsReportError {
 /// The fewest photographs of which one can be left out.
 const LEAST: usize = 4;
 
+/// View-dependent geometry on depth that was found.
+const GEOMETRY: [(&str, Texturing); 2] =
+    [("depth-blended", Texturing::Blended), ("depth-averaged", Texturing::Averaged)];
+
 /// Ways to show a photograph that was left out.
-pub const VARIANTS: [&str; 3] = ["photograph", "ldi", "ldi-beside"];
+const VARIANTS: [&str; 7] =
+    ["photograph", "ldi", "ldi-beside", "depth-ldi", "depth-ldi-beside", GEOMETRY[0].0, GEOMETRY[1].0];
 
 /// All rows, and where they were measured.
 #[derive(Clone, Debug, Serialize)]
@@ -63,7 +85,7 @@ struct Drawn {
 }
 
 /// Measures a set: each `hold_out`-th photograph is left out alone. `show` is given its name, the photograph and a frame for each of
-/// the [`VARIANTS`].
+/// the `VARIANTS`.
 ///
 /// # Errors
 /// See [`PhotographsReportError`].
@@ -72,7 +94,7 @@ pub fn measure(
     job: &PhotographsJob,
     hold_out: usize,
     progress: &dyn Progress,
-    show: &mut dyn FnMut(&str, [&RgbImage; 4]),
+    show: &mut dyn FnMut(&str, &[&RgbImage]),
 ) -> Result<PhotographsReport, PhotographsReportError> {
     if set.views.len() < LEAST {
         return Err(PhotographsReportError::TooFew(set.views.len()));
@@ -87,11 +109,13 @@ pub fn measure(
         let angle = |other: &&&View| (other.pose.eye - focus).angle_between(view.pose.eye - focus);
         let Some(nearest) = others.iter().min_by(|a, b| angle(a).total_cmp(&angle(b))) else { continue };
         let (truth, visible) = photograph(&held, &camera);
-        let drawn = [
-            on_plane(&nearest.load()?, &camera, focus),
-            ldi(set, job, view.pose.eye, &others, &camera, progress)?,
-            ldi(set, job, nearest.pose.eye, &others, &camera, progress)?,
-        ];
+        let centres = [view.pose.eye, nearest.pose.eye];
+        let mut drawn = vec![on_plane(&nearest.load()?, &camera, focus)];
+        for centre in centres {
+            let coloured = PhotographsJob { centre, ..job.clone() };
+            drawn.push(ldi(|| coloured.run(set, &others, progress), 0.0, &camera)?);
+        }
+        drawn.extend(by_found_depth(set, &others, centres, &camera, progress)?);
         let dark = job.dark(std::slice::from_ref(&held));
         let shows = |pixel: &Rgb<u8>| dark.is_none_or(|dark| pixel.0.iter().any(|level| *level > dark));
         let judged: Vec<bool> = truth
@@ -121,7 +145,9 @@ pub fn measure(
                 bytes: drawn.bytes,
             });
         }
-        show(&view.name, [&truth, &drawn[0].picture, &drawn[1].picture, &drawn[2].picture]);
+        let pictures: Vec<&RgbImage> =
+            std::iter::once(&truth).chain(drawn.iter().map(|drawn| &drawn.picture)).collect();
+        show(&view.name, &pictures);
     }
     Ok(PhotographsReport { machine: Machine::here(), commit: commit(), hold_out, rows })
 }
@@ -157,34 +183,71 @@ fn on_plane(view: &LoadedView, camera: &Camera, focus: DVec3) -> Drawn {
     Drawn { picture, covered, frame_ms, build_ms: 0.0, bytes: view.color.len() as u64 * 4 }
 }
 
-/// A frame of the cube about `centre`.
-fn ldi(
+/// By depth that is found from `others` alone: cubes about two centres, and view-dependent geometry.
+fn by_found_depth(
     set: &ImageSet,
-    job: &PhotographsJob,
-    centre: DVec3,
-    views: &[&View],
+    others: &[&View],
+    centres: [DVec3; 2],
     camera: &Camera,
     progress: &dyn Progress,
+) -> Result<Vec<Drawn>, PhotographsReportError> {
+    let folder = tempfile::tempdir().map_err(PhotographsReportError::Folder)?;
+    let views = others.iter().map(|&view| View { depth: None, ..view.clone() }).collect();
+    let mut found = ImageSet { folder: folder.path().into(), views, ..set.clone() };
+    let started = Instant::now();
+    progress.begin("finding depth", "steps", found.find_depth_steps());
+    found.find_depth(&DenseDepth::default(), &|| progress.advance(1), &mut |_, _| {})?;
+    let depth_ms = started.elapsed().as_secs_f64() * 1e3;
+    let views: Vec<&View> = found.with_depth().collect();
+    let job = ImagesJob::suggest(&found);
+    let mut drawn = Vec::new();
+    for centre in centres {
+        let job = ImagesJob { centre, ..job.clone() };
+        drawn.push(ldi(|| job.run(&found, &views, progress), depth_ms, camera)?);
+    }
+    let started = Instant::now();
+    let geometry = ViewGeometry::open(&found, &views, &SampleGrid::default(), ViewGeometry::DEFAULT_BUDGET, progress)?;
+    let build_ms = depth_ms + started.elapsed().as_secs_f64() * 1e3;
+    let mut renderer = GeometryRenderer::new();
+    for (_, texturing) in GEOMETRY {
+        let settings = GeometrySettings { texturing, ..GeometrySettings::default() };
+        renderer.render(&geometry, camera, &settings, Patience::Wait);
+        let (frame, stats) = renderer.render(&geometry, camera, &settings, Patience::Wait);
+        drawn.push(Drawn::of_frame(frame, stats.frame_ms, build_ms, geometry.bytes()));
+    }
+    Ok(drawn)
+}
+
+/// A frame of a cube; `before_ms` is what led up to it.
+fn ldi(
+    build: impl FnOnce() -> Result<CubeLdi, ImagesError>,
+    before_ms: f64,
+    camera: &Camera,
 ) -> Result<Drawn, PhotographsReportError> {
     let started = Instant::now();
-    let cube = PhotographsJob { centre, ..job.clone() }.run(set, views, progress)?;
-    let cube = PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto)?;
-    let build_ms = started.elapsed().as_secs_f64() * 1e3;
+    let cube = PackedCube::pack(&build()?, SplatIndexLayout::Normal, Split::Auto)?;
+    let build_ms = before_ms + started.elapsed().as_secs_f64() * 1e3;
     let settings = RenderSettings { hole_color_srgb: [0; 3], ..RenderSettings::default() };
     let mut renderer = Renderer::new();
     renderer.render(&cube, camera, &settings);
     let (frame, stats) = renderer.render_with_stats(&cube, camera, &settings);
-    let color = |x: u32, y: u32| {
-        let [r, g, b, _] = frame.color[(y * frame.width + x) as usize];
-        Rgb([r, g, b])
-    };
-    Ok(Drawn {
-        picture: RgbImage::from_fn(frame.width, frame.height, color),
-        covered: frame.coverage.iter().map(|coverage| coverage.splat_share() >= 128).collect(),
-        frame_ms: stats.frame_ms,
-        build_ms,
-        bytes: cube.bytes() as u64,
-    })
+    Ok(Drawn::of_frame(frame, stats.frame_ms, build_ms, cube.bytes()))
+}
+
+impl Drawn {
+    fn of_frame(frame: &Frame, frame_ms: f64, build_ms: f64, bytes: usize) -> Self {
+        let color = |x: u32, y: u32| {
+            let [r, g, b, _] = frame.color[(y * frame.width + x) as usize];
+            Rgb([r, g, b])
+        };
+        Self {
+            picture: RgbImage::from_fn(frame.width, frame.height, color),
+            covered: frame.coverage.iter().map(|coverage| coverage.splat_share() >= 128).collect(),
+            frame_ms,
+            build_ms,
+            bytes: bytes as u64,
+        }
+    }
 }
 
 impl PhotographsReport {
@@ -209,7 +272,8 @@ impl PhotographsReport {
         }
         format!(
             "# Photographs left out of a set\n\n{} photographs left out, one at a time, and shown by the nearest other one on a plane, \
-             and by layered depth images that the others are coloured into about its own camera and about the nearest one's.\nCommit {}, {}, {} threads, {}.\n\n{table}",
+             by layered depth images that the others are coloured into about its own camera and about the nearest one's, and by depth that is found \
+             from the others: warped into such cubes, and by view-dependent geometry.\nCommit {}, {}, {} threads, {}.\n\n{table}",
             self.rows.len() / VARIANTS.len(),
             self.commit,
             self.machine.processor,

@@ -202,3 +202,47 @@ fn photographs_without_depth_are_captured_and_measured() {
     }
     assert!(!dir.path().join("no.ldi").exists());
 }
+
+#[test]
+fn depth_of_photographs_is_found_kept_and_compared() {
+    let dir = tempfile::tempdir().unwrap();
+    ball(dir.path());
+    let json = |arguments: &[&str]| -> serde_json::Value {
+        serde_json::from_str(&succeeds(dir.path(), &[arguments, &["--json"]].concat()).0).unwrap()
+    };
+    let found = json(&["images", "ball", "--depth"]);
+    // The ball covers a quarter of each picture; its rim and what the outermost two show alone stay open.
+    let share = found["found_depth"]["share"].as_f64().unwrap();
+    assert!(
+        share > 0.12 && share < 0.3 && found["with_depth"] == 7 && found["found_depth"]["known"].is_null(),
+        "{found}"
+    );
+    let (said, notes) = succeeds(dir.path(), &["images", "ball"]);
+    assert!(said.contains("7 with depth") && notes.contains("found from the pictures"), "{said}{notes}");
+    // Two metres from the eyes, a radius of 0.4.
+    let depth = found["median_depth_m"].as_f64().unwrap();
+    assert!(depth > 1.6 && depth < 1.8, "{found}");
+    let (_, said) =
+        succeeds(dir.path(), &["render", "ball", "-o", "g.png", "--size", "64x48", "--variant", "geometry-averaged"]);
+    assert!(!said.contains("registration"), "colours and depth are of one camera: {said}");
+    let captured = json(&["capture", "ball", "-o", "ball.ldi"]);
+    assert!(captured["images"] == 7, "{captured}");
+
+    room(dir.path(), DEPTH_FOCAL);
+    let refused = |arguments: &[&str], status: i32, expected: &str| {
+        let output = headbox(dir.path(), arguments);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(status) && said.contains(expected), "{arguments:?}: {said}");
+    };
+    refused(&["images", "room", "--depth"], 1, "-o FOLDER");
+    refused(&["images", "room", "--depth", "-o", "ball"], 1, "not empty");
+    refused(&["images", "room", "-o", "new"], 2, "--depth");
+    // A camera that turns about its eye tells nothing of depth.
+    let compared = json(&["images", "room", "--depth", "-o", "new"]);
+    let known = &compared["found_depth"]["known"];
+    assert!(
+        known["covered"].as_f64().unwrap() < 0.01 && compared["views"].as_array().unwrap().len() == 8,
+        "{compared}"
+    );
+    assert!(dir.path().join("new/transforms.json").is_file() && dir.path().join("new/images/00007.png").is_file());
+}

@@ -35,12 +35,15 @@ pub struct DepthSource {
     pub unit_m: f32,
     /// For [`DepthKind::WindowDepth`]: entries (2, 2) and (2, 3) of the clip matrix, which also tell reversed depth.
     pub window: Option<[f64; 2]>,
+    /// Of depth that was found from the pictures themselves ([`super::dense_depth`]), which belongs to the ideal lens and needs no
+    /// registration: the standard deviation of inverse depth, 1/m.
+    pub found: Option<f32>,
 }
 
 impl DepthSource {
     /// Eye depth, or ray distance, in metres.
     pub fn metres(path: PathBuf, kind: DepthKind, unit_m: f32) -> Self {
-        Self { path, channel: None, kind, unit_m, window: None }
+        Self { path, channel: None, kind, unit_m, window: None, found: None }
     }
 
     /// Reads it: eye depth, or ray distance if that is its kind, in metres, NaN where nothing is known (zero, negative,
@@ -167,7 +170,7 @@ mod tests {
     use super::*;
 
     fn source(path: PathBuf, kind: DepthKind, window: Option<[f64; 2]>) -> DepthSource {
-        DepthSource { path, channel: None, kind, unit_m: 1.0 / 65_535.0, window }
+        DepthSource { path, channel: None, kind, unit_m: 1.0 / 65_535.0, window, found: None }
     }
 
     #[test]

@@ -13,10 +13,14 @@
 //! | RGB-D frames (TSDF demo, 7-Scenes) | `rgbd` | colour, 16-bit depth, pose and intrinsics text |
 //! | Middlebury `*_par.txt` | `middlebury` | calibrated photographs |
 //! | panoramas | `panorama` | equirectangular, or six cube faces, with depth beside them |
+//!
+//! Of photographs without depth it is found from the photographs (`dense_depth`), and read from beside them from then on.
 
 mod align;
+pub mod backdrop;
 mod check;
 mod colmap;
+pub mod dense_depth;
 mod depth;
 mod json;
 mod lens;
@@ -35,6 +39,7 @@ pub use align::{AlignError, AlignProgress, AlignStep, Aligned, align};
 pub use check::{CheckReport, Residual, check};
 pub use depth::{DepthPicture, DepthSource};
 pub use lens::{Distortion, Lens, Pinhole};
+pub use nerfstudio::write_set;
 pub use pictures::{ColorPicture, read_color};
 pub use pose::Pose;
 pub use register::{Kept, Registration, RegistrationReport};
@@ -42,6 +47,7 @@ pub use view::{LoadedView, View};
 
 use crate::picture::PictureError;
 use crate::scene::FileFrame;
+use crate::statistics::median;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 
@@ -148,6 +154,13 @@ impl ImageSet {
     /// # Errors
     /// See [`ImagesError`].
     pub fn open(path: &Path, options: &ImageSetOptions) -> Result<Self, ImagesError> {
+        let mut set = Self::read(path, options)?;
+        dense_depth::attach(&mut set)?;
+        Ok(set)
+    }
+
+    /// The set without depth that was found from its pictures.
+    fn read(path: &Path, options: &ImageSetOptions) -> Result<Self, ImagesError> {
         let is_file = path.is_file();
         let folder = if is_file { path.parent().unwrap_or(Path::new(".")) } else { path };
         if !is_file {
@@ -177,8 +190,19 @@ impl ImageSet {
         self.views.iter().filter(|view| view.depth.is_some())
     }
 
-    /// Standard deviation of the views' inverse depths, 1/m: that of sensors where depth is in integers beside perspective pictures, else 0.
+    /// Whether all depth that there is was found from the pictures themselves.
+    pub fn depth_is_found(&self) -> bool {
+        let mut sources = self.views.iter().filter_map(|view| view.depth.as_ref()).peekable();
+        sources.peek().is_some() && sources.all(|source| source.found.is_some())
+    }
+
+    /// Standard deviation of the views' inverse depths, 1/m: what was measured where depth was found from the pictures, that of sensors where
+    /// depth is in integers beside perspective pictures, else 0.
     pub fn depth_noise(&self) -> f32 {
+        let found = self.views.iter().filter_map(|view| view.depth.as_ref()?.found).map(f64::from);
+        if self.depth_is_found() {
+            return median(found).unwrap_or(0.0) as f32;
+        }
         let from_sensor =
             |view: &View| view.depth.as_ref().is_some_and(|depth| depth.path.extension().is_some_and(|e| e == "png"));
         let first = self.with_depth().next();
@@ -192,6 +216,27 @@ impl ImageSet {
         const LEAST_LENGTH: f64 = 0.5;
         let sum: DVec3 = self.views.iter().map(|view| view.pose.world_from_eye.y_axis).sum();
         (sum.length() > LEAST_LENGTH * self.views.len() as f64).then(|| sum.normalize())
+    }
+
+    /// The view that has the most others near it, and how far away the nearest other eye is, metres (0.1 if there is none).
+    pub fn densest_view(&self) -> Option<(&View, f64)> {
+        /// Others that count.
+        const NEIGHBORS: usize = 4;
+        let spread = |view: &View| {
+            let mut apart: Vec<f64> = self.views.iter().map(|other| other.pose.eye.distance(view.pose.eye)).collect();
+            if apart.len() > NEIGHBORS + 1 {
+                apart.select_nth_unstable_by(NEIGHBORS, f64::total_cmp);
+            }
+            apart.truncate(NEIGHBORS + 1); // itself is one of them
+            apart.sort_by(f64::total_cmp);
+            apart
+        };
+        let sum = |apart: &[f64]| apart.iter().sum::<f64>();
+        let spreads = self.views.iter().map(|view| (view, spread(view)));
+        let (view, apart) = spreads.min_by(|a, b| sum(&a.1).total_cmp(&sum(&b.1)))?;
+        // Poses of one place are written with some digits.
+        let same = apart.last().map_or(0.0, |distance| distance * 1e-3);
+        Some((view, apart.into_iter().find(|distance| *distance > same).unwrap_or(0.1)))
     }
 
     /// The view whose eye is nearest to the mean of all eyes: an original camera suits best as the centre of an LDI, for

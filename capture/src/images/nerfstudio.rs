@@ -1,14 +1,20 @@
 //! nerfstudio's and NeRF's `transforms.json`.
 
 use super::depth::DepthSource;
-use super::json::{self, Object};
+use super::json::{self as fields, Object};
 use super::lens::{Distortion, Lens, Pinhole};
 use super::pictures::read_size;
 use super::pose::Pose;
-use super::view::View;
+use super::view::{LoadedView, View};
 use super::{ImageSet, ImagesError, resolve};
-use crate::DepthKind;
 use crate::scene::{FileFrame, UpAxis};
+use crate::{DepthKind, files};
+use glam::{DMat4, DVec3};
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder};
+use serde_json::json;
+use std::fs::File;
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// Metres for a step of a depth picture of integers, unless the file says otherwise.
@@ -16,7 +22,7 @@ const DEPTH_UNIT_M: f64 = 0.001;
 
 pub(super) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesError> {
     let file = file.to_path_buf();
-    let value = json::read(&file)?;
+    let value = fields::read(&file)?;
     let root = Object::root(&file, &value);
     let frame = FileFrame { up: UpAxis::Z, unit_m: 1.0 };
     let mut views = Vec::new();
@@ -71,6 +77,57 @@ fn read_view(root: &Object, view: &Object, frame: &FileFrame, allow_outside: boo
         depth_scale: 1.0,
         registration: None,
     })
+}
+
+/// Writes perspective views as a set of their own: pictures with ideal lenses as `images/NNNNN.png`, and `transforms.json`. `look` is told of each
+/// view that was written. Others, such as panoramas, are left out.
+///
+/// # Errors
+/// [`ImagesError`] that names the file.
+pub fn write_set(views: &[View], folder: &Path, look: &mut dyn FnMut(&str)) -> Result<(), ImagesError> {
+    let frame = FileFrame { up: UpAxis::Z, unit_m: 1.0 };
+    let mut frames = Vec::new();
+    for (number, view) in views.iter().enumerate() {
+        if view.pinhole().is_none() {
+            continue;
+        }
+        let loaded = view.load()?;
+        let Lens::Pinhole(lens) = loaded.lens else { continue };
+        let name = format!("images/{number:05}.png");
+        write_picture(&loaded, &folder.join(&name))?;
+        let axis = |axis: DVec3| frame.file_from_world(axis).extend(0.0);
+        let turn = loaded.pose.world_from_eye;
+        let matrix = DMat4::from_cols(
+            axis(turn.x_axis),
+            axis(turn.y_axis),
+            axis(turn.z_axis),
+            frame.file_from_world(loaded.pose.eye).extend(1.0),
+        );
+        frames.push(json!({
+            "file_path": name, "transform_matrix": matrix.transpose().to_cols_array_2d(),
+            "w": loaded.size_px[0], "h": loaded.size_px[1],
+            "fl_x": lens.focal_px[0], "fl_y": lens.focal_px[1], "cx": lens.principal_px[0], "cy": lens.principal_px[1],
+        }));
+        look(&view.name);
+    }
+    let file = folder.join("transforms.json");
+    let set = json!({"camera_model": "PINHOLE", "frames": frames});
+    files::write_whole(&file, |writer| serde_json::to_writer_pretty(writer, &set).map_err(io::Error::other))
+        .map_err(|cause| ImagesError::io(&file, cause))
+}
+
+fn write_picture(view: &LoadedView, path: &Path) -> Result<(), ImagesError> {
+    let [width, height] = view.size_px;
+    let opaque = view.color.iter().all(|pixel| pixel[3] == 255);
+    let bytes: Vec<u8> = match opaque {
+        true => view.color.iter().flat_map(|&[r, g, b, _]| [r, g, b]).collect(),
+        false => view.color.iter().flatten().copied().collect(),
+    };
+    let kind = if opaque { ExtendedColorType::Rgb8 } else { ExtendedColorType::Rgba8 };
+    let write = |writer: &mut io::BufWriter<&File>| {
+        PngEncoder::new(writer).write_image(&bytes, width, height, kind).map_err(io::Error::other)
+    };
+    files::write_whole(path, write).map_err(|cause| ImagesError::io(path, cause))
 }
 
 /// NeRF's synthetic scenes leave `.png` away.

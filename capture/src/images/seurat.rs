@@ -74,6 +74,7 @@ fn read_view(view: &Object, allow_outside: bool) -> Result<View, ImagesError> {
         unit_m: if is_exr { 1.0 } else { 1.0 / 65_535.0 },
         window: Some([rows.z_axis.z, rows.z_axis.w]),
         path: depth_path,
+        found: None,
     };
     let color = path(&color)?;
     let name = color.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();

@@ -74,8 +74,11 @@ impl View {
             }
         }
         let depth = self.load_depth()?;
-        let loaded = LoadedView { size_px: self.size_px, lens: self.lens, pose: self.pose, color, depth };
-        let ideal = loaded.undistorted();
+        let of_ideal_lens = self.depth.as_ref().is_some_and(|depth| depth.found.is_some());
+        let (distorted, ideal) = if of_ideal_lens { (Vec::new(), depth) } else { (depth, Vec::new()) };
+        let loaded = LoadedView { size_px: self.size_px, lens: self.lens, pose: self.pose, color, depth: distorted };
+        let undistorted = loaded.undistorted();
+        let ideal = if of_ideal_lens { LoadedView { depth: ideal, ..undistorted } } else { undistorted };
         Ok(match &self.registration {
             Some(registration) => registration.apply(ideal),
             None => ideal,
@@ -103,6 +106,20 @@ impl View {
             }
         }
         Ok(picture.values)
+    }
+
+    /// Whether it has depth that was not found from pictures.
+    pub fn has_own_depth(&self) -> bool {
+        self.depth.as_ref().is_some_and(|depth| depth.found.is_none())
+    }
+
+    /// The ideal lens of its colours; `None` for a panorama.
+    pub fn pinhole(&self) -> Option<Pinhole> {
+        let lens = self.registration.map_or(self.lens, |registration| Lens::Pinhole(registration.lens));
+        match lens.ideal() {
+            Lens::Pinhole(pinhole) => Some(pinhole),
+            Lens::Equirectangular => None,
+        }
     }
 
     /// The camera of frames that show what this view shows: its eye and direction, square pixels, the principal point in

@@ -49,8 +49,19 @@ fn ahead(views: &[&View]) -> Option<DVec3> {
 
 impl ImagesJob {
     /// A cube about the eye nearest to the middle of a set's views (an original camera suits best: fewer pixels are resampled
-    /// twice), as fine as the views, and so large that it holds most of their eyes.
+    /// twice), as fine as the views, and so large that it holds most of their eyes. Of photographs, whose depth was found, which may stand all around
+    /// an object: about the one that has the most others near it, reaching half-way to the nearest.
     pub fn suggest(set: &ImageSet) -> Self {
+        let suggested = Self::for_most_eyes(set);
+        match set.densest_view().filter(|_| set.depth_is_found()) {
+            Some((view, nearest)) => {
+                Self { centre: set.headbox_centre.unwrap_or(view.pose.eye), half_size_m: nearest / 2.0, ..suggested }
+            }
+            None => suggested,
+        }
+    }
+
+    fn for_most_eyes(set: &ImageSet) -> Self {
         let centre = set.headbox_centre.or_else(|| set.central_view().map(|view| view.pose.eye)).unwrap_or(DVec3::ZERO);
         let mut distances: Vec<f64> =
             set.views.iter().map(|view| (view.pose.eye - centre).abs().max_element()).collect();
@@ -95,14 +106,18 @@ impl ImagesJob {
                 .collect();
             cube.add(&piles?.into_iter().flatten().collect::<Vec<_>>());
         }
+        // Cameras around an object look all ways; one looks at it as the nearest does.
+        let apart = |view: &&&View| view.color_pose().eye.distance_squared(self.centre);
+        let nearest = views.iter().min_by(|a, b| apart(a).total_cmp(&apart(b))).filter(|_| set.depth_is_found());
+        let nearest = nearest.map(|view| view.color_pose().world_from_eye);
         let info = CaptureInfo {
             scene: set.folder.display().to_string(),
             centre: self.centre,
             half_size_m: self.half_size_m,
             frame: set.frame,
             exposure: 1.0, // colours are the pictures' own
-            ahead: ahead(views),
-            up: set.up(),
+            ahead: nearest.map(|held| -held.z_axis).or_else(|| ahead(views)),
+            up: nearest.map(|held| held.y_axis).or_else(|| set.up()),
             parameters: CaptureParameters { merge_rule: self.merge_rule, ..CaptureParameters::unlit(0, 0) },
             ..CaptureInfo::default()
         };

@@ -15,7 +15,6 @@
 //! run has ended, some shells late, which is why this is approximate, as the papers' is. Decisions of a shell know the
 //! claims of those before it alone, and claims are sets of bits, so that the result does not depend on threads.
 
-mod backdrop;
 mod evidence;
 mod photograph;
 mod reach;
@@ -27,6 +26,7 @@ mod tests;
 
 use super::parameters::CaptureParameters;
 use super::{CaptureInfo, CubeLdi, LayeredDepthImage};
+use crate::capture::images::backdrop;
 use crate::capture::images::{ImageSet, ImagesError, Lens, LoadedView, View};
 use crate::environment::Environment;
 use crate::progress::Progress;
@@ -97,26 +97,12 @@ impl PhotographsJob {
 
     /// A cube about the camera that has the most others near it, as fine as its photograph, reaching half-way to the nearest.
     pub fn suggest(set: &ImageSet) -> Self {
-        /// Others that count.
-        const NEIGHBORS: usize = 4;
-        let spread = |view: &View| {
-            let mut apart: Vec<f64> = set.views.iter().map(|other| other.pose.eye.distance(view.pose.eye)).collect();
-            if apart.len() > NEIGHBORS + 1 {
-                apart.select_nth_unstable_by(NEIGHBORS, f64::total_cmp);
-            }
-            apart.truncate(NEIGHBORS + 1); // itself is one of them
-            apart.sort_by(f64::total_cmp);
-            apart
-        };
-        let spreads = set.views.iter().map(|view| (view, spread(view)));
-        let sum = |apart: &[f64]| apart.iter().sum::<f64>();
-        let densest = spreads.min_by(|a, b| sum(&a.1).total_cmp(&sum(&b.1)));
-        let focal = densest.as_ref().map_or(512.0, |(view, _)| view.lens.pixels_per_radian(view.size_px));
-        let centre = densest.as_ref().map_or(DVec3::ZERO, |(view, _)| view.pose.eye);
-        let nearest = densest.and_then(|(_, apart)| apart.into_iter().find(|distance| *distance > 0.0));
+        let densest = set.densest_view();
+        let focal = densest.map_or(512.0, |(view, _)| view.lens.pixels_per_radian(view.size_px));
+        let centre = densest.map_or(DVec3::ZERO, |(view, _)| view.pose.eye);
         Self {
             centre: set.headbox_centre.unwrap_or(centre),
-            half_size_m: nearest.unwrap_or(0.1) / 2.0,
+            half_size_m: densest.map_or(0.1, |(_, nearest)| nearest) / 2.0,
             face_size_px: ((2.0 * focal).ceil() as u32).clamp(16, super::MAX_FACE_SIZE_PX).next_multiple_of(16),
             agreement: Self::AGREEMENT,
             backdrop: Backdrop::Auto,

@@ -78,7 +78,7 @@ fn estimate(set: &ImageSet, look: &(dyn Fn(&str) + Sync)) -> Result<Option<Estim
     let chosen: Vec<usize> = (0..set.views.len())
         .filter(|&i| {
             let view = &set.views[i];
-            view.depth.is_some() && view.registration.is_none() && matches!(view.lens, Lens::Pinhole(_))
+            view.has_own_depth() && view.registration.is_none() && matches!(view.lens, Lens::Pinhole(_))
         })
         .collect();
     // One lens for all: what a set of several cameras has in common is not theirs.

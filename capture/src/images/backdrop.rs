@@ -1,6 +1,6 @@
 //! Photographs of an object before something dark: from which level on a pixel shows the object.
 
-use crate::capture::images::LoadedView;
+use super::LoadedView;
 
 /// A rim is dark below this level.
 const DARK: u8 = 16;
@@ -12,7 +12,7 @@ const CLASS: usize = 8;
 const CLASSES: std::ops::Range<usize> = 2..12;
 
 /// The level in the emptiest stretch of the histogram between backdrop and object, if there is a dark backdrop.
-pub(super) fn find(views: &[LoadedView]) -> Option<u8> {
+pub fn find(views: &[LoadedView]) -> Option<u8> {
     let (mut dark, mut rim) = (0u64, 0u64);
     let mut histogram = [0u64; 256 / CLASS];
     for view in views {
@@ -35,10 +35,37 @@ pub(super) fn find(views: &[LoadedView]) -> Option<u8> {
     Some((emptiest * CLASS + CLASS / 2) as u8)
 }
 
+/// For each pixel whether it shows nothing: it is masked out, or connected with the picture's rim by pixels that are no lighter than `dark`.
+pub(super) fn shows_nothing(view: &LoadedView, dark: Option<u8>) -> Vec<bool> {
+    let mut nothing: Vec<bool> = view.color.iter().map(|pixel| pixel[3] == 0).collect();
+    let Some(dark) = dark else { return nothing };
+    let [width, height] = view.size_px.map(|side| side as usize);
+    let mut reached: Vec<usize> = Vec::new();
+    let reach = |i: usize, nothing: &mut [bool], reached: &mut Vec<usize>| {
+        if !nothing[i] && view.color[i][..3].iter().all(|&level| level <= dark) {
+            nothing[i] = true;
+            reached.push(i);
+        }
+    };
+    let at_rim = |i: &usize| [0, width - 1].contains(&(i % width)) || [0, height - 1].contains(&(i / width));
+    (0..width * height).filter(at_rim).for_each(|i| reach(i, &mut nothing, &mut reached));
+    while let Some(i) = reached.pop() {
+        let (x, y) = (i % width, i / width);
+        let sides = [
+            (x > 0, i.wrapping_sub(1)),
+            (x + 1 < width, i + 1),
+            (y > 0, i.wrapping_sub(width)),
+            (y + 1 < height, i + width),
+        ];
+        sides.into_iter().filter(|side| side.0).for_each(|side| reach(side.1, &mut nothing, &mut reached));
+    }
+    nothing
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::capture::images::{Lens, Pose};
+    use crate::images::{Lens, Pose};
     use glam::{DMat3, DVec3};
 
     fn view(object: u8, backdrop: u8) -> LoadedView {
@@ -62,5 +89,18 @@ mod tests {
         assert!((11..120).contains(&level), "{level}");
         assert_eq!(find(&[view(150, 90)]), None, "no dark rims");
         assert_eq!(find(&[]), None);
+    }
+
+    #[test]
+    fn a_dark_place_within_the_object_is_no_backdrop() {
+        let mut view = view(150, 3);
+        view.color[16 * 32 + 16] = [1, 1, 1, 255];
+        view.color[20 * 32 + 20][3] = 0;
+        let nothing = shows_nothing(&view, Some(11));
+        for (i, nothing) in nothing.into_iter().enumerate() {
+            let inside = (8..24).contains(&(i % 32)) && (8..24).contains(&(i / 32));
+            assert_eq!(nothing, !inside || i == 20 * 32 + 20, "{i}");
+        }
+        assert_eq!(shows_nothing(&view, None).into_iter().filter(|nothing| *nothing).count(), 1);
     }
 }

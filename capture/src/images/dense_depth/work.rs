@@ -1,0 +1,328 @@
+//! A set on its way from pictures to depth, view by view and round by round.
+
+use super::consistency::{Verdict, judge, remove_specks};
+use super::hypotheses::{Chequerboard, Hypothesis};
+use super::neighbors::{self, Candidate};
+use super::patch_match::{Draw, Known, MOST_OTHERS, Matcher, Other};
+use super::picture::{Grey, MatchView};
+use super::relative::{CameraAt, Relative};
+use super::shelf::{Shelf, Spool};
+use super::{DenseDepth, DenseDepthError, FoundDepth};
+use crate::images::{ImagesError, LoadedView, Pinhole, View, backdrop};
+use crate::simd;
+use crate::statistics::median;
+use glam::DVec3;
+use rayon::prelude::*;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Rounds in a picture, from coarse to fine: far-reaching ones first.
+const ROUNDS: [&[(f32, f32)]; 3] = [
+    &[(1.0, 0.3), (0.5, 0.15), (0.25, 0.08)],
+    &[(1.0, 0.5), (0.5, 0.2), (0.25, 0.1)],
+    &[(2.0, 1.0), (2.0, 0.7), (1.0, 0.5), (0.5, 0.3)],
+];
+
+/// How often all views are improved by what the others found, and the rounds each time.
+pub(super) const TOGETHER: usize = 2;
+const TOGETHER_ROUNDS: [(f32, f32); 2] = [(0.5, 0.15), (0.2, 0.05)];
+
+/// Costs above which a plane is not believed, however many views confirm it.
+const MOST_COST: f32 = 0.9;
+
+/// Planes that cost no more are believed where it is asked how far away things are.
+const GOOD_COST: f32 = 0.25;
+
+/// Patches of fewer pixels are specks.
+const SPECK: usize = 60;
+
+/// The standard deviation of a view's inverse depths, over the median difference between two views': 1.4826 / sqrt(2) for normal errors.
+const DEVIATION: f64 = 1.048;
+
+/// Views that are asked whether there is a dark backdrop.
+const BACKDROP_VIEWS: usize = 16;
+/// What becomes of a set on the way.
+pub(super) struct Work<'a> {
+    settings: &'a DenseDepth,
+    views: &'a [&'a View],
+    /// Of their colours.
+    lenses: Vec<Pinhole>,
+    folder: &'a Path,
+    shelf: Shelf<'a>,
+    /// Of each view, which others are asked.
+    asked: Vec<Vec<usize>>,
+    found: Spool,
+    improved: Spool,
+}
+
+impl<'a> Work<'a> {
+    pub(super) fn new(
+        settings: &'a DenseDepth,
+        views: &'a [&'a View],
+        lenses: Vec<Pinhole>,
+        folder: &'a Path,
+    ) -> Result<Self, DenseDepthError> {
+        let step = views.len().div_ceil(BACKDROP_VIEWS);
+        let some: Result<Vec<LoadedView>, ImagesError> =
+            views.par_iter().step_by(step).map(|view| view.load()).collect();
+        let dark = backdrop::find(&some?);
+        let load = move |i: usize| {
+            let view = views[i].load()?;
+            let nothing = backdrop::shows_nothing(&view, dark);
+            MatchView::new(&view, nothing, settings.longest_px, settings.coarsest_px).ok_or_else(|| {
+                ImagesError::Picture { path: views[i].color.clone(), cause: "is no perspective picture".into() }
+            })
+        };
+        let planes = || {
+            views.iter().map(|view| {
+                let [mut width, mut height] = view.size_px;
+                while width.max(height) > settings.longest_px.max(1) {
+                    (width, height) = ((width / 2).max(1), (height / 2).max(1));
+                }
+                width as usize * height as usize
+            })
+        };
+        let spool =
+            || Spool::new(folder, planes()).map_err(|cause| DenseDepthError::Spool { folder: folder.into(), cause });
+        let shelf = Shelf::new(settings.budget_bytes, load);
+        Ok(Self {
+            settings,
+            views,
+            lenses,
+            folder,
+            shelf,
+            asked: vec![Vec::new(); views.len()],
+            found: spool()?,
+            improved: spool()?,
+        })
+    }
+
+    fn spool_error(&self, cause: std::io::Error) -> DenseDepthError {
+        DenseDepthError::Spool { folder: self.folder.into(), cause }
+    }
+
+    /// Planes of a view that knows nothing of others' planes.
+    pub(super) fn alone(&mut self, view: usize) -> Result<(), DenseDepthError> {
+        let own = self.shelf.get(view)?;
+        let eyes: Vec<_> = self.views.iter().map(|view| view.color_pose().eye).collect();
+        let near = neighbors::candidates(&eyes, view);
+        let candidates: Vec<Candidate> = near.iter().map(|&i| self.candidate(i)).collect();
+        let here = self.candidate(view);
+        let most = self.settings.neighbors.clamp(1, MOST_OTHERS);
+        let mut asked = neighbors::choose(&here, &candidates, &neighbors::anywhere(&here, &candidates), most);
+        let mut pictures = self.pictures(&near, &asked)?;
+        let planes = own.level(0).width * own.level(0).height;
+        let chosen: Vec<&Candidate> = asked.iter().map(|&i| &candidates[i]).collect();
+        let Some(range) = neighbors::range(&here, &chosen) else {
+            return self
+                .found
+                .write(view, &vec![Hypothesis::default(); planes])
+                .map_err(|cause| self.spool_error(cause));
+        };
+        let coarsest = own.levels() - 1;
+        let seed = crate::random::hash(view as u64);
+        let picture = own.level(coarsest);
+        let mut board = Chequerboard::new(picture.width, picture.height);
+        let motion = neighbors::motion_px(&here, &chosen, range) / (own.reduced() << coarsest) as f32;
+        let coarse = matcher_alone(&own, &pictures, coarsest, range, seed);
+        coarse.sweep(&mut board, (motion as u32).clamp(16, 192));
+        rounds(&coarse, &mut board, ROUNDS[2], true);
+        // Now that it is known how far away things are, others may serve better.
+        let mut range = range;
+        if let Some((points, near_and_far)) = surfaces(&own, coarsest, &board) {
+            asked = neighbors::choose(&here, &candidates, &[points], most);
+            pictures = self.pictures(&near, &asked)?;
+            range = [range[0].max(near_and_far[0]), range[1].min(near_and_far[1])];
+        }
+        for level in (0..coarsest).rev() {
+            let picture = own.level(level);
+            board = board.doubled(picture.width, picture.height);
+            let finer = matcher_alone(&own, &pictures, level, range, seed);
+            finer.evaluate(&mut board);
+            rounds(&finer, &mut board, ROUNDS[level.min(1)], false);
+        }
+        self.asked[view] = asked.iter().map(|&i| near[i]).collect();
+        self.found.write(view, &board.rows()).map_err(|cause| self.spool_error(cause))
+    }
+
+    /// What is known of a view's camera without its picture.
+    fn candidate(&self, view: usize) -> Candidate {
+        Candidate {
+            camera: CameraAt::new(self.lenses[view], self.views[view].color_pose(), 0),
+            size: self.views[view].size_px.map(f64::from),
+        }
+    }
+
+    fn pictures(&mut self, near: &[usize], asked: &[usize]) -> Result<Vec<Arc<MatchView>>, ImagesError> {
+        asked.iter().map(|&i| self.shelf.get(near[i])).collect()
+    }
+
+    /// The other views that are asked about one, with what they know.
+    fn informed(&mut self, view: usize) -> Result<Informed, DenseDepthError> {
+        let own = self.shelf.get(view)?;
+        let mut others = Vec::new();
+        for other in self.asked[view].clone() {
+            let known = self.found.inverse_depths(other).map_err(|cause| self.spool_error(cause))?;
+            others.push((self.shelf.get(other)?, Arc::new(known)));
+        }
+        Ok(Informed { own, others })
+    }
+
+    /// What was improved is what was found from now on.
+    pub(super) fn swap(&mut self) {
+        std::mem::swap(&mut self.found, &mut self.improved);
+    }
+
+    /// Planes of a view that knows what the others found.
+    pub(super) fn together(&mut self, view: usize) -> Result<(), DenseDepthError> {
+        let informed = self.informed(view)?;
+        let own = informed.own.level(0);
+        let planes = self.found.read(view).map_err(|cause| self.spool_error(cause))?;
+        let mut board = Chequerboard::from_rows(own.width, own.height, &planes);
+        let depths = planes.iter().map(|plane| plane.inverse_depth).filter(|q| *q > 0.0);
+        let range = depths.fold([f32::INFINITY, 0.0f32], |[low, high], q| [low.min(q), high.max(q)]);
+        let matcher = Matcher {
+            picture: own,
+            focal_px: informed.own.camera(0).focal_px[0] as f32,
+            others: informed.others(),
+            range,
+            seed: crate::random::hash(!(view as u64)),
+            level: simd::level(),
+        };
+        matcher.evaluate(&mut board);
+        rounds(&matcher, &mut board, &TOGETHER_ROUNDS, false);
+        self.improved.write(view, &board.rows()).map_err(|cause| self.spool_error(cause))
+    }
+
+    /// What the others confirm of a view, in pixels of its picture.
+    pub(super) fn confirmed(&mut self, view: usize) -> Result<FoundDepth, DenseDepthError> {
+        let informed = self.informed(view)?;
+        let own = informed.own.level(0);
+        let mut planes = self.found.read(view).map_err(|cause| self.spool_error(cause))?;
+        let others = informed.others();
+        let needed = self.settings.confirmations.min(others.len()).max(1);
+        let verdicts: Vec<Option<Verdict>> = planes
+            .par_iter()
+            .enumerate()
+            .map(|(i, plane)| {
+                let at = [(i % own.width) as f32 + 0.5, (i / own.width) as f32 + 0.5];
+                let known = plane.inverse_depth > 0.0 && plane.cost <= MOST_COST;
+                known.then(|| judge(&others, at, plane)).filter(|verdict| verdict.confirms(needed))
+            })
+            .collect();
+        let off = median(verdicts.iter().flatten().map(|verdict| f64::from(verdict.off)));
+        let deviation = (off.unwrap_or(0.0) * DEVIATION) as f32;
+        let share = |verdict: &Option<Verdict>| verdict.map_or(0.0, |v| f32::from(v.confirm) / others.len() as f32);
+        let confidence: Vec<f32> = verdicts.iter().map(share).collect();
+        let mut kept: Vec<f32> =
+            planes.iter().zip(&confidence).map(|(plane, c)| if *c > 0.0 { plane.inverse_depth } else { 0.0 }).collect();
+        remove_specks(&mut kept, own.width, SPECK);
+        for (plane, kept) in planes.iter_mut().zip(kept) {
+            plane.inverse_depth = kept;
+        }
+        let mut loaded = self.views[view].load()?;
+        let (depth, confidence) = full_size(&loaded, own, informed.own.reduced(), &planes, &confidence);
+        loaded.depth = depth;
+        Ok(FoundDepth { view: loaded, confidence, deviation })
+    }
+}
+
+/// A view, and the others that are asked about it with what they know.
+struct Informed {
+    own: Arc<MatchView>,
+    others: Vec<(Arc<MatchView>, Arc<Vec<f32>>)>,
+}
+
+impl Informed {
+    fn others(&self) -> Vec<Other<'_>> {
+        self.others.iter().map(|(picture, known)| other(&self.own, picture, 0, Some(Arc::clone(known)))).collect()
+    }
+}
+
+fn other<'a>(own: &MatchView, other: &'a MatchView, level: usize, known: Option<Arc<Vec<f32>>>) -> Other<'a> {
+    let (here, there) = (own.camera(level), other.camera(level));
+    let known = known.map(|inverse_depths| Known { inverse_depths, back: Relative::new(&there, &here) });
+    Other { relative: Relative::new(&here, &there), picture: other.level(level), known }
+}
+
+/// At a level of a view, with others of which nothing is known.
+fn matcher_alone<'a>(
+    own: &'a MatchView,
+    pictures: &'a [Arc<MatchView>],
+    level: usize,
+    range: [f32; 2],
+    seed: u64,
+) -> Matcher<'a> {
+    Matcher {
+        picture: own.level(level),
+        focal_px: own.camera(level).focal_px[0] as f32,
+        others: pictures.iter().map(|picture| other(own, picture, level, None)).collect(),
+        range,
+        seed: seed ^ level as u64,
+        level: simd::level(),
+    }
+}
+
+fn rounds(matcher: &Matcher, board: &mut Chequerboard, rounds: &[(f32, f32)], anywhere: bool) {
+    for (round, &(motion_px, slope)) in rounds.iter().enumerate() {
+        matcher.improve(board, Draw { motion_px, slope, anywhere, round: round as u64 });
+    }
+}
+
+/// Points of the world that a view surely sees, a few hundred, and between which inverse depths nearly all of them lie, with room to both sides.
+fn surfaces(own: &MatchView, level: usize, board: &Chequerboard) -> Option<(Vec<DVec3>, [f32; 2])> {
+    /// The fewest that say something.
+    const LEAST: usize = 50;
+    /// How many are taken.
+    const MOST: usize = 200;
+    let camera = own.camera(level);
+    let planes = board.rows();
+    let mut good: Vec<(usize, f32)> = planes
+        .iter()
+        .enumerate()
+        .filter(|(_, plane)| plane.inverse_depth > 0.0 && plane.cost < GOOD_COST)
+        .map(|(i, plane)| (i, plane.inverse_depth))
+        .collect();
+    if good.len() < LEAST {
+        return None;
+    }
+    let step = good.len().div_ceil(MOST);
+    let points = good.iter().step_by(step).map(|&(i, q)| {
+        let ray = camera.ray((i % board.width) as f64 + 0.5, (i / board.width) as f64 + 0.5);
+        camera.pose.to_world(ray / f64::from(q))
+    });
+    let points = points.collect();
+    good.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let quantile = |share: f64| good[((good.len() - 1) as f64 * share) as usize].1;
+    Some((points, [quantile(0.02) * 0.5, quantile(0.98) * 2.0]))
+}
+
+/// Depth and confidence for every pixel of a view's picture, from planes of a smaller one.
+fn full_size(
+    view: &LoadedView,
+    small: &Grey,
+    reduced: u32,
+    planes: &[Hypothesis],
+    confidence: &[f32],
+) -> (Vec<f32>, Vec<f32>) {
+    let [width, height] = view.size_px;
+    let pixels = width as usize * height as usize;
+    let (mut depths, mut confidences) = (vec![f32::NAN; pixels], vec![0.0; pixels]);
+    for y in 0..height {
+        for x in 0..width {
+            let (column, row) = ((x / reduced) as usize, (y / reduced) as usize);
+            if column >= small.width || row >= small.height {
+                continue;
+            }
+            let plane = &planes[row * small.width + column];
+            let at = |fine: u32, coarse: usize| (fine as f32 + 0.5) / reduced as f32 - (coarse as f32 + 0.5);
+            let inverse_depth = plane.moved(at(x, column), at(y, row)).inverse_depth;
+            if plane.inverse_depth > 0.0 && inverse_depth > 0.0 {
+                let pixel = (y * width + x) as usize;
+                depths[pixel] = 1.0 / inverse_depth;
+                confidences[pixel] = confidence[row * small.width + column];
+            }
+        }
+    }
+    (depths, confidences)
+}
