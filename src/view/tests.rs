@@ -211,7 +211,7 @@ fn a_path_gives_the_same_frames_in_the_window_and_on_the_command_line() {
         |pose: &Pose| crate::path::CameraRecord::new(pose.eye, pose.forward(), DVec3::Y, pose.fov_y_deg, &frame);
     let record = crate::path::PathRecord { size: Some([SIZE.0, SIZE.1]), poses: poses.iter().map(record).collect() };
     std::fs::write(&path, serde_json::to_string(&record).unwrap()).unwrap();
-    let cube = crate::packed::PackedCube::read(&file).unwrap();
+    let cube = PackedCube::read(&file).unwrap();
     let cameras = crate::path::read(&path, &frame, 30.0).unwrap();
     let (mut renderer, settings) = (crate::render::Renderer::new(), crate::render::RenderSettings::default());
     for (i, pose) in poses.into_iter().enumerate() {
