@@ -243,7 +243,7 @@ mod tests {
         assert_eq!(held(&near), [1, 3, 0]);
         std::fs::remove_file(&set.views[2].color).expect("removed");
         std::fs::remove_file(&set.views[3].color).expect("removed");
-        let error = near.cube(&[3, 2]).err().expect("gone").to_string();
+        let error = near.cube(&[3, 2]).expect_err("gone").to_string();
         assert!(error.contains("2.png"), "{error}");
         near.cube(&[3]).expect("in memory");
     }
