@@ -103,6 +103,7 @@ pub mod render;
 pub mod scene_source;
 #[doc(hidden)]
 pub mod sprite;
+mod texels;
 #[doc(hidden)]
 pub mod truth;
 #[cfg(feature = "viewer")]

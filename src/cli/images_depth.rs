@@ -106,8 +106,10 @@ impl Outcome {
         if agreement.known > 0 {
             let [one, two, five] = agreement.shares_within().map(|share| share * 100.0);
             println!(
-                "  known depth {:.1} % of its pixels found: {one:.1} % of them within 1 %, {two:.1} % within 2 %, {five:.1} % within 5 %",
-                agreement.covered() * 100.0
+                "  known depth {:.1} % of its pixels found: {one:.1} % of them within 1 %, {two:.1} % within 2 %, {five:.1} % within 5 %, \
+                 half of them within {:.2} %",
+                agreement.covered() * 100.0,
+                agreement.median_error() * 100.0
             );
         }
     }
@@ -116,7 +118,10 @@ impl Outcome {
         let Self { views, agreement, seconds, folder } = self;
         let known = (agreement.known > 0).then(|| {
             let [one, two, five] = agreement.shares_within();
-            json!({"covered": agreement.covered(), "within_1_percent": one, "within_2_percent": two, "within_5_percent": five})
+            json!({
+                "covered": agreement.covered(), "within_1_percent": one, "within_2_percent": two, "within_5_percent": five,
+                "median": agreement.median_error(),
+            })
         });
         json!({
             "folder": folder, "views": views, "share": agreement.found_share(), "seconds": seconds, "known": known,

@@ -53,7 +53,11 @@ pub(super) fn write(set: &ImageSet, hold_out: usize, geometry: &GeometryArgs, fo
         (serde_json::to_string_pretty(&report)?, report.summary())
     } else {
         let mut save = |name: &str, pictures: &[&RgbImage]| sheets.save(name, pictures, 4);
-        let report = photographs::measure(set, &PhotographsJob::suggest(set), hold_out, &bar, &mut save)?;
+        let job = PhotographsJob::suggest(set);
+        if let Some(why) = job.left_out(&set.views.iter().collect::<Vec<_>>()) {
+            eprintln!("warning: {why}");
+        }
+        let report = photographs::measure(set, &job, hold_out, &bar, &mut save)?;
         (serde_json::to_string_pretty(&report)?, report.summary())
     };
     bar.finish();

@@ -6,7 +6,7 @@ use super::images::{self, SetArgs, is_image_set};
 use super::output::print_json;
 use super::progress::Bar;
 use super::words::UsageError;
-use crate::view::{SceneLibrary, open, open_source, show_cube, show_geometry};
+use crate::view::{SceneLibrary, open, open_source, show_cube, show_geometry, show_live};
 use crate::view_geometry::GeometrySettings;
 use anyhow::Context;
 use clap::Args;
@@ -23,6 +23,10 @@ pub(super) struct ViewCommand {
     /// Of a folder of images: draw it by view-dependent geometry, such as geometry-averaged, instead of a cube LDI
     #[arg(long, value_name = "NAME")]
     variant: Option<String>,
+    /// Of a folder of images with depth: show a cube LDI of the images nearest to the view alone, built anew while you move, and
+    /// move freely; --set images=N takes so many, 3 if absent
+    #[arg(long, conflicts_with = "variant")]
+    live: bool,
     #[command(flatten)]
     geometry: GeometryArgs,
     #[command(flatten)]
@@ -118,16 +122,24 @@ impl ViewCommand {
         file: &str,
     ) -> anyhow::Result<impl FnOnce() -> anyhow::Result<Box<dyn FrameSource>> + Send + 'static> {
         let is_set = is_image_set(file);
+        if self.live && !is_set {
+            return Err(UsageError("--live is for a folder of images with depth".into()).into());
+        }
         let texturing = texturing_of(self.variant.as_deref(), is_set)?;
         if texturing.is_none() && (self.variant.is_some() || self.geometry.are_given()) {
             return Err(UsageError(GEOMETRY_ALONE.into()).into());
         }
         let (source, geometry, out) = (self.source.source(file), self.geometry.clone(), self.out.clone());
+        let live = self.live;
         Ok(move || {
             if !is_set {
                 return Ok(open_source(source, &out)?);
             }
             let folder = Path::new(&source.name);
+            if live {
+                let (near, start) = images::near(folder)?;
+                return Ok(show_live(near, folder, &start)?);
+            }
             if let Some(texturing) = texturing {
                 let settings = GeometrySettings { texturing, ..geometry.settings() };
                 let (geometry, start) = open_geometry(folder, &geometry)?;

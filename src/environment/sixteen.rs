@@ -6,11 +6,9 @@
 
 use crate::capture::rig::Face;
 use crate::environment::Environment;
+use crate::texels::{self, LANES};
 use fearless_simd::{ExtractToken, Simd, SimdCvtTruncate, f32x16, mask32x16, prelude::*, u32x16};
 use glam::Vec3;
-
-/// Pixels that are looked up at once.
-const LANES: usize = 16;
 
 const LANE_NUMBERS: [f32; LANES] =
     [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
@@ -116,48 +114,20 @@ impl Environment {
     fn between_sixty_four<S: Simd>(&self, on_face: &OnFace<S>) -> (u32x16<S>, mask32x16<S>) {
         let &OnFace { first, u, v, .. } = on_face;
         let simd = first.token();
-        let size = self.size_px as usize;
-        let (mut upper, mut lower) = ([[[0; 4]; 2]; LANES], [[[0; 4]; 2]; LANES]);
-        let indices = first.to_array();
-        for i in 0..LANES {
-            let first = indices[i] as usize;
-            if let Some(texels) = self.texels.get(first..first + size + 2) {
-                (upper[i], lower[i]) = ([texels[0], texels[1]], [texels[size], texels[size + 1]]);
-            }
-        }
-        let ((a, b), (c, d)) = (left_and_right(simd, &upper), left_and_right(simd, &lower));
+        let Some(found) = texels::fours(simd, &self.texels, first, self.size_px as usize) else {
+            return (u32x16::splat(simd, 0), mask32x16::splat(simd, true));
+        };
+        let [a, b, c, d] = found;
         let alpha = u32x16::splat(simd, u32::from_ne_bytes([0, 0, 0, 255]));
         let alike = ((a & b & c & d) & alpha).simd_eq((a | b | c | d) & alpha);
-        // Two of the four bytes at a time, 16 bits each. Rounding of either step is at most half a level.
-        let even = mix(mix(a & EVEN, b & EVEN, u), mix(c & EVEN, d & EVEN, u), v);
-        let (a, b, c, d) = ((a >> 8) & EVEN, (b >> 8) & EVEN, (c >> 8) & EVEN, (d >> 8) & EVEN);
-        let odd = mix(mix(a, b, u), mix(c, d, u), v);
-        (even | (odd << 8), alike)
+        (texels::between(found, [u, v]), alike)
     }
-}
-
-/// Every other byte of a word.
-const EVEN: u32 = 0x00ff_00ff;
-
-/// Between bytes of each word, at distances in 1/256 from the first.
-#[inline(always)]
-fn mix<S: Simd>(a: u32x16<S>, b: u32x16<S>, share: u32x16<S>) -> u32x16<S> {
-    let rest = u32x16::splat(a.token(), 256) - share;
-    ((a * rest + b * share + 0x0080_0080) >> 8) & EVEN
 }
 
 /// The lanes `inside`, rounded down; of the others 0.
 #[inline(always)]
 fn whole<S: Simd>(inside: mask32x16<S>, values: f32x16<S>) -> u32x16<S> {
     u32x16::truncate_from(inside.select(values, f32x16::splat(values.token(), 0.0)))
-}
-
-/// Of pairs of texels, the left ones and the right ones.
-#[inline(always)]
-fn left_and_right<S: Simd>(simd: S, pairs: &[[[u8; 4]; 2]; LANES]) -> (u32x16<S>, u32x16<S>) {
-    let words: &[u32; 2 * LANES] = bytemuck::cast_ref(pairs);
-    let (low, high) = words.split_at(LANES);
-    simd.deinterleave_u32x16(u32x16::from_slice(simd, low), u32x16::from_slice(simd, high))
 }
 
 #[cfg(test)]

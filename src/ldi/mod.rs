@@ -37,6 +37,7 @@ pub mod voxel_colouring;
 
 pub use validate::{LdiError, MAX_FACE_SIZE_PX};
 
+use crate::capture::images::ImageSet;
 use crate::capture::rig::Face;
 use crate::capture::scene::FileFrame;
 use crate::environment::Environment;
@@ -150,6 +151,21 @@ pub struct CaptureInfo {
     /// What frames lack; `None` where nobody looked.
     #[serde(default)]
     pub holes: Option<Holes>,
+}
+
+impl CaptureInfo {
+    /// Of an image set: its pictures have their light, and their exposure, in them.
+    fn of_images(set: &ImageSet, centre: DVec3, half_size_m: f64) -> Self {
+        Self {
+            scene: set.folder.display().to_string(),
+            centre,
+            half_size_m,
+            frame: set.frame,
+            exposure: 1.0,
+            parameters: CaptureParameters::unlit(0, 0),
+            ..Self::default()
+        }
+    }
 }
 
 /// What becomes of linear radiance times exposure before it is stored.

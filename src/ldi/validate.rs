@@ -6,6 +6,7 @@
 use super::{CaptureInfo, CubeLdi, Holes, LayeredDepthImage};
 use crate::capture::rig::Face;
 use crate::environment::Environment;
+use rayon::prelude::*;
 
 /// The longest side of a face or of the environment, in pixels.
 pub const MAX_FACE_SIZE_PX: u32 = 8192;
@@ -137,13 +138,12 @@ impl CubeLdi {
             return Err(LdiError::Faces(Face::ALL.len()));
         }
         let expected_px = self.faces[0].size_px;
-        for face in &self.faces {
-            if face.size_px != expected_px {
-                return Err(LdiError::FaceSizesDiffer { face: face.face, size_px: face.size_px, expected_px });
-            }
-            face.validate()?;
-        }
-        self.environment.validate()
+        let validate = |face: &LayeredDepthImage| match face.size_px == expected_px {
+            true => face.validate().err(),
+            false => Some(LdiError::FaceSizesDiffer { face: face.face, size_px: face.size_px, expected_px }),
+        };
+        let first = self.faces.par_iter().find_map_first(validate);
+        first.map_or_else(|| self.environment.validate(), Err)
     }
 }
 

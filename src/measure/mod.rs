@@ -8,11 +8,13 @@
 //!
 //! What they share: [`plan`] (sizes, seeded eyes), [`turns`] (times taken in turns), [`truths`] (ray-traced frames, kept from
 //! run to run), [`stats`], [`table`] and [`chart`] (what people read), [`machine`] (where and by which commit). [`cube_map`] is
-//! the rival that every panorama viewer is, [`embree`] that of a frame; [`sprite_range`] says how far sprites carry.
+//! the rival that every panorama viewer is, [`embree`] that of a frame; [`sprite_range`] says how far sprites carry. [`images`] and
+//! [`photographs`] leave views out of sets; [`held_out`] is what they share.
 
 pub mod chart;
 pub mod cube_map;
 pub mod embree;
+pub mod held_out;
 pub mod images;
 pub mod machine;
 pub mod photographs;

@@ -6,50 +6,24 @@
 //! warped into, and by view-dependent geometry in its two best ways. Before a dark backdrop errors are taken where the photograph shows the object or any of them shows anything,
 //! and holes are black; elsewhere where all show something.
 
-use super::images::{HeldOut, camera_of, errors, mean_difference, photograph};
+use super::held_out::{Drawn, HeldOut, HoldOutError, Judge, camera_of, photograph};
 use super::machine::{Machine, commit};
 use super::stats::{Spread, pooled_psnr_db};
 use super::table::{Table, figure, percent};
 use crate::capture::Camera;
-use crate::capture::images::dense_depth::{DenseDepth, DenseDepthError};
+use crate::capture::images::dense_depth::DenseDepth;
 use crate::capture::images::{ImageSet, ImagesError, LoadedView, View};
-use crate::frame::Frame;
 use crate::ldi::CubeLdi;
 use crate::ldi::from_images::ImagesJob;
 use crate::ldi::voxel_colouring::PhotographsJob;
-use crate::packed::{PackError, PackedCube, SplatIndexLayout, Split};
+use crate::packed::{PackedCube, SplatIndexLayout, Split};
 use crate::progress::Progress;
 use crate::render::{RenderSettings, Renderer};
-use crate::view_geometry::{
-    GeometryError, GeometryRenderer, GeometrySettings, Patience, SampleGrid, Texturing, ViewGeometry,
-};
+use crate::view_geometry::{GeometryRenderer, GeometrySettings, Patience, SampleGrid, Texturing, ViewGeometry};
 use glam::{DMat3, DVec3};
 use image::{Rgb, RgbImage};
 use serde::Serialize;
 use std::time::Instant;
-
-/// Why photographs could not be measured.
-#[derive(Debug, thiserror::Error)]
-pub enum PhotographsReportError {
-    /// A photograph could not be read.
-    #[error(transparent)]
-    Images(#[from] ImagesError),
-    /// Depth could not be found.
-    #[error(transparent)]
-    Depth(#[from] DenseDepthError),
-    /// There is no view-dependent geometry.
-    #[error(transparent)]
-    Geometry(#[from] GeometryError),
-    /// A cube could not be packed.
-    #[error(transparent)]
-    Pack(#[from] PackError),
-    /// Depth that is found has nowhere to lie.
-    #[error("no folder for what is found on the way can be made: {0}")]
-    Folder(std::io::Error),
-    /// There is nothing to leave out.
-    #[error("{0} photographs: at least {least} are needed, so that one can be left out", least = LEAST)]
-    TooFew(usize),
-}
 
 /// The fewest photographs of which one can be left out.
 const LEAST: usize = 4;
@@ -75,29 +49,20 @@ pub struct PhotographsReport {
     pub rows: Vec<HeldOut>,
 }
 
-/// A picture of a way to show a photograph, and which of its pixels it shows.
-struct Drawn {
-    picture: RgbImage,
-    covered: Vec<bool>,
-    frame_ms: f64,
-    build_ms: f64,
-    bytes: u64,
-}
-
 /// Measures a set: each `hold_out`-th photograph is left out alone. `show` is given its name, the photograph and a frame for each of
 /// the `VARIANTS`.
 ///
 /// # Errors
-/// See [`PhotographsReportError`].
+/// See [`HoldOutError`].
 pub fn measure(
     set: &ImageSet,
     job: &PhotographsJob,
     hold_out: usize,
     progress: &dyn Progress,
     show: &mut dyn FnMut(&str, &[&RgbImage]),
-) -> Result<PhotographsReport, PhotographsReportError> {
+) -> Result<PhotographsReport, HoldOutError> {
     if set.views.len() < LEAST {
-        return Err(PhotographsReportError::TooFew(set.views.len()));
+        return Err(HoldOutError::TooFew { found: set.views.len(), what: "photographs", least: LEAST });
     }
     let focus = focus(&set.views);
     let mut rows = Vec::new();
@@ -127,24 +92,15 @@ pub fn measure(
             })
             .collect();
         let object: Vec<bool> = truth.pixels().zip(&visible).map(|(pixel, visible)| *visible && shows(pixel)).collect();
-        let pixels = object.iter().filter(|object| **object).count().max(1) as f64;
-        for (variant, drawn) in VARIANTS.into_iter().zip(&drawn) {
-            let (psnr_db, flip) = errors(&truth, &drawn.picture, &judged);
-            let covered = drawn.covered.iter().zip(&object).filter(|(covered, object)| **covered && **object).count();
-            rows.push(HeldOut {
-                scene: set.folder.display().to_string(),
-                variant,
-                view: view.name.clone(),
-                psnr_db,
-                flip,
-                mad: mean_difference(&truth, &drawn.picture, &judged),
-                mad_at_edges: f64::NAN, // nothing is known of its depth
-                covered: covered as f64 / pixels,
-                frame_ms: drawn.frame_ms,
-                build_ms: drawn.build_ms,
-                bytes: drawn.bytes,
-            });
-        }
+        let judge = Judge {
+            scene: set.folder.display().to_string(),
+            view: &view.name,
+            photograph: &truth,
+            judged,
+            at_edges: Vec::new(), // nothing is known of its depth
+            visible: object,
+        };
+        rows.extend(VARIANTS.into_iter().zip(&drawn).map(|(variant, drawn)| judge.row(variant, drawn)));
         let pictures: Vec<&RgbImage> =
             std::iter::once(&truth).chain(drawn.iter().map(|drawn| &drawn.picture)).collect();
         show(&view.name, &pictures);
@@ -180,7 +136,7 @@ fn on_plane(view: &LoadedView, camera: &Camera, focus: DVec3) -> Drawn {
         *pixel = Rgb(color.unwrap_or_default().map(|level| (level + 0.5) as u8));
     }
     let frame_ms = started.elapsed().as_secs_f64() * 1e3;
-    Drawn { picture, covered, frame_ms, build_ms: 0.0, bytes: view.color.len() as u64 * 4 }
+    Drawn { picture, covered, frame_ms, build_ms: 0.0, rebuild_ms: f64::NAN, bytes: view.color.len() as u64 * 4 }
 }
 
 /// By depth that is found from `others` alone: cubes about two centres, and view-dependent geometry.
@@ -190,8 +146,8 @@ fn by_found_depth(
     centres: [DVec3; 2],
     camera: &Camera,
     progress: &dyn Progress,
-) -> Result<Vec<Drawn>, PhotographsReportError> {
-    let folder = tempfile::tempdir().map_err(PhotographsReportError::Folder)?;
+) -> Result<Vec<Drawn>, HoldOutError> {
+    let folder = tempfile::tempdir().map_err(HoldOutError::Folder)?;
     let views = others.iter().map(|&view| View { depth: None, ..view.clone() }).collect();
     let mut found = ImageSet { folder: folder.path().into(), views, ..set.clone() };
     let started = Instant::now();
@@ -213,7 +169,7 @@ fn by_found_depth(
         let settings = GeometrySettings { texturing, ..GeometrySettings::default() };
         renderer.render(&geometry, camera, &settings, Patience::Wait);
         let (frame, stats) = renderer.render(&geometry, camera, &settings, Patience::Wait);
-        drawn.push(Drawn::of_frame(frame, stats.frame_ms, build_ms, geometry.bytes()));
+        drawn.push(Drawn::new(frame, [1.0; 3], None).took(stats.frame_ms, build_ms, geometry.bytes()));
     }
     Ok(drawn)
 }
@@ -223,7 +179,7 @@ fn ldi(
     build: impl FnOnce() -> Result<CubeLdi, ImagesError>,
     before_ms: f64,
     camera: &Camera,
-) -> Result<Drawn, PhotographsReportError> {
+) -> Result<Drawn, HoldOutError> {
     let started = Instant::now();
     let cube = PackedCube::pack(&build()?, SplatIndexLayout::Normal, Split::Auto)?;
     let build_ms = before_ms + started.elapsed().as_secs_f64() * 1e3;
@@ -231,23 +187,7 @@ fn ldi(
     let mut renderer = Renderer::new();
     renderer.render(&cube, camera, &settings);
     let (frame, stats) = renderer.render_with_stats(&cube, camera, &settings);
-    Ok(Drawn::of_frame(frame, stats.frame_ms, build_ms, cube.bytes()))
-}
-
-impl Drawn {
-    fn of_frame(frame: &Frame, frame_ms: f64, build_ms: f64, bytes: usize) -> Self {
-        let color = |x: u32, y: u32| {
-            let [r, g, b, _] = frame.color[(y * frame.width + x) as usize];
-            Rgb([r, g, b])
-        };
-        Self {
-            picture: RgbImage::from_fn(frame.width, frame.height, color),
-            covered: frame.coverage.iter().map(|coverage| coverage.splat_share() >= 128).collect(),
-            frame_ms,
-            build_ms,
-            bytes: bytes as u64,
-        }
-    }
+    Ok(Drawn::new(frame, [1.0; 3], None).took(stats.frame_ms, build_ms, cube.bytes()))
 }
 
 impl PhotographsReport {

@@ -7,6 +7,7 @@ use super::plane_set::PlaneSet;
 use super::splat_index::DepthCodeRange;
 use crate::ldi::{CubeLdi, DepthPixel, LayeredDepthImage, LdiError};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Where each face is cut into a near and a far segment (S23).
 ///
@@ -58,9 +59,9 @@ impl PackedCube {
                 Split::AtDepth(depth) => (1.0 / depth) as f32,
                 Split::Auto => automatic_cut(face, ldi.info.half_size_m),
             };
-            let far = pack_segment(face, layout, SegmentSide::Far, |s| s.inverse_depth < cut);
-            let near = pack_segment(face, layout, SegmentSide::Near, |s| s.inverse_depth >= cut);
-            [far, near]
+            let far = || pack_segment(face, layout, SegmentSide::Far, |s| s.inverse_depth < cut);
+            let near = || pack_segment(face, layout, SegmentSide::Near, |s| s.inverse_depth >= cut);
+            <[_; 2]>::from(rayon::join(far, near))
         };
         let segments: Vec<[Option<PackedSegment>; 2]> = ldi.faces.par_iter().map(segments_of).collect();
         Ok(Self {
@@ -113,20 +114,34 @@ fn automatic_cut(face: &LayeredDepthImage, half_size_m: f64) -> f32 {
     best.1 as f32
 }
 
+/// Columns and rows from the first to the last that have a sample for which `belongs` says so; `None` if there is none.
+fn occupied(face: &LayeredDepthImage, belongs: impl Fn(&DepthPixel) -> bool) -> Option<[Range<u32>; 2]> {
+    let occupied = |x: u32, y: u32| face.pixel(x, y).iter().any(&belongs);
+    let size = face.size_px as usize;
+    let (mut columns, mut rows) = (face.size_px..0, face.size_px..0);
+    for y in 0..face.size_px {
+        let start = y as usize * size;
+        if face.offsets[start] == face.offsets[start + size] {
+            continue;
+        }
+        let Some(first) = (0..face.size_px).find(|&x| occupied(x, y)) else { continue };
+        columns.start = columns.start.min(first);
+        let last = (columns.end.max(first)..face.size_px).rfind(|&x| occupied(x, y));
+        columns.end = columns.end.max(last.map_or(0, |last| last + 1));
+        rows = rows.start.min(y)..y + 1;
+    }
+    (!rows.is_empty()).then_some([columns, rows])
+}
+
 /// The segment of a face that holds the samples for which `belongs` says so, or `None` if there are none.
 fn pack_segment(
     face: &LayeredDepthImage,
     layout: SplatIndexLayout,
     side: SegmentSide,
-    belongs: impl Fn(&DepthPixel) -> bool,
+    belongs: impl Fn(&DepthPixel) -> bool + Sync,
 ) -> Option<PackedSegment> {
     let (min, max) = inverse_depth_range(face.samples.iter().filter(|s| belongs(s)))?;
-    let occupied = |x: u32, y: u32| face.pixel(x, y).iter().any(&belongs);
-    let all = 0..face.size_px;
-    let row_used = |y: &u32| all.clone().any(|x| occupied(x, *y));
-    let (y0, y1) = (all.clone().find(row_used)?, all.clone().rfind(row_used)?);
-    let column_used = |x: &u32| (y0..=y1).any(|y| occupied(*x, y));
-    let (x0, x1) = (all.clone().find(column_used)?, all.clone().rfind(column_used)?);
+    let [columns, rows] = occupied(face, &belongs)?;
 
     let range = DepthCodeRange::from_inverse_depths(min, max);
     let codes_per_inverse_depth = match max > min {
@@ -143,34 +158,33 @@ fn pack_segment(
         PackedDepthPixel { geometry, color_srgb: sample.color_srgb }
     };
 
-    let (width, height) = (x1 - x0 + 1, y1 - y0 + 1);
-    let mut depth_pixels = Vec::with_capacity(face.samples.len());
-    let mut row_offsets = Vec::with_capacity(height as usize + 1);
-    let mut row_counts = Vec::with_capacity(height as usize * (width as usize + 1));
-    for y in y0..=y1 {
-        // Lossless: a valid face has at most u32::MAX samples.
-        let row_start = depth_pixels.len();
-        row_offsets.push(row_start as u32);
-        row_counts.push(0);
-        for x in x0..=x1 {
+    // Of a row, the depth pixels, and how many there are up to each column.
+    let row = |y: u32| {
+        let (mut depth_pixels, mut counts) = (Vec::new(), vec![0]);
+        for x in columns.clone() {
             depth_pixels.extend(face.pixel(x, y).iter().filter(|s| belongs(s)).map(encode));
-            row_counts.push((depth_pixels.len() - row_start) as u32);
+            counts.push(depth_pixels.len() as u32);
         }
+        (depth_pixels, counts)
+    };
+    let (of_rows, counts): (Vec<Vec<PackedDepthPixel>>, Vec<Vec<u32>>) = rows.clone().into_par_iter().map(row).unzip();
+    let mut row_offsets = vec![0];
+    for depth_pixels in &of_rows {
+        // Lossless: a valid face has at most u32::MAX samples.
+        row_offsets.push(row_offsets[row_offsets.len() - 1] + depth_pixels.len() as u32);
     }
-    row_offsets.push(depth_pixels.len() as u32);
-    depth_pixels.shrink_to_fit();
     let mut segment = PackedSegment {
         face: face.face,
         side,
-        x0,
-        y0,
-        width,
-        height,
+        x0: columns.start,
+        y0: rows.start,
+        width: columns.len() as u32,
+        height: rows.len() as u32,
         inverse_depth_min: min,
         inverse_depth_max: max,
         row_offsets,
-        row_counts,
-        depth_pixels,
+        row_counts: counts.concat(),
+        depth_pixels: of_rows.concat(),
         blocks: BlockIndex::default(),
     };
     segment.blocks = segment.block_index();

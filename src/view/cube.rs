@@ -48,6 +48,7 @@ struct Place {
     centre: DVec3,
     half_size_m: f64,
     ahead: DVec3,
+    up: DVec3,
     frame: FileFrame,
 }
 
@@ -72,7 +73,8 @@ impl CubeSource {
         let title = format!("{} (cube LDI)", file_name(file));
         let info = &cube.info;
         let ahead = info.ahead.unwrap_or_else(|| richest_side(&cube));
-        let place = Place { centre: info.centre, half_size_m: info.half_size_m, ahead, frame: info.frame };
+        let up = super::level_up(info.up);
+        let place = Place { centre: info.centre, half_size_m: info.half_size_m, ahead, up, frame: info.frame };
         Self::new(title, place, Some(Arc::new(cube)), None)
     }
 
@@ -90,7 +92,8 @@ impl CubeSource {
         let (growth, found) = Growth::start(source)?;
         let scene = found.tracer.scene();
         let (centre, half_size_m) = (found.headbox.centre, found.headbox.half_size_m);
-        let place = Place { centre, half_size_m, ahead: suggest_view(&found.tracer, centre), frame: scene.frame };
+        let ahead = suggest_view(&found.tracer, centre);
+        let place = Place { centre, half_size_m, ahead, up: DVec3::Y, frame: scene.frame };
         let (begun, points, file) = (Instant::now(), Points::new(scene, centre), output_dir.join(stem + ".ldi"));
         Ok(Self::new(title, place, None, Some(Growing { growth, begun, points, file })))
     }
@@ -98,6 +101,12 @@ impl CubeSource {
     fn new(title: String, place: Place, cube: Option<Arc<PackedCube>>, growing: Option<Growing>) -> Self {
         let (variations, renderer, judge) = (Variations::default(), Renderer::new(), Judge::default());
         Self { title, cube, place, variations, renderer, threads: FewerThreads::default(), judge, growing }
+    }
+
+    /// Shows another cube instead.
+    pub(super) fn show(&mut self, cube: PackedCube) {
+        self.cube = Some(Arc::new(cube));
+        self.variations.clear();
     }
 
     /// Takes over what a growing capture has become, and tells how far it is.
@@ -211,7 +220,7 @@ impl FrameSource for CubeSource {
     }
 
     fn start_pose(&self) -> Pose {
-        Pose::looking_at(self.place.centre, self.place.centre + self.place.ahead, 60.0)
+        Pose::upright(self.place.centre, self.place.centre + self.place.ahead, self.place.up, 60.0)
     }
 
     fn bounds(&self) -> Option<EyeBounds> {

@@ -29,9 +29,8 @@ pub(super) struct GeometrySource {
 
 impl GeometrySource {
     pub(super) fn new(title: String, geometry: ViewGeometry, start: &Camera, initial: GeometrySettings) -> Self {
-        let fov_y_deg = 2.0 * (f64::from(start.height()) / 2.0 / start.focal_px()).atan().to_degrees();
-        let start = Pose::looking_at(start.eye(), start.eye() + start.forward(), fov_y_deg);
-        Self { title, geometry, renderer: GeometryRenderer::new(), start, initial, threads: FewerThreads::default() }
+        let (start, renderer) = (super::start_at(start), GeometryRenderer::new());
+        Self { title, geometry, renderer, start, initial, threads: FewerThreads::default() }
     }
 
     fn settings_of(&self, request: &FrameRequest) -> Result<GeometrySettings, String> {

@@ -4,6 +4,7 @@ use super::cube::CubeSource;
 use super::file_name::file_name;
 use super::geometry::GeometrySource;
 use super::house::HouseSource;
+use super::live::LiveSource;
 use super::lumigraph::LumigraphSource;
 use super::sprite::SpriteSource;
 use crate::capture::light::Lighting;
@@ -11,6 +12,7 @@ use crate::capture::trace::Tracer;
 use crate::capture::viewpoint::{place_headbox, suggest_view};
 use crate::capture::{Camera, linear_from_srgb8, srgb8_from_linear};
 use crate::container::FileError;
+use crate::ldi::from_images::NearImages;
 use crate::lumigraph::Lumigraph;
 use crate::packed::PackedCube;
 use crate::portal::file::HouseFileError;
@@ -111,6 +113,15 @@ pub fn show_geometry(
 ) -> Box<dyn FrameSource> {
     let title = format!("{} (images)", file_name(origin));
     Box::new(GeometrySource::new(title, geometry, start, initial))
+}
+
+/// The images of the folder `origin` nearest to where one looks from, at first from `start`.
+///
+/// # Errors
+/// [`OpenError::Scene`] if an image cannot be read, or no thread started.
+pub fn show_live(near: NearImages, origin: &Path, start: &Camera) -> Result<Box<dyn FrameSource>, OpenError> {
+    let title = format!("{} (nearest images)", file_name(origin));
+    Ok(Box::new(LiveSource::new(title, near, origin, start).map_err(OpenError::Scene)?))
 }
 
 fn capture(source: SceneSource, output_dir: &Path) -> Result<CubeSource, OpenError> {

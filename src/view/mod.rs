@@ -13,6 +13,7 @@
 //! | `effort` | overlays of how a frame was made: footprints, overdraw, clipping |
 //! | `geometry` | a folder of images, drawn without a model |
 //! | `house` | a house, walked; its backdrops are built in the background |
+//! | `live` | a folder of images, by cube LDIs of those nearest to the view, built in the background |
 //! | `lumigraph` | a lumigraph; its overlays |
 //! | `sprite` | a set of sprites with depth |
 //! | `terms` | a sentence for each term of the panel |
@@ -27,6 +28,7 @@ mod geometry;
 mod growth;
 mod house;
 mod library;
+mod live;
 mod lumigraph;
 mod overlay;
 mod points;
@@ -37,4 +39,22 @@ mod terms;
 mod tests;
 mod variation;
 
-pub use library::{OpenError, SceneLibrary, open, open_source, show_cube, show_geometry};
+pub use library::{OpenError, SceneLibrary, open, open_source, show_cube, show_geometry, show_live};
+
+use crate::capture::Camera;
+use glam::DVec3;
+use headbox_viewer::Pose;
+
+/// What a person takes for up where pictures were taken with `pictures_up` upward: +Y, unless that shows them on their side.
+fn level_up(pictures_up: Option<DVec3>) -> DVec3 {
+    /// Cosine of 45 degrees: cameras may look down, or up, and +Y is still up.
+    const LEVEL: f64 = std::f64::consts::FRAC_1_SQRT_2;
+    pictures_up.filter(|up| up.y < LEVEL).unwrap_or(DVec3::Y)
+}
+
+/// Where one starts that is to see what a camera shows, upright.
+fn start_at(camera: &Camera) -> Pose {
+    let fov_y_deg = 2.0 * (f64::from(camera.height()) / 2.0 / camera.focal_px()).atan().to_degrees();
+    let up = level_up(Some(camera.world_from_eye().y_axis));
+    Pose::upright(camera.eye(), camera.eye() + camera.forward(), up, fov_y_deg)
+}

@@ -1,10 +1,12 @@
 //! Files of each kind through the sources, without a window.
 
-use super::{open, show_geometry};
+use super::{open, show_geometry, show_live};
 use crate::capture::Camera;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
+use crate::ldi::from_images::{ImagesJob, NearImages};
 use crate::lumigraph::{CameraGrid, GridParts, LumigraphCapture, Placement};
+use crate::packed::{PackedCube, SplatIndexLayout, Split};
 use crate::portal::backdrop::BackdropQuality;
 use crate::portal::house::House;
 use crate::portal::store::Store;
@@ -13,7 +15,7 @@ use crate::portal::walk_path::WalkPath;
 use crate::progress::Silent;
 use crate::scene_source::SceneSource;
 use crate::sprite::{DisplacementFormat, SlabCapture, SpriteSet, capture_slabs, slabs_at_gaps};
-use crate::view_geometry::tests::{frame_at, opened, plane_view};
+use crate::view_geometry::tests::{frame_at, opened, plane_view, saved, set_of};
 use crate::view_geometry::{GeometrySettings, SampleGrid};
 use glam::DVec3;
 use headbox_viewer::{Control, FrameReport, FrameRequest, FrameSource, Navigation, Pose, Refinement, SettingValues};
@@ -209,7 +211,7 @@ fn a_path_gives_the_same_frames_in_the_window_and_on_the_command_line() {
         |pose: &Pose| crate::path::CameraRecord::new(pose.eye, pose.forward(), DVec3::Y, pose.fov_y_deg, &frame);
     let record = crate::path::PathRecord { size: Some([SIZE.0, SIZE.1]), poses: poses.iter().map(record).collect() };
     std::fs::write(&path, serde_json::to_string(&record).unwrap()).unwrap();
-    let cube = crate::packed::PackedCube::read(&file).unwrap();
+    let cube = PackedCube::read(&file).unwrap();
     let cameras = crate::path::read(&path, &frame, 30.0).unwrap();
     let (mut renderer, settings) = (crate::render::Renderer::new(), crate::render::RenderSettings::default());
     for (i, pose) in poses.into_iter().enumerate() {
@@ -317,4 +319,75 @@ fn a_folder_of_images_is_walked_through() {
     let away = Pose::looking_at(pose.eye, pose.eye + DVec3::Z, 60.0);
     let (_, report) = render(&mut *source, away, &[]);
     assert!(report.facts.iter().any(|fact| fact.text.contains("none of the 3 cameras")), "{:?}", report.facts);
+}
+
+/// Looks until nothing better can come.
+fn settled(source: &mut dyn FrameSource, pose: Pose, settings: &[(&str, &str)]) -> (Vec<[u8; 4]>, FrameReport) {
+    loop {
+        let (pixels, report) = render(source, pose, settings);
+        if report.refinement == Refinement::Done {
+            return (pixels, report);
+        }
+        std::thread::yield_now();
+    }
+}
+
+#[test]
+fn cubes_of_the_nearest_images_follow_the_eye() {
+    let folder = tempfile::tempdir().unwrap();
+    let view =
+        |i: u32| saved(&plane_view(DVec3::X * f64::from(i), 3.0, [96, 64]), folder.path(), &format!("image {i}"));
+    let views: Vec<_> = (0..6).map(view).collect();
+    let set = set_of(folder.path(), &views);
+    let near = || NearImages::new(set.clone(), ImagesJob::suggest(&set), usize::MAX).unwrap();
+    let start = frame_at(DVec3::X * 0.2, [SIZE.0, SIZE.1]);
+    let mut source = show_live(near(), folder.path(), &start).unwrap();
+    assert!(source.bounds().is_none() && source.start_pose().eye == start.eye());
+    let made_of = |report: &FrameReport| report.facts.iter().find(|fact| fact.name == "made of").unwrap().text.clone();
+    let (_, report) = settled(source.as_mut(), source_pose(0.2), &[]);
+    assert_eq!(made_of(&report), "image 0, image 1, image 2");
+    // While the next is built the last is shown.
+    let (_, report) = render(source.as_mut(), source_pose(4.6), &[("images", "2")]);
+    assert!(report.refinement != Refinement::Done || made_of(&report) == "image 5, image 4");
+    let (pixels, report) = settled(source.as_mut(), source_pose(4.6), &[("images", "2")]);
+    assert_eq!(made_of(&report), "image 5, image 4");
+    let (mut expected, camera) = (near(), source_pose(4.6).camera(SIZE.0, SIZE.1).unwrap());
+    let chosen = expected.nearest(&camera, 2);
+    let ldi = expected.cube(&chosen).unwrap();
+    let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).unwrap();
+    let mut renderer = crate::render::Renderer::new();
+    assert!(pixels == renderer.render(&cube, &camera, &Default::default()).color);
+}
+
+#[test]
+fn an_image_that_is_gone_is_told_once_and_the_last_cube_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let view =
+        |i: u32| saved(&plane_view(DVec3::X * f64::from(i), 3.0, [96, 64]), folder.path(), &format!("image {i}"));
+    let views: Vec<_> = (0..6).map(view).collect();
+    let set = set_of(folder.path(), &views);
+    // Nothing stays in memory but what was used last.
+    let near = NearImages::new(set.clone(), ImagesJob::suggest(&set), 0).unwrap();
+    let start = frame_at(DVec3::ZERO, [SIZE.0, SIZE.1]);
+    let mut source = show_live(near, folder.path(), &start).unwrap();
+    std::fs::remove_file(&set.views[5].color).unwrap();
+    let values = SettingValues::initial(&source.settings());
+    let camera = source_pose(5.0).camera(SIZE.0, SIZE.1).unwrap();
+    let request = FrameRequest { camera, settings: Arc::new(values), moving: false };
+    let mut pixels = vec![[0; 4]; (SIZE.0 * SIZE.1) as usize];
+    let error = loop {
+        match source.render(&request, &mut pixels) {
+            Err(error) => break error,
+            Ok(_) => std::thread::yield_now(),
+        }
+    };
+    assert!(error.contains("image 5.png"), "{error}");
+    let report = source.render(&request, &mut pixels).unwrap();
+    assert_eq!(report.refinement, Refinement::Done);
+    assert!(report.facts.iter().any(|fact| fact.text == "image 0, image 1, image 2"));
+}
+
+/// Looking down -Z from a place on the X axis.
+fn source_pose(x: f64) -> Pose {
+    Pose::looking_at(DVec3::X * x, DVec3::new(x, 0.0, -1.0), 60.0)
 }

@@ -2,6 +2,10 @@
 //!
 //! Each is a penalty from 0 to 1, and their weighted sum orders the cameras (C26: the paper's text lost the operators; visibility
 //! enters as what is *not* seen). Distances are over the largest of a valid camera, so that a long sequence does not flatten them.
+//!
+//! The paper rules out cameras that look more than the field of view away: seen from one place, two such pictures share nothing. Cameras
+//! around an object share it at any angle, and long lenses have fields of view narrower than the steps between them. So
+//! cameras may look as far away as one sees the same surfaces from, if that is more; that they see them their probes tell.
 
 use super::RealCamera;
 use super::samples::{MAX_PROBES, Probes};
@@ -34,12 +38,16 @@ pub(super) struct Ranked {
     pub penalty: f64,
 }
 
+/// How far a camera may look away although the frame's field of view is narrower, radians: what one of two cameras sees head-on the
+/// other still sees at a cosine of a half.
+const SAME_SURFACES_RAD: f64 = std::f64::consts::FRAC_PI_3;
+
 /// Ranks the cameras that are valid for a frame, the best first; of equals the one with the lower index. A camera is not valid if it looks more than
-/// the frame's field of view away from the frame's direction, if none of its probes falls into the frame, or if it is left out.
+/// the frame's field of view, or [`SAME_SURFACES_RAD`], away from the frame's direction, if none of its probes falls into the frame, or if it is left out.
 pub(super) fn rank(cameras: &[RealCamera], frame: &Camera, origin: DVec3, weights: &RankWeights, to: &mut Vec<Ranked>) {
     to.clear();
     let view = Probing::new(frame, origin);
-    let (forward, field) = (frame.forward(), view.field_rad);
+    let (forward, widest) = (frame.forward(), view.widest_rad);
     let mut terms = Vec::with_capacity(cameras.len());
     for (camera, index) in cameras.iter().zip(0..) {
         let cosine = camera.forward().dot(forward).clamp(-1.0, 1.0);
@@ -52,7 +60,7 @@ pub(super) fn rank(cameras: &[RealCamera], frame: &Camera, origin: DVec3, weight
             continue;
         }
         let distance = (camera.pose.eye - frame.eye()).cross(forward).length();
-        terms.push((index, distance, cosine.acos() / field, 1.0 - f64::from(seen) / f64::from(probes.count)));
+        terms.push((index, distance, cosine.acos() / widest, 1.0 - f64::from(seen) / f64::from(probes.count)));
     }
     let farthest = terms.iter().map(|(_, distance, ..)| *distance).fold(0.0, f64::max);
     // All on the line of sight: 0 / 0 is 0.
@@ -71,7 +79,8 @@ struct Probing {
     axes: [Vec3; 3],
     /// From the principal point to the edges of the frame: left, right, up, down.
     edges: [f32; 4],
-    field_rad: f64,
+    /// The largest angle between the directions of the frame and a valid camera, and its cosine.
+    widest_rad: f64,
     least_cosine: f64,
 }
 
@@ -84,12 +93,13 @@ impl Probing {
         let [width, height] = [frame.width(), frame.height()].map(f64::from);
         // Between opposite corners.
         let field_rad = 2.0 * (width.hypot(height) / 2.0 / focal).atan();
+        let widest_rad = field_rad.max(SAME_SURFACES_RAD);
         Self {
             eye: (frame.eye() - origin).as_vec3(),
             axes,
             edges: [-x, width - x, -y, height - y].map(|edge| edge as f32),
-            field_rad,
-            least_cosine: field_rad.cos(),
+            widest_rad,
+            least_cosine: widest_rad.cos(),
         }
     }
 
@@ -133,8 +143,8 @@ mod tests {
         let ahead = frame.forward();
         let distance = (camera.pose.eye - frame.eye()).cross(ahead).length() / ahead.length();
         let half = f64::from(frame.width()).hypot(f64::from(frame.height())) / 2.0;
-        let field = 2.0 * (half / frame.focal_px()).atan();
-        let angle = camera.forward().dot(ahead).clamp(-1.0, 1.0).acos() / field;
+        let widest = (2.0 * (half / frame.focal_px()).atan()).max(60f64.to_radians());
+        let angle = camera.forward().dot(ahead).clamp(-1.0, 1.0).acos() / widest;
         let probes = camera.samples.probes();
         let probe = |i: usize| Vec3::from_array([0, 1, 2].map(|axis| probes.axes[axis][i]));
         let inside = |p: &Vec3| {

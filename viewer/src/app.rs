@@ -250,7 +250,7 @@ impl Viewer {
     /// Replays the path that the window was started with.
     fn replay_given_path(&mut self, now_s: f64) {
         let (Some(file), Some(info)) = (self.options.path.take(), &self.info) else { return };
-        match camera_file::read_path(&file, &info.file_frame) {
+        match camera_file::read_path(&file, &info.file_frame, info.start_pose.up) {
             Ok(path) => {
                 self.take_path(path, now_s);
                 self.commands.push(Command::TogglePlayback);

@@ -27,7 +27,7 @@ pub(crate) enum CameraFileError {
 
 /// The record of a pose.
 pub(crate) fn record(pose: &Pose, frame: &FileFrame) -> CameraRecord {
-    CameraRecord::new(pose.eye, pose.forward(), DVec3::Y, pose.fov_y_deg, frame)
+    CameraRecord::new(pose.eye, pose.forward(), pose.up, pose.fov_y_deg, frame)
 }
 
 /// The record of a path whose frames have `size`.
@@ -36,12 +36,12 @@ pub(crate) fn path_record(path: &CameraPath, size: [u32; 2], frame: &FileFrame) 
     PathRecord { size: Some(size), poses: path.poses().iter().map(timed).collect() }
 }
 
-/// Reads a path file. A roll is not kept, for the eye never rolls; poses without times follow each other at 30 a second.
-pub(crate) fn read_path(file: &Path, frame: &FileFrame) -> Result<CameraPath, CameraFileError> {
+/// Reads a path file. A roll is not kept, for the eye never rolls: all poses have one `up`. Those without times follow each other at 30 a second.
+pub(crate) fn read_path(file: &Path, frame: &FileFrame, up: DVec3) -> Result<CameraPath, CameraFileError> {
     let timed = |(index, record): (usize, CameraRecord)| {
         let camera = record.camera(frame);
         let camera = camera.map_err(|source| path::PathError::Pose { path: file.into(), pose: index, source })?;
-        let pose = Pose::looking_at(camera.eye(), camera.eye() + camera.forward(), record.fov);
+        let pose = Pose::upright(camera.eye(), camera.eye() + camera.forward(), up, record.fov);
         Ok(TimedPose { time_s: record.time_s.unwrap_or(index as f64 * DEFAULT_INTERVAL_S), pose })
     };
     let poses = path::read_records(file, frame, 1.0 / DEFAULT_INTERVAL_S)?.into_iter().enumerate().map(timed);
@@ -70,7 +70,7 @@ mod tests {
         let path = CameraPath::new(poses.collect()).unwrap();
         let file = tempfile::NamedTempFile::new().unwrap();
         serde_json::to_writer(&file, &path_record(&path, [64, 48], &CENTIMETRES_Z_UP)).unwrap();
-        let back = read_path(file.path(), &CENTIMETRES_Z_UP).unwrap();
+        let back = read_path(file.path(), &CENTIMETRES_Z_UP, DVec3::Y).unwrap();
         for (a, b) in path.poses().iter().zip(back.poses()) {
             assert_eq!(a.time_s, b.time_s);
             assert!(a.pose.eye.distance(b.pose.eye) < POSE_TOLERANCE_M);
@@ -85,7 +85,7 @@ mod tests {
         let read = |text: &str| {
             let file = tempfile::NamedTempFile::new().unwrap();
             std::fs::write(file.path(), text).unwrap();
-            read_path(file.path(), &FileFrame::default())
+            read_path(file.path(), &FileFrame::default(), DVec3::Y)
         };
         let view = r#""eye":[0,0,0],"look_at":[0,0,-1],"up":[0,1,0],"fov":60"#;
         let bad_fov = format!(r#"{{"size":[4,4],"poses":[{{{view}}},{{{}}}]}}"#, view.replace("60", "0"));
@@ -93,7 +93,7 @@ mod tests {
         assert!(matches!(error, CameraFileError::File(path::PathError::Pose { pose: 1, .. })), "{error}");
         let timed = format!(r#"[{{{view},"time_s":1}},{{{view},"time_s":1}}]"#);
         assert!(matches!(read(&timed).unwrap_err(), CameraFileError::Times { source: PathError::Time(1), .. }));
-        let missing = read_path(Path::new("no/such/file.json"), &FileFrame::default()).unwrap_err();
+        let missing = read_path(Path::new("no/such/file.json"), &FileFrame::default(), DVec3::Y).unwrap_err();
         assert!(missing.to_string().contains("no/such/file.json"));
         let untimed = read(&format!("[{{{view}}},{{{view}}},{{{view}}}]")).unwrap();
         assert!((untimed.duration_s() - 2.0 / 30.0).abs() < 1e-12, "without times: 30 a second");

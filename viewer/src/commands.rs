@@ -175,7 +175,7 @@ impl Viewer {
 
     fn load_path(&mut self, file: &Path, now_s: f64) {
         let Some(info) = &self.info else { return };
-        match camera_file::read_path(file, &info.file_frame) {
+        match camera_file::read_path(file, &info.file_frame, info.start_pose.up) {
             Ok(path) => {
                 let text =
                     format!("{} poses, {:.1} s, from {}.", path.poses().len(), path.duration_s(), file.display());

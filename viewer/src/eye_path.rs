@@ -76,6 +76,7 @@ impl CameraPath {
             yaw_rad: value(&|p| heading + short_way(p.yaw_rad - heading)),
             pitch_rad: value(&|p| p.pitch_rad),
             fov_y_deg: value(&|p| p.fov_y_deg),
+            up: next.pose.up, // one for all of a path
         }
     }
 }
@@ -154,7 +155,7 @@ mod tests {
     const CUBIC_TOLERANCE: f64 = 1e-12;
 
     fn pose(x: f64, yaw_rad: f64) -> Pose {
-        Pose { eye: dvec3(x, 0.0, 0.0), yaw_rad, pitch_rad: 0.0, fov_y_deg: 60.0 }
+        Pose { eye: dvec3(x, 0.0, 0.0), yaw_rad, pitch_rad: 0.0, fov_y_deg: 60.0, up: DVec3::Y }
     }
 
     fn path(knots: &[(f64, f64, f64)]) -> CameraPath {

@@ -90,11 +90,11 @@ impl Motion {
             }
             Navigation::Orbit { pivot, nearest } => {
                 // A drag to the right carries the object to the right: the eye goes the other way around it.
-                let turned = Pose::looking_at(pose.eye, pivot, pose.fov_y_deg).turned(-turn[0], -turn[1]);
+                let turned = Pose::upright(pose.eye, pivot, pose.up, pose.fov_y_deg).turned(-turn[0], -turn[1]);
                 let radius = (pose.eye.distance(pivot) - travel.z).max(nearest.max(MIN_ORBIT_RADIUS_M));
                 let around = turned.turned(travel.x / radius, -travel.y / radius);
                 let eye = moved(handling.bounds, pose.eye, pivot - around.forward() * radius - pose.eye);
-                Pose { eye, ..Pose::looking_at(eye, pivot, pose.fov_y_deg) }
+                Pose { eye, ..Pose::upright(eye, pivot, pose.up, pose.fov_y_deg) }
             }
         }
     }
@@ -105,12 +105,12 @@ impl Motion {
     }
 }
 
-/// Travel along right, up, forward turned into world axes: flight follows the view, walking stays level, and "up" is the
-/// world's up in both.
+/// Travel along right, up, forward turned into world axes: flight follows the view, walking stays level, and "up" is what
+/// the pose takes for up in both.
 fn world_travel(pose: &Pose, navigation: Navigation, travel: DVec3) -> DVec3 {
     let level = Pose { pitch_rad: 0.0, ..*pose };
     let forward = if navigation == Navigation::Walk { level.forward() } else { pose.forward() };
-    level.world_from_eye().x_axis * travel.x + DVec3::Y * travel.y + forward * travel.z
+    level.world_from_eye().x_axis * travel.x + pose.up * travel.y + forward * travel.z
 }
 
 fn moved(bounds: Option<EyeBounds>, eye: DVec3, by: DVec3) -> DVec3 {

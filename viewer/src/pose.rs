@@ -1,12 +1,13 @@
 //! Where the eye is and where it looks, as a person steers it.
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use headbox_capture::{Camera, CameraError};
 use std::ops::RangeInclusive;
 
-/// An eye that never rolls: position, heading, tilt and field of view. World metres, Y up.
+/// An eye that never rolls: position, heading, tilt and field of view. World metres.
 ///
-/// Yaw 0 and pitch 0 look down -Z, so that eye space and world space coincide. Positive yaw turns left (counter-clockwise
+/// With +Y up, yaw 0 and pitch 0 look down -Z, so that eye space and world space coincide; where another direction is up (pictures taken
+/// with the camera on its side), all is turned the shortest way that brings +Y there. Positive yaw turns left (counter-clockwise
 /// seen from above), positive pitch looks up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
@@ -18,6 +19,8 @@ pub struct Pose {
     pub pitch_rad: f64,
     /// Vertical field of view, degrees.
     pub fov_y_deg: f64,
+    /// What is up, a unit vector.
+    pub up: DVec3,
 }
 
 impl Pose {
@@ -28,19 +31,26 @@ impl Pose {
     /// Vertical fields of view that the wheel reaches, degrees.
     pub const FOV_Y_DEG: RangeInclusive<f64> = 1.0..=170.0;
 
-    /// The pose at `eye` that looks at `target` with `fov_y_deg` degrees of vertical view. Looks down -Z if the two points
+    /// The pose at `eye` that looks at `target` with `fov_y_deg` degrees of vertical view, +Y up. Looks down -Z if the two points
     /// coincide; a roll cannot be kept.
     pub fn looking_at(eye: DVec3, target: DVec3, fov_y_deg: f64) -> Self {
-        let forward = (target - eye).try_normalize().unwrap_or(DVec3::NEG_Z);
+        Self::upright(eye, target, DVec3::Y, fov_y_deg)
+    }
+
+    /// As [`Self::looking_at`], where `up` is up (+Y if it has no direction).
+    pub fn upright(eye: DVec3, target: DVec3, up: DVec3, fov_y_deg: f64) -> Self {
+        let up = up.try_normalize().unwrap_or(DVec3::Y);
+        let forward =
+            (target - eye).try_normalize().map_or(DVec3::NEG_Z, |ahead| world_from_level(up).transpose() * ahead);
         let yaw_rad = if forward.x == 0.0 && forward.z == 0.0 { 0.0 } else { (-forward.x).atan2(-forward.z) };
         let pitch_rad = forward.y.clamp(-1.0, 1.0).asin().clamp(-Self::MAX_PITCH_RAD, Self::MAX_PITCH_RAD);
         // Adding 0 turns -0 into 0, which reads better.
-        Self { eye, yaw_rad: yaw_rad + 0.0, pitch_rad, fov_y_deg: clamp(fov_y_deg, &Self::FOV_Y_DEG) }
+        Self { eye, yaw_rad: yaw_rad + 0.0, pitch_rad, fov_y_deg: clamp(fov_y_deg, &Self::FOV_Y_DEG), up }
     }
 
     /// Rotation from eye space to world space; its columns are right, up and back.
     pub fn world_from_eye(&self) -> DMat3 {
-        DMat3::from_rotation_y(self.yaw_rad) * DMat3::from_rotation_x(self.pitch_rad)
+        world_from_level(self.up) * DMat3::from_rotation_y(self.yaw_rad) * DMat3::from_rotation_x(self.pitch_rad)
     }
 
     /// Unit vector along the viewing axis.
@@ -71,6 +81,11 @@ impl Pose {
         let fov_y_deg = (2.0 * half_height.atan()).to_degrees();
         Self { fov_y_deg: clamp(fov_y_deg, &Self::FOV_Y_DEG), ..self }
     }
+}
+
+/// Rotation from axes in which +Y is up to those of the world.
+fn world_from_level(up: DVec3) -> DMat3 {
+    DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Y, up))
 }
 
 fn clamp(value: f64, range: &RangeInclusive<f64>) -> f64 {
@@ -109,6 +124,23 @@ mod tests {
         let difference = ours.world_from_eye() - theirs.world_from_eye();
         assert!(difference.to_cols_array().iter().all(|d| d.abs() < ROTATION_TOLERANCE));
         assert!((ours.focal_px() - theirs.focal_px()).abs() < 1e-9);
+    }
+
+    #[test]
+    fn another_up_is_kept_while_one_turns() {
+        let eye = dvec3(0.3, -0.2, 0.9);
+        for up in [DVec3::X, DVec3::NEG_Y, dvec3(1.0, 0.2, -3.0), dvec3(0.0, 0.9, 0.1)] {
+            let target = eye + dvec3(0.4, 0.6, -0.8);
+            let pose = Pose::upright(eye, target, up, 50.0);
+            assert!(pose.forward().distance((target - eye).normalize()) < ROTATION_TOLERANCE, "{up}");
+            let theirs = Camera::look_at(eye, target, up, 50.0, [64, 48]).unwrap().world_from_eye();
+            let difference = pose.world_from_eye() - theirs;
+            assert!(difference.to_cols_array().iter().all(|d| d.abs() < ROTATION_TOLERANCE), "{up} {difference}");
+            let right = pose.turned(0.7, -0.2).world_from_eye().x_axis;
+            assert!(right.dot(up).abs() < ROTATION_TOLERANCE, "the horizon stays level: {up}");
+        }
+        let none = Pose::upright(eye, eye, DVec3::ZERO, 50.0);
+        assert!(none.up == DVec3::Y && none.forward() == DVec3::NEG_Z);
     }
 
     #[test]

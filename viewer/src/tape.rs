@@ -155,7 +155,8 @@ mod tests {
     use glam::DVec3;
 
     fn tape(mode: ReplayMode) -> Tape {
-        let pose = |i: u32| Pose { eye: DVec3::X * f64::from(i), yaw_rad: 0.0, pitch_rad: 0.0, fov_y_deg: 60.0 };
+        let pose =
+            |i: u32| Pose { eye: DVec3::X * f64::from(i), yaw_rad: 0.0, pitch_rad: 0.0, fov_y_deg: 60.0, up: DVec3::Y };
         let poses = (0..3).map(|i| TimedPose { time_s: f64::from(i), pose: pose(i) }).collect();
         Tape { path: CameraPath::new(poses).ok(), mode, ..Tape::default() }
     }

@@ -7,7 +7,7 @@
 //! so that neighbours leave no gap, and each face pixel gets the depth of the plane and the colour of the image at its own
 //! position.
 
-use super::layers::Sample;
+use super::layers::{RowSamples, Sample};
 use super::surface::{Patch, Surfaces};
 use crate::capture::images::LoadedView;
 use crate::capture::linear_from_srgb8;
@@ -43,22 +43,27 @@ const LEAST_COSINE: f32 = 0.03;
 
 impl WarpTarget {
     /// Samples of an image, in piles of a few rows each.
-    pub(super) fn warp(&self, view: &LoadedView, image: u32) -> Vec<Vec<Sample>> {
+    pub(super) fn warp(&self, view: &LoadedView, image: u32) -> Vec<RowSamples> {
         let [width, height] = view.size_px;
-        (0..height.div_ceil(ROWS))
-            .into_par_iter()
-            .map(|chunk| {
-                let surfaces = Surfaces::new(view, self.centre, self.noise);
+        let warp = Warp {
+            target: self,
+            view,
+            eye: (view.pose.eye - self.centre).as_vec3(),
+            image,
+            axes: Face::ALL.map(|face| [face.right(), face.up(), face.normal()].map(|axis| axis.as_vec3())),
+        };
+        let starts = (0..height).into_par_iter().step_by(ROWS as usize);
+        starts
+            .map(|start| {
+                let rows = start..(start + ROWS).min(height);
+                let surfaces = Surfaces::new(view, rows.clone(), self.centre, self.noise);
                 let mut samples = Vec::with_capacity((ROWS * width) as usize);
-                let warp = Warp { target: self, view, eye: (view.pose.eye - self.centre).as_vec3(), image };
-                for y in chunk * ROWS..((chunk + 1) * ROWS).min(height) {
-                    for x in 0..width {
-                        if let Some(patch) = surfaces.patch(x, y) {
-                            warp.add(&patch, x, y, &mut samples);
-                        }
+                for (y, x) in rows.flat_map(|y| (0..width).map(move |x| (y, x))) {
+                    if let Some(patch) = surfaces.patch(x, y) {
+                        warp.add(&patch, x, y, &mut samples);
                     }
                 }
-                samples
+                RowSamples::new(&samples, self.face_px)
             })
             .collect()
     }
@@ -71,6 +76,8 @@ struct Warp<'a> {
     /// Relative to the cube's centre.
     eye: Vec3,
     image: u32,
+    /// Right, up and normal of each face.
+    axes: [[Vec3; 3]; 6],
 }
 
 /// A patch on a face.
@@ -129,7 +136,7 @@ impl Warp<'_> {
     }
 
     fn on_face(&self, patch: &Patch, face: Face) -> Option<OnFace> {
-        let [right, up, normal] = [face.right(), face.up(), face.normal()].map(|axis| axis.as_vec3());
+        let [right, up, normal] = self.axes[face.index()];
         let depth = patch.point.dot(normal);
         if depth <= 1e-6 {
             return None;

@@ -58,23 +58,50 @@ struct LayerRow {
     layers: Vec<Layer>,
 }
 
-/// Samples by pixel; those of a pixel in the order in which they came.
-pub(crate) struct SortedSamples(Vec<Sample>);
+/// Samples by row of the cube; those of a row in the order in which they came.
+pub(crate) struct RowSamples {
+    /// The first row that has any.
+    first: usize,
+    /// Where those of each row from there on begin, and the end.
+    starts: Vec<u32>,
+    samples: Vec<Sample>,
+}
 
-impl SortedSamples {
-    pub(crate) fn new(samples: &[Sample]) -> Self {
-        // To sort the samples themselves takes longer.
-        let key = |(i, sample): (usize, &Sample)| u64::from(sample.pixel) << 32 | i as u64;
-        let mut order: Vec<u64> = samples.iter().enumerate().map(key).collect();
-        order.par_sort_unstable();
-        Self(order.into_iter().map(|key| samples[(key & 0xffff_ffff) as usize]).collect())
+impl RowSamples {
+    /// Of a cube with faces of `face_px` pixels a side.
+    pub(crate) fn new(samples: &[Sample], face_px: u32) -> Self {
+        let row = |sample: &Sample| (sample.pixel / face_px) as usize;
+        let first = samples.iter().map(row).min().unwrap_or(0);
+        let rows = samples.iter().map(row).max().map_or(0, |last| last + 1 - first);
+        let (starts, order) = by_place(samples.iter().map(|sample| row(sample) - first), rows);
+        Self { first, starts, samples: order.into_iter().map(|i| samples[i as usize]).collect() }
     }
 
-    /// Those of the pixels from `first` up to `end`.
-    fn between(&self, first: u32, end: u32) -> &[Sample] {
-        let at = |pixel: u32| self.0.partition_point(|sample| sample.pixel < pixel);
-        &self.0[at(first)..at(end)]
+    /// Those of a row: face and row, in this order of significance.
+    fn of_row(&self, row: usize) -> &[Sample] {
+        let ends = row.checked_sub(self.first).and_then(|row| self.starts.get(row..row + 2));
+        ends.map_or(&[], |ends| &self.samples[ends[0] as usize..ends[1] as usize])
     }
+}
+
+/// Sorts things by their places, of which there are `count`: where those of each place begin, and the end; and the numbers of the
+/// things, those of one place in order.
+fn by_place(places: impl Iterator<Item = usize> + Clone, count: usize) -> (Vec<u32>, Vec<u32>) {
+    let mut starts = vec![0u32; count + 1];
+    let mut things = 0;
+    for place in places.clone() {
+        starts[place + 1] += 1;
+        things += 1;
+    }
+    for place in 0..count {
+        starts[place + 1] += starts[place];
+    }
+    let (mut next, mut order) = (starts.clone(), vec![0; things]);
+    for (thing, place) in (0..).zip(places) {
+        order[next[place] as usize] = thing;
+        next[place] += 1;
+    }
+    (starts, order)
 }
 
 impl LayerCube {
@@ -84,39 +111,40 @@ impl LayerCube {
     }
 
     /// Merges samples into the layers, pile after pile. One that is cut into other piles gives the same layers.
-    pub(crate) fn add(&mut self, piles: &[SortedSamples]) {
-        let (face_px, rule, tolerance) = (self.face_px, self.rule, self.tolerance);
+    pub(crate) fn add(&mut self, piles: &[RowSamples]) {
+        let (face_px, rule, tolerance) = (self.face_px as usize, self.rule, self.tolerance);
         self.rows.par_iter_mut().enumerate().for_each(|(number, row)| {
-            let number = number as u32;
-            let mut samples: Vec<&Sample> = Vec::new();
-            for pile in piles {
-                samples.extend(pile.between(number * face_px, (number + 1) * face_px));
+            let came: Vec<&Sample> = piles.iter().flat_map(|pile| pile.of_row(number)).collect();
+            if came.is_empty() {
+                return;
             }
-            if !samples.is_empty() {
-                samples.sort_by_key(|sample| sample.pixel);
-                row.add(&samples, rule, tolerance);
-            }
+            let (_, order) = by_place(came.iter().map(|sample| sample.pixel as usize - number * face_px), face_px);
+            let samples: Vec<&Sample> = order.into_iter().map(|i| came[i as usize]).collect();
+            row.add(&samples, rule, tolerance);
         });
     }
 
     /// The six faces.
     pub(crate) fn finish(self) -> Vec<LayeredDepthImage> {
-        let mut faces = Vec::with_capacity(6);
-        for (face, rows) in Face::ALL.into_iter().zip(self.rows.chunks(self.face_px as usize)) {
+        let side = self.face_px as usize;
+        let rows: Vec<&[LayerRow]> = self.rows.chunks(side).collect();
+        let finished = |(&face, rows): (&Face, &[LayerRow])| {
             let mut image = LayeredDepthImage::empty(face, self.face_px);
-            let first = face.index() as u32 * self.face_px.pow(2);
-            for row in rows {
-                row.pixels.iter().for_each(|pixel| image.offsets[(pixel - first) as usize + 1] += 1);
-                image.samples.extend(row.layers.iter().map(Layer::finish));
+            let first = (face.index() * side * side) as u32;
+            for pixel in rows.iter().flat_map(|row| &row.pixels) {
+                image.offsets[(pixel - first) as usize + 1] += 1;
             }
             let mut total = 0;
             for offset in &mut image.offsets {
                 total += *offset;
                 *offset = total;
             }
-            faces.push(image);
-        }
-        faces
+            let samples: Vec<Vec<DepthPixel>> =
+                rows.par_iter().map(|row| row.layers.iter().map(Layer::finish).collect()).collect();
+            image.samples = samples.concat();
+            image
+        };
+        Face::ALL.par_iter().zip(rows).map(finished).collect()
     }
 }
 
@@ -209,7 +237,7 @@ mod tests {
 
     fn merged(rule: MergeRule, samples: &[Sample]) -> Vec<(f32, u8)> {
         let mut cube = LayerCube::new(1, rule, 0.01);
-        cube.add(&[SortedSamples::new(samples)]);
+        cube.add(&[RowSamples::new(samples, 1)]);
         let faces = cube.finish();
         faces[0].samples.iter().map(|kept| (kept.inverse_depth, kept.color_srgb[0])).collect()
     }
@@ -248,14 +276,14 @@ mod tests {
                 let mut cube = LayerCube::new(3, rule, 0.015);
                 let mut start = 0;
                 for &end in cuts {
-                    cube.add(&[SortedSamples::new(&samples[start..end])]);
+                    cube.add(&[RowSamples::new(&samples[start..end], 3)]);
                     start = end;
                 }
                 cube.finish()
             };
             assert_eq!(of(&[600]), of(&[1, 77, 300, 301, 600]), "{rule:?}");
             let mut cube = LayerCube::new(3, rule, 0.015);
-            cube.add(&[SortedSamples::new(&samples[..250]), SortedSamples::new(&samples[250..])]);
+            cube.add(&[RowSamples::new(&samples[..250], 3), RowSamples::new(&samples[250..], 3)]);
             assert_eq!(of(&[600]), cube.finish(), "{rule:?}");
         }
     }

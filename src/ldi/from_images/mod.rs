@@ -9,19 +9,23 @@
 
 mod footprint;
 pub(crate) mod layers;
+mod near;
 mod surface;
+
+pub use near::NearImages;
 
 use super::accumulate::DepthBins;
 use super::merge::MergeRule;
 use super::parameters::CaptureParameters;
 use super::{CaptureInfo, CubeLdi};
-use crate::capture::images::{ImageSet, ImagesError, View};
+use crate::capture::images::{ImageSet, ImagesError, LoadedView, View};
 use crate::environment::Environment;
 use crate::progress::Progress;
 use footprint::WarpTarget;
 use glam::DVec3;
-use layers::{LayerCube, SortedSamples};
+use layers::{LayerCube, RowSamples};
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// How images become a cube LDI.
 #[derive(Clone, Debug, PartialEq)]
@@ -85,42 +89,56 @@ impl ImagesJob {
     /// # Errors
     /// [`ImagesError`] of the first view that cannot be loaded.
     pub fn run(&self, set: &ImageSet, views: &[&View], progress: &dyn Progress) -> Result<CubeLdi, ImagesError> {
-        let similar = DepthBins::new(self.half_size_m, self.face_size_px).inverse_depth(1.0) as f32;
-        let tolerance = similar.max(3.0 * self.depth_noise);
-        let target = WarpTarget { centre: self.centre, face_px: self.face_size_px, tolerance, noise: self.depth_noise };
-        let mut cube = LayerCube::new(self.face_size_px, self.merge_rule, tolerance);
+        let (target, mut cube) = self.begin();
         progress.begin("images", "images", views.len() as u64);
         for (batch, first) in views.chunks(BATCH).zip((0u32..).step_by(BATCH)) {
             if progress.is_cancelled() {
                 break;
             }
             // Decoding takes longer than warping: a batch of pictures is read side by side.
-            let piles: Result<Vec<Vec<SortedSamples>>, ImagesError> = batch
+            let piles: Result<Vec<Vec<RowSamples>>, ImagesError> = batch
                 .par_iter()
                 .zip(first..first + batch.len() as u32)
                 .map(|(view, image)| {
-                    let warped = target.warp(&view.load()?, image);
+                    let piles = target.warp(&view.load()?, image);
                     progress.advance(1);
-                    Ok(warped.par_iter().map(|pile| SortedSamples::new(pile)).collect())
+                    Ok(piles)
                 })
                 .collect();
             cube.add(&piles?.into_iter().flatten().collect::<Vec<_>>());
         }
+        Ok(self.cube(set, views, cube))
+    }
+
+    /// As [`Self::run`], of views that are in memory.
+    fn run_loaded(&self, set: &ImageSet, views: &[&View], loaded: &[Arc<LoadedView>]) -> CubeLdi {
+        let (target, mut cube) = self.begin();
+        let warp = |(view, image): (&Arc<LoadedView>, u32)| target.warp(view, image);
+        let piles: Vec<Vec<RowSamples>> = loaded.par_iter().zip(0..loaded.len() as u32).map(warp).collect();
+        cube.add(&piles.into_iter().flatten().collect::<Vec<_>>());
+        self.cube(set, views, cube)
+    }
+
+    /// Where views are warped to, and what they are merged in.
+    fn begin(&self) -> (WarpTarget, LayerCube) {
+        let similar = DepthBins::new(self.half_size_m, self.face_size_px).inverse_depth(1.0) as f32;
+        let tolerance = similar.max(3.0 * self.depth_noise);
+        let target = WarpTarget { centre: self.centre, face_px: self.face_size_px, tolerance, noise: self.depth_noise };
+        (target, LayerCube::new(self.face_size_px, self.merge_rule, tolerance))
+    }
+
+    /// What was merged of views of a set.
+    fn cube(&self, set: &ImageSet, views: &[&View], merged: LayerCube) -> CubeLdi {
         // Cameras around an object look all ways; one looks at it as the nearest does.
         let apart = |view: &&&View| view.color_pose().eye.distance_squared(self.centre);
         let nearest = views.iter().min_by(|a, b| apart(a).total_cmp(&apart(b))).filter(|_| set.depth_is_found());
         let nearest = nearest.map(|view| view.color_pose().world_from_eye);
         let info = CaptureInfo {
-            scene: set.folder.display().to_string(),
-            centre: self.centre,
-            half_size_m: self.half_size_m,
-            frame: set.frame,
-            exposure: 1.0, // colours are the pictures' own
             ahead: nearest.map(|held| -held.z_axis).or_else(|| ahead(views)),
             up: nearest.map(|held| held.y_axis).or_else(|| set.up()),
             parameters: CaptureParameters { merge_rule: self.merge_rule, ..CaptureParameters::unlit(0, 0) },
-            ..CaptureInfo::default()
+            ..CaptureInfo::of_images(set, self.centre, self.half_size_m)
         };
-        Ok(CubeLdi { info, faces: cube.finish(), environment: Environment::default() })
+        CubeLdi { info, faces: merged.finish(), environment: Environment::default() }
     }
 }

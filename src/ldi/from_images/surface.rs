@@ -1,7 +1,8 @@
 //! What a pixel of a depth image knows of its surface: how it is tilted, and whether it lies on one at all.
 
 use crate::capture::images::LoadedView;
-use glam::{DMat3, DVec3, Vec3};
+use glam::{DVec3, Vec3};
+use std::ops::Range;
 
 /// The surface at a pixel, relative to the cube's centre, metres, world axes.
 #[derive(Clone, Copy, Debug)]
@@ -16,16 +17,21 @@ pub(super) struct Patch {
     pub(super) normal: Vec3,
 }
 
-/// A depth image as points, a few rows at a time.
-pub(super) struct Surfaces<'a> {
-    view: &'a LoadedView,
-    /// Rotation from eye space to the world.
-    rotation: DMat3,
+/// A few rows of a depth image as points.
+pub(super) struct Surfaces {
     /// The eye, relative to the cube's centre.
-    eye: DVec3,
-    /// Inverse depths of one surface part by no more than this from pixel to pixel, relative to a fronto-parallel plane: in
-    /// 1/m, noise of the sensor, and as a share of the inverse depth.
-    noise: f32,
+    eye: Vec3,
+    /// The first of the rows.
+    first: u32,
+    width: usize,
+    /// Of the pixels of these rows and of one below, and of one more on the right: their rays, world axes.
+    rays: Vec<Vec3>,
+    /// Of the pixels of these rows and of one around: inverse depths as multiples of the rays, NaN if unknown or outside.
+    inverse_depths: Vec<f32>,
+    /// Inverse depths of one surface part by no more than this from pixel to pixel, relative to a fronto-parallel plane: by
+    /// noise of the sensor, in 1/m, and by a share of the inverse depth.
+    tolerance: [f32; 2],
+    has_noise: bool,
 }
 
 /// The steepest surface that counts as one: its inverse depth may change by this share from a pixel to the next for each
@@ -36,43 +42,55 @@ const STEEPEST: f32 = 12.0;
 /// behind an edge.
 const LEAST_NEIGHBORS: u32 = 3;
 
-impl<'a> Surfaces<'a> {
-    /// `noise`: standard deviation of inverse depth, 1/m.
-    pub(super) fn new(view: &'a LoadedView, centre: DVec3, noise: f32) -> Self {
-        Self { view, rotation: view.pose.world_from_eye, eye: view.pose.eye - centre, noise }
-    }
-
-    /// How much inverse depths of neighbours may differ on one surface.
-    fn tolerance(&self, inverse_depth: f32) -> f32 {
-        let pixel = 1.0 / self.view.lens.pixels_per_radian(self.view.size_px) as f32;
-        3.0 * self.noise + STEEPEST * pixel * inverse_depth
-    }
-
-    /// The ray of a pixel, world axes.
-    fn ray(&self, x: u32, y: u32) -> Vec3 {
-        let position = [f64::from(x) + 0.5, f64::from(y) + 0.5];
-        (self.rotation * self.view.lens.ray(position, self.view.size_px)).as_vec3()
-    }
-
-    /// Inverse depth of a pixel, as a multiple of its ray; `None` if unknown or outside.
-    fn inverse_depth(&self, x: i64, y: i64) -> Option<f32> {
-        let [width, height] = self.view.size_px.map(i64::from);
-        let inside = (0..width).contains(&x) && (0..height).contains(&y);
-        inside.then(|| self.view.depth_at(x as u32, y as u32)).flatten().map(|depth| 1.0 / depth)
+impl Surfaces {
+    /// Of some rows. `noise`: standard deviation of inverse depth, 1/m.
+    pub(super) fn new(view: &LoadedView, rows: Range<u32>, centre: DVec3, noise: f32) -> Self {
+        let [width, height] = view.size_px;
+        let ray = |x: u32, y: u32| {
+            let position = [f64::from(x) + 0.5, f64::from(y) + 0.5];
+            (view.pose.world_from_eye * view.lens.ray(position, view.size_px)).as_vec3()
+        };
+        let inverse_depth = |x: u32, y: u32| {
+            // One before the first is the largest number.
+            let inside = x < width && y < height;
+            inside.then(|| view.depth_at(x, y)).flatten().map_or(f32::NAN, |depth| 1.0 / depth)
+        };
+        let rays = (rows.start..rows.end + 1).flat_map(|y| (0..width + 1).map(move |x| ray(x, y))).collect();
+        let around = (0..rows.len() as u32 + 2).map(|row| (rows.start + row).wrapping_sub(1));
+        let inverse_depths =
+            around.flat_map(|y| (0..width + 2).map(move |x| inverse_depth(x.wrapping_sub(1), y))).collect();
+        let pixel = 1.0 / view.lens.pixels_per_radian(view.size_px) as f32;
+        Self {
+            eye: (view.pose.eye - centre).as_vec3(),
+            first: rows.start,
+            width: width as usize,
+            rays,
+            inverse_depths,
+            tolerance: [3.0 * noise, STEEPEST * pixel],
+            has_noise: noise > 0.0,
+        }
     }
 
     /// The surface of a pixel, or `None` if its depth is unknown or no surface's.
     pub(super) fn patch(&self, x: u32, y: u32) -> Option<Patch> {
-        let (column, row) = (i64::from(x), i64::from(y));
-        let own = self.inverse_depth(column, row)?;
-        let tolerance = self.tolerance(own);
-        let same = |dx: i64, dy: i64| {
-            self.inverse_depth(column + dx, row + dy).filter(|other| (other - own).abs() <= tolerance)
+        let (column, row) = (x as usize, (y - self.first) as usize);
+        let stride = self.width + 2;
+        let here = (row + 1) * stride + column + 1;
+        let own = self.inverse_depths[here];
+        if own.is_nan() {
+            return None;
+        }
+        let tolerance = self.tolerance[0] + self.tolerance[1] * own;
+        let same = |offset: isize| {
+            let other = self.inverse_depths[here.wrapping_add_signed(offset)];
+            // Not so of NaN.
+            ((other - own).abs() <= tolerance).then_some(other)
         };
-        let around = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
-        let on_surface = around.iter().filter(|&&(dx, dy)| same(dx, dy).is_some()).count() as u32;
+        let down = stride as isize;
+        let around = [-down - 1, -down, -down + 1, -1, 1, down - 1, down, down + 1];
+        let on_surface = around.iter().filter(|&&offset| same(offset).is_some()).count() as u32;
         // Rendered depth is of one surface in each pixel.
-        if self.noise > 0.0 && on_surface < LEAST_NEIGHBORS {
+        if self.has_noise && on_surface < LEAST_NEIGHBORS {
             return None;
         }
         // Of inverse depth from pixel to pixel, from the neighbours on both sides if they are of this surface.
@@ -82,15 +100,16 @@ impl<'a> Surfaces<'a> {
             (Some(before), None) => own - before,
             (None, None) => 0.0,
         };
-        let slopes = [slope(same(-1, 0), same(1, 0)), slope(same(0, -1), same(0, 1))];
-        let ray = self.ray(x, y);
-        let [right, below] = [self.ray(x + 1, y) - ray, self.ray(x, y + 1) - ray];
+        let slopes = [slope(same(-1), same(1)), slope(same(-down), same(down))];
+        let at = row * (self.width + 1) + column;
+        let ray = self.rays[at];
+        let [right, below] = [self.rays[at + 1] - ray, self.rays[at + self.width + 1] - ray];
         let depth = 1.0 / own;
         // Of point = ray / q: d point = (d ray - ray dq / q) / q.
         let step = |change: Vec3, slope: f32| (change - ray * (slope * depth)) * depth;
         let (across, down) = (step(right, slopes[0]), step(below, slopes[1]));
         let normal = down.cross(across).try_normalize()?;
         let normal = if normal.dot(ray) > 0.0 { -normal } else { normal };
-        Some(Patch { point: ray * depth + self.eye.as_vec3(), across, down, normal })
+        Some(Patch { point: ray * depth + self.eye, across, down, normal })
     }
 }

@@ -24,7 +24,6 @@ mod sweep;
 #[cfg(test)]
 mod tests;
 
-use super::parameters::CaptureParameters;
 use super::{CaptureInfo, CubeLdi, LayeredDepthImage};
 use crate::capture::images::backdrop;
 use crate::capture::images::{ImageSet, ImagesError, Lens, LoadedView, View};
@@ -121,15 +120,9 @@ impl PhotographsJob {
         // Cameras around an object look all ways; one looks at it as the nearest does.
         let held = nearest.first().map(|view| view.pose.world_from_eye);
         let info = CaptureInfo {
-            scene: set.folder.display().to_string(),
-            centre: self.centre,
-            half_size_m: self.half_size_m,
-            frame: set.frame,
-            exposure: 1.0, // colours are the pictures' own
             ahead: held.map(|held| -held.z_axis),
             up: held.map(|held| held.y_axis),
-            parameters: CaptureParameters::unlit(0, 0),
-            ..CaptureInfo::default()
+            ..CaptureInfo::of_images(set, self.centre, self.half_size_m)
         };
         Ok(CubeLdi { info, faces, environment: Environment::default() })
     }
@@ -181,6 +174,20 @@ impl PhotographsJob {
             Backdrop::Dark(level) => Some(level),
             Backdrop::Auto => backdrop::find(views),
         }
+    }
+
+    /// A sentence on photographs for which there is no room in memory: how many, and what to do.
+    pub fn left_out(&self, views: &[&View]) -> Option<String> {
+        let perspective = views.iter().filter(|view| matches!(view.lens, Lens::Pinhole(_))).count();
+        let left_out = perspective - self.nearest(views).len();
+        (left_out > 0).then(|| {
+            format!(
+                "{left_out} of {perspective} photographs are left out, those farthest from the headbox: all of them would need more than the {} MiB \
+                 that photographs may take; make them smaller, capture from several places (--center), or find their depth first \
+                 (headbox images FOLDER --depth), for then any number of them is used",
+                PHOTOGRAPHS_BYTES >> 20
+            )
+        })
     }
 
     /// The views that are asked, the nearest first, as many as memory holds.

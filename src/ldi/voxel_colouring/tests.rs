@@ -259,3 +259,29 @@ fn what_shows_nothing_gives_an_empty_cube() {
         assert_eq!(samples, 0);
     }
 }
+
+#[test]
+fn photographs_for_which_there_is_no_room_are_told() {
+    let view = |i: u32, size_px| View {
+        name: i.to_string(),
+        size_px,
+        lens: photograph(0.0).lens,
+        pose: Pose { eye: DVec3::X * f64::from(i), world_from_eye: DMat3::IDENTITY },
+        color: "none.png".into(),
+        depth: None,
+        mask: None,
+        depth_scale: 1.0,
+        registration: None,
+    };
+    let told = |count: u32, size_px: [u32; 2]| {
+        let views: Vec<View> = (0..count).map(|i| view(i, size_px)).collect();
+        job(16).left_out(&views.iter().collect::<Vec<_>>())
+    };
+    assert_eq!(told(100, [640, 480]), None);
+    // As many of 2^20 pixels as fill it, and three more.
+    let room = (PHOTOGRAPHS_BYTES / (Photograph::BYTES_A_PIXEL << 20)) as u32;
+    assert_eq!(told(room, [1024, 1024]), None);
+    let sentence = told(room + 3, [1024, 1024]).expect("a sentence");
+    assert!(sentence.starts_with(&format!("3 of {} photographs", room + 3)), "{sentence}");
+    assert_eq!(told(0, [640, 480]), None);
+}

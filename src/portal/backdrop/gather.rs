@@ -15,7 +15,7 @@ use crate::capture::rig::Face;
 use crate::capture::trace::{HitPacket, PACKET, Ray, RayPacket};
 use crate::environment::Environment;
 use crate::ldi::accumulate::DepthBins;
-use crate::ldi::from_images::layers::{LayerCube, Sample, SortedSamples};
+use crate::ldi::from_images::layers::{LayerCube, RowSamples, Sample};
 use crate::ldi::merge::MergeRule;
 use crate::ldi::parameters::CaptureParameters;
 use crate::ldi::{CaptureInfo, CubeLdi, EncodedNormal};
@@ -138,7 +138,7 @@ impl CubeJob<'_> {
     /// The cube of samples in the order of their rays.
     fn merge(&self, samples: &[Sample], environment: Environment) -> CubeLdi {
         let mut cube = LayerCube::new(self.face_px, self.rule, self.tolerance());
-        cube.add(&[SortedSamples::new(samples)]);
+        cube.add(&[RowSamples::new(samples, self.face_px)]);
         // No strata: what was gathered says where its rays came from.
         let parameters = CaptureParameters { merge_rule: self.rule, ..CaptureParameters::unlit(0, 0) };
         let info = CaptureInfo {

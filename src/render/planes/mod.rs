@@ -11,8 +11,7 @@ pub(crate) use plan::PlanesInView;
 
 use crate::packed::PlaneSet;
 use fearless_simd::Level;
-use kernel::{Row, Span};
-use plan::TileInView;
+use kernel::Rows;
 use std::ops::Range;
 
 /// Inverse depth where nothing is: farther than infinity, which a plane may be at.
@@ -70,27 +69,21 @@ impl PlaneCanvas {
         self.clear();
         self.colors.resize(stride * rows.len(), [0; 4]);
         self.inverse_depth.resize(stride * rows.len(), NOWHERE);
+        let mut to = Rows {
+            frame: &view.frame,
+            colors: bytemuck::cast_slice_mut(&mut self.colors),
+            depths: &mut self.inverse_depth,
+            stride,
+            rows,
+            rims: &mut self.rims,
+        };
         for tile in &view.tiles {
-            let (first, end) = (tile.rows.start.max(rows.start), tile.rows.end.min(rows.end));
-            for y in first..end {
-                self.draw_row(set, view, tile, y, y - rows.start, level);
-            }
+            kernel::draw(tile, set.texels_at(tile.index as usize, tile.level), &mut to, level);
         }
         let (depths, at) = (&self.inverse_depth, |[column, row]: [u32; 2]| row as usize * stride + column as usize);
         self.rims.retain(|rim| depths.get(at(rim.pixel)).is_some_and(|depth| rim.inverse_depth > *depth));
         // Nearest tiles came first.
         self.rims.reverse();
-    }
-
-    fn draw_row(&mut self, set: &PlaneSet, view: &PlanesInView, tile: &TileInView, y: u32, index: u32, level: Level) {
-        let Some((columns, start, step)) = tile.span(y, &view.frame) else { return };
-        let texels = set.texels_at(tile.index as usize, tile.level);
-        let span = Span { texels, width: tile.width, height: tile.height, opaque: tile.opaque, columns, start, step };
-        let stride = self.width + MARGIN;
-        let to = index as usize * stride..(index as usize + 1) * stride;
-        let (colors, depths) = (&mut self.colors[to.clone()], &mut self.inverse_depth[to]);
-        let mut row = Row { colors: bytemuck::cast_slice_mut(colors), depths, index, rims: &mut self.rims };
-        kernel::draw(&span, &mut row, level);
     }
 
     /// Colours and inverse depths of a row, counted from the first, of what hides its pixel wholly. Empty if nothing was drawn.

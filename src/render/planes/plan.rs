@@ -1,5 +1,6 @@
 //! What of the planes a frame shows, and how.
 
+use super::kernel::Span;
 use crate::capture::Camera;
 use crate::capture::rig::Face;
 use crate::packed::{Plane, PlaneSet, PlaneTile, mips};
@@ -203,9 +204,8 @@ impl PlaneInView {
 }
 
 impl TileInView {
-    /// The columns of a row of the frame that the picture covers; and at the middle of the first of them, and from column to
-    /// column, what [`Self::of_frame`] gives.
-    pub(super) fn span(&self, y: u32, frame: &FrameSize) -> Option<(Range<u32>, [f32; 4], [f32; 4])> {
+    /// The columns of a row of the frame that the picture covers, and what [`Self::of_frame`] gives there.
+    pub(super) fn span(&self, y: u32, frame: &FrameSize) -> Option<Span> {
         let [u, v, w, q] = self.of_frame;
         let [cx, cy] = frame.principal_px;
         let (x_first, y) = (0.5 - cx, f64::from(y) + 0.5 - cy);
@@ -224,11 +224,17 @@ impl TileInView {
         if start.is_nan() || end.is_nan() || start > end {
             return None;
         }
-        let (first, end) = (start.ceil() as u32, end.floor() as u32 + 1);
+        // Neither is negative: truncation is the floor, which would be a call.
+        let (whole, end) = (start as u32, end as u32 + 1);
+        let first = whole + u32::from(f64::from(whole) < start);
         if first >= end {
             return None;
         }
         let at = |row: DVec3| (at_first(row) + row.x * f64::from(first)) as f32;
-        Some((first..end, [at(u), at(v), at(w), at(q)], [u.x as f32, v.x as f32, w.x as f32, q.x as f32]))
+        Some(Span {
+            columns: first..end,
+            start: [at(u), at(v), at(w), at(q)],
+            step: [u.x as f32, v.x as f32, w.x as f32, q.x as f32],
+        })
     }
 }

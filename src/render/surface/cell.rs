@@ -191,14 +191,19 @@ pub(super) fn resolve<S: Simd>(simd: S, from: &[Cell], to: &mut [[u8; 4]]) {
 /// [`Cell::mean`] and 255 for cells whose front surface fills the pixel; of the others, the bits.
 #[inline(always)]
 fn fronts<S: Simd>(simd: S, cells: &[Cell; LANES]) -> ([[u8; 4]; LANES], u64) {
-    let (mut low, mut high) = ([0; LANES], [0; LANES]);
-    for i in 0..LANES {
-        (low[i], high[i]) = (cells[i].sum as u32, (cells[i].sum >> 32) as u32);
-    }
-    let (low, high) = (u32x16::load_array(simd, low), u32x16::load_array(simd, high));
+    let words: &[u32; 4 * LANES] = bytemuck::cast_ref(cells);
+    let (ab, cd) = words.split_at(2 * LANES);
+    let first =
+        simd.deinterleave_u32x16(u32x16::from_slice(simd, &ab[..LANES]), u32x16::from_slice(simd, &ab[LANES..]));
+    let second =
+        simd.deinterleave_u32x16(u32x16::from_slice(simd, &cd[..LANES]), u32x16::from_slice(simd, &cd[LANES..]));
+    let (low, _) = simd.deinterleave_u32x16(first.0, second.0);
+    let (high, _) = simd.deinterleave_u32x16(first.1, second.1);
     let weight = high >> 16;
     let fills = weight.simd_ge(OPAQUE as u32);
-    let (red, green, blue) = (mean(low & 0xffff, weight), mean(low >> 16, weight), mean(high & 0xffff, weight));
+    let reciprocal = f32x16::splat(simd, 1.0) / f32x16::float_from(weight.max(1));
+    let (red, green) = (mean(low & 0xffff, weight, reciprocal), mean(low >> 16, weight, reciprocal));
+    let blue = mean(high & 0xffff, weight, reciprocal);
     let colors = (red | (green << 8) | (blue << 16) | 0xff00_0000).to_array();
     let mut bytes = [[0; 4]; LANES];
     for (bytes, color) in bytes.iter_mut().zip(colors) {
@@ -207,12 +212,12 @@ fn fronts<S: Simd>(simd: S, cells: &[Cell; LANES]) -> ([[u8; 4]; LANES], u64) {
     (bytes, !fills.to_bitmask() & 0xffff)
 }
 
-/// Sums over weights, rounded to the nearest; 0 for weight 0, whose sums are 0.
+/// Sums over weights, rounded to the nearest, by the weights' reciprocals; 0 for weight 0, whose sums are 0.
 #[inline(always)]
-fn mean<S: Simd>(sum: u32x16<S>, weight: u32x16<S>) -> u32x16<S> {
-    let divisor = f32x16::float_from(weight.max(1));
-    // Rounded down like the integers: a quotient of them that is not whole is at least 1 / 257 away from the next.
-    u32x16::truncate_from(f32x16::float_from(sum + (weight >> 1)) / divisor)
+fn mean<S: Simd>(sum: u32x16<S>, weight: u32x16<S>, reciprocal: f32x16<S>) -> u32x16<S> {
+    // Rounded down like the integers: a quotient of them that is not whole is at least 1 / 257 away from the next, and products err by
+    // less than 1 / 10,000.
+    u32x16::truncate_from(f32x16::float_from(sum + (weight >> 1)) * reciprocal + 0.002)
 }
 
 #[cfg(test)]
@@ -248,6 +253,32 @@ mod tests {
             for sum in (0..=255 * weight).step_by(7).chain([255 * weight]) {
                 let cell = Cell { sum: sum | weight << 48, ..Cell::default() };
                 assert_eq!(u64::from(cell.mean()[0]), (sum + weight / 2) / weight, "{sum} / {weight}");
+            }
+        }
+    }
+
+    #[test]
+    fn sixteen_means_are_those_of_one_by_one_at_every_level() {
+        for weight in 0..=MAX_WEIGHT {
+            // All that red can be, with other green and blue.
+            for start in (0..=255 * weight).step_by(LANES) {
+                let cells: [Cell; LANES] = std::array::from_fn(|i| {
+                    let red = (start + i as u64).min(255 * weight);
+                    let sum = red | (255 * weight - red) << 16 | (red / 2) << 32 | weight << 48;
+                    Cell { sum, inverse_depth: 1.0, behind: [255; 4] }
+                });
+                for level in crate::capture::simd::levels() {
+                    let (colors, others) = fearless_simd::dispatch!(level, simd => fronts(simd, &cells));
+                    assert_eq!(
+                        colors,
+                        cells.map(|cell| {
+                            let [r, g, b] = cell.mean();
+                            [r, g, b, 255]
+                        }),
+                        "{weight}"
+                    );
+                    assert_eq!(others, if weight >= OPAQUE { 0 } else { 0xffff });
+                }
             }
         }
     }

@@ -40,9 +40,9 @@ struct Projection {
 }
 
 impl Projection {
-    fn new(rect: Rect, bounds: &EyeBounds, yaw_rad: f64) -> Self {
-        let yaw = DMat3::from_rotation_y(yaw_rad + SEEN_FROM_YAW_RAD);
-        let world_from_page = yaw * DMat3::from_rotation_x(SEEN_FROM_PITCH_RAD);
+    fn new(rect: Rect, bounds: &EyeBounds, pose: &Pose) -> Self {
+        let seen_from = Pose { pitch_rad: SEEN_FROM_PITCH_RAD, yaw_rad: pose.yaw_rad + SEEN_FROM_YAW_RAD, ..*pose };
+        let world_from_page = seen_from.world_from_eye();
         let points_per_m = f64::from(rect.width()) / 2.0 * FILL / bounds.half_size.length().max(1e-9);
         let page_from_world = world_from_page.transpose();
         Self { page_from_world, centre: bounds.centre, middle: rect.center() + vec2(0.0, 6.0), points_per_m }
@@ -59,7 +59,7 @@ impl Projection {
 /// Draws box, eye, its plumb line to the floor, and the frustum of a frame of `aspect` = width / height.
 pub(crate) fn paint(painter: &Painter, rect: Rect, bounds: &EyeBounds, pose: &Pose, aspect: f64) {
     let painter = painter.with_clip_rect(rect.expand(5.0).intersect(painter.clip_rect()));
-    let projection = Projection::new(rect, bounds, pose.yaw_rad);
+    let projection = Projection::new(rect, bounds, pose);
     let near_edge = theme::mix(theme::LINE, theme::WARNING, bounds.edge_share(pose.eye));
     for (a, b) in edges() {
         let [(a, a_near), (b, b_near)] =
@@ -73,7 +73,9 @@ pub(crate) fn paint(painter: &Painter, rect: Rect, bounds: &EyeBounds, pose: &Po
         };
         painter.line_segment([a, b], stroke);
     }
-    let floor = dvec3(pose.eye.x, bounds.centre.y - bounds.half_size.y, pose.eye.z);
+    // The lowest plane across what is up that touches the box.
+    let height = (pose.eye - bounds.centre).dot(pose.up) + bounds.half_size.dot(pose.up.abs());
+    let floor = pose.eye - pose.up * height;
     let ((eye, _), (foot, _)) = (projection.point(pose.eye), projection.point(floor));
     painter.line_segment([eye, foot], Stroke::new(1.0, theme::FAINT));
     painter.circle_filled(foot, 1.5, theme::FAINT);
@@ -123,7 +125,9 @@ mod tests {
         let rect = Rect::from_min_size(pos2(10.0, 20.0), vec2(136.0, 136.0));
         let bounds = EyeBounds { centre: dvec3(5.0, -3.0, 2.0), half_size: dvec3(0.5, 0.5, 2.0) };
         for i in 0..64 {
-            let projection = Projection::new(rect, &bounds, f64::from(i) * 0.1);
+            let up = [DVec3::Y, DVec3::X, dvec3(0.3, -0.2, 0.8)][i as usize % 3];
+            let pose = Pose::upright(DVec3::ZERO, DVec3::NEG_Z, up, 60.0).turned(f64::from(i) * 0.1, 0.0);
+            let projection = Projection::new(rect, &bounds, &pose);
             for (a, _) in edges() {
                 assert!(rect.expand(6.0).contains(projection.point(bounds.centre + bounds.half_size * a).0));
             }
@@ -134,9 +138,10 @@ mod tests {
     fn forward_is_into_the_page_and_up() {
         let rect = Rect::from_min_size(Pos2::ZERO, vec2(100.0, 100.0));
         let bounds = EyeBounds { centre: DVec3::ZERO, half_size: DVec3::ONE };
-        for yaw in [0.0, 1.0, 4.0] {
-            let pose = Pose { eye: DVec3::ZERO, yaw_rad: yaw, pitch_rad: 0.0, fov_y_deg: 60.0 };
-            let projection = Projection::new(rect, &bounds, yaw);
+        let ups = [DVec3::Y, DVec3::NEG_Y, dvec3(0.8, 0.6, 0.0)];
+        for (up, yaw) in ups.into_iter().flat_map(|up| [0.0, 1.0, 4.0].map(|yaw| (up, yaw))) {
+            let pose = Pose { eye: DVec3::ZERO, yaw_rad: yaw, pitch_rad: 0.0, fov_y_deg: 60.0, up };
+            let projection = Projection::new(rect, &bounds, &pose);
             let ((eye, _), (ahead, nearness)) = (projection.point(pose.eye), projection.point(pose.forward()));
             assert!(ahead.y < eye.y && nearness < 0.0, "{yaw}");
         }

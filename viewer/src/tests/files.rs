@@ -80,7 +80,8 @@ fn what_was_recorded_is_replayed_and_saved() {
     click(&mut window, "Record");
     click(&mut window, "Save path");
     wait(&mut window, "the file", |viewer| viewer.messages.iter().any(|m| m.text.contains("path-0001.json")));
-    let path = camera_file::read_path(&dir.path().join("path-0001.json"), &FileFrame::default()).unwrap();
+    let path =
+        camera_file::read_path(&dir.path().join("path-0001.json"), &FileFrame::default(), glam::DVec3::Y).unwrap();
     assert_eq!(path.poses().len(), window.state().tape.path.as_ref().unwrap().poses().len());
 }
 
