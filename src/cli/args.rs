@@ -70,7 +70,7 @@ pub(super) const UNITS: Names<f64> = &[("m", "", 1.0), ("cm", "", 0.01), ("mm", 
 /// A scene.
 #[derive(Args)]
 pub(super) struct SceneArgs {
-    /// A scene: an .obj, .gltf or .glb file, or builtin:NAME
+    /// A scene: an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME
     scene: String,
     #[command(flatten)]
     source: SourceArgs,
@@ -173,7 +173,7 @@ impl DefaultCamera {
         Self {
             eye: camera.eye(),
             forward: camera.forward(),
-            up: DVec3::Y,
+            up: camera.world_from_eye().y_axis,
             fov_y_deg: vertical_fov_deg(camera),
             size: (camera.width(), camera.height()),
         }
