@@ -1,24 +1,42 @@
 //! Irradiance at vertices.
+//!
+//! What lies beyond a sample's first ray is shared by all that arrive in one cell of space ([`Arrival`]), for the whole of a bake: it
+//! is looked at once, by many samples, and costs next to nothing after the first vertices that see it.
 
+use super::corners::{Corners, separate_creases};
 use super::{BakeOptions, BakeProgress};
-use crate::light::{LightSample, Lighting, LitPoint, luminance};
+use crate::light::{Arrival, LightSample, Lighting, LitPoint, extent_of, luminance};
 use crate::portal_model::Side;
 use crate::sampler::{random4, unit_float};
-use crate::scene::{Scene, Triangle};
+use crate::scene::Scene;
 use crate::trace::Tracer;
 use glam::Vec3;
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-
-/// Triangles around a vertex without a normal share its light where their normals differ by no more than this: the
-/// cosine of 30 degrees.
-const SMOOTH_COSINE: f32 = 0.866;
+use std::collections::HashMap;
 
 /// Samples by which the brighter side of a surface is told.
 const SIDE_SAMPLES: u32 = 4;
 
-/// Vertices between two reports of progress.
-const REPORT: usize = 4096;
+/// Samples by which it is told whether the edge of a shadow runs past a vertex; only there more are taken of light that has such.
+const SHARP_SAMPLES: u32 = 12;
+
+/// On a smooth surface nothing but a shadow changes sharp light by a quarter about one vertex.
+const SAME_LIGHT: f32 = 0.75;
+
+/// Samples that a cell of arrivals takes of what lies beyond it.
+const SAMPLES_OF_CELL: usize = 16;
+
+/// Cells are as wide as this share of the edges, so that what they see is resolved as finely as what is baked ...
+const CELL_SHARE: f64 = 0.75;
+/// ... and no wider than this, metres: the two sides of a corner have little else in common.
+const WIDEST_CELL_M: f64 = 0.2;
+
+/// The narrowest cells, metres, for bakes that cut nothing.
+const NARROWEST_CELL_M: f64 = 1e-3;
+
+/// So many light samples are under way at a time, of so many vertices at most.
+const BATCH_SAMPLES: usize = 1 << 19;
+const BATCH_VERTICES: usize = 1 << 13;
 
 pub(super) struct VertexLight<'a> {
     /// Over the source scene.
@@ -29,22 +47,30 @@ pub(super) struct VertexLight<'a> {
     pub(super) sides: &'a [Side],
 }
 
-/// Vertices with one normal each, and the triangles around each.
-struct Corners {
-    /// Unit normals toward the front.
-    normals: Vec<Vec3>,
-    /// Where the triangles around each vertex begin in `around`.
-    first: Vec<u32>,
-    /// Triangle and corner.
-    around: Vec<(u32, u8)>,
+/// The cut scene whose vertices are lit.
+struct Cut<'a> {
+    scene: &'a Scene,
+    corners: &'a Corners,
+    /// For each triangle that of the tracer's scene which it is a piece of.
+    sources: &'a [u32],
 }
 
 /// Light of a vertex, irradiance / pi.
 #[derive(Clone, Copy, Default)]
 struct Light {
-    sun: Vec3,
+    /// Of the sun and of lamps without a surface: its shadows have edges.
+    sharp: Vec3,
     soft: Vec3,
 }
+
+/// A sample of soft light that waits for what lies beyond its cell.
+struct Begun {
+    cell: u64,
+    arrival: Arrival,
+}
+
+/// What lies beyond cells of arrivals: radiosity per albedo.
+type Beyond = HashMap<u64, Vec3>;
 
 impl VertexLight<'_> {
     /// Multiplies the vertex colours of `scene` by light. `sources` names the triangle of the tracer's scene that each
@@ -52,180 +78,155 @@ impl VertexLight<'_> {
     pub(super) fn bake(&self, scene: &mut Scene, sources: &[u32], progress: &BakeProgress<'_>) {
         let corners = separate_creases(scene);
         let count = scene.positions.len();
-        let (done, given_up) = (AtomicUsize::new(0), AtomicBool::new(false));
-        let mut lights: Vec<Light> = (0..count)
-            .into_par_iter()
-            .map(|vertex| {
-                if given_up.load(Ordering::Relaxed) {
-                    return Light::default();
-                }
-                let light = self.light(scene, sources, &corners, vertex);
-                if (done.fetch_add(1, Ordering::Relaxed) + 1).is_multiple_of(REPORT)
-                    && progress(done.load(Ordering::Relaxed), count).is_break()
-                {
-                    given_up.store(true, Ordering::Relaxed);
-                }
-                light
-            })
-            .collect();
+        let mut lights = self.gather(&Cut { scene, corners: &corners, sources }, progress);
         for _ in 0..self.options.smoothing {
             lights = smooth(scene, &corners, &lights);
-        }
-        if !given_up.into_inner() {
-            // The end of the work: nothing is left to be given up.
-            let _ = progress(count, count);
         }
         let exposure = self.lighting.exposure;
         scene.colors.resize(count, Vec3::ONE);
         for (color, light) in scene.colors.iter_mut().zip(lights) {
-            *color *= (light.sun + light.soft) * exposure;
+            *color *= (light.sharp + light.soft) * exposure;
         }
     }
 
-    /// Light on the side of a vertex that is seen, else on the brighter one.
-    fn light(&self, scene: &Scene, sources: &[u32], corners: &Corners, vertex: usize) -> Light {
-        let at = |side: f32, samples: u32| self.light_of_side(scene, sources, corners, vertex, side, samples);
-        let around = &corners.around[corners.first[vertex] as usize..corners.first[vertex + 1] as usize];
-        let seen = around.iter().find_map(|&(triangle, _)| match self.sides.get(sources[triangle as usize] as usize) {
-            Some(Side::Front) => Some(1.0),
-            Some(Side::Back) => Some(-1.0),
-            Some(Side::Any) | None => None,
-        });
-        if let Some(side) = seen {
-            return at(side, self.options.samples.max(1));
-        }
-        let [front, back] = [1.0, -1.0].map(|side| at(side, SIDE_SAMPLES));
-        let level = |light: &Light| luminance((light.sun + light.soft).to_array());
-        at(if level(&back) > level(&front) { -1.0 } else { 1.0 }, self.options.samples.max(1))
-    }
-
-    /// Mean of samples over the surface around a vertex, half way to the far edges of its triangles, so that a vertex
-    /// on an edge is lit as the surface beside it is.
-    fn light_of_side(
-        &self,
-        scene: &Scene,
-        sources: &[u32],
-        corners: &Corners,
-        vertex: usize,
-        side: f32,
-        samples: u32,
-    ) -> Light {
-        let around = &corners.around[corners.first[vertex] as usize..corners.first[vertex + 1] as usize];
-        let mut sum = Light::default();
-        for index in 0..samples {
-            let Some(&(triangle, corner)) = around.get(index as usize * around.len() / samples as usize) else { break };
-            let vertices = scene.triangles[triangle as usize].vertices;
-            let [a, b, c] = [0, 1, 2].map(|i| scene.positions[vertices[(corner as usize + i) % 3] as usize]);
-            let [u, v, ..] = random4([vertex as u32, index, 0x6261, 0x6b65]).map(unit_float);
-            let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
-            let place = a + (b - a) * f64::from(u / 2.0) + (c - a) * f64::from(v / 2.0);
-            let geometric = (b - a).cross(c - a).normalize_or_zero().as_vec3();
-            let normal = corners.normals[vertex];
-            let normal = if normal.dot(geometric) < 0.0 { -normal } else { normal };
-            let extent = self
-                .tracer
-                .triangle(sources[triangle as usize])
-                .iter()
-                .map(|p| p.abs().max_element())
-                .fold(0.0, f32::max);
-            let point = LitPoint {
-                position: (place - self.tracer.origin()).as_vec3(),
-                normal: geometric * side,
-                shading_normal: normal * side,
-                extent,
+    /// The light of all vertices, batch after batch: what is known of what lies beyond cells does not depend on threads.
+    fn gather(&self, cut: &Cut<'_>, progress: &BakeProgress<'_>) -> Vec<Light> {
+        let count = cut.scene.positions.len();
+        let cell_m = (self.options.edge_m * CELL_SHARE).clamp(NARROWEST_CELL_M, WIDEST_CELL_M) as f32;
+        let batch = (BATCH_SAMPLES / self.options.samples.max(1) as usize).clamp(1, BATCH_VERTICES);
+        let (mut lights, mut beyond) = (Vec::with_capacity(count), Beyond::new());
+        while lights.len() < count {
+            let vertices = lights.len()..count.min(lights.len() + batch);
+            let begin = |vertex: usize| self.begin(cut, vertex, cell_m);
+            let found: Vec<(Light, Vec<Begun>)> = vertices.into_par_iter().map(begin).collect();
+            self.look_beyond(&mut beyond, found.iter().flat_map(|(_, begun)| begun));
+            let end = |(mut light, begun): (Light, Vec<Begun>)| {
+                let share = 1.0 / self.options.samples.max(1) as f32;
+                let found = begun.iter().filter_map(|at| Some(at.arrival.albedo * *beyond.get(&at.cell)?));
+                light.soft += found.sum::<Vec3>() * share;
+                light
             };
-            let sample = LightSample { stream: vertex as u32, index };
-            sum.sun += self.lighting.sharp_radiosity(self.tracer, &point, &sample);
-            sum.soft += self.lighting.soft_radiosity(self.tracer, &point, &sample);
-        }
-        Light { sun: sum.sun / samples as f32, soft: sum.soft / samples as f32 }
-    }
-}
-
-/// Gives every vertex one normal: its own, or, where the scene has none for it, that of the triangles around it;
-/// triangles that meet there at an angle get vertices of their own.
-fn separate_creases(scene: &mut Scene) -> Corners {
-    let originals = scene.positions.len();
-    let has_normal = |scene: &Scene, vertex: usize| scene.normals.get(vertex).is_some_and(|n| *n != Vec3::ZERO);
-    let mut normals: Vec<Vec3> =
-        (0..originals).map(|v| if has_normal(scene, v) { scene.normals[v] } else { Vec3::ZERO }).collect();
-    // Further vertices at the place of one that stands at a crease: a list through `next`.
-    let mut next: Vec<Option<u32>> = vec![None; originals];
-    for triangle in 0..scene.triangles.len() {
-        let face = scene.geometric_normal(triangle as u32);
-        for corner in 0..3 {
-            let mut vertex = scene.triangles[triangle].vertices[corner];
-            if has_normal(scene, vertex as usize) {
-                continue;
+            lights.par_extend(found.into_par_iter().map(end));
+            if progress(lights.len(), count).is_break() {
+                break;
             }
-            loop {
-                let normal = &mut normals[vertex as usize];
-                if *normal == Vec3::ZERO {
-                    *normal = face;
-                }
-                if normal.dot(face) >= SMOOTH_COSINE {
-                    break;
-                }
-                vertex = match next[vertex as usize] {
-                    Some(other) => other,
-                    None => {
-                        let copy = duplicate(scene, vertex as usize);
-                        next[vertex as usize] = Some(copy);
-                        next.push(None);
-                        normals.push(Vec3::ZERO);
-                        copy
-                    }
-                };
+        }
+        lights.resize(count, Light::default());
+        lights
+    }
+
+    /// The samples of a vertex, on the side of it that is seen, else on the brighter one; those that share what lies beyond their first
+    /// ray are put aside.
+    fn begin(&self, cut: &Cut<'_>, vertex: usize, cell_m: f32) -> (Light, Vec<Begun>) {
+        let (mut light, mut begun) = (Light::default(), Vec::new());
+        let around = cut.corners.around(vertex);
+        if around.is_empty() {
+            return (light, begun);
+        }
+        let (samples, side) = (self.options.samples.max(1), self.side(cut, vertex));
+        let mut sharp = Sharp::default();
+        for index in 0..samples {
+            let (point, sample) = self.point(cut, vertex, index, side);
+            if index < SHARP_SAMPLES || sharp.is_shadowed {
+                sharp.add(self.lighting.sharp_radiosity(self.tracer, &point, &sample));
             }
-            scene.triangles[triangle].vertices[corner] = vertex;
+            let (before, arrival) = self.lighting.before(self.tracer, &point, &sample);
+            light.soft += before;
+            let Some(arrival) = arrival else { continue };
+            match arrival.cell_of_width(cell_m) {
+                Some(cell) => begun.push(Begun { cell, arrival }),
+                None => light.soft += arrival.albedo * self.lighting.beyond(self.tracer, &arrival, &sample),
+            }
         }
+        (Light { sharp: sharp.sum / sharp.samples.max(1) as f32, soft: light.soft / samples as f32 }, begun)
     }
-    let (first, around) = around_vertices(&scene.triangles, scene.positions.len());
-    Corners { normals, first, around }
+
+    /// Looks at what lies beyond those cells that are not known yet, from where samples arrived in them.
+    fn look_beyond<'b>(&self, beyond: &mut Beyond, begun: impl Iterator<Item = &'b Begun>) {
+        let unknown = begun.filter(|begun| !beyond.contains_key(&begun.cell));
+        // Any fixed order that has nothing to do with places will do to draw those that stand for their cell.
+        let filed = |(i, begun): (u32, &'b Begun)| (begun.cell, i.wrapping_mul(0x9e37_79b9), &begun.arrival);
+        let mut arrivals: Vec<(u64, u32, &Arrival)> = (0_u32..).zip(unknown).map(filed).collect();
+        arrivals.par_sort_unstable_by_key(|&(cell, order, _)| (cell, order));
+        let cells: Vec<&[(u64, u32, &Arrival)]> = arrivals.chunk_by(|a, b| a.0 == b.0).collect();
+        let light_of = |arrivals: &&[(u64, u32, &Arrival)]| {
+            let cell = arrivals[0].0;
+            let [stream, ..] = random4([cell as u32, (cell >> 32) as u32, 0xce11, 0]);
+            let light = |(index, (_, _, arrival)): (u32, &(u64, u32, &Arrival))| {
+                self.lighting.beyond(self.tracer, arrival, &LightSample { stream, index })
+            };
+            // Where few arrived, each stands for the cell several times.
+            let sum: Vec3 = (0..).zip(arrivals.iter().cycle().take(SAMPLES_OF_CELL)).map(light).sum();
+            (cell, sum / SAMPLES_OF_CELL as f32)
+        };
+        let found: Vec<(u64, Vec3)> = cells.par_iter().map(light_of).collect();
+        beyond.extend(found);
+    }
+
+    /// The side of a vertex that is lit: 1 for the front, -1 for the back.
+    fn side(&self, cut: &Cut<'_>, vertex: usize) -> f32 {
+        let side_of = |&(triangle, _): &(u32, u8)| self.sides.get(cut.sources[triangle as usize] as usize);
+        let seen = cut.corners.around(vertex).iter().filter_map(side_of).find_map(|side| match side {
+            Side::Front => Some(1.0),
+            Side::Back => Some(-1.0),
+            Side::Any => None,
+        });
+        let level = |side: f32| -> f32 {
+            let level = |index| {
+                let (point, sample) = self.point(cut, vertex, index, side);
+                luminance(self.lighting.radiosity_per_albedo(self.tracer, &point, &sample))
+            };
+            (0..SIDE_SAMPLES).map(level).sum()
+        };
+        seen.unwrap_or_else(|| if level(-1.0) > level(1.0) { -1.0 } else { 1.0 })
+    }
+
+    /// Where sample `index` of a vertex is taken, of the triangles around it in turn: half way to their far edges at most, so that a
+    /// vertex on an edge is lit as the surface beside it is.
+    fn point(&self, cut: &Cut<'_>, vertex: usize, index: u32, side: f32) -> (LitPoint, LightSample) {
+        let around = cut.corners.around(vertex);
+        let (triangle, corner) = around[index as usize % around.len()];
+        let vertices = cut.scene.triangles[triangle as usize].vertices;
+        let [a, b, c] = [0, 1, 2].map(|i| cut.scene.positions[vertices[(corner as usize + i) % 3] as usize]);
+        let [u, v, ..] = random4([vertex as u32, index, 0x6261, 0x6b65]).map(unit_float);
+        let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+        let place = a + (b - a) * f64::from(u / 2.0) + (c - a) * f64::from(v / 2.0);
+        let geometric = (b - a).cross(c - a).normalize_or_zero().as_vec3();
+        let normal = cut.corners.normals[vertex];
+        let normal = if normal.dot(geometric) < 0.0 { -normal } else { normal };
+        let point = LitPoint {
+            position: (place - self.tracer.origin()).as_vec3(),
+            normal: geometric * side,
+            shading_normal: normal * side,
+            extent: extent_of(self.tracer.triangle(cut.sources[triangle as usize])),
+        };
+        (point, LightSample { stream: vertex as u32, index })
+    }
 }
 
-/// Adds a copy of a vertex.
-fn duplicate(scene: &mut Scene, vertex: usize) -> u32 {
-    scene.positions.push(scene.positions[vertex]);
-    if let Some(&normal) = scene.normals.get(vertex) {
-        scene.normals.push(normal);
-    }
-    if let Some(&texcoord) = scene.texcoords.get(vertex) {
-        scene.texcoords.push(texcoord);
-    }
-    if let Some(&color) = scene.colors.get(vertex) {
-        scene.colors.push(color);
-    }
-    scene.positions.len() as u32 - 1
+/// Samples of sharp light about one vertex.
+#[derive(Default)]
+struct Sharp {
+    sum: Vec3,
+    samples: u32,
+    /// Whether one of them was in another light than those before it.
+    is_shadowed: bool,
 }
 
-/// For each vertex the triangles around it, by counting sort.
-fn around_vertices(triangles: &[Triangle], vertices: usize) -> (Vec<u32>, Vec<(u32, u8)>) {
-    let mut first = vec![0_u32; vertices + 1];
-    for vertex in triangles.iter().flat_map(|t| t.vertices) {
-        first[vertex as usize + 1] += 1;
+impl Sharp {
+    fn add(&mut self, light: Vec3) {
+        let [mean, here] = [self.sum / self.samples.max(1) as f32, light].map(|light| luminance(light.to_array()));
+        self.is_shadowed |= self.samples > 0 && mean.min(here) < SAME_LIGHT * mean.max(here);
+        self.sum += light;
+        self.samples += 1;
     }
-    for i in 0..vertices {
-        first[i + 1] += first[i];
-    }
-    let mut next = first.clone();
-    let mut around = vec![(0, 0); triangles.len() * 3];
-    for (index, triangle) in (0_u32..).zip(triangles) {
-        for (corner, vertex) in (0_u8..).zip(triangle.vertices) {
-            let place = &mut next[vertex as usize];
-            around[*place as usize] = (index, corner);
-            *place += 1;
-        }
-    }
-    (first, around)
 }
 
 /// Soft light averaged with that of the neighbours, each vertex counting as much as its neighbours together.
 fn smooth(scene: &Scene, corners: &Corners, lights: &[Light]) -> Vec<Light> {
     let smoothed = |vertex: usize| {
-        let around = &corners.around[corners.first[vertex] as usize..corners.first[vertex + 1] as usize];
         let (mut sum, mut weight) = (Vec3::ZERO, 0.0_f32);
-        for &(triangle, corner) in around {
+        for &(triangle, corner) in corners.around(vertex) {
             let vertices = scene.triangles[triangle as usize].vertices;
             for other in [1, 2].map(|i| vertices[(corner as usize + i) % 3] as usize) {
                 sum += lights[other].soft;
@@ -233,7 +234,7 @@ fn smooth(scene: &Scene, corners: &Corners, lights: &[Light]) -> Vec<Light> {
             }
         }
         let own = lights[vertex];
-        Light { sun: own.sun, soft: if weight > 0.0 { (own.soft + sum / weight) / 2.0 } else { own.soft } }
+        Light { sharp: own.sharp, soft: if weight > 0.0 { (own.soft + sum / weight) / 2.0 } else { own.soft } }
     };
     (0..lights.len()).into_par_iter().map(smoothed).collect()
 }

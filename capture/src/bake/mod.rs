@@ -12,6 +12,7 @@
 //! surface: each vertex has the light of the side that its room sees, or else of the brighter one, so that the winding of a file does
 //! not matter.
 
+mod corners;
 mod light;
 mod subdivide;
 

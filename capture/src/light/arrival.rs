@@ -16,6 +16,9 @@ const CELL_SHARE: f32 = 1.0 / 64.0;
 /// A path that came closer than this many cells' widths takes no part: it would see its own corner through a cell.
 const FARTHEST_CELLS: f32 = 2.0;
 
+/// Cells of one width that are so many cells apart, less one, are still told apart.
+const FARTHEST_APART: u32 = (1 << 18) - 1;
+
 /// Paths are followed with at least this albedo: where a surface is black, what it would reflect elsewhere is still wanted.
 const LEAST_ALBEDO: f32 = 0.05;
 
@@ -35,14 +38,25 @@ impl Arrival {
     /// the ray was so short that the cell is no small part of what its start sees.
     pub fn cell(&self) -> Option<u64> {
         let exponent = (self.point.position.abs().max_element() * CELL_SHARE).max(1e-30).log2().ceil();
-        let width = exponent.exp2();
-        if self.distance_m < FARTHEST_CELLS * width {
-            return None;
-        }
-        let bits = |value: f32| u64::from(value as i32 as u8);
-        let [x, y, z] = (self.point.position / width).floor().to_array().map(bits);
-        let [nx, ny, nz] = (self.point.normal * 2.0).round().to_array().map(bits).map(|bits| bits & 7);
-        Some(x | y << 8 | z << 16 | bits(exponent) << 24 | nx << 32 | ny << 35 | nz << 38)
+        let [x, y, z] = self.place_in_cells(exponent.exp2())?.map(|c| u64::from(c as u8));
+        Some(x | y << 8 | z << 16 | u64::from(exponent as i32 as u8) << 24 | self.turned() << 32)
+    }
+
+    /// As [`Self::cell`], where all cells are `width_m` metres wide.
+    pub fn cell_of_width(&self, width_m: f32) -> Option<u64> {
+        let [x, y, z] = self.place_in_cells(width_m)?.map(|c| u64::from(c as u32 & FARTHEST_APART));
+        Some(x | y << 18 | z << 36 | self.turned() << 54)
+    }
+
+    fn place_in_cells(&self, width_m: f32) -> Option<[i32; 3]> {
+        let is_far = self.distance_m >= FARTHEST_CELLS * width_m;
+        is_far.then(|| (self.point.position / width_m).floor().to_array().map(|c| c as i32))
+    }
+
+    /// How the surface is turned, in 9 bits.
+    fn turned(&self) -> u64 {
+        let [x, y, z] = (self.point.normal * 2.0).round().to_array().map(|c| u64::from(c as i32 as u8 & 7));
+        x | y << 3 | z << 6
     }
 }
 
@@ -61,5 +75,29 @@ impl Lighting {
         let mut path = Path { point: arrival.point, throughput, sum: Vec3::ZERO };
         self.follow(tracer, &mut path, 1, sample);
         path.sum / throughput
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn arrival(position: Vec3, normal: Vec3, distance_m: f32) -> Arrival {
+        let point = LitPoint { position, normal, shading_normal: normal, extent: 1.0 };
+        Arrival { point, albedo: Vec3::ONE, distance_m }
+    }
+
+    #[test]
+    fn cells_of_one_width_hold_what_lies_close_together_and_is_turned_alike() {
+        const WIDTH_M: f32 = 0.125;
+        let cell = |x: f32, normal: Vec3| arrival(Vec3::new(x, 1.0, -2.0), normal, 3.0).cell_of_width(WIDTH_M);
+        assert_eq!(cell(0.01, Vec3::Y), cell(0.12, Vec3::Y));
+        assert!(cell(0.01, Vec3::Y).is_some());
+        let others = [cell(-0.01, Vec3::Y), cell(0.13, Vec3::Y), cell(0.01, Vec3::NEG_Y), cell(0.01, Vec3::X)];
+        assert!(others.iter().all(|other| other.is_some() && *other != cell(0.01, Vec3::Y)), "{others:?}");
+        // Far away cells do not come round again, as those of a capture would (8 bits): 16 km are 2^17 of them.
+        assert_ne!(cell(0.01, Vec3::Y), cell(32.01, Vec3::Y));
+        assert_ne!(cell(0.01, Vec3::Y), cell(16_000.01, Vec3::Y));
+        assert_eq!(arrival(Vec3::ONE, Vec3::Y, 0.2).cell_of_width(WIDTH_M), None, "it would see its own corner");
     }
 }
