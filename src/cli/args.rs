@@ -168,12 +168,12 @@ impl DefaultCamera {
         Self { eye, forward: DVec3::NEG_Z, up: DVec3::Y, fov_y_deg: 60.0, size: (1024, 768) }
     }
 
-    /// Like another camera.
+    /// Like another camera, upright.
     pub(super) fn like(camera: &Camera) -> Self {
         Self {
             eye: camera.eye(),
             forward: camera.forward(),
-            up: camera.world_from_eye().y_axis,
+            up: viewpoint::level_up(Some(camera.world_from_eye().y_axis)),
             fov_y_deg: vertical_fov_deg(camera),
             size: (camera.width(), camera.height()),
         }
