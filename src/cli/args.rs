@@ -70,7 +70,7 @@ pub(super) const UNITS: Names<f64> = &[("m", "", 1.0), ("cm", "", 0.01), ("mm", 
 /// A scene.
 #[derive(Args)]
 pub(super) struct SceneArgs {
-    /// A scene: an .obj, .gltf or .glb file, or builtin:NAME
+    /// A scene: an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME
     scene: String,
     #[command(flatten)]
     source: SourceArgs,
@@ -168,12 +168,12 @@ impl DefaultCamera {
         Self { eye, forward: DVec3::NEG_Z, up: DVec3::Y, fov_y_deg: 60.0, size: (1024, 768) }
     }
 
-    /// Like another camera.
+    /// Like another camera, upright.
     pub(super) fn like(camera: &Camera) -> Self {
         Self {
             eye: camera.eye(),
             forward: camera.forward(),
-            up: DVec3::Y,
+            up: viewpoint::level_up(Some(camera.world_from_eye().y_axis)),
             fov_y_deg: vertical_fov_deg(camera),
             size: (camera.width(), camera.height()),
         }

@@ -20,7 +20,7 @@ use std::time::Instant;
 
 #[derive(Args)]
 pub(super) struct LumigraphCommand {
-    /// A scene (an .obj, .gltf or .glb file, or builtin:NAME)
+    /// A scene (an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME)
     scene: String,
     #[command(flatten)]
     source: SourceArgs,

@@ -24,7 +24,7 @@ use std::time::Instant;
 
 #[derive(Args)]
 pub(super) struct SpriteCommand {
-    /// A scene to capture (an .obj, .gltf or .glb file, or builtin:NAME), or a .sprite file to export
+    /// A scene to capture (an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME), or a .sprite file to export
     scene: Option<String>,
     #[command(flatten)]
     source: SourceArgs,

@@ -73,7 +73,7 @@ impl CubeSource {
         let title = format!("{} (cube LDI)", file_name(file));
         let info = &cube.info;
         let ahead = info.ahead.unwrap_or_else(|| richest_side(&cube));
-        let up = super::level_up(info.up);
+        let up = crate::capture::viewpoint::level_up(info.up);
         let place = Place { centre: info.centre, half_size_m: info.half_size_m, ahead, up, frame: info.frame };
         Self::new(title, place, Some(Arc::new(cube)), None)
     }

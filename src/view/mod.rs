@@ -42,15 +42,8 @@ mod variation;
 pub use library::{OpenError, SceneLibrary, open, open_source, show_cube, show_geometry, show_live};
 
 use crate::capture::Camera;
-use glam::DVec3;
+use crate::capture::viewpoint::level_up;
 use headbox_viewer::Pose;
-
-/// What a person takes for up where pictures were taken with `pictures_up` upward: +Y, unless that shows them on their side.
-fn level_up(pictures_up: Option<DVec3>) -> DVec3 {
-    /// Cosine of 45 degrees: cameras may look down, or up, and +Y is still up.
-    const LEVEL: f64 = std::f64::consts::FRAC_1_SQRT_2;
-    pictures_up.filter(|up| up.y < LEVEL).unwrap_or(DVec3::Y)
-}
 
 /// Where one starts that is to see what a camera shows, upright.
 fn start_at(camera: &Camera) -> Pose {

@@ -51,7 +51,7 @@ pub enum LoadError {
         cause: std::io::Error,
     },
     /// The file's ending is not one of those that are read.
-    #[error("{}: not a kind of scene that is read; give an .obj, .gltf or .glb file, or builtin:NAME (see headbox scenes)", path.display())]
+    #[error("{}: not a kind of scene that is read; give an .obj, .gltf or .glb file, a home (Home.xml, .sh3d or .toml), or builtin:NAME (see headbox scenes)", path.display())]
     UnknownFormat {
         /// The file.
         path: PathBuf,
@@ -69,6 +69,12 @@ pub enum LoadError {
         path: PathBuf,
         /// The unit asked for.
         unit_m: f64,
+    },
+    /// Another up axis or unit was asked for than the file has by its format.
+    #[error("{}: a home knows its up axis and its unit: leave them out", path.display())]
+    Frame {
+        /// The file.
+        path: PathBuf,
     },
     /// A line does not parse.
     #[error("{}, line {line}: {cause}", path.display())]
@@ -100,13 +106,23 @@ pub enum LoadError {
     },
 }
 
-/// Loads a scene file; the ending `.obj`, `.gltf` or `.glb` (in any case) decides how. The scene gets the lights of a
-/// glTF (KHR_lights_punctual), else the default sun, and the default sky; positions are brought to metres, Y up.
+/// Loads a scene file; its ending (in any case) decides how: `.obj`, `.gltf` and `.glb` are scenes, and what [`load_model`] reads is a
+/// home, without the leaves of its doors. The scene gets the lights of a glTF (KHR_lights_punctual), else the default sun, and the
+/// default sky; positions are brought to metres, Y up.
 ///
 /// # Errors
 /// See [`LoadError`].
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
-    load_file(path, options, false).map(|grouped| grouped.scene)
+    if model::is_model(path) { load_home(path, options) } else { load_file(path, options, false).map(|of| of.scene) }
+}
+
+/// A home as a scene.
+fn load_home(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
+    let scene = load_model(path, &ModelOptions::default())?.model.scene;
+    // A capture asks for the frame that it was told when it opens its scene again.
+    let is_own = options.up.is_none_or(|up| up == scene.frame.up)
+        && options.unit_m.is_none_or(|unit| unit == scene.frame.unit_m);
+    is_own.then_some(scene).ok_or_else(|| LoadError::Frame { path: path.to_path_buf() })
 }
 
 /// As [`load`], and keeps the groups and objects of an OBJ, and the nodes of a glTF, apart. Vertices are not shared

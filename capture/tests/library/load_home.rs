@@ -1,8 +1,9 @@
 //! Portal models from Sweet Home 3D: small homes written here, with their exports and without.
 
 use crate::homes::{DOOR, ROOMS, cells, error_of, folder, home, home_obj, home_xml, load};
-use headbox_capture::load::{LoadedModel, ModelOptions, load_model};
+use headbox_capture::load::{LoadError, LoadOptions, LoadedModel, ModelOptions, load_model};
 use headbox_capture::portal_model::Finding;
+use headbox_capture::scene::UpAxis;
 use headbox_capture::trace::{Ray, Tracer};
 use std::fs;
 use std::sync::Arc;
@@ -199,4 +200,26 @@ fn files_that_are_no_homes_say_so() {
     assert!(error_of(&two, "Home.xml").contains("2 OBJ files lie beside it"));
     assert!(error_of(&two, "a.obj").contains("not a kind of home that is read"));
     assert!(error_of(&two, "none.xml").contains("No such file"));
+}
+
+/// A home is captured and traced as any scene, without the leaves of its doors; files keep the frame in which it is opened again.
+#[test]
+fn a_home_is_a_scene() {
+    let folder = home(ROOMS, DOOR);
+    let path = folder.path().join("Home.xml");
+    let model = load(&folder, "Home.xml").model;
+    let open = |up, unit_m| headbox_capture::load::load(&path, &LoadOptions { up, unit_m });
+    let scene = open(None, None).expect("loads");
+    assert_eq!(scene.validate(), Ok(()));
+    assert!(scene.positions == model.scene.positions && scene.triangles == model.scene.triangles);
+    let again = open(Some(scene.frame.up), Some(scene.frame.unit_m)).expect("loads again");
+    assert_eq!(again.positions, scene.positions);
+    for other in [open(Some(UpAxis::Z), None), open(None, Some(1.0))] {
+        let error = other.expect_err("another frame");
+        assert!(matches!(error, LoadError::Frame { .. }), "{error}");
+        assert!(
+            error.to_string().ends_with("Home.xml: a home knows its up axis and its unit: leave them out"),
+            "{error}"
+        );
+    }
 }

@@ -81,7 +81,10 @@ fn errors_name_file_cause_and_line() {
     assert!(error.contains("missing.obj: No such file"), "{error}");
     folder.write("a.ply", "ply");
     let error = folder.load("a.ply").expect_err("unknown");
-    assert!(error.contains("a.ply: not a kind of scene that is read; give an .obj, .gltf or .glb file"), "{error}");
+    assert!(
+        error.contains("a.ply: not a kind of scene that is read; give an .obj, .gltf or .glb file, a home"),
+        "{error}"
+    );
 }
 
 #[test]

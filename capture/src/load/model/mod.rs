@@ -102,3 +102,8 @@ pub fn load_model(path: &Path, options: &ModelOptions) -> Result<LoadedModel, Lo
         _ => Err(LoadError::UnknownModel { path: path.to_path_buf() }),
     }
 }
+
+/// Whether a file's name ends like those of the models that are read.
+pub(super) fn is_model(path: &Path) -> bool {
+    ["xml", "sh3d", "toml"].contains(&extension_of(path).as_str())
+}
