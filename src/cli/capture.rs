@@ -3,7 +3,7 @@
 use super::args::{SceneArgs, parse_length, parse_vector};
 use super::capture_deep::{self, is_deep_picture};
 use super::estimate::{Estimate, rays_of};
-use super::images::{SetArgs, SetJob, is_image_set};
+use super::images::{SetArgs, is_image_set};
 use super::output::{CUBE, Outputs, SHARD, memory_bytes, peak_rss_mb, print_json};
 use super::progress::{Bar, duration};
 use super::words::UsageError;
@@ -33,18 +33,18 @@ use std::time::Instant;
 #[derive(Args)]
 pub(super) struct CaptureCommand {
     #[command(flatten)]
-    scene: SceneArgs,
+    pub(super) scene: SceneArgs,
     /// The .ldi file to write, or with --shard the .shard file; `-` for standard output
     #[arg(short, long)]
-    output: PathBuf,
+    pub(super) output: PathBuf,
     /// Centre of the headbox; free space found by the program if absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
-    center: Option<DVec3>,
+    pub(super) center: Option<DVec3>,
     /// Half of the headbox's edge; what fits into free space if absent
     #[arg(long, value_name = "LENGTH", value_parser = parse_length, allow_hyphen_values = true)]
-    half_size: Option<f64>,
+    pub(super) half_size: Option<f64>,
     #[command(flatten)]
-    quality: QualityArgs,
+    pub(super) quality: QualityArgs,
     /// Memory to keep within, MiB; what does not fit goes to a temporary file beside the output
     #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(64..=1 << 24))]
     memory: Option<u64>,
@@ -52,23 +52,23 @@ pub(super) struct CaptureCommand {
     #[arg(long, value_name = "I/N", value_parser = parse_shard)]
     shard: Option<(u32, u32)>,
     #[command(flatten)]
-    packing: PackingArgs,
+    pub(super) packing: PackingArgs,
     #[command(flatten)]
-    images: SetArgs,
+    pub(super) images: SetArgs,
     /// Of image sets: standard deviation of inverse depth, 1/m; by the format if absent
     #[arg(long, value_name = "X")]
-    depth_noise: Option<f32>,
+    pub(super) depth_noise: Option<f32>,
     /// Of photographs without depth: they agree on a colour up to this standard deviation, levels of 255; more where nothing else is
     /// found; 18 if absent
     #[arg(long, value_name = "LEVELS", value_parser = parse_agreement)]
-    agreement: Option<f32>,
+    pub(super) agreement: Option<f32>,
     /// Of photographs without depth: what stands before a dark backdrop has no pixel of which all channels are at most this; auto,
     /// none, or a level of 255
     #[arg(long, value_name = "LEVEL", default_value = "auto", value_parser = parse_backdrop)]
-    backdrop: Backdrop,
+    pub(super) backdrop: Backdrop,
     /// Print one JSON object on standard output
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
 }
 
 /// What decides the quality of a capture.
@@ -257,6 +257,7 @@ impl CaptureCommand {
             return self.run_images();
         }
         if is_deep_picture(self.scene.name()) {
+            self.refuse("a deep picture", &self.flags_of_images())?;
             let place = DeepPlace { centre: self.center, half_size_m: self.half_size, ..DeepPlace::default() };
             return capture_deep::run(self.scene.name(), &self.output, place, &self.packing, self.json);
         }
@@ -301,53 +302,22 @@ impl CaptureCommand {
         Ok(())
     }
 
-    /// Warps the depth images of a set into one cube, or colours what its photographs agree on.
-    fn run_images(&self) -> anyhow::Result<()> {
-        let start = Instant::now();
-        Outputs::new(self.json, [self.scene.name()]).file(&self.output, &CUBE)?;
-        let set = self.images.open_registered(Path::new(self.scene.name()))?;
-        let mut job = SetJob::suggest(&set);
-        if let Some(center) = self.center {
-            *job.centre() = set.frame.world_from_file(center);
+    /// What is said about image sets alone.
+    fn flags_of_images(&self) -> [(&str, bool); 2] {
+        [("--depth-noise", self.depth_noise.is_some()), ("--agreement", self.agreement.is_some())]
+    }
+
+    /// Refuses what has no meaning for what is no scene: how rays are traced, and `more`.
+    pub(super) fn refuse(&self, kind: &str, more: &[(&str, bool)]) -> Result<(), UsageError> {
+        let of_rays = [
+            ("--shard", self.shard.is_some()),
+            ("--memory", self.memory.is_some()),
+            ("--quality", self.quality.quality.is_some()),
+        ];
+        match of_rays.iter().chain(more).find(|(_, is_given)| *is_given) {
+            Some((flag, _)) => Err(UsageError(format!("{flag} has no meaning for {kind}; leave it out"))),
+            None => Ok(()),
         }
-        if let Some(half_size) = self.half_size {
-            *job.half_size_m() = half_size * set.frame.unit_m;
-        }
-        match &mut job {
-            SetJob::Depth(job) => {
-                job.merge_rule = self.quality.parameters.merge_rule;
-                job.depth_noise = self.depth_noise.unwrap_or(job.depth_noise);
-            }
-            SetJob::Photographs(job) => {
-                job.agreement = self.agreement.unwrap_or(job.agreement);
-                job.backdrop = self.backdrop;
-            }
-        }
-        let bar = Bar::new();
-        let views = job.views(&set);
-        let ldi = job.run(&set, &bar)?;
-        let packed = self.packing.pack(ldi)?;
-        if packed.depth_pixel_count() == 0 && packed.planes.tiles.is_empty() {
-            bail!(
-                "{}: its photographs agree on nothing; give a larger --agreement, or another --center",
-                set.folder.display()
-            );
-        }
-        packed.write(&self.output)?;
-        bar.finish();
-        let total_s = start.elapsed().as_secs_f64();
-        let pixels: u64 = views.iter().map(|view| u64::from(view.size_px[0]) * u64::from(view.size_px[1])).sum();
-        if self.json {
-            print_json(&json!({
-                "images": views.len(), "pixels": pixels, "total_s": total_s, "peak_rss_mb": peak_rss_mb(),
-                "depth_pixels": packed.depth_pixel_count(), "bytes": packed.bytes(), "face_size": packed.face_size_px,
-            }));
-            return Ok(());
-        }
-        let (output, kept) = (self.output.display(), what_is_kept(&packed));
-        println!("{output}: {kept} from {} images, {total_s:.2} s", views.len());
-        println!("look at it: headbox render {} -o frame.png", self.output.display());
-        Ok(())
     }
 
     fn run_shard(

@@ -14,6 +14,7 @@ macro_rules! print {
 mod args;
 mod capture;
 mod capture_deep;
+mod capture_images;
 mod compare;
 mod content;
 mod demo;

@@ -57,6 +57,9 @@ fn room(folder: &Path, color_focal: f64) {
 fn a_folder_of_images_is_captured_rendered_told_of_and_measured() {
     let dir = tempfile::tempdir().unwrap();
     room(dir.path(), DEPTH_FOCAL);
+    let refused = headbox(dir.path(), &["capture", "room", "-o", "x.ldi", "--shard", "1/2"]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("--shard has no meaning for images; leave it out"));
     let (info, _) = succeeds(dir.path(), &["info", "room", "--json"]);
     let info: serde_json::Value = serde_json::from_str(&info).unwrap();
     assert_eq!((info["kind"].as_str(), info["with_depth"].as_u64()), (Some("images"), Some(8)));
@@ -72,7 +75,7 @@ fn a_folder_of_images_is_captured_rendered_told_of_and_measured() {
     let pictures = ["a.png", "b.png"].map(|name| std::fs::read(dir.path().join(name)).unwrap());
     assert!(pictures[0] == pictures[1], "a folder and its capture look the same");
     let (summary, _) = succeeds(dir.path(), &["report", "room", "--hold-out", "4", "-o", "out"]);
-    assert!(["| nearest |", "| near |", "| ldi |"].iter().all(|row| summary.contains(row)), "{summary}");
+    assert!(["| nearest |", "| live-3 |", "| ldi |"].iter().all(|row| summary.contains(row)), "{summary}");
     let rows = ["nearest", "single", "multi", "blended", "averaged"].map(|name| format!("| geometry-{name} |"));
     assert!(rows.iter().all(|row| summary.contains(row)), "{summary}");
     assert!(dir.path().join("out/report.json").is_file());
