@@ -3,18 +3,17 @@
 use super::images_depth::{DepthArgs, Outcome};
 use super::output::print_json;
 use super::progress::Bar;
-use crate::capture::Camera;
 use crate::capture::images::{
     AlignStep, Aligned, CheckReport, ImageSet, ImageSetOptions, ImagesError, Kept, Lens, RegistrationReport, View,
     align, check,
 };
 use crate::ldi::CubeLdi;
-use crate::ldi::from_images::{ImagesJob, NearImages};
+use crate::ldi::from_images::ImagesJob;
 use crate::ldi::voxel_colouring::PhotographsJob;
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
 use crate::primitives;
 use crate::progress::Progress;
-use anyhow::{Context, bail};
+use anyhow::bail;
 use clap::Args;
 use glam::DVec3;
 use serde_json::json;
@@ -136,17 +135,6 @@ pub(super) fn cube(folder: &Path, set: &SetArgs, bar: &Bar) -> anyhow::Result<Pa
     let set = set.open_registered(folder)?;
     let ldi = SetJob::suggest(&set).run(&set, bar)?;
     Ok(primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, primitives::DEFAULT_ERROR_PX)?)
-}
-
-/// The images of a set that cubes are made of as one moves, and the camera of its middle view that has depth.
-pub(super) fn near(folder: &Path) -> anyhow::Result<(NearImages, Camera)> {
-    let set = SetArgs::default().open_registered(folder)?;
-    with_depth(&set)?;
-    let start = set.central_view().and_then(View::camera).or_else(|| set.with_depth().find_map(View::camera));
-    let no_start = || format!("{}: it has no perspective picture to start at", folder.display());
-    let start = start.with_context(no_start)?;
-    let job = ImagesJob::suggest(&set);
-    Ok((NearImages::new(set, job, NearImages::DEFAULT_BUDGET)?, start))
 }
 
 /// The views that a cube can be made from.

@@ -6,6 +6,9 @@ use super::images::{self, SetArgs, is_image_set};
 use super::output::print_json;
 use super::progress::Bar;
 use super::words::UsageError;
+use crate::capture::Camera;
+use crate::capture::images::View;
+use crate::ldi::from_images::{ImagesJob, NearImages};
 use crate::view::{SceneLibrary, open, open_source, show_cube, show_geometry, show_live};
 use crate::view_geometry::GeometrySettings;
 use anyhow::Context;
@@ -137,7 +140,7 @@ impl ViewCommand {
             }
             let folder = Path::new(&source.name);
             if live {
-                let (near, start) = images::near(folder)?;
+                let (near, start) = near(folder)?;
                 return Ok(show_live(near, folder, &start)?);
             }
             if let Some(texturing) = texturing {
@@ -239,4 +242,15 @@ pub(super) fn show(file: &Path) -> anyhow::Result<()> {
         ViewerOptions { library, output_dir: folder.into(), ..ViewerOptions::default() },
     )?;
     Ok(())
+}
+
+/// The images of a set that cubes are made of as one moves, and the camera of its middle view that has depth.
+fn near(folder: &Path) -> anyhow::Result<(NearImages, Camera)> {
+    let set = SetArgs::default().open_registered(folder)?;
+    images::with_depth(&set)?;
+    let start = set.central_view().and_then(View::camera).or_else(|| set.with_depth().find_map(View::camera));
+    let no_start = || format!("{}: it has no perspective picture to start at", folder.display());
+    let start = start.with_context(no_start)?;
+    let job = ImagesJob::suggest(&set);
+    Ok((NearImages::new(set, job, NearImages::DEFAULT_BUDGET)?, start))
 }
