@@ -14,6 +14,7 @@
 //! Everything is little-endian. A reader trusts no number before it has checked it against the length of the file.
 
 use crate::capture::files::write_whole;
+use crate::capture::load::HOMES;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -67,7 +68,7 @@ fn what_to_do(path: &Path) -> String {
             let ldi = path.with_extension("ldi");
             format!("it is a scene: capture it first, with headbox capture {} -o {}", path.display(), ldi.display())
         }
-        "xml" | "sh3d" | "toml" => {
+        home if HOMES.contains(&home) => {
             let house = path.with_extension("house");
             format!(
                 "it is a home: make a house of it first, with headbox house {} -o {}",

@@ -34,7 +34,7 @@ use std::sync::Arc;
 
 #[derive(Args)]
 pub(super) struct ReportCommand {
-    /// Scenes (.obj, .gltf, .glb, builtin:NAME) to capture, or .ldi and .sprite files whose scenes are still there. What
+    /// Scenes (.obj, .gltf, .glb, homes, builtin:NAME) to capture, or .ldi and .sprite files whose scenes are still there. What
     /// differs from scene to scene may follow its name: @center=X,Y,Z, @half=S, @up=z, @unit=cm
     #[arg(value_name = "SCENE|FILE", required_unless_present_any = ["results", "stability"], value_parser = parse_named)]
     subjects: Vec<Named>,

@@ -8,6 +8,7 @@ use super::live::LiveSource;
 use super::lumigraph::LumigraphSource;
 use super::sprite::SpriteSource;
 use crate::capture::light::Lighting;
+use crate::capture::load::HOMES;
 use crate::capture::trace::Tracer;
 use crate::capture::viewpoint::{place_headbox, suggest_view};
 use crate::capture::{Camera, linear_from_srgb8, srgb8_from_linear};
@@ -29,9 +30,6 @@ use std::sync::Arc;
 
 /// Extensions of scene files.
 const SCENES: [&str; 3] = ["obj", "gltf", "glb"];
-
-/// Extensions of homes: portal models in files.
-const HOMES: [&str; 3] = ["xml", "sh3d", "toml"];
 
 /// Why something cannot be shown.
 #[derive(Debug, thiserror::Error)]

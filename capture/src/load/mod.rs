@@ -18,7 +18,7 @@ mod polygon;
 mod textures;
 
 pub use builder::{Group, GroupedScene};
-pub use model::{LoadedModel, ModelOptions, load_model};
+pub use model::{HOMES, LoadedModel, ModelOptions, load_model};
 
 use crate::scene::{FileFrame, Scene, SceneError, UpAxis};
 use std::path::{Path, PathBuf};
@@ -113,7 +113,10 @@ pub enum LoadError {
 /// # Errors
 /// See [`LoadError`].
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError> {
-    if model::is_model(path) { load_home(path, options) } else { load_file(path, options, false).map(|of| of.scene) }
+    match HOMES.contains(&extension_of(path).as_str()) {
+        true => load_home(path, options),
+        false => load_file(path, options, false).map(|grouped| grouped.scene),
+    }
 }
 
 /// A home as a scene.

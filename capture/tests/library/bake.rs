@@ -165,6 +165,72 @@ fn colours_are_what_the_estimator_says() {
     }
 }
 
+/// A closed white room with a lamp under its ceiling: much of what lights it has been reflected once.
+fn room_with_a_lamp() -> Scene {
+    let lamp = Material { emission: [4.0; 3], ..Material::default() };
+    let mut scene = Scene { materials: vec![Material::default(), lamp], ..Scene::default() };
+    let mut quad = |middle: DVec3, across: DVec3, along: DVec3, material: u32| {
+        let first = scene.positions.len() as u32;
+        scene.positions.extend([-across - along, across - along, across + along, along - across].map(|at| middle + at));
+        let triangles = [[first, first + 1, first + 2], [first, first + 2, first + 3]];
+        scene.triangles.extend(triangles.map(|vertices| Triangle { vertices, material }));
+    };
+    for axis in [DVec3::X, DVec3::Y, DVec3::Z] {
+        let (across, along) = (axis.any_orthonormal_vector(), axis.cross(axis.any_orthonormal_vector()));
+        // The fronts face inward.
+        quad(-2.0 * axis, 2.0 * across, 2.0 * along, 0);
+        quad(2.0 * axis, 2.0 * along, 2.0 * across, 0);
+    }
+    quad(dvec3(0.0, 1.2, 0.0), 0.5 * DVec3::Z, 0.5 * DVec3::X, 1);
+    let headbox = Headbox { centre: DVec3::ZERO, half_size_m: 0.2 };
+    Scene { headbox: Some(headbox), ..scene }
+}
+
+/// What was reflected reaches each surface as the estimator says, though paths share it: without, or from another surface, the floor
+/// or the ceiling would be a fifth off.
+#[test]
+fn reflected_light_is_what_the_estimator_says() {
+    /// Light of a cell stands for all of it, and 64 samples a vertex are taken over a surface of 16 m2.
+    const TOLERANCE: f32 = 0.03;
+    let source = Arc::new(room_with_a_lamp());
+    // Not averaged with neighbours: that carries light from above the lamp to the ceiling's rim.
+    let options = BakeOptions { edge_m: 0.4, smoothing: 0, ..BakeOptions::default() };
+    let Baked { scene, exposure, .. } = baked(&source, &options);
+    let tracer = Tracer::new(Arc::clone(&source), DVec3::ZERO);
+    let lighting = Lighting::measure(&tracer, 1);
+    for (y, normal) in [(-2.0, Vec3::Y), (2.0, Vec3::NEG_Y)] {
+        // In the middle, away from the corners.
+        let of_surface = |(_, p): &(usize, &DVec3)| p.y == y && p.x.abs().max(p.z.abs()) < 1.5;
+        let (mut got, mut expected) = (0.0, 0.0);
+        for (vertex, place) in scene.positions.iter().enumerate().filter(of_surface) {
+            let point = LitPoint { position: place.as_vec3(), normal, shading_normal: normal, extent: 2.0 };
+            for index in 0..512 {
+                let sample = LightSample { stream: vertex as u32, index };
+                expected += lighting.radiosity_per_albedo(&tracer, &point, &sample)[1] / 512.0;
+            }
+            got += scene.colors[vertex].y / exposure;
+        }
+        assert!((got / expected - 1.0).abs() < TOLERANCE, "{normal}: {got} for {expected}");
+    }
+}
+
+/// At the edge of a shadow all samples look for the sun, elsewhere twelve: there light is full, or none, anyway.
+#[test]
+fn edges_of_shadows_take_all_samples() {
+    let mut source = floor_and_post(false);
+    source.sky = None;
+    let options = BakeOptions { samples: 64, ..options(0.3) };
+    let Baked { scene, pieces, .. } = baked(&source, &options);
+    let floor: Vec<u32> = scene.triangles[..pieces[2] as usize].iter().flat_map(|t| t.vertices).collect();
+    let level = |v: &u32| scene.colors[*v as usize].y;
+    let full = floor.iter().map(level).fold(0.0, f32::max);
+    let shares: Vec<f32> = floor.iter().map(|v| level(v) / full).filter(|share| (0.02..0.98).contains(share)).collect();
+    assert!(shares.len() > 8, "{shares:?}");
+    let of_twelve = |share: &&f32| ((*share * 12.0).round() / 12.0 - *share).abs() < 1e-3;
+    let coarse = shares.iter().filter(of_twelve).count();
+    assert!(coarse * 2 < shares.len(), "{coarse} of {} are whole twelfths: {shares:?}", shares.len());
+}
+
 #[test]
 fn threads_do_not_change_a_bit() {
     let source = floor_and_post(false);

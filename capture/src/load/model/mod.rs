@@ -53,6 +53,9 @@ impl LoadedModel {
     }
 }
 
+/// The endings, in lower case, of the files that [`load_model`] reads.
+pub const HOMES: [&str; 3] = ["xml", "sh3d", "toml"];
+
 /// Loads a portal model: the `Home.xml` of a Sweet Home 3D home with the home's OBJ export beside it, its `.sh3d` archive
 /// with or without an export, or a `.toml` model. The formats are described below.
 ///
@@ -101,9 +104,4 @@ pub fn load_model(path: &Path, options: &ModelOptions) -> Result<LoadedModel, Lo
         "toml" => toml::load(path),
         _ => Err(LoadError::UnknownModel { path: path.to_path_buf() }),
     }
-}
-
-/// Whether a file's name ends like those of the models that are read.
-pub(super) fn is_model(path: &Path) -> bool {
-    ["xml", "sh3d", "toml"].contains(&extension_of(path).as_str())
 }
