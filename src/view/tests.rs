@@ -2,6 +2,7 @@
 
 use super::{open, show_geometry, show_live};
 use crate::capture::Camera;
+use crate::capture::images::ImageSet;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
 use crate::ldi::from_images::{ImagesJob, NearImages};
@@ -332,13 +333,16 @@ fn settled(source: &mut dyn FrameSource, pose: Pose, settings: &[(&str, &str)]) 
     }
 }
 
+/// Images of a plane, a metre from each to the next.
+fn six_images(folder: &Path) -> ImageSet {
+    let view = |i: u32| saved(&plane_view(DVec3::X * f64::from(i), 3.0, [96, 64]), folder, &format!("image {i}"));
+    set_of(folder, &(0..6).map(view).collect::<Vec<_>>())
+}
+
 #[test]
 fn cubes_of_the_nearest_images_follow_the_eye() {
     let folder = tempfile::tempdir().unwrap();
-    let view =
-        |i: u32| saved(&plane_view(DVec3::X * f64::from(i), 3.0, [96, 64]), folder.path(), &format!("image {i}"));
-    let views: Vec<_> = (0..6).map(view).collect();
-    let set = set_of(folder.path(), &views);
+    let set = six_images(folder.path());
     let near = || NearImages::new(set.clone(), ImagesJob::suggest(&set), usize::MAX).unwrap();
     let start = frame_at(DVec3::X * 0.2, [SIZE.0, SIZE.1]);
     let mut source = show_live(near(), folder.path(), &start).unwrap();
@@ -362,10 +366,7 @@ fn cubes_of_the_nearest_images_follow_the_eye() {
 #[test]
 fn an_image_that_is_gone_is_told_once_and_the_last_cube_stays() {
     let folder = tempfile::tempdir().unwrap();
-    let view =
-        |i: u32| saved(&plane_view(DVec3::X * f64::from(i), 3.0, [96, 64]), folder.path(), &format!("image {i}"));
-    let views: Vec<_> = (0..6).map(view).collect();
-    let set = set_of(folder.path(), &views);
+    let set = six_images(folder.path());
     // Nothing stays in memory but what was used last.
     let near = NearImages::new(set.clone(), ImagesJob::suggest(&set), 0).unwrap();
     let start = frame_at(DVec3::ZERO, [SIZE.0, SIZE.1]);
