@@ -126,7 +126,7 @@ impl LumigraphCommand {
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
         let (grid, tracer) = self.grid.place(&scene)?;
-        let lighting = Lighting::measure(&tracer, self.quality.bounces);
+        let lighting = Lighting::prepare(&tracer, self.quality.bounces, !self.quality.unlit);
         let bar = Bar::new();
         let LumigraphQualityArgs { samples, unlit, .. } = self.quality;
         let capture = LumigraphCapture { tracer: &tracer, lighting: &lighting, lit: !unlit, samples };

@@ -41,9 +41,9 @@ impl TruthCommand {
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
         let (camera, tracer) = self.camera.aim(&scene)?;
-        let lighting = Lighting::measure(&tracer, self.bounces);
-        let bar = Bar::new();
         let start = Instant::now();
+        let lighting = Lighting::prepare(&tracer, self.bounces, !self.unlit);
+        let bar = Bar::new();
         let truth = truth::render(&tracer, &lighting, !self.unlit, &camera, self.samples, &bar);
         bar.finish();
         let seconds = start.elapsed().as_secs_f64();
