@@ -196,7 +196,7 @@ fn depth_pixels_count_once_a_frame() {
 #[test]
 fn truth_is_as_good_as_the_report_says() {
     let facts = &REPORT.scenes[0];
-    assert_eq!(facts.eyes.len(), 5);
+    assert_eq!(facts.eyes.len(), 9);
     assert!(facts.eyes.iter().all(|eye| (4..=64).contains(&eye.truth_samples)));
     assert!(facts.margin_db >= 10.0 || facts.eyes.iter().any(|eye| eye.truth_samples == 64), "{facts:?}");
 }
