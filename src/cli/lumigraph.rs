@@ -8,10 +8,12 @@ use super::progress::Bar;
 use super::words::UsageError;
 use crate::capture::light::Lighting;
 use crate::capture::scene::FileFrame;
-use crate::capture::trace::{Ray, Tracer};
+use crate::capture::trace::Tracer;
 use crate::capture::{Camera, Scene, viewpoint};
 use crate::container::FileError;
-use crate::lumigraph::{CameraGrid, GridParts, Lumigraph, LumigraphCapture, MAX_LAYERS, Placement, RawLumigraph};
+use crate::lumigraph::{
+    CameraGrid, GridParts, Lumigraph, LumigraphCapture, MAX_LAYERS, Placement, RawLumigraph, middle_disparity,
+};
 use clap::Args;
 use glam::DVec3;
 use serde_json::json;
@@ -244,26 +246,6 @@ fn frame_from(grid: &CameraGrid, at: [f64; 2], [width, height]: [u32; 2]) -> Cam
     let focal_px = grid.focal_px() * f64::from(height) / f64::from(grid.size_px()[1]);
     // The size was checked when it was read.
     Camera::from_parts(eye, axes, focal_px, width, height).unwrap_or_else(|_| grid.camera(0, 0).with_eye(eye))
-}
-
-/// The middle of the disparities that a camera amid the others sees, without the outermost twentieths, 1/m; 0 if it sees nothing.
-fn middle_disparity(tracer: &Tracer, parts: &GridParts) -> f64 {
-    const RAYS: u32 = 48;
-    let half = parts.size_px.map(|side| f64::from(side) / 2.0 / parts.focal_px);
-    let place = |i: u32| f64::from(2 * i + 1) / f64::from(RAYS) - 1.0;
-    let ray = |i: u32| {
-        let slopes = DVec3::new(place(i % RAYS) * half[0], place(i / RAYS) * half[1], -1.0);
-        let direction = (parts.world_from_eye * slopes).as_vec3();
-        let origin = (parts.origin - tracer.origin()).as_vec3();
-        tracer.closest(&Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY }).map(|hit| hit.t)
-    };
-    let mut disparities: Vec<f64> = (0..RAYS * RAYS)
-        .map(|i| ray(i).map_or(0.0, |depth| 1.0 / f64::from(depth)))
-        .filter(|d| d.is_finite())
-        .collect();
-    disparities.sort_by(f64::total_cmp);
-    let at = |share: usize| disparities.get(disparities.len() * share / 20).copied().unwrap_or(0.0);
-    0.5 * (at(1) + at(19))
 }
 
 /// What there is to know of a lumigraph.

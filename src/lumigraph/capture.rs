@@ -1,14 +1,14 @@
 //! Images of a grid of cameras by ray tracing (L5).
 
-use super::CameraGrid;
 use super::raw::{RawLumigraph, RawPicture, SAME_SURFACE};
+use super::{CameraGrid, GridParts};
 use crate::capture::light::{LightSample, Lighting, LitPoint, pixel_jitter};
 use crate::capture::sampler::random4;
 use crate::capture::trace::{Hit, PACKET, Ray, RayPacket, Tracer};
 use crate::capture::{Camera, srgb8_from_linear};
 use crate::environment::Environment;
 use crate::progress::{Progress, check_cancelled};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::io;
 
@@ -105,4 +105,24 @@ impl LumigraphCapture<'_> {
         };
         Vec3::from_array(surface.albedo) * radiosity + Vec3::from_array(surface.emission)
     }
+}
+
+/// The middle of the disparities that a camera amid the others sees, without the outermost twentieths, 1/m; 0 if it sees nothing.
+pub fn middle_disparity(tracer: &Tracer, parts: &GridParts) -> f64 {
+    const RAYS: u32 = 48;
+    let half = parts.size_px.map(|side| f64::from(side) / 2.0 / parts.focal_px);
+    let place = |i: u32| f64::from(2 * i + 1) / f64::from(RAYS) - 1.0;
+    let ray = |i: u32| {
+        let slopes = DVec3::new(place(i % RAYS) * half[0], place(i / RAYS) * half[1], -1.0);
+        let direction = (parts.world_from_eye * slopes).as_vec3();
+        let origin = (parts.origin - tracer.origin()).as_vec3();
+        tracer.closest(&Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY }).map(|hit| hit.t)
+    };
+    let mut disparities: Vec<f64> = (0..RAYS * RAYS)
+        .map(|i| ray(i).map_or(0.0, |depth| 1.0 / f64::from(depth)))
+        .filter(|d| d.is_finite())
+        .collect();
+    disparities.sort_by(f64::total_cmp);
+    let at = |share: usize| disparities.get(disparities.len() * share / 20).copied().unwrap_or(0.0);
+    0.5 * (at(1) + at(19))
 }

@@ -48,7 +48,7 @@ fn nearest_to_zero(places: &[f64]) -> f64 {
 mod tests;
 
 pub use bounds::{ErrorBound, detail, max_spacing, min_cameras, min_layers, optimal_disparity};
-pub use capture::LumigraphCapture;
+pub use capture::{LumigraphCapture, middle_disparity};
 pub use error::LumigraphError;
 pub use file::LUMI_FILE;
 pub use from_images::{FromImages, FromImagesError};
@@ -168,6 +168,12 @@ impl Lumigraph {
     /// Pixels of all pictures of which nothing is known.
     pub fn unknown_pixels(&self) -> u64 {
         self.unknown_pixels
+    }
+
+    /// Bytes in memory that frames need: texels of all levels, sets of rectangles, and the environment.
+    pub fn bytes(&self) -> u64 {
+        let own = self.pyramid.bytes() + self.rectangles.bytes();
+        (own + size_of_val(&self.environment.texels[..])) as u64
     }
 
     /// Bytes that an index takes in a file.

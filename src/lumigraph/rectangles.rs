@@ -39,6 +39,11 @@ impl Rectangles {
         found
     }
 
+    /// Of all sets.
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(&self.sets[..])
+    }
+
     /// The buckets of a range of indices.
     pub(super) fn set(&self, indices: RangeInclusive<u16>) -> u64 {
         let bucket = |index: u16| (usize::from(index) * 64 / self.indices).min(63) as u32;
