@@ -15,8 +15,8 @@ use std::sync::Arc;
 
 /// A plane with a dome and a pyramid on it, 3 m before the cameras, which look at it from a square of 1 m.
 pub(super) struct Bed {
-    tracer: Tracer,
-    lighting: Lighting,
+    pub(super) tracer: Tracer,
+    pub(super) lighting: Lighting,
     pub(super) grid: CameraGrid,
 }
 
@@ -25,7 +25,7 @@ impl Bed {
         Self::of(crate::scenes::build("bump", 0).expect("built in"), DVec3::new(0.0, 0.0, 3.0), columns, rows, size_px)
     }
 
-    fn of(scene: Scene, origin: DVec3, columns: Vec<f64>, rows: Vec<f64>, size_px: [u32; 2]) -> Self {
+    pub(super) fn of(scene: Scene, origin: DVec3, columns: Vec<f64>, rows: Vec<f64>, size_px: [u32; 2]) -> Self {
         let tracer = Tracer::new(Arc::new(scene), origin);
         let lighting = Lighting::measure(&tracer, 0);
         let world_from_eye = CameraGrid::facing(DVec3::NEG_Z, DVec3::Y).expect("a direction");
@@ -70,11 +70,11 @@ impl Bed {
     }
 }
 
-fn render(lumigraph: &Lumigraph, camera: &Camera, settings: &LumigraphSettings) -> Frame {
+pub(super) fn render(lumigraph: &Lumigraph, camera: &Camera, settings: &LumigraphSettings) -> Frame {
     LumigraphRenderer::new().render(lumigraph, camera, settings).0.clone()
 }
 
-fn psnr_db(a: &[[u8; 4]], b: &[[u8; 4]]) -> f64 {
+pub(super) fn psnr_db(a: &[[u8; 4]], b: &[[u8; 4]]) -> f64 {
     let squares = a.iter().zip(b).flat_map(|(a, b)| (0..3).map(move |c| f64::from(a[c].abs_diff(b[c])).powi(2)));
     10.0 * (255.0f64.powi(2) / (squares.sum::<f64>() / (a.len() * 3) as f64)).log10()
 }
@@ -293,7 +293,8 @@ fn one_camera_one_depth_nothing_and_very_many_layers() {
     };
     assert_eq!(refused(vec![layer, layer], vec![flat.clone()]), Some(LumigraphError::Layers));
     assert_eq!(refused(vec![DisparityLayer { min: 0.0, max: 1.0 }], vec![flat.clone()]), Some(LumigraphError::Layers));
-    assert_eq!(refused(Vec::new(), vec![flat.clone()]), Some(LumigraphError::Picture(0)));
+    let beyond = Picture { index: vec![3; pixels], ..flat.clone() };
+    assert_eq!(refused(vec![layer], vec![beyond]), Some(LumigraphError::Picture(0)));
     assert_eq!(refused(vec![layer], Vec::new()), Some(LumigraphError::Picture(0)));
     assert_eq!(refused(vec![layer], vec![flat.clone(), flat]), Some(LumigraphError::Picture(1)));
 }

@@ -62,8 +62,8 @@ impl DepthSource {
         Self { path, channel: None, kind, unit_m, window: None, found: None }
     }
 
-    /// Reads it: eye depth, or ray distance if that is its kind, in metres, NaN where nothing is known (zero, negative,
-    /// infinite and non-finite values, and the largest value of 16 bits, which sensors write for "none").
+    /// Reads it: eye depth, or ray distance if that is its kind, in metres; infinite where the file says that nothing is there, NaN
+    /// where nothing is known (zero and negative values, and the largest value of 16 bits, which sensors write for "none").
     ///
     /// # Errors
     /// [`ImagesError`] that names the file.
@@ -82,7 +82,7 @@ impl DepthSource {
                 }
                 _ => *value,
             };
-            *value = if depth.is_finite() && depth > 0.0 { depth } else { f32::NAN };
+            *value = if depth > 0.0 { depth } else { f32::NAN };
         }
         Ok(picture)
     }
