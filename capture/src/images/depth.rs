@@ -2,9 +2,11 @@
 
 use super::ImagesError;
 use crate::DepthKind;
+use crate::files::write_whole;
 use crate::picture;
 use exr::meta::MetaData;
-use exr::prelude::{ReadChannels, ReadLayers, read};
+use exr::prelude::{Image, ReadChannels, ReadLayers, SpecificChannels, WritableImage, read};
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// Pixels of the largest depth picture that is read, 8,192 x 8,192. A header that promises more is not believed: memory is
@@ -20,6 +22,20 @@ pub struct DepthPicture {
     pub height: u32,
     /// Row-major.
     pub values: Vec<f32>,
+}
+
+/// Writes depth as an EXR file with the single 32-bit channel `Z`.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn write_depth_exr(depth: &DepthPicture, path: &Path) -> io::Result<()> {
+    let width = depth.width as usize;
+    let value = |x: usize, y: usize| depth.values.get(y * width + x).copied().unwrap_or(f32::NAN);
+    let channels = SpecificChannels::build()
+        .with_channel("Z")
+        .with_pixel_fn(|at: exr::math::Vec2<usize>| (value(at.x(), at.y()),));
+    let image = Image::from_channels((width, depth.height as usize), channels);
+    write_whole(path, |writer| image.write().to_buffered(writer).map_err(io::Error::other))
 }
 
 /// Where a view's depth is, and what its values mean.
