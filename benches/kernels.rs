@@ -6,6 +6,7 @@
 //! scenes of the files must still be where they were. `HEADBOX_BENCH_SAMPLES=0` leaves errors out, `HEADBOX_BENCH_BAND_ROWS=128`
 //! chooses the height of bands.
 
+use headbox::cache;
 use headbox::capture::Camera;
 use headbox::capture::light::Lighting;
 use headbox::capture::statistics::median;
@@ -13,7 +14,7 @@ use headbox::capture::trace::Tracer;
 use headbox::measure::embree::{Embree, PROGRAM};
 use headbox::measure::plan::{Plan, Quality, most_to_see};
 use headbox::measure::stats::{mean, pooled_psnr_db};
-use headbox::measure::truths::{Truths, default_folder};
+use headbox::measure::truths::Truths;
 use headbox::measure::turns::{in_turns, least};
 use headbox::metrics;
 use headbox::packed::PackedCube;
@@ -71,7 +72,7 @@ fn main() {
         let lighting = Lighting::measure(&tracer, cube.info.parameters.bounces);
         let ahead = most_to_see(&tracer, cube.info.centre);
         let plan = Plan::new(QUALITY, cube.info.centre, cube.info.half_size_m, ahead, 0).expect("a plan");
-        let folder = default_folder().inspect(|folder| std::fs::create_dir_all(folder).expect("a folder"));
+        let folder = cache::folder("truth").inspect(|folder| std::fs::create_dir_all(folder).expect("a folder"));
         let truths = Truths::new(&tracer, &lighting, cube.info.parameters.light_samples > 0, folder);
         let truth: Vec<RgbImage> = match samples {
             0 => Vec::new(),

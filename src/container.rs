@@ -13,12 +13,16 @@
 //!
 //! Everything is little-endian. A reader trusts no number before it has checked it against the length of the file.
 
+mod mapped;
+
+pub use mapped::MappedSection;
+
 use crate::capture::files::write_whole;
 use crate::capture::load::HOMES;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 #[cfg(target_endian = "big")]
 compile_error!("arrays are written as they lie in memory: little-endian");
@@ -56,8 +60,11 @@ impl FileKind {
     pub const LUMIGRAPH: Self = Self { tag: *b"lumi", name: "lumigraph", version: 1, oldest: 1 };
     /// Ray-traced frames that reports keep.
     pub const TRUTH: Self = Self { tag: *b"trth", name: "truth frame", version: 1, oldest: 1 };
+    /// Samples of depth images that view-dependent geometry keeps.
+    pub const SAMPLES: Self = Self { tag: *b"smpl", name: "samples", version: 1, oldest: 1 };
     /// All of them.
-    pub const ALL: [Self; 6] = [Self::CUBE_LDI, Self::SHARD, Self::SPRITES, Self::HOUSE, Self::LUMIGRAPH, Self::TRUTH];
+    pub const ALL: [Self; 7] =
+        [Self::CUBE_LDI, Self::SHARD, Self::SPRITES, Self::HOUSE, Self::LUMIGRAPH, Self::TRUTH, Self::SAMPLES];
 }
 
 /// How a file that is none of ours can be used.
@@ -255,15 +262,41 @@ impl Container {
         self.length
     }
 
+    /// Some sections, mapped into memory.
+    ///
+    /// # Errors
+    /// [`FileError::Damaged`] if one is absent, [`FileError::Io`] if the file cannot be mapped.
+    pub fn mapped<const N: usize>(&self, names: [&str; N]) -> Result<[MappedSection; N], FileError> {
+        let file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+        let map = mapped::map(&file).map_err(|source| FileError::Io { path: self.path.clone(), source })?;
+        drop(file);
+        let mut entries = Vec::with_capacity(N);
+        for name in names {
+            entries.push(self.entry(name)?);
+        }
+        // Their ends were checked against the file's.
+        let section = |entry: &Entry| {
+            MappedSection::new(Arc::clone(&map), entry.start as usize..(entry.start + entry.length) as usize)
+        };
+        Ok(std::array::from_fn(|i| section(entries[i])))
+    }
+
+    fn entry(&self, name: &str) -> Result<&Entry, FileError> {
+        self.sections.iter().find(|s| s.name == name).ok_or_else(|| FileError::Damaged {
+            path: self.path.clone(),
+            section: name.into(),
+            expected: "to be present".into(),
+            found: "no such section".into(),
+        })
+    }
+
     /// A section, its checksum verified.
     ///
     /// # Errors
     /// [`FileError::Damaged`] if it is absent or does not match its checksum, [`FileError::Io`] if it cannot be read.
     pub fn section(&self, name: &str) -> Result<Section, FileError> {
         let section = |bytes| Section { path: self.path.clone(), name: name.to_owned(), bytes, at: 0 };
-        let Some(entry) = self.sections.iter().find(|s| s.name == name) else {
-            return Err(section(Vec::new()).damaged("to be present", "no such section"));
-        };
+        let entry = self.entry(name)?;
         // The length was checked against the file's, so the allocation is no larger than the file.
         let mut bytes = vec![0; entry.length as usize];
         let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
@@ -416,7 +449,10 @@ mod tests {
         assert_eq!(numbers.array::<u32>(3).unwrap(), [1, 2, 3]);
         numbers.end().unwrap();
         file.section("empty").unwrap().end().unwrap();
-        assert!(file.section("absent").is_err());
+        assert!(file.section("absent").is_err() && file.mapped(["numbers", "absent"]).is_err());
+        let [numbers, empty] = file.mapped(["numbers", "empty"]).unwrap();
+        assert_eq!((numbers.values::<u32>(), numbers.values::<u64>().len()), ([1, 2, 3].as_slice(), 1));
+        assert!(empty.values::<f32>().is_empty());
         assert!(file.section("numbers").unwrap().array::<u64>(usize::MAX).is_err(), "no allocation from a wild count");
     }
 

@@ -60,6 +60,8 @@ pub use headbox_capture::path;
 #[doc(hidden)]
 pub use headbox_scenes as scenes;
 
+#[doc(hidden)]
+pub mod cache;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;

@@ -1,10 +1,11 @@
 //! Ray-traced reference frames: the same camera, the same light as a capture, to convergence.
 
 use crate::capture::Camera;
-use crate::capture::light::{LightSample, Lighting, LitPoint, pixel_jitter};
+use crate::capture::images::{Distortion, Lens, LoadedView, Pinhole, Pose};
+use crate::capture::light::{LightSample, Lighting, pixel_jitter};
 use crate::capture::sampler::random4;
 use crate::capture::srgb8_from_linear;
-use crate::capture::trace::{HitPacket, PACKET, Ray, RayPacket, Tracer};
+use crate::capture::trace::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
 use crate::frame::{Coverage, Frame};
 use crate::progress::Progress;
 use glam::Vec3;
@@ -75,6 +76,45 @@ pub fn render(
     Truth { frame, standard_error_psnr_db: 10.0 * (255.0f64.powi(2) / mean_square).log10() }
 }
 
+/// Eye depth of what each pixel's middle shows, metres, row by row; NaN where there is nothing.
+pub fn eye_depth(tracer: &Tracer, camera: &Camera) -> Vec<f32> {
+    let pixels: Vec<(u32, u32)> = (0..camera.height()).flat_map(|y| (0..camera.width()).map(move |x| (x, y))).collect();
+    let of_packet = |pixels: &[(u32, u32)]| {
+        // Directions reach to eye depth 1.
+        let ray = |&(x, y): &(u32, u32)| {
+            let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5).as_vec3();
+            Ray { origin: (camera.eye() - tracer.origin()).as_vec3(), direction, t_min: 0.0, t_max: f32::INFINITY }
+        };
+        let rays: Vec<Ray> = pixels.iter().map(ray).collect();
+        let hits = tracer.closest_packet(&RayPacket::from_rays(&rays));
+        (0..pixels.len()).map(|lane| hits.hit(lane).map_or(f32::NAN, |hit| hit.t)).collect::<Vec<f32>>()
+    };
+    pixels.par_chunks(PACKET).flat_map_iter(of_packet).collect()
+}
+
+/// What [`render`] and [`eye_depth`] make of a camera, as a view of an image set.
+pub fn view(
+    tracer: &Tracer,
+    lighting: &Lighting,
+    lit: bool,
+    camera: &Camera,
+    samples: u32,
+    progress: &dyn Progress,
+) -> LoadedView {
+    let lens = Pinhole {
+        focal_px: [camera.focal_px(); 2],
+        principal_px: camera.principal_px(),
+        distortion: Distortion::default(),
+    };
+    LoadedView {
+        size_px: [camera.width(), camera.height()],
+        lens: Lens::Pinhole(lens),
+        pose: Pose { eye: camera.eye(), world_from_eye: camera.world_from_eye() },
+        color: render(tracer, lighting, lit, camera, samples, progress).frame.color,
+        depth: eye_depth(tracer, camera),
+    }
+}
+
 /// Coverage of a pixel of which `hits` of `rays` rays met a surface: full for all of them only.
 fn surfaces_of(hits: u32, rays: u32) -> Coverage {
     match u64::from(hits) * 255 / u64::from(rays.max(1)) {
@@ -106,10 +146,7 @@ impl PixelTracer<'_> {
             for (lane, index) in numbers.enumerate() {
                 let hit = hits.hit(lane);
                 surfaces += u32::from(hit.is_some());
-                sum += match hit {
-                    Some(hit) => self.shade(&rays[lane], &hit, first, index),
-                    None => Vec3::from_array(self.lighting.miss_radiance(rays[lane].direction.normalize())),
-                };
+                sum += self.seen(&rays[lane], hit.as_ref(), first, index);
             }
         }
         (sum / count as f32, surfaces)
@@ -123,16 +160,10 @@ impl PixelTracer<'_> {
         Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY }
     }
 
-    /// Radiance of a hit; samples from number `first` on are spread evenly, independently of those before.
-    fn shade(&self, ray: &Ray, hit: &crate::capture::trace::Hit, first: u32, index: u32) -> Vec3 {
-        let (point, surface) = LitPoint::from_hit(self.tracer, ray, hit);
-        let radiosity = if self.lit {
-            let [stream, ..] = random4([self.x, self.y, 0x11d1, first]);
-            let sample = LightSample { stream, index: index - first };
-            Vec3::from_array(self.lighting.radiosity_per_albedo(self.tracer, &point, &sample))
-        } else {
-            Vec3::ONE
-        };
-        Vec3::from_array(surface.albedo) * radiosity + Vec3::from_array(surface.emission)
+    /// Radiance along a ray; samples from number `first` on are spread evenly, independently of those before.
+    fn seen(&self, ray: &Ray, hit: Option<&Hit>, first: u32, index: u32) -> Vec3 {
+        let [stream, ..] = random4([self.x, self.y, 0x11d1, first]);
+        let sample = LightSample { stream, index: index - first };
+        self.lighting.seen(self.tracer, ray, hit, self.lit.then_some(&sample))
     }
 }

@@ -9,6 +9,7 @@
 //! ```
 
 mod bump;
+mod castle;
 mod finishes;
 mod furniture;
 mod hard;
@@ -61,6 +62,12 @@ pub fn all() -> &'static [BuiltinScene] {
         scene("net", stages::net, "net of knotted cord before a wall, at 1.8 to 3.1 m: for lumigraphs"),
         scene("statue", stages::statue, "figure on a pedestal before a curtain, at 2.3 to 5.8 m: for lumigraphs"),
         scene("blocks", stages::blocks, "heap of painted blocks, at 0.9 to 3.4 m: for lumigraphs"),
+        scene("lacquer", stages::lacquer, "varnished balls on a polished floor, at 1.9 to 4.2 m: gloss for lumigraphs"),
+        scene(
+            "castle",
+            castle::build,
+            "castle's wall with an open gate, towers, and a keep behind: for view-dependent geometry",
+        ),
         scene("poles", hard::poles, "hard case: 240 poles, 1 mm to 4 cm thick, at 2 to 90 m"),
         scene("edge-on", hard::edge_on, "hard case: planes seen edge-on from the centre of the headbox"),
         scene("contact", hard::contact, "hard case: panels 1 mm away from every face of the headbox"),

@@ -112,6 +112,21 @@ impl SourceArgs {
         Self { up: up.or(self.up), unit: unit.or(self.unit), light: self.light.clone() }
     }
 
+    /// What is said, by its flag.
+    pub(super) fn given(&self) -> [(&'static str, bool); 7] {
+        let LightParameters { sky, sky_turn, sun, sun_strength, exposure } = &self.light;
+        let said = LightParameters::default();
+        [
+            ("--up", self.up.is_some()),
+            ("--unit", self.unit.is_some()),
+            ("--sky", sky.is_some()),
+            ("--sky-turn", *sky_turn != said.sky_turn),
+            ("--sun", sun.is_some()),
+            ("--sun-strength", sun_strength.is_some()),
+            ("--exposure", *exposure != said.exposure),
+        ]
+    }
+
     /// A scene that is read so.
     pub(super) fn source(&self, scene: &str) -> SceneSource {
         let options = LoadOptions { up: self.up, unit_m: self.unit };

@@ -4,15 +4,16 @@ use super::args::DefaultCamera;
 use super::images::{SetArgs, with_depth};
 use super::progress::Bar;
 use super::words::UsageError;
+use crate::cache;
 use crate::capture::Camera;
 use crate::capture::scene::FileFrame;
 use crate::view_geometry::{
-    GeometryRenderer, GeometrySettings, GeometryStats, Patience, SampleGrid, Texturing, ViewGeometry,
+    GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, Patience, SampleGrid, Texturing, ViewGeometry,
 };
 use clap::Args;
 use glam::DVec3;
 use image::RgbImage;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// What is said of arguments without the variant that they are for.
@@ -57,15 +58,15 @@ impl GeometryArgs {
         }
     }
 
-    /// How depth images are sampled.
-    pub(super) fn samples(&self) -> SampleGrid {
-        let default = SampleGrid::default();
-        SampleGrid { spacing_px: self.sample_spacing.map_or(default.spacing_px, u32::from), ..default }
-    }
-
-    /// Bytes for pictures.
-    pub(super) fn budget(&self) -> usize {
-        self.pictures_memory.map_or(ViewGeometry::DEFAULT_BUDGET, |mb| mb as usize * 1_000_000)
+    /// What a folder is opened with; samples are kept in the `cache`.
+    pub(super) fn resources(&self, cache: Option<PathBuf>) -> GeometryResources {
+        let default = GeometryResources::default();
+        let spacing_px = self.sample_spacing.map_or(default.grid.spacing_px, u32::from);
+        GeometryResources {
+            grid: SampleGrid { spacing_px, ..default.grid },
+            budget: self.pictures_memory.map_or(default.budget, |mb| mb as usize * 1_000_000),
+            cache,
+        }
     }
 }
 
@@ -74,7 +75,7 @@ pub(super) fn open_geometry(folder: &Path, args: &GeometryArgs) -> anyhow::Resul
     let set = SetArgs::default().open_registered(folder)?;
     let views = with_depth(&set)?;
     let bar = Bar::new();
-    let geometry = ViewGeometry::open(&set, &views, &args.samples(), args.budget(), &bar)?;
+    let geometry = ViewGeometry::open(&set, &views, &args.resources(cache::folder("samples")), &bar)?;
     bar.finish();
     Ok((geometry, set.central_view().and_then(|view| view.camera())))
 }

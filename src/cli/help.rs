@@ -28,7 +28,8 @@ const EXAMPLES: [(&str, &str); 18] = [
     (
         "lumigraph",
         "headbox lumigraph room.obj -o room.lumi\n  \
-         headbox lumigraph stage.glb -o stage.lumi --plane 0,1.6,5 --normal 0,0,-1 --extent 2 --cameras 8x8 --layers 64",
+         headbox lumigraph stage.glb -o stage.lumi --plane 0,1.6,5 --normal 0,0,-1 --extent 2 --cameras 8x8 --layers 64\n  \
+         headbox lumigraph wall-of-photographs -o wall.lumi",
     ),
     (
         "house",

@@ -66,6 +66,12 @@ impl SetArgs {
     /// Opens a set and finds out where its colours were taken from.
     pub(super) fn open_registered(&self, folder: &Path) -> anyhow::Result<ImageSet> {
         let mut set = self.open(folder)?;
+        self.register(&mut set)?;
+        Ok(set)
+    }
+
+    /// Finds out where a set's colours were taken from.
+    pub(super) fn register(&self, set: &mut ImageSet) -> anyhow::Result<()> {
         if !self.no_registration {
             let bar = Bar::new();
             bar.begin("registering colour with depth", "views", set.with_depth().count() as u64);
@@ -75,7 +81,7 @@ impl SetArgs {
                 eprintln!("{}", registration_words(&report));
             }
         }
-        Ok(set)
+        Ok(())
     }
 }
 

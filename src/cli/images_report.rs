@@ -43,8 +43,7 @@ pub(super) fn write(set: &ImageSet, hold_out: usize, geometry: &GeometryArgs, fo
     let mut sheets = Sheets { folder, failed: None };
     let has_own_depth = set.with_depth().next().is_some() && !set.depth_is_found();
     let (json, summary) = if has_own_depth {
-        let geometry =
-            Geometry { settings: geometry.settings(), samples: geometry.samples(), budget: geometry.budget() };
+        let geometry = Geometry { settings: geometry.settings(), resources: geometry.resources(None) };
         let mut save = |shown: SideBySide| {
             let pictures: Vec<&RgbImage> = std::iter::once(&shown.photograph).chain(&shown.frames).collect();
             sheets.save(&shown.view, &pictures, 4);

@@ -2,15 +2,18 @@
 
 use super::args::{Names, SourceArgs, by_name, parse_length, parse_size, parse_vector};
 use super::capture::place_headbox;
+use super::images::{SetArgs, is_image_set};
 use super::output::{LUMIGRAPH, Outputs, peak_rss_mb, print_json};
 use super::progress::Bar;
 use super::words::UsageError;
 use crate::capture::light::Lighting;
 use crate::capture::scene::FileFrame;
-use crate::capture::trace::{Ray, Tracer};
+use crate::capture::trace::Tracer;
 use crate::capture::{Camera, Scene, viewpoint};
 use crate::container::FileError;
-use crate::lumigraph::{CameraGrid, GridParts, Lumigraph, LumigraphCapture, MAX_LAYERS, Placement, RawLumigraph};
+use crate::lumigraph::{
+    CameraGrid, GridParts, Lumigraph, LumigraphCapture, MAX_LAYERS, Placement, RawLumigraph, middle_disparity,
+};
 use clap::Args;
 use glam::DVec3;
 use serde_json::json;
@@ -20,25 +23,28 @@ use std::time::Instant;
 
 #[derive(Args)]
 pub(super) struct LumigraphCommand {
-    /// A scene (an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME)
-    scene: String,
+    /// A scene (an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME), or a folder of pictures with known
+    /// cameras and depth, taken from a grid of places on a plane
+    pub(super) scene: String,
     #[command(flatten)]
-    source: SourceArgs,
+    pub(super) source: SourceArgs,
     /// The .lumi file to write; `-` for standard output
     #[arg(short, long)]
-    output: PathBuf,
+    pub(super) output: PathBuf,
     #[command(flatten)]
-    grid: GridArgs,
+    pub(super) grid: GridArgs,
     #[command(flatten)]
-    quality: LumigraphQualityArgs,
+    pub(super) quality: LumigraphQualityArgs,
+    #[command(flatten)]
+    pub(super) images: SetArgs,
     /// Print one JSON object on standard output
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
 }
 
-/// Where the cameras stand.
+/// Where the cameras stand that look at a scene.
 #[derive(Args)]
-struct GridArgs {
+pub(super) struct GridArgs {
     /// Middle of the cameras; the centre of the scene's headbox if absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     plane: Option<DVec3>,
@@ -51,15 +57,15 @@ struct GridArgs {
     /// From the first camera of a row to its last; columns have the same spacing. The edge of the scene's headbox if absent
     #[arg(long, value_name = "LENGTH", value_parser = parse_length)]
     extent: Option<f64>,
-    /// Cameras in a row and in a column
-    #[arg(long, value_name = "CxR", default_value = "4x4", value_parser = parse_cameras)]
-    cameras: (u32, u32),
-    /// Size of an image, pixels
-    #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = parse_size)]
-    size: (u32, u32),
-    /// Vertical field of view of an image, degrees
-    #[arg(long, value_name = "DEG", default_value_t = 60.0, value_parser = parse_fov)]
-    fov: f64,
+    /// Cameras in a row and in a column; 4x4 if absent
+    #[arg(long, value_name = "CxR", value_parser = parse_cameras)]
+    cameras: Option<(u32, u32)>,
+    /// Size of an image, pixels; 512x512 if absent
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    size: Option<(u32, u32)>,
+    /// Vertical field of view of an image, degrees; 60 if absent
+    #[arg(long, value_name = "DEG", value_parser = parse_fov)]
+    fov: Option<f64>,
     /// How far from the plane all images show the same part of the scene; the middle of the disparities if absent
     #[arg(long, value_name = "LENGTH", value_parser = parse_length, conflicts_with = "parallel")]
     focus: Option<f64>,
@@ -70,7 +76,7 @@ struct GridArgs {
 
 /// What decides how good images and layers are.
 #[derive(Args)]
-struct LumigraphQualityArgs {
+pub(super) struct LumigraphQualityArgs {
     /// Layers at most; up to 255 take one byte a pixel, more take two
     #[arg(long, value_name = "N", default_value_t = 255, value_parser = clap::value_parser!(u32).range(1..=MAX_LAYERS as i64))]
     layers: u32,
@@ -81,12 +87,12 @@ struct LumigraphQualityArgs {
     /// Where layers are put
     #[arg(long, value_name = "WHERE", default_value = "histogram", value_parser = by_name(PLACEMENTS))]
     placement: Placement,
-    /// Rays per pixel
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=65_536))]
-    samples: u32,
-    /// Diffuse bounces of light beyond direct light
-    #[arg(long, value_name = "B", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64))]
-    bounces: u32,
+    /// Rays per pixel of a scene's images; 8 if absent
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    samples: Option<u32>,
+    /// Diffuse bounces of a scene's light beyond direct light; 1 if absent
+    #[arg(long, value_name = "B", value_parser = clap::value_parser!(u32).range(0..=64))]
+    bounces: Option<u32>,
     /// Albedo and emission without light
     #[arg(long)]
     unlit: bool,
@@ -120,15 +126,20 @@ fn parse_fov(text: &str) -> Result<f64, String> {
 
 impl LumigraphCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
+        if is_image_set(&self.scene) {
+            return self.run_images();
+        }
         let start = Instant::now();
         let outputs = Outputs::new(self.json, [Path::new(&self.scene)]).file(&self.output, &LUMIGRAPH)?;
         let source = self.source.source(&self.scene);
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
         let (grid, tracer) = self.grid.place(&scene)?;
-        let lighting = Lighting::prepare(&tracer, self.quality.bounces, !self.quality.unlit);
+        let bounces = self.quality.bounces.unwrap_or(1);
+        let lighting = Lighting::prepare(&tracer, bounces, !self.quality.unlit);
         let bar = Bar::new();
         let LumigraphQualityArgs { samples, unlit, .. } = self.quality;
+        let samples = samples.unwrap_or(8);
         let capture = LumigraphCapture { tracer: &tracer, lighting: &lighting, lit: !unlit, samples };
         let raw = capture.run(&grid, &bar)?;
         let mut lumigraph = self.layered(&raw, &bar)?;
@@ -139,7 +150,7 @@ impl LumigraphCommand {
         Ok(())
     }
 
-    fn layered(&self, raw: &RawLumigraph, bar: &Bar) -> anyhow::Result<Lumigraph> {
+    pub(super) fn layered(&self, raw: &RawLumigraph, bar: &Bar) -> anyhow::Result<Lumigraph> {
         let LumigraphQualityArgs { layers, placement, optimum, .. } = self.quality;
         match optimum {
             None => Ok(raw.layered(layers as usize, placement)?),
@@ -150,7 +161,7 @@ impl LumigraphCommand {
         }
     }
 
-    fn tell(&self, lumigraph: &Lumigraph, seconds: f64) {
+    pub(super) fn tell(&self, lumigraph: &Lumigraph, seconds: f64) {
         if self.json {
             let mut facts = lumigraph_json(lumigraph);
             facts["total_s"] = json!(seconds);
@@ -169,7 +180,29 @@ impl LumigraphCommand {
     }
 }
 
+impl LumigraphQualityArgs {
+    /// What is said of how a scene is traced, by its flag.
+    pub(super) fn given(&self) -> [(&'static str, bool); 3] {
+        [("--samples", self.samples.is_some()), ("--bounces", self.bounces.is_some()), ("--unlit", self.unlit)]
+    }
+}
+
 impl GridArgs {
+    /// What is said, by its flag.
+    pub(super) fn given(&self) -> [(&'static str, bool); 9] {
+        [
+            ("--plane", self.plane.is_some()),
+            ("--normal", self.normal.is_some()),
+            ("--up-vector", self.up_vector.is_some()),
+            ("--extent", self.extent.is_some()),
+            ("--cameras", self.cameras.is_some()),
+            ("--size", self.size.is_some()),
+            ("--fov", self.fov.is_some()),
+            ("--focus", self.focus.is_some()),
+            ("--parallel", self.parallel),
+        ]
+    }
+
     /// The cameras, and a tracer about their plane.
     fn place(&self, scene: &Arc<Scene>) -> anyhow::Result<(CameraGrid, Tracer)> {
         let usage = |error: String| UsageError(error);
@@ -183,16 +216,17 @@ impl GridArgs {
         let up = self.up_vector.map_or(DVec3::Y, |up| frame.world_direction_from_file(up));
         let world_from_eye = CameraGrid::facing(normal, up)
             .ok_or_else(|| usage("--normal has no direction; give three numbers that are not all 0".into()))?;
-        let [columns, rows] = [self.cameras.0, self.cameras.1].map(|count| count as usize);
+        let (columns, rows) = self.cameras.map_or((4, 4), |(columns, rows)| (columns as usize, rows as usize));
         // Of a single column, the rows' own extent.
         let spacing = edge_m / (columns.max(2) - 1) as f64;
-        let (width, height) = self.size;
+        let (width, height) = self.size.unwrap_or((512, 512));
+        let half_fov = self.fov.unwrap_or(60.0).to_radians() / 2.0;
         let mut parts = GridParts {
             origin,
             world_from_eye,
             columns: CameraGrid::evenly(columns, edge_m),
             rows: CameraGrid::evenly(rows, if columns > 1 { spacing * (rows - 1) as f64 } else { edge_m }),
-            focal_px: f64::from(height) / 2.0 / (self.fov.to_radians() / 2.0).tan(),
+            focal_px: f64::from(height) / 2.0 / half_fov.tan(),
             size_px: [width, height],
             convergence: 0.0,
         };
@@ -215,26 +249,6 @@ fn frame_from(grid: &CameraGrid, at: [f64; 2], [width, height]: [u32; 2]) -> Cam
     Camera::from_parts(eye, axes, focal_px, width, height).unwrap_or_else(|_| grid.camera(0, 0).with_eye(eye))
 }
 
-/// The middle of the disparities that a camera amid the others sees, without the outermost twentieths, 1/m; 0 if it sees nothing.
-fn middle_disparity(tracer: &Tracer, parts: &GridParts) -> f64 {
-    const RAYS: u32 = 48;
-    let half = parts.size_px.map(|side| f64::from(side) / 2.0 / parts.focal_px);
-    let place = |i: u32| f64::from(2 * i + 1) / f64::from(RAYS) - 1.0;
-    let ray = |i: u32| {
-        let slopes = DVec3::new(place(i % RAYS) * half[0], place(i / RAYS) * half[1], -1.0);
-        let direction = (parts.world_from_eye * slopes).as_vec3();
-        let origin = (parts.origin - tracer.origin()).as_vec3();
-        tracer.closest(&Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY }).map(|hit| hit.t)
-    };
-    let mut disparities: Vec<f64> = (0..RAYS * RAYS)
-        .map(|i| ray(i).map_or(0.0, |depth| 1.0 / f64::from(depth)))
-        .filter(|d| d.is_finite())
-        .collect();
-    disparities.sort_by(f64::total_cmp);
-    let at = |share: usize| disparities.get(disparities.len() * share / 20).copied().unwrap_or(0.0);
-    0.5 * (at(1) + at(19))
-}
-
 /// What there is to know of a lumigraph.
 pub(super) fn lumigraph_json(lumigraph: &Lumigraph) -> serde_json::Value {
     let (grid, frame) = (lumigraph.grid(), &lumigraph.info.frame);
@@ -245,7 +259,8 @@ pub(super) fn lumigraph_json(lumigraph: &Lumigraph) -> serde_json::Value {
         "index_bytes": lumigraph.index_bytes(), "plane": in_file(grid.origin()),
         "look_at": in_file(grid.origin() - grid.world_from_eye().z_axis), "columns": along(grid.columns()),
         "rows": along(grid.rows()), "focal_px": grid.focal_px(), "convergence_per_m": grid.convergence(),
-        "disparity_per_m": lumigraph.range(), "environment_size": lumigraph.environment.size_px, "capture": lumigraph.info,
+        "disparity_per_m": lumigraph.range(), "unknown_pixels": lumigraph.unknown_pixels(),
+        "environment_size": lumigraph.environment.size_px, "capture": lumigraph.info,
     })
 }
 
@@ -287,6 +302,10 @@ pub(super) fn info(path: &Path, check: bool, json: bool) -> Result<(), FileError
     println!("  layers      {layers}, of {bits} bits a pixel, {}", placement_name(info.placement));
     if let Some([min, max]) = lumigraph.range() {
         println!("  depth       {:.3} to {:.3} m", 1.0 / max, 1.0 / min);
+    }
+    if lumigraph.unknown_pixels() > 0 {
+        let share = lumigraph.unknown_pixels() as f64 / (grid.camera_count() * grid.picture_pixels()) as f64;
+        println!("  unknown     {:.1} % of the pixels", 100.0 * share);
     }
     if check {
         println!("ok: every promise of the layout holds");

@@ -31,6 +31,7 @@ mod images_depth;
 mod images_report;
 mod info;
 mod lumigraph;
+mod lumigraph_images;
 mod merge;
 mod output;
 mod progress;
@@ -73,7 +74,7 @@ enum Command {
     Merge(merge::MergeCommand),
     /// Make sprites with depth of a scene, or of a picture and its depth
     Sprite(Box<sprite::SpriteCommand>),
-    /// Make a lumigraph of a scene: images on a camera plane, as few layers as a view needs
+    /// Make a lumigraph of a scene, or of pictures from a grid of places: images on a camera plane, as few layers as a view needs
     Lumigraph(Box<lumigraph::LumigraphCommand>),
     /// A home to walk through: read its rooms and doors, say what is wrong with them, draw its plan, write a .house file
     House(house::HouseCommand),

@@ -8,6 +8,7 @@ use super::images_report;
 use super::output::{NO_INPUTS, Outputs, PAGE, save_picture, write_text};
 use super::progress::{Bar, Planned};
 use super::words::UsageError;
+use crate::cache;
 use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;
 use crate::capture::scene::UpAxis;
@@ -19,8 +20,8 @@ use crate::measure::report::figures::{figures, short};
 use crate::measure::report::row::Report;
 use crate::measure::report::subject::Subject;
 use crate::measure::report::{promises, results, scene, summary};
+use crate::measure::stability;
 use crate::measure::walk::WalkReport;
-use crate::measure::{stability, truths};
 use crate::packed::PackedCube;
 use crate::packed::file::CUBE_LDI;
 use crate::scene_source::SceneSource;
@@ -174,7 +175,7 @@ impl ReportCommand {
         let output = self.output_or("headbox-report");
         let inputs = self.subjects.iter().map(|subject| Path::new(&subject.name));
         let outputs = Outputs::new(false, inputs).folder(output)?;
-        let cache = self.cache.clone().or_else(truths::default_folder).unwrap_or_else(|| output.join("truth"));
+        let cache = self.cache.clone().or_else(|| cache::folder("truth")).unwrap_or_else(|| output.join("truth"));
         std::fs::create_dir_all(&cache).with_context(|| format!("{} could not be made", cache.display()))?;
         let mut report = Report {
             version: Report::VERSION,

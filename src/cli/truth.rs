@@ -3,7 +3,12 @@
 use super::args::{CameraArgs, SceneArgs};
 use super::output::{Outputs, PICTURE, peak_rss_mb, print_json, save_picture};
 use super::progress::Bar;
+use super::words::UsageError;
+use crate::capture::images::SetWriter;
 use crate::capture::light::Lighting;
+use crate::capture::trace::Tracer;
+use crate::capture::{Camera, viewpoint};
+use crate::progress::{Progress, Silent};
 use crate::truth;
 use clap::Args;
 use serde_json::json;
@@ -15,9 +20,13 @@ use std::time::Instant;
 pub(super) struct TruthCommand {
     #[command(flatten)]
     scene: SceneArgs,
-    /// Picture to write: .png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output (PNG)
+    /// Picture to write: .png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output (PNG); with --images a folder
     #[arg(short, long)]
     output: PathBuf,
+    /// Instead of one picture, a folder of so many with their depth, an image set for capture, render, view and report: from a wall of
+    /// cameras across the headbox, all of which look as the camera does
+    #[arg(long, value_name = "COLUMNSxROWS", value_parser = parse_wall)]
+    images: Option<(u32, u32)>,
     #[command(flatten)]
     camera: CameraArgs,
     /// Diffuse bounces of light beyond direct light; as in the capture to compare with
@@ -37,26 +46,99 @@ pub(super) struct TruthCommand {
 impl TruthCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         let source = self.scene.source();
-        let outputs = Outputs::new(self.json, [&source.name]).file(&self.output, &PICTURE)?;
+        let outputs = Outputs::new(self.json, [&source.name]);
+        let outputs = match self.images {
+            Some(_) => outputs.folder(&self.output)?,
+            None => outputs.file(&self.output, &PICTURE)?,
+        };
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
         let (camera, tracer) = self.camera.aim(&scene)?;
         let start = Instant::now();
         let lighting = Lighting::prepare(&tracer, self.bounces, !self.unlit);
         let bar = Bar::new();
+        if let Some(wall) = self.images {
+            let half_size_m = viewpoint::place_headbox(&scene, None, None).map_or(0.0, |headbox| headbox.half_size_m);
+            let views = self.write_images(wall, half_size_m, &camera, (&tracer, &lighting), &bar)?;
+            self.say(start, &format!("{views} images with depth"), json!({ "images": views }));
+            return Ok(());
+        }
         let truth = truth::render(&tracer, &lighting, !self.unlit, &camera, self.samples, &bar);
         bar.finish();
-        let seconds = start.elapsed().as_secs_f64();
         save_picture(&self.output, &truth.rgb())?;
         let error_db = truth.standard_error_psnr_db;
-        if self.json {
-            print_json(&json!({
-                "seconds": seconds, "samples": self.samples, "peak_rss_mb": peak_rss_mb(),
-                "standard_error_psnr_db": if error_db.is_finite() { Some(error_db) } else { None },
-            }));
-        } else {
-            println!("{}: {seconds:.1} s, standard error {error_db:.1} dB (PSNR)", self.output.display());
-        }
+        let known = if error_db.is_finite() { Some(error_db) } else { None };
+        self.say(start, &format!("standard error {error_db:.1} dB (PSNR)"), json!({ "standard_error_psnr_db": known }));
         Ok(())
+    }
+
+    /// Says what was written.
+    fn say(&self, start: Instant, what: &str, json: serde_json::Value) {
+        let seconds = start.elapsed().as_secs_f64();
+        if self.json {
+            let mut all = json!({ "seconds": seconds, "samples": self.samples, "peak_rss_mb": peak_rss_mb() });
+            if let (Some(all), serde_json::Value::Object(json)) = (all.as_object_mut(), json) {
+                all.extend(json);
+            }
+            print_json(&all);
+        } else {
+            println!("{}: {seconds:.1} s, {what}", self.output.display());
+        }
+    }
+
+    /// Writes a set of images from places evenly spread over a square across the headbox; returns how many.
+    fn write_images(
+        &self,
+        (columns, rows): (u32, u32),
+        half_size_m: f64,
+        camera: &Camera,
+        (tracer, lighting): (&Tracer, &Lighting),
+        bar: &Bar,
+    ) -> anyhow::Result<u32> {
+        /// Of half of the headbox's edge: nothing is to be seen from its very faces.
+        const REACH: f64 = 0.9;
+        let mut set = SetWriter::new(&self.output);
+        let turn = camera.world_from_eye();
+        let off = |number: u32, of: u32| match of {
+            1 => 0.0,
+            _ => (2.0 * f64::from(number) / f64::from(of - 1) - 1.0) * REACH * half_size_m,
+        };
+        bar.begin("tracing", "images", u64::from(columns * rows));
+        for number in 0..columns * rows {
+            let (column, row) = (number % columns, number / columns);
+            let eye = camera.eye() + turn.x_axis * off(column, columns) - turn.y_axis * off(row, rows);
+            let moved = Camera::from_parts(eye, turn, camera.focal_px(), camera.width(), camera.height())
+                .map_err(|error| UsageError(error.to_string()))?;
+            let view = truth::view(tracer, lighting, !self.unlit, &moved, self.samples, &Silent);
+            set.add(number as usize, &view, true)?;
+            bar.advance(1);
+        }
+        bar.finish();
+        set.finish()?;
+        Ok(columns * rows)
+    }
+}
+
+/// Cameras side by side and above each other, `COLUMNSxROWS`.
+fn parse_wall(text: &str) -> Result<(u32, u32), String> {
+    let sides =
+        text.split_once(['x', 'X']).and_then(|(columns, rows)| Some((columns.parse().ok()?, rows.parse().ok()?)));
+    sides
+        .filter(|(columns, rows): &(u32, u32)| {
+            (1..=10_000).contains(columns) && (1..=10_000).contains(rows) && columns * rows <= 10_000
+        })
+        .ok_or_else(|| "give COLUMNSxROWS, 10000 images at most, such as 9x1".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn walls_are_read_and_others_refused() {
+        assert_eq!(parse_wall("9x1"), Ok((9, 1)));
+        for bad in ["", "9", "0x3", "3x0", "-1x2", "101x100", "99999x99999", "axb"] {
+            assert!(parse_wall(bad).is_err(), "{bad}");
+        }
     }
 }

@@ -1,14 +1,14 @@
-//! Images of a grid of cameras by ray tracing, and the layers of their pixels (L5).
+//! Images of a grid of cameras by ray tracing (L5).
 
-use super::layers::{Placement, classify, place};
-use super::{CameraGrid, DisparityLayer, Lumigraph, LumigraphError, MAX_LAYERS, Picture};
-use crate::capture::light::{LightSample, Lighting, LitPoint, pixel_jitter};
+use super::raw::{RawLumigraph, RawPicture, SAME_SURFACE};
+use super::{CameraGrid, GridParts};
+use crate::capture::light::{LightSample, Lighting, pixel_jitter};
 use crate::capture::sampler::random4;
 use crate::capture::trace::{Hit, PACKET, Ray, RayPacket, Tracer};
 use crate::capture::{Camera, srgb8_from_linear};
 use crate::environment::Environment;
 use crate::progress::{Progress, check_cancelled};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::io;
 
@@ -24,26 +24,6 @@ pub struct LumigraphCapture<'a> {
     /// Camera rays per pixel; at least 1.
     pub samples: u32,
 }
-
-/// Images with a disparity for each pixel: what layers are made of, as many as wanted.
-#[derive(Clone, Debug)]
-pub struct RawLumigraph {
-    grid: CameraGrid,
-    pictures: Vec<RawPicture>,
-    environment: Environment,
-}
-
-/// What one camera sees.
-#[derive(Clone, Debug, Default)]
-struct RawPicture {
-    color: Vec<[u8; 3]>,
-    /// 1 / eye depth, 1/m; 0 where no surface is.
-    disparity: Vec<f32>,
-}
-
-/// Rays of one pixel see the same surface if their depths differ by no more than this share. Others take no part in its colour,
-/// which would come along when the surface is moved.
-const SAME_SURFACE: f32 = 0.05;
 
 impl LumigraphCapture<'_> {
     /// Traces all images. A pixel's disparity is that of the ray through its centre, its colour that of all rays that see the same
@@ -71,7 +51,7 @@ impl LumigraphCapture<'_> {
         };
         let pictures = (0..grid.camera_count()).map(picture).collect();
         check_cancelled(progress)?;
-        Ok(RawLumigraph { grid: grid.clone(), pictures, environment: Environment::sky(self.lighting) })
+        Ok(RawLumigraph::new(grid.clone(), pictures, Environment::sky(self.lighting)))
     }
 
     /// Colour and disparity of a pixel.
@@ -113,74 +93,28 @@ impl LumigraphCapture<'_> {
     }
 
     fn radiance(&self, ray: &Ray, hit: Option<&Hit>, [x, y]: [u32; 2], index: u32) -> Vec3 {
-        let Some(hit) = hit else {
-            return Vec3::from_array(self.lighting.miss_radiance(ray.direction.normalize()));
-        };
-        let (point, surface) = LitPoint::from_hit(self.tracer, ray, hit);
-        let radiosity = if self.lit {
-            let [stream, ..] = random4([x, y, 0x10e1, 3]);
-            Vec3::from_array(self.lighting.radiosity_per_albedo(self.tracer, &point, &LightSample { stream, index }))
-        } else {
-            Vec3::ONE
-        };
-        Vec3::from_array(surface.albedo) * radiosity + Vec3::from_array(surface.emission)
+        let [stream, ..] = random4([x, y, 0x10e1, 3]);
+        let sample = LightSample { stream, index };
+        self.lighting.seen(self.tracer, ray, hit, self.lit.then_some(&sample))
     }
 }
 
-impl RawLumigraph {
-    /// The cameras.
-    pub fn grid(&self) -> &CameraGrid {
-        &self.grid
-    }
-
-    /// The least and the greatest disparity of all pixels, 1/m.
-    pub fn range(&self) -> Option<[f64; 2]> {
-        let seen = self.pictures.iter().flat_map(|picture| &picture.disparity).filter(|d| **d > 0.0);
-        let range = seen.fold([f32::INFINITY, 0.0], |[min, max], &d| [min.min(d), max.max(d)]);
-        (range[1] > 0.0).then(|| range.map(f64::from))
-    }
-
-    /// The same images of fewer cameras: some columns and rows of the grid, by their numbers in ascending order.
-    ///
-    /// # Errors
-    /// [`LumigraphError::NoCameras`] if none is left.
-    pub fn with_cameras(&self, columns: &[usize], rows: &[usize]) -> Result<Self, LumigraphError> {
-        let of = |numbers: &[usize], places: &[f64]| numbers.iter().filter_map(|i| places.get(*i).copied()).collect();
-        let grid = self.grid.with_places(of(columns, self.grid.columns()), of(rows, self.grid.rows()))?;
-        let count = self.grid.columns().len();
-        let numbers = rows.iter().flat_map(|row| columns.iter().map(move |column| row * count + column));
-        let pictures: Vec<RawPicture> = numbers.filter_map(|number| self.pictures.get(number).cloned()).collect();
-        if pictures.len() != grid.camera_count() {
-            return Err(LumigraphError::NoCameras);
-        }
-        Ok(Self { grid, pictures, environment: self.environment.clone() })
-    }
-
-    /// Puts each pixel into one of at most `count` layers.
-    ///
-    /// # Errors
-    /// [`LumigraphError::TooManyLayers`]; [`LumigraphError::NothingSeen`] if no pixel has a disparity.
-    pub fn layered(&self, count: usize, placement: Placement) -> Result<Lumigraph, LumigraphError> {
-        if count > MAX_LAYERS {
-            return Err(LumigraphError::TooManyLayers(count));
-        }
-        let disparities: Vec<f32> =
-            self.pictures.iter().flat_map(|picture| picture.disparity.iter().copied()).collect();
-        let layers = place(&disparities, count, placement);
-        if layers.is_empty() {
-            return Err(LumigraphError::NothingSeen);
-        }
-        let pictures = self.pictures.par_iter().map(|picture| picture.layered(&layers)).collect();
-        let mut lumigraph = Lumigraph::new(self.grid.clone(), layers, pictures)?;
-        lumigraph.info.placement = placement;
-        lumigraph.environment = self.environment.clone();
-        Ok(lumigraph)
-    }
-}
-
-impl RawPicture {
-    fn layered(&self, layers: &[DisparityLayer]) -> Picture {
-        let index = self.disparity.iter().map(|&disparity| classify(layers, disparity)).collect();
-        Picture { color: self.color.clone(), index }
-    }
+/// The middle of the disparities that a camera amid the others sees, without the outermost twentieths, 1/m; 0 if it sees nothing.
+pub fn middle_disparity(tracer: &Tracer, parts: &GridParts) -> f64 {
+    const RAYS: u32 = 48;
+    let half = parts.size_px.map(|side| f64::from(side) / 2.0 / parts.focal_px);
+    let place = |i: u32| f64::from(2 * i + 1) / f64::from(RAYS) - 1.0;
+    let ray = |i: u32| {
+        let slopes = DVec3::new(place(i % RAYS) * half[0], place(i / RAYS) * half[1], -1.0);
+        let direction = (parts.world_from_eye * slopes).as_vec3();
+        let origin = (parts.origin - tracer.origin()).as_vec3();
+        tracer.closest(&Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY }).map(|hit| hit.t)
+    };
+    let mut disparities: Vec<f64> = (0..RAYS * RAYS)
+        .map(|i| ray(i).map_or(0.0, |depth| 1.0 / f64::from(depth)))
+        .filter(|d| d.is_finite())
+        .collect();
+    disparities.sort_by(f64::total_cmp);
+    let at = |share: usize| disparities.get(disparities.len() * share / 20).copied().unwrap_or(0.0);
+    0.5 * (at(1) + at(19))
 }

@@ -24,6 +24,14 @@ struct FileHeader {
     width: u32,
     height: u32,
     layers: u32,
+    /// Whether there are pixels of which nothing is known.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    unknown: bool,
+}
+
+/// Bytes of an index that tells infinity, some layers and, if there is any, what is not known apart.
+pub(super) fn index_bytes(layers: usize, unknown: bool) -> usize {
+    if layers + usize::from(unknown) < 256 { 1 } else { 2 }
 }
 
 /// Numbers of the section `geometry` before the cameras' places.
@@ -48,6 +56,7 @@ impl Lumigraph {
             width,
             height,
             layers: self.layers().len() as u32,
+            unknown: self.unknown_pixels() > 0,
         };
         let mut writer = ContainerWriter::new(LUMI_FILE);
         writer.section("info", move || Ok(serde_json::to_vec(&header)?));
@@ -92,7 +101,7 @@ impl Lumigraph {
         let ranges: Vec<[f64; 2]> = section.array(header.layers as usize)?;
         section.end()?;
         let layers: Vec<DisparityLayer> = ranges.into_iter().map(|[min, max]| DisparityLayer { min, max }).collect();
-        let pictures = read_pictures(&file, &grid, layers.len())?;
+        let pictures = read_pictures(&file, &grid, index_bytes(layers.len(), header.unknown))?;
         let mut lumigraph =
             Self::new(grid, layers, pictures).map_err(|e| section.damaged("a consistent lumigraph", e.to_string()))?;
         lumigraph.environment = read_environment(file.section("environment")?, header.environment_size_px)?;
@@ -124,13 +133,13 @@ fn read_grid(mut section: Section, header: &FileHeader) -> Result<CameraGrid, Fi
     CameraGrid::new(parts).map_err(|e| section.damaged("a grid of cameras", e.to_string()))
 }
 
-fn read_pictures(file: &Container, grid: &CameraGrid, layers: usize) -> Result<Vec<Picture>, FileError> {
+fn read_pictures(file: &Container, grid: &CameraGrid, index_bytes: usize) -> Result<Vec<Picture>, FileError> {
     let (pixels, mut color, mut index) = (grid.picture_pixels(), file.section("color")?, file.section("index")?);
     let mut pictures = Vec::new();
     for _ in 0..grid.camera_count() {
         let color = color.array(pixels)?;
-        let index = match layers {
-            0..256 => index.array::<u8>(pixels)?.into_iter().map(u16::from).collect(),
+        let index = match index_bytes {
+            1 => index.array::<u8>(pixels)?.into_iter().map(u16::from).collect(),
             _ => index.array::<u16>(pixels)?,
         };
         pictures.push(Picture { color, index });

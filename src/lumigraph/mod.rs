@@ -7,7 +7,7 @@
 //! | sampling curve, best disparity, error for an eye off the plane (Eq. 1 to 8) | `bounds` |
 //! | layers, uniform in disparity or placed where surfaces are | `layers` |
 //! | data structure (table 1) | [`Lumigraph`], `grid`; `file` |
-//! | construction | `capture` |
+//! | construction: by rays, from pictures with depth | `capture`; `from_images`, `find_grid`, `reproject`; `raw` |
 //! | optimization for a platform | `optimum` |
 //! | hierarchical representation | `pyramid` |
 //! | merging layers for a frame (table 3) | `merge` |
@@ -17,6 +17,8 @@ mod bounds;
 mod capture;
 mod error;
 mod file;
+mod find_grid;
+mod from_images;
 mod grid;
 mod kernel;
 mod layers;
@@ -25,8 +27,10 @@ mod optimum;
 mod oracle;
 mod plan;
 mod pyramid;
+mod raw;
 mod rectangles;
 mod render;
+mod reproject;
 mod settings;
 mod show;
 mod taps;
@@ -44,14 +48,16 @@ fn nearest_to_zero(places: &[f64]) -> f64 {
 mod tests;
 
 pub use bounds::{ErrorBound, detail, max_spacing, min_cameras, min_layers, optimal_disparity};
-pub use capture::{LumigraphCapture, RawLumigraph};
+pub use capture::{LumigraphCapture, middle_disparity};
 pub use error::LumigraphError;
 pub use file::LUMI_FILE;
+pub use from_images::{FromImages, FromImagesError};
 pub use grid::{CameraGrid, GridParts};
 pub use layers::{DisparityLayer, Placement, classify, place, uniform};
 pub use merge::{Merger, merge};
 pub use optimum::CurvePoint;
 pub use oracle::render as render_by_rays;
+pub use raw::RawLumigraph;
 pub use render::LumigraphRenderer;
 pub use settings::{Blend, LumigraphSettings, LumigraphStats};
 pub use show::Show;
@@ -88,14 +94,15 @@ pub struct LumigraphInfo {
 pub struct Picture {
     /// 8-bit sRGB, row-major, row 0 on top.
     pub color: Vec<[u8; 3]>,
-    /// The layer of each pixel, counted from 1 for the farthest; 0 where no surface is: at infinity.
+    /// The layer of each pixel, counted from 1 for the farthest; 0 where no surface is: at infinity. One more than there are layers
+    /// where nothing is known: such a pixel shows nothing, and hides nothing from other cameras.
     pub index: Vec<u16>,
 }
 
 /// Images of a grid of cameras, with a layer for each pixel (L4).
 ///
 /// Invariants: a picture of the grid's size for each camera, row by row from the lowest; layers positive, finite, ascending and
-/// apart; no index beyond the layers.
+/// apart; no index beyond the layers and what is not known.
 #[derive(Clone, Debug)]
 pub struct Lumigraph {
     /// Where it comes from.
@@ -105,6 +112,7 @@ pub struct Lumigraph {
     grid: CameraGrid,
     layers: Vec<DisparityLayer>,
     pictures: Vec<Picture>,
+    unknown_pixels: u64,
     pyramid: Pyramid,
     rectangles: Rectangles,
 }
@@ -124,7 +132,7 @@ impl Lumigraph {
         }
         let pixels = grid.picture_pixels();
         let fits = |picture: &Picture| {
-            let in_range = |index: &u16| usize::from(*index) <= layers.len();
+            let in_range = |index: &u16| usize::from(*index) <= layers.len() + 1;
             picture.color.len() == pixels && picture.index.len() == pixels && picture.index.iter().all(in_range)
         };
         if let Some(bad) = pictures.iter().position(|picture| !fits(picture)) {
@@ -133,10 +141,13 @@ impl Lumigraph {
         if pictures.len() != grid.camera_count() {
             return Err(LumigraphError::Picture(pictures.len().min(grid.camera_count())));
         }
+        let unknown =
+            |picture: &Picture| picture.index.iter().filter(|i| usize::from(**i) > layers.len()).count() as u64;
+        let unknown_pixels = pictures.iter().map(unknown).sum();
         let pyramid = Pyramid::new(&grid, &pictures);
         let rectangles = Rectangles::new(&grid, &pictures, layers.len());
         let (info, environment) = (LumigraphInfo::default(), Environment::default());
-        Ok(Self { info, environment, grid, layers, pictures, pyramid, rectangles })
+        Ok(Self { info, environment, grid, layers, pictures, unknown_pixels, pyramid, rectangles })
     }
 
     /// The cameras.
@@ -154,9 +165,20 @@ impl Lumigraph {
         &self.pictures
     }
 
+    /// Pixels of all pictures of which nothing is known.
+    pub fn unknown_pixels(&self) -> u64 {
+        self.unknown_pixels
+    }
+
+    /// Bytes in memory that frames need: texels of all levels, sets of rectangles, and the environment.
+    pub fn bytes(&self) -> u64 {
+        let own = self.pyramid.bytes() + self.rectangles.bytes();
+        (own + size_of_val(&self.environment.texels[..])) as u64
+    }
+
     /// Bytes that an index takes in a file.
     pub fn index_bytes(&self) -> usize {
-        if self.layers.len() < 256 { 1 } else { 2 }
+        file::index_bytes(self.layers.len(), self.unknown_pixels > 0)
     }
 
     /// The range of disparity of all surfaces, 1/m; `None` if there are none.

@@ -57,6 +57,11 @@ impl Pyramid {
         });
         Self { levels, stride, texels }
     }
+
+    /// Of all texels.
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(&self.texels[..])
+    }
 }
 
 /// The next level.

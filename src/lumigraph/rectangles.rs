@@ -15,7 +15,7 @@ const EDGE_PX: usize = 16;
 pub(super) struct Rectangles {
     columns: usize,
     rows: usize,
-    /// Layers, and one for what was not seen.
+    /// Layers, and one for infinity.
     indices: usize,
     sets: Vec<u64>,
 }
@@ -28,7 +28,8 @@ impl Rectangles {
         let sets_of = |picture: &Picture| {
             let mut sets = vec![0; columns * rows];
             for (y, row) in picture.index.chunks_exact(width).enumerate() {
-                for (x, index) in row.iter().enumerate() {
+                // What is not known shows no layer.
+                for (x, index) in row.iter().enumerate().filter(|(_, index)| usize::from(**index) <= layers) {
                     sets[y / EDGE_PX * columns + x / EDGE_PX] |= found.set(*index..=*index);
                 }
             }
@@ -36,6 +37,11 @@ impl Rectangles {
         };
         found.sets = pictures.par_iter().flat_map_iter(sets_of).collect();
         found
+    }
+
+    /// Of all sets.
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(&self.sets[..])
     }
 
     /// The buckets of a range of indices.

@@ -15,8 +15,8 @@ use std::sync::Arc;
 
 /// A plane with a dome and a pyramid on it, 3 m before the cameras, which look at it from a square of 1 m.
 pub(super) struct Bed {
-    tracer: Tracer,
-    lighting: Lighting,
+    pub(super) tracer: Tracer,
+    pub(super) lighting: Lighting,
     pub(super) grid: CameraGrid,
 }
 
@@ -25,7 +25,7 @@ impl Bed {
         Self::of(crate::scenes::build("bump", 0).expect("built in"), DVec3::new(0.0, 0.0, 3.0), columns, rows, size_px)
     }
 
-    fn of(scene: Scene, origin: DVec3, columns: Vec<f64>, rows: Vec<f64>, size_px: [u32; 2]) -> Self {
+    pub(super) fn of(scene: Scene, origin: DVec3, columns: Vec<f64>, rows: Vec<f64>, size_px: [u32; 2]) -> Self {
         let tracer = Tracer::new(Arc::new(scene), origin);
         let lighting = Lighting::measure(&tracer, 0);
         let world_from_eye = CameraGrid::facing(DVec3::NEG_Z, DVec3::Y).expect("a direction");
@@ -70,11 +70,11 @@ impl Bed {
     }
 }
 
-fn render(lumigraph: &Lumigraph, camera: &Camera, settings: &LumigraphSettings) -> Frame {
+pub(super) fn render(lumigraph: &Lumigraph, camera: &Camera, settings: &LumigraphSettings) -> Frame {
     LumigraphRenderer::new().render(lumigraph, camera, settings).0.clone()
 }
 
-fn psnr_db(a: &[[u8; 4]], b: &[[u8; 4]]) -> f64 {
+pub(super) fn psnr_db(a: &[[u8; 4]], b: &[[u8; 4]]) -> f64 {
     let squares = a.iter().zip(b).flat_map(|(a, b)| (0..3).map(move |c| f64::from(a[c].abs_diff(b[c])).powi(2)));
     10.0 * (255.0f64.powi(2) / (squares.sum::<f64>() / (a.len() * 3) as f64)).log10()
 }
@@ -236,6 +236,31 @@ fn frames_show_the_scene() {
     }
 }
 
+/// The paper's limitation 2: cameras keep their own colours, and blending carries what a surface mirrors along with the eye.
+#[test]
+fn highlights_move_with_the_eye() {
+    let glossy = crate::scenes::build("lacquer", 0).expect("built in");
+    let mut dull = glossy.clone();
+    dull.materials.iter_mut().for_each(|material| material.gloss = None);
+    let places = CameraGrid::evenly(3, 0.6);
+    let [glossy, dull] =
+        [glossy, dull].map(|scene| Bed::of(scene, DVec3::ZERO, places.clone(), places.clone(), [80, 80]));
+    let lit = |bed: &Bed| {
+        // Of one exposure, or the pictures could not be compared.
+        let capture = LumigraphCapture { tracer: &bed.tracer, lighting: &glossy.lighting, lit: true, samples: 16 };
+        let raw = capture.run(&bed.grid, &Silent).expect("captured");
+        raw.layered(255, Placement::Histogram).expect("layered")
+    };
+    let (mirrors, one_color) = (lit(&glossy), lit(&dull));
+    for offset in [DVec3::new(-0.17, 0.1, 0.0), DVec3::new(0.15, -0.05, 0.0)] {
+        let camera = glossy.camera(offset, DVec3::new(0.0, -0.1, -1.0), [64, 64]);
+        let truth = truth::render(&glossy.tracer, &glossy.lighting, true, &camera, 128, &Silent).frame;
+        let [own, one] = [&mirrors, &one_color]
+            .map(|lumigraph| psnr_db(&render(lumigraph, &camera, &LumigraphSettings::default()).color, &truth.color));
+        assert!(own > one + 3.0 && own > 24.0, "{own} dB, and {one} without what is mirrored");
+    }
+}
+
 #[test]
 fn more_layers_and_more_cameras_err_less() {
     let bed = Bed::new(CameraGrid::evenly(5, 1.0), CameraGrid::evenly(5, 1.0), [128, 128]);
@@ -293,7 +318,8 @@ fn one_camera_one_depth_nothing_and_very_many_layers() {
     };
     assert_eq!(refused(vec![layer, layer], vec![flat.clone()]), Some(LumigraphError::Layers));
     assert_eq!(refused(vec![DisparityLayer { min: 0.0, max: 1.0 }], vec![flat.clone()]), Some(LumigraphError::Layers));
-    assert_eq!(refused(Vec::new(), vec![flat.clone()]), Some(LumigraphError::Picture(0)));
+    let beyond = Picture { index: vec![3; pixels], ..flat.clone() };
+    assert_eq!(refused(vec![layer], vec![beyond]), Some(LumigraphError::Picture(0)));
     assert_eq!(refused(vec![layer], Vec::new()), Some(LumigraphError::Picture(0)));
     assert_eq!(refused(vec![layer], vec![flat.clone(), flat]), Some(LumigraphError::Picture(1)));
 }

@@ -4,6 +4,7 @@ use crate::capture::Camera;
 use crate::capture::images::dense_depth::DenseDepthError;
 use crate::capture::images::{ImagesError, Lens, LoadedView};
 use crate::frame::Frame;
+use crate::measure::stats::{Spread, pooled_psnr_db};
 use crate::metrics;
 use crate::packed::PackError;
 use crate::view_geometry::GeometryError;
@@ -69,6 +70,30 @@ pub struct HeldOut {
     pub bytes: u64,
 }
 
+/// The rows of one variant.
+pub(super) struct Rows<'a>(Vec<&'a HeldOut>);
+
+impl<'a> Rows<'a> {
+    pub(super) fn of(rows: &'a [HeldOut], variant: &str) -> Self {
+        Self(rows.iter().filter(|row| row.variant == variant).collect())
+    }
+
+    /// How many views were left out.
+    pub(super) fn count(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Of the mean of squared errors.
+    pub(super) fn psnr_db(&self) -> f64 {
+        pooled_psnr_db(self.0.iter().map(|row| row.psnr_db))
+    }
+
+    /// NaN where no row has the value.
+    pub(super) fn mean(&self, value: fn(&HeldOut) -> f64) -> f64 {
+        Spread::of(&self.0.iter().map(|row| value(row)).collect::<Vec<_>>()).map_or(f64::NAN, |spread| spread.mean)
+    }
+}
+
 /// Where nothing is known of a pixel, in frames that are looked at.
 pub(super) const HOLE: [u8; 3] = [255, 0, 255];
 
@@ -123,7 +148,21 @@ pub(super) struct Judge<'a> {
     pub(super) visible: Vec<bool>,
 }
 
-impl Judge<'_> {
+impl<'a> Judge<'a> {
+    /// Judges where all frames show something; `edges` are the pixels near depth edges.
+    pub(super) fn where_all_show(
+        scene: &str,
+        view: &'a str,
+        photograph: &'a RgbImage,
+        (visible, edges): (&[bool], &[bool]),
+        drawn: &[Drawn],
+    ) -> Self {
+        let judged: Vec<bool> =
+            (0..visible.len()).map(|p| visible[p] && drawn.iter().all(|drawn| drawn.covered[p])).collect();
+        let at_edges = judged.iter().zip(edges).map(|(judged, edge)| *judged && *edge).collect();
+        Self { scene: scene.into(), view, photograph, judged, at_edges, visible: visible.to_vec() }
+    }
+
     /// The row of a frame.
     pub(super) fn row(&self, variant: &'static str, drawn: &Drawn) -> HeldOut {
         let (psnr_db, flip) = errors(self.photograph, &drawn.picture, &self.judged);

@@ -6,18 +6,19 @@
 //! none gains by leaving out what is hard; the share that each covers stands beside them. Frames are exposed as the
 //! photograph was. Where its camera stood is estimated with that of the others, as is usual for sets without surveyed cameras.
 
-use super::held_out::{Drawn, HOLE, HeldOut, HoldOutError, Judge, camera_of, photograph};
+use super::held_out::{Drawn, HOLE, HeldOut, HoldOutError, Judge, Rows, camera_of, photograph};
 use crate::capture::Camera;
 use crate::capture::images::{ImageSet, LoadedView, Registration, View};
 use crate::ldi::CubeLdi;
 use crate::ldi::from_images::{ImagesJob, NearImages};
 use crate::measure::machine::{Machine, commit};
-use crate::measure::stats::{Spread, pooled_psnr_db};
 use crate::measure::table::{Table, figure, percent};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
 use crate::progress::Progress;
 use crate::render::{RenderSettings, Renderer};
-use crate::view_geometry::{GeometryRenderer, GeometrySettings, Patience, SampleGrid, Texturing, ViewGeometry};
+use crate::view_geometry::{
+    GeometryRenderer, GeometryResources, GeometrySettings, Patience, RankWeights, Texturing, ViewGeometry,
+};
 use glam::DVec3;
 use image::RgbImage;
 use serde::Serialize;
@@ -34,6 +35,8 @@ pub struct ImagesReport {
     pub hold_out: usize,
     /// A row for each view and variant.
     pub rows: Vec<HeldOut>,
+    /// A row for each view and each of some weights of ranking (E6), judged where all of these show something.
+    pub weights: Vec<HeldOut>,
 }
 
 /// A frame and its photograph side by side, for looking at.
@@ -45,6 +48,21 @@ pub struct SideBySide {
     /// One for each of the [`variants`]; magenta where nothing is known.
     pub frames: Vec<RgbImage>,
 }
+
+/// Weights of ranking that are compared, of distance, angle and visibility (C26: the paper names none), by the default way of texturing.
+const WEIGHTS: [(&str, [f64; 3]); 7] = [
+    ("1 : 1 : 1", [1.0, 1.0, 1.0]),
+    ("3 : 1 : 1", [3.0, 1.0, 1.0]),
+    ("1 : 3 : 1", [1.0, 3.0, 1.0]),
+    ("1 : 1 : 3", [1.0, 1.0, 3.0]),
+    ("0 : 1 : 1", [0.0, 1.0, 1.0]),
+    ("1 : 0 : 1", [1.0, 0.0, 1.0]),
+    ("1 : 1 : 0", [1.0, 1.0, 0.0]),
+];
+
+/// What the paper's ways of texturing err at its castle's gate, levels of 255 (E-N3).
+const IN_PAPER: [(Texturing, f64); 4] =
+    [(Texturing::Nearest, 26.5), (Texturing::Single, 12.8), (Texturing::Multi, 12.4), (Texturing::Blended, 11.8)];
 
 /// Cubes that show a view: of the nearest other one alone, of the [`NearImages::COUNT`] nearest, of all.
 const CUBES: [&str; 3] = ["nearest", "live-3", "ldi"];
@@ -58,10 +76,8 @@ pub fn variants() -> impl Iterator<Item = &'static str> + Clone {
 pub struct Geometry {
     /// Of frames; how they are textured does not count.
     pub settings: GeometrySettings,
-    /// Of depth images.
-    pub samples: SampleGrid,
-    /// Bytes for pictures.
-    pub budget: usize,
+    /// What the set is opened with.
+    pub resources: GeometryResources,
 }
 
 /// Measures a set; `show` is given every view's frames. With `hold_out` 1 each view is left out alone, else every
@@ -87,7 +103,7 @@ pub fn measure(
         n => vec![(n / 2..views.len()).step_by(n).collect()],
     };
     let started = Instant::now();
-    let opened = ViewGeometry::open(set, &views, &geometry.samples, geometry.budget, progress)?;
+    let opened = ViewGeometry::open(set, &views, &geometry.resources, progress)?;
     let geometry_ms = started.elapsed().as_secs_f64() * 1e3;
     let mut bench = Bench {
         set,
@@ -100,6 +116,7 @@ pub fn measure(
         settings: GeometrySettings { hole_color_srgb: HOLE, ..geometry.settings },
         geometry_renderer: GeometryRenderer::new(),
         rows: Vec::new(),
+        weights: Vec::new(),
     };
     for left_out in &rounds {
         bench.geometry.leave_out(left_out);
@@ -111,7 +128,7 @@ pub fn measure(
             bench.judge(i, &mut near, &all, show)?;
         }
     }
-    Ok(ImagesReport { machine: Machine::here(), commit: commit(), hold_out, rows: bench.rows })
+    Ok(ImagesReport { machine: Machine::here(), commit: commit(), hold_out, rows: bench.rows, weights: bench.weights })
 }
 
 struct Bench<'a> {
@@ -125,6 +142,7 @@ struct Bench<'a> {
     settings: GeometrySettings,
     geometry_renderer: GeometryRenderer,
     rows: Vec<HeldOut>,
+    weights: Vec<HeldOut>,
 }
 
 /// A cube, and how long it took.
@@ -174,19 +192,22 @@ impl Bench<'_> {
         let [alone, few] = [self.near(near, &chosen[..1])?, self.near(near, &chosen)?];
         let mut drawn: Vec<Drawn> =
             [&alone, &few, all].into_iter().map(|cube| self.draw(cube, &camera, gain)).collect();
-        drawn.extend(Texturing::ALL.into_iter().map(|(_, texturing)| self.draw_geometry(texturing, &camera, gain)));
-        let judged: Vec<bool> =
-            (0..visible.len()).map(|p| visible[p] && drawn.iter().all(|drawn| drawn.covered[p])).collect();
+        let by_texturing = |(_, texturing)| GeometrySettings { texturing, ..self.settings };
+        let ways = Texturing::ALL.map(by_texturing);
+        drawn.extend(ways.map(|settings| self.draw_geometry(settings, &camera, gain)));
+        let weighed = WEIGHTS.map(|(_, [distance, angle, visibility])| {
+            let weights = RankWeights { distance, angle, visibility };
+            self.draw_geometry(GeometrySettings { weights, ..self.settings }, &camera, gain)
+        });
         let edges = near_edges(&held, &camera);
-        let judge = Judge {
-            scene: self.set.folder.display().to_string(),
-            view: &view.name,
-            photograph: &photograph,
-            at_edges: judged.iter().zip(&edges).map(|(judged, edge)| *judged && *edge).collect(),
-            judged,
-            visible,
-        };
-        self.rows.extend(variants().zip(&drawn).map(|(variant, drawn)| judge.row(variant, drawn)));
+        let scene = self.set.folder.display().to_string();
+        for (names, drawn, to) in [
+            (&variants().collect::<Vec<_>>(), drawn.as_slice(), &mut self.rows),
+            (&WEIGHTS.map(|(name, _)| name).to_vec(), weighed.as_slice(), &mut self.weights),
+        ] {
+            let judge = Judge::where_all_show(&scene, &view.name, &photograph, (&visible, &edges), drawn);
+            to.extend(names.iter().zip(drawn).map(|(name, drawn)| judge.row(name, drawn)));
+        }
         let frames = drawn.into_iter().map(|drawn| drawn.picture).collect();
         show(SideBySide { view: view.name.clone(), photograph, frames });
         Ok(())
@@ -204,8 +225,7 @@ impl Bench<'_> {
     }
 
     /// Draws view-dependent geometry in a way.
-    fn draw_geometry(&mut self, texturing: Texturing, camera: &Camera, gain: [f32; 3]) -> Drawn {
-        let settings = GeometrySettings { texturing, ..self.settings };
+    fn draw_geometry(&mut self, settings: GeometrySettings, camera: &Camera, gain: [f32; 3]) -> Drawn {
         self.geometry_renderer.render(&self.geometry, camera, &settings, Patience::Wait);
         let (frame, stats) = self.geometry_renderer.render(&self.geometry, camera, &settings, Patience::Wait);
         Drawn::new(frame, gain, Some(HOLE)).took(stats.frame_ms, self.geometry_ms, self.geometry.bytes())
@@ -238,11 +258,7 @@ fn near_edges(view: &LoadedView, camera: &Camera) -> Vec<bool> {
 impl ImagesReport {
     /// Some lines and a table.
     pub fn summary(&self) -> String {
-        let of = |variant: &'static str| self.rows.iter().filter(move |row| row.variant == variant);
-        let psnr = |variant: &'static str| pooled_psnr_db(of(variant).map(|row| row.psnr_db));
-        let mean = |variant: &'static str, value: fn(&HeldOut) -> f64| {
-            Spread::of(&of(variant).map(value).collect::<Vec<_>>()).map_or(f64::NAN, |spread| spread.mean)
-        };
+        let rows = |variant: &str| Rows::of(&self.rows, variant);
         let head = [
             "variant",
             "PSNR dB",
@@ -257,37 +273,76 @@ impl ImagesReport {
         ];
         let mut table = Table::new(head);
         for variant in variants() {
+            let rows = rows(variant);
             table.row([
                 variant.into(),
-                format!("{:.2}", psnr(variant)),
-                format!("{:.4}", mean(variant, |row| row.flip)),
-                format!("{:.2}", mean(variant, |row| row.mad)),
-                format!("{:.2}", mean(variant, |row| row.mad_at_edges)),
-                percent(mean(variant, |row| row.covered)),
-                figure(mean(variant, |row| row.frame_ms)),
-                figure(mean(variant, |row| row.build_ms)),
-                match mean(variant, |row| row.rebuild_ms) {
+                format!("{:.2}", rows.psnr_db()),
+                format!("{:.4}", rows.mean(|row| row.flip)),
+                format!("{:.2}", rows.mean(|row| row.mad)),
+                format!("{:.2}", rows.mean(|row| row.mad_at_edges)),
+                percent(rows.mean(|row| row.covered)),
+                figure(rows.mean(|row| row.frame_ms)),
+                figure(rows.mean(|row| row.build_ms)),
+                match rows.mean(|row| row.rebuild_ms) {
                     ms if ms.is_nan() => "-".into(),
                     ms => figure(ms),
                 },
-                figure(mean(variant, |row| row.bytes as f64 / 1e6)),
+                figure(rows.mean(|row| row.bytes as f64 / 1e6)),
             ]);
         }
-        let held = of("ldi").count();
+        let [nearest, live, ldi] = CUBES.map(rows);
         format!(
-            "# Views left out of an image set\n\n{held} views left out (1 in {}), shown from the others and judged against their \
+            "# Views left out of an image set\n\n{} views left out (1 in {}), shown from the others and judged against their \
              photographs where all ways show something.\nBeside the nearest image alone, the LDI of the {} nearest is {:.2} dB nearer to \
-             the photograph, that of all images {:.2} dB; it covers {} of it instead of {}.\nCommit {}, {}, {} threads, {}.\n\n{table}",
+             the photograph, that of all images {:.2} dB; it covers {} of it instead of {}.\nCommit {}, {}, {} threads, {}.\n\n{table}\n\
+             Mean absolute differences over that of the nearest picture as it is (E-N3):\n\n{}\nWeights of distance, angle and visibility by \
+             which cameras are ranked ({}), judged where all of them show something:\n\n{}",
+            ldi.count(),
             self.hold_out,
             NearImages::COUNT,
-            psnr("live-3") - psnr("nearest"),
-            psnr("ldi") - psnr("nearest"),
-            percent(mean("ldi", |row| row.covered)),
-            percent(mean("nearest", |row| row.covered)),
+            live.psnr_db() - nearest.psnr_db(),
+            ldi.psnr_db() - nearest.psnr_db(),
+            percent(ldi.mean(|row| row.covered)),
+            percent(nearest.mean(|row| row.covered)),
             self.commit,
             self.machine.processor,
             self.machine.threads,
             self.machine.simd,
+            self.beside_the_paper(),
+            Texturing::default().name(),
+            self.weights_table(),
         )
+    }
+
+    /// The ways of texturing beside the paper's.
+    fn beside_the_paper(&self) -> Table {
+        let mut table = Table::new(["variant", "in the picture", "at edges", "in the paper, at its gate"]);
+        let of = |texturing: Texturing| Rows::of(&self.rows, texturing.name());
+        let [(nearest, paper), ..] = IN_PAPER;
+        let over = |texturing: Texturing, mad: fn(&HeldOut) -> f64| of(texturing).mean(mad) / of(nearest).mean(mad);
+        for (texturing, mad) in IN_PAPER {
+            table.row([
+                texturing.name().into(),
+                format!("{:.3}", over(texturing, |row| row.mad)),
+                format!("{:.3}", over(texturing, |row| row.mad_at_edges)),
+                format!("{:.3}", mad / paper),
+            ]);
+        }
+        table
+    }
+
+    fn weights_table(&self) -> Table {
+        let mut table = Table::new(["weights", "PSNR dB", "FLIP", "MAD", "covered"]);
+        for (name, _) in WEIGHTS {
+            let rows = Rows::of(&self.weights, name);
+            table.row([
+                name.into(),
+                format!("{:.2}", rows.psnr_db()),
+                format!("{:.4}", rows.mean(|row| row.flip)),
+                format!("{:.2}", rows.mean(|row| row.mad)),
+                percent(rows.mean(|row| row.covered)),
+            ]);
+        }
+        table
     }
 }

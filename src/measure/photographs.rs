@@ -6,9 +6,8 @@
 //! warped into, and by view-dependent geometry in its two best ways. Before a dark backdrop errors are taken where the photograph shows the object or any of them shows anything,
 //! and holes are black; elsewhere where all show something.
 
-use super::held_out::{Drawn, HeldOut, HoldOutError, Judge, camera_of, photograph};
+use super::held_out::{Drawn, HeldOut, HoldOutError, Judge, Rows, camera_of, photograph};
 use super::machine::{Machine, commit};
-use super::stats::{Spread, pooled_psnr_db};
 use super::table::{Table, figure, percent};
 use crate::capture::Camera;
 use crate::capture::images::dense_depth::DenseDepth;
@@ -19,7 +18,7 @@ use crate::ldi::voxel_colouring::PhotographsJob;
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
 use crate::progress::Progress;
 use crate::render::{RenderSettings, Renderer};
-use crate::view_geometry::{GeometryRenderer, GeometrySettings, Patience, SampleGrid, Texturing, ViewGeometry};
+use crate::view_geometry::{GeometryRenderer, GeometryResources, GeometrySettings, Patience, Texturing, ViewGeometry};
 use glam::{DMat3, DVec3};
 use image::{Rgb, RgbImage};
 use serde::Serialize;
@@ -162,7 +161,7 @@ fn by_found_depth(
         drawn.push(ldi(|| job.run(&found, &views, progress), depth_ms, camera)?);
     }
     let started = Instant::now();
-    let geometry = ViewGeometry::open(&found, &views, &SampleGrid::default(), ViewGeometry::DEFAULT_BUDGET, progress)?;
+    let geometry = ViewGeometry::open(&found, &views, &GeometryResources::default(), progress)?;
     let build_ms = depth_ms + started.elapsed().as_secs_f64() * 1e3;
     let mut renderer = GeometryRenderer::new();
     for (_, texturing) in GEOMETRY {
@@ -195,19 +194,16 @@ impl PhotographsReport {
     pub fn summary(&self) -> String {
         let mut table = Table::new(["variant", "PSNR dB", "FLIP", "MAD", "covered", "frame ms", "build ms", "MB"]);
         for variant in VARIANTS {
-            let of = || self.rows.iter().filter(|row| row.variant == variant);
-            let mean = |value: fn(&HeldOut) -> f64| {
-                Spread::of(&of().map(value).collect::<Vec<_>>()).map_or(f64::NAN, |spread| spread.mean)
-            };
+            let rows = Rows::of(&self.rows, variant);
             table.row([
                 variant.into(),
-                format!("{:.2}", pooled_psnr_db(of().map(|row| row.psnr_db))),
-                format!("{:.4}", mean(|row| row.flip)),
-                format!("{:.2}", mean(|row| row.mad)),
-                percent(mean(|row| row.covered)),
-                figure(mean(|row| row.frame_ms)),
-                figure(mean(|row| row.build_ms)),
-                figure(mean(|row| row.bytes as f64 / 1e6)),
+                format!("{:.2}", rows.psnr_db()),
+                format!("{:.4}", rows.mean(|row| row.flip)),
+                format!("{:.2}", rows.mean(|row| row.mad)),
+                percent(rows.mean(|row| row.covered)),
+                figure(rows.mean(|row| row.frame_ms)),
+                figure(rows.mean(|row| row.build_ms)),
+                figure(rows.mean(|row| row.bytes as f64 / 1e6)),
             ]);
         }
         format!(

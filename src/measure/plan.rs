@@ -34,6 +34,10 @@ pub struct Quality {
     pub most_samples: u32,
     /// How often each eye is drawn for its time, apart from the first.
     pub rounds: u32,
+    /// Cameras of a row and of a column of the walls that lumigraphs are made from.
+    pub walls: &'static [usize],
+    /// Rays per pixel of their images.
+    pub wall_samples: u32,
     /// Whether the scene is captured again and again, with one thing changed each time, and drawn by the slow renderer.
     pub variations: bool,
 }
@@ -53,6 +57,8 @@ impl Quality {
         first_samples: 32,
         most_samples: 4096,
         rounds: 11,
+        walls: &[2, 4, 8],
+        wall_samples: 8,
         variations: true,
     };
     /// What `headbox report --quick` measures: a scene in less than two minutes on two cores.
@@ -69,6 +75,8 @@ impl Quality {
         first_samples: 16,
         most_samples: 1536,
         rounds: 11,
+        walls: &[2, 4, 8],
+        wall_samples: 2,
         variations: true,
     };
     /// What `headbox report --real` measures: frames and faces as people use them. Few eyes and one capture, so that five scenes
@@ -86,6 +94,8 @@ impl Quality {
         first_samples: 16,
         most_samples: 192,
         rounds: 5,
+        walls: &[4],
+        wall_samples: 2,
         variations: false,
     };
 }
@@ -100,6 +110,24 @@ pub enum EyeSet {
     /// Those from the centre to a corner alone, which look ahead: where sprites have something to show, and for renderers
     /// too slow for more.
     Ahead,
+    /// Those amid a wall of cameras that look ahead, and before and behind it: where lumigraphs have something to show.
+    Wall,
+}
+
+impl EyeSet {
+    /// Whether all eyes of another set are among these.
+    pub fn holds(self, other: Self) -> bool {
+        self == other || (self == Self::All && other == Self::Ahead)
+    }
+
+    /// Its name in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::All => "all",
+            Self::Ahead => "ahead",
+            Self::Wall => "wall",
+        }
+    }
 }
 
 /// How an eye came to its place.
@@ -109,6 +137,8 @@ pub enum Place {
     Uniform,
     /// On the line from the centre (0) to a corner (1), looking ahead.
     Line(f64),
+    /// On a wall of cameras in the middle of the headbox, before or behind it, looking ahead.
+    Wall,
     /// On the smooth path, looking ahead.
     Path,
 }
@@ -119,6 +149,7 @@ impl Place {
         match self {
             Self::Uniform => "uniform",
             Self::Line(_) => "line",
+            Self::Wall => "wall",
             Self::Path => "path",
         }
     }
@@ -140,7 +171,8 @@ impl Eye {
     pub fn belongs_to(&self, set: EyeSet) -> bool {
         match self.place {
             Place::Uniform => set == EyeSet::All,
-            Place::Line(_) => true,
+            Place::Line(_) => set != EyeSet::Wall,
+            Place::Wall => set == EyeSet::Wall,
             Place::Path => false,
         }
     }
@@ -159,7 +191,7 @@ pub struct Plan {
     pub ahead: DVec3,
     /// Seed of eyes and captures.
     pub seed: u64,
-    /// Uniform, line, path.
+    /// Uniform, line, wall, path.
     pub eyes: Vec<Eye>,
 }
 
@@ -211,6 +243,14 @@ impl Plan {
             eyes.push(eye(Place::Path, offset, ahead)?);
         }
         Ok(Self { quality, centre, half_size_m, ahead, seed, eyes })
+    }
+
+    /// The same with more eyes, before those of the path.
+    pub fn with_eyes(&self, more: Vec<Eye>) -> Self {
+        let (path, mut eyes): (Vec<Eye>, Vec<Eye>) = self.eyes.iter().partition(|eye| eye.place == Place::Path);
+        eyes.extend(more);
+        eyes.extend(path);
+        Self { eyes, ..self.clone() }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Truth for a report: ray-traced frames, kept in a cache by what they are made of.
 
+use crate::cache;
 use crate::capture::light::Lighting;
 use crate::capture::scene::UpAxis;
 use crate::capture::trace::Tracer;
@@ -37,7 +38,7 @@ pub struct Truths<'a> {
 impl<'a> Truths<'a> {
     /// Truth of a scene; `lit` as in [`truth::render`]. Frames are kept in `folder`, if there is one; it must exist.
     pub fn new(tracer: &'a Tracer, lighting: &'a Lighting, lit: bool, folder: Option<PathBuf>) -> Self {
-        Self { tracer, lighting, lit, folder, scene: digest(|hash| hash_scene(tracer.scene(), hash)) }
+        Self { tracer, lighting, lit, folder, scene: cache::digest(|hash| hash_scene(tracer.scene(), hash)) }
     }
 
     /// The frame of a camera with `samples` rays per pixel.
@@ -67,7 +68,7 @@ impl<'a> Truths<'a> {
         let witness = small.map(|small| {
             truth::render(self.tracer, self.lighting, self.lit, &small, 2, &crate::progress::Silent).rgb()
         });
-        let parts = digest(|hash| {
+        cache::file_name("truth", |hash| {
             self.scene.iter().for_each(|part| hash.write_u64(*part));
             let numbers = [camera.eye().to_array(), [camera.focal_px(), 0.0, 0.0]].concat();
             numbers.iter().chain(&camera.world_from_eye().to_cols_array()).for_each(|v| hash.write_u64(v.to_bits()));
@@ -75,8 +76,7 @@ impl<'a> Truths<'a> {
             hash.write_u32(self.lighting.exposure.to_bits());
             hash.write_u8(u8::from(self.lit));
             witness.iter().for_each(|image| hash.write(image.as_raw()));
-        });
-        format!("{:016x}{:016x}.truth", parts[0], parts[1])
+        })
     }
 }
 
@@ -110,16 +110,6 @@ fn coverage_of(share: f32) -> Coverage {
     if share > 0.0 { Coverage::of_splats((share * 255.0 + ROUNDING) as u8) } else { Coverage::ENVIRONMENT }
 }
 
-/// 128 bits of what `feed` writes.
-fn digest(feed: impl Fn(&mut DefaultHasher)) -> [u64; 2] {
-    [0, 1].map(|lane| {
-        let mut hash = DefaultHasher::new();
-        hash.write_u8(lane);
-        feed(&mut hash);
-        hash.finish()
-    })
-}
-
 fn hash_scene(scene: &Scene, hash: &mut DefaultHasher) {
     let vectors = |hash: &mut DefaultHasher, vectors: &[Vec3]| {
         hash.write_usize(vectors.len());
@@ -141,14 +131,6 @@ fn hash_scene(scene: &Scene, hash: &mut DefaultHasher) {
         hash.write(bytemuck::cast_slice(texture.texels()));
     }
     hash.write(format!("{:?}{:?}{:?}{}", scene.sun, scene.sky, scene.lamps, scene.frame.up == UpAxis::Z).as_bytes());
-}
-
-/// The folder in which truth is kept if the user does not say: `headbox/truth` in the user's cache folder, or `None` if the
-/// system has none.
-pub fn default_folder() -> Option<PathBuf> {
-    let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
-    let caches = absolute("XDG_CACHE_HOME").or_else(|| Some(absolute("HOME")?.join(".cache")))?;
-    Some(caches.join("headbox").join("truth"))
 }
 
 /// Rays per pixel after which a frame's standard error should be `wanted_db`, if it is `reached_db` after `samples`: the

@@ -15,7 +15,7 @@ const ENTRIES: usize = ((1.0f32.to_bits() - FIRST_BITS) >> SHIFT) as usize + 1;
 
 /// For each run of values with the same leading bits: the level of its first in the highest byte, and below it the rest of
 /// the bits from which the next level holds, one more than there are where all of the run has one level.
-pub(super) struct SrgbTable {
+pub(crate) struct SrgbTable {
     entries: Box<[u32; ENTRIES]>,
 }
 
@@ -35,7 +35,7 @@ static TABLE: LazyLock<SrgbTable> = LazyLock::new(|| SrgbTable {
 
 impl SrgbTable {
     /// The table.
-    pub(super) fn get() -> &'static Self {
+    pub(crate) fn get() -> &'static Self {
         &TABLE
     }
 
@@ -50,7 +50,7 @@ impl SrgbTable {
 
     /// As [`Self::encode`] for the first `count` of sixteen values.
     #[inline(always)]
-    pub(super) fn encode_sixteen<S: Simd>(&self, simd: S, linear: f32x16<S>, count: usize) -> u32x16<S> {
+    pub(crate) fn encode_sixteen<S: Simd>(&self, simd: S, linear: f32x16<S>, count: usize) -> u32x16<S> {
         let first = f32x16::splat(simd, f32::from_bits(FIRST_BITS));
         // False for NaN.
         let value = linear.simd_gt(first).select(linear, first).min(1.0);

@@ -25,7 +25,7 @@ mod shade;
 mod view;
 mod weights;
 
-pub(crate) use encode::encode_srgb;
+pub(crate) use encode::{SrgbTable, encode_srgb};
 pub use mesh::RasterMesh;
 
 use crate::capture::{Camera, simd};

@@ -2,9 +2,8 @@
 
 use super::SpriteWithDepth;
 use crate::capture::files::write_whole;
-use crate::capture::images::DepthPicture;
+use crate::capture::images::{self, DepthPicture};
 use crate::capture::picture;
-use exr::prelude::{Image, SpecificChannels, WritableImage};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -34,15 +33,7 @@ pub enum ImageFileError {
 /// # Errors
 /// [`ImageFileError::Io`].
 pub fn write_depth_exr(depth: &DepthPicture, path: &Path) -> Result<(), ImageFileError> {
-    let width = depth.width as usize;
-    let value = |x: usize, y: usize| depth.values.get(y * width + x).copied().unwrap_or(f32::NAN);
-    let channels = SpecificChannels::build()
-        .with_channel("Z")
-        .with_pixel_fn(|at: exr::math::Vec2<usize>| (value(at.x(), at.y()),));
-    let image = Image::from_channels((width, depth.height as usize), channels);
-    let write =
-        |writer: &mut io::BufWriter<&std::fs::File>| image.write().to_buffered(writer).map_err(io::Error::other);
-    write_whole(path, write).map_err(|source| ImageFileError::Io { path: path.into(), source })
+    images::write_depth_exr(depth, path).map_err(|source| ImageFileError::Io { path: path.into(), source })
 }
 
 impl SpriteWithDepth {

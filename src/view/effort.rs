@@ -16,7 +16,7 @@ const CLASSES: [[u8; 3]; 7] =
 const NOTHING: [u8; 3] = [20, 20, 20];
 
 /// The largest number of each class but the last.
-type Tops = [f32; CLASSES.len() - 1];
+pub(super) type Tops = [f32; CLASSES.len() - 1];
 
 /// Widths of footprints, px: most are between that of a pixel and that of three.
 const WIDTHS_PX: Tops = [1.5, 2.0, 2.5, 3.0, 4.0, 6.0];
@@ -25,12 +25,12 @@ const WIDTHS_PX: Tops = [1.5, 2.0, 2.5, 3.0, 4.0, 6.0];
 const TIMES: Tops = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 
 /// The colour of the class of a number that is more than 0.
-fn class_color(value: f32, tops: &Tops) -> [u8; 3] {
+pub(super) fn class_color(value: f32, tops: &Tops) -> [u8; 3] {
     CLASSES[tops.iter().position(|top| value <= *top).unwrap_or(tops.len())]
 }
 
 /// The legend of classes: what each ends at, in `unit`.
-fn class_legend(nothing: &str, tops: &Tops, unit: &str) -> Vec<Swatch> {
+pub(super) fn class_legend(nothing: &str, tops: &Tops, unit: &str) -> Vec<Swatch> {
     let up_to = tops.iter().map(|top| format!("up to {top} {unit}"));
     let labels = up_to.chain(tops.last().map(|top| format!("more than {top} {unit}")));
     let classes = CLASSES.into_iter().zip(labels).map(|(color, label)| Swatch { color, label });
@@ -41,7 +41,7 @@ pub(super) fn swatch(color: [u8; 3], label: &str) -> Swatch {
     Swatch { color, label: label.into() }
 }
 
-fn opaque([r, g, b]: [u8; 3]) -> [u8; 4] {
+pub(super) fn opaque([r, g, b]: [u8; 3]) -> [u8; 4] {
     [r, g, b, 255]
 }
 
@@ -141,7 +141,11 @@ fn fate_color(segments: &[(&Kept, &PackedSegment)], x: u32, y: u32) -> [u8; 3] {
         Fate::OutsideRectangle => OUTSIDE_COLOR,
         Fate::HiddenBlock => HIDDEN_COLOR,
     };
-    // The shapes stay visible under the tint.
+    tinted(tint, [r, g, b])
+}
+
+/// A tint under which shapes stay visible.
+pub(super) fn tinted(tint: [u8; 3], [r, g, b]: [u8; 3]) -> [u8; 3] {
     let light = (u16::from(r) + 2 * u16::from(g) + u16::from(b)) / 4;
     tint.map(|c| (u16::from(c) * (80 + light / 2) / 255) as u8)
 }

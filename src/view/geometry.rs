@@ -1,21 +1,20 @@
 //! A folder of images with depth in the window: view-dependent geometry, made anew for each frame.
 
 use super::background::FewerThreads;
-use super::overlay::{Overlay, paint_holes};
+use super::geometry_overlay::GeometryOverlay;
 use crate::capture::Camera;
 use crate::capture::scene::FileFrame;
-use crate::view_geometry::{GeometryRenderer, GeometrySettings, GeometryStats, Patience, Texturing, ViewGeometry};
+use crate::view_geometry::{
+    GeometryRenderer, GeometrySettings, GeometryStats, Patience, Texturing, TimeBudget, ViewGeometry,
+};
 use headbox_viewer::{Control, Fact, Figure, FrameReport, FrameRequest, FrameSource, Pose, Refinement, Setting, Stage};
 use std::time::Duration;
 
 /// How long the thread that decodes pictures is left to itself between two looks for what it has.
 const LOOK_AGAIN: Duration = Duration::from_millis(60);
 
-/// What the pixels show: the frame, or where it has holes.
-const OVERLAYS: [&str; 2] = ["none", "holes"];
-
-/// Cameras, and growth of the grid's spacing, while the eye moves: a preview (E11).
-const PREVIEW: (usize, f32) = (4, 1.5);
+/// Time for a frame while the eye moves, if nothing else is asked for, ms: thirty a second.
+const FRAME_MS: u32 = 33;
 
 /// Images, walked through from camera to camera and between them.
 pub(super) struct GeometrySource {
@@ -25,29 +24,33 @@ pub(super) struct GeometrySource {
     start: Pose,
     initial: GeometrySettings,
     threads: FewerThreads,
+    budget: TimeBudget,
 }
 
 impl GeometrySource {
     pub(super) fn new(title: String, geometry: ViewGeometry, start: &Camera, initial: GeometrySettings) -> Self {
         let (start, renderer) = (super::start_at(start), GeometryRenderer::new());
-        Self { title, geometry, renderer, start, initial, threads: FewerThreads::default() }
+        Self {
+            title,
+            geometry,
+            renderer,
+            start,
+            initial,
+            threads: FewerThreads::default(),
+            budget: TimeBudget::new(f64::from(FRAME_MS)),
+        }
     }
 
     fn settings_of(&self, request: &FrameRequest) -> Result<GeometrySettings, String> {
         let (_, texturing) =
             Texturing::ALL.get(request.settings.choice("texturing")?).copied().unwrap_or(Texturing::ALL[0]);
-        let mut settings = GeometrySettings {
+        Ok(GeometrySettings {
             texturing,
             cameras: request.settings.number("cameras")? as usize,
             grid_px: request.settings.number("grid")? as f32,
             hole_color_srgb: [0; 3],
             ..self.initial
-        };
-        if request.moving {
-            settings.cameras = settings.cameras.min(PREVIEW.0);
-            settings.grid_px *= PREVIEW.1;
-        }
-        Ok(settings)
+        })
     }
 }
 
@@ -79,37 +82,51 @@ impl FrameSource for GeometrySource {
             Setting::count(
                 "cameras",
                 "Cameras",
-                "Cameras whose depth makes the mesh (no unit); a few while the eye moves.",
+                "Cameras whose depth makes the mesh (no unit); fewer while the eye moves, if time is short.",
                 self.initial.cameras as u32,
                 1..=64,
             ),
             Setting::count(
                 "grid",
                 "Grid",
-                "Pixels between the mesh's nodes; more while the eye moves.",
+                "Pixels between the mesh's nodes; more while the eye moves, if time is short.",
                 self.initial.grid_px as u32,
                 1..=32,
             ),
-            Setting::choice("overlay", "Overlay", "What is painted: the frame, or its holes in magenta.", &OVERLAYS),
+            Setting::count(
+                "budget",
+                "Frame time",
+                "Time for a frame while the eye moves, ms: cameras, grid and detail are chosen by it. All that is asked for is drawn once the eye \
+                 stands still.",
+                FRAME_MS,
+                1..=1000,
+            ),
+            Setting::choice(
+                "overlay",
+                "Overlay",
+                "What is painted: the frame, its holes in magenta, its pixels by camera, by how many cameras own a triangle, the mesh, or \
+                 how long pictures have been at hand.",
+                &GeometryOverlay::ALL.map(|(name, _)| name),
+            ),
             FewerThreads::setting(),
         ]
     }
 
     fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
-        let settings = self.settings_of(request)?;
-        let Self { geometry, renderer, threads, .. } = self;
+        let full = self.settings_of(request)?;
+        self.budget.ms = request.settings.number("budget")?;
+        let settings = if request.moving { self.budget.settings(&full) } else { full };
+        let Self { geometry, renderer, threads, budget, .. } = self;
         let draw = || renderer.render(geometry, &request.camera, &settings, Patience::Never).1;
         let stats = threads.install(&request.settings, draw)?;
-        let legend = match OVERLAYS.get(request.settings.choice("overlay")?) {
-            Some(&"holes") => {
-                paint_holes(renderer.frame(), pixels);
-                Overlay::Holes.legend()
-            }
-            _ => {
-                pixels.copy_from_slice(&renderer.frame().color);
-                Vec::new()
-            }
-        };
+        if request.moving {
+            budget.took(stats.frame_ms);
+        }
+        let (_, overlay) = GeometryOverlay::ALL
+            .get(request.settings.choice("overlay")?)
+            .copied()
+            .unwrap_or(("none", GeometryOverlay::None));
+        let legend = overlay.paint(geometry, renderer, pixels);
         let mut facts = vec![super::facts::simd_fact()];
         if stats.cameras_valid == 0 {
             facts.push(Fact { name: "nothing", text: geometry.nothing_seen() });
@@ -120,6 +137,7 @@ impl FrameSource for GeometrySource {
             _ => Refinement::Later(LOOK_AGAIN),
         };
         let mut figures = figures(&stats);
+        figures.push(figure("grid", f64::from(settings.grid_px), "px"));
         figures.push(figure("memory", geometry.bytes() as f64 / f64::from(1 << 20), "MiB"));
         Ok(FrameReport { stages: stages(&stats), figures, facts, legend, refinement, ongoing: None })
     }

@@ -12,6 +12,7 @@
 //! | `overlay` | what is painted instead of colours |
 //! | `effort` | overlays of how a frame was made: footprints, overdraw, clipping |
 //! | `geometry` | a folder of images, drawn without a model |
+//! | `geometry_overlay` | its overlays: whose pictures show, the mesh, ages |
 //! | `house` | a house, walked; its backdrops are built in the background |
 //! | `live` | a folder of images, by cube LDIs of those nearest to the view, built in the background |
 //! | `lumigraph` | a lumigraph; its overlays |
@@ -25,6 +26,7 @@ mod effort;
 mod facts;
 mod file_name;
 mod geometry;
+mod geometry_overlay;
 mod growth;
 mod house;
 mod library;

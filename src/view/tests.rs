@@ -315,8 +315,13 @@ fn a_folder_of_images_is_walked_through() {
     assert!(blended != render(&mut *source, pose, &[("texturing", "geometry-nearest")]).0, "what textures counts");
     let (_, one) = render(&mut *source, pose, &[("cameras", "1")]);
     assert_eq!(figure(&one, "cameras used"), Some(1.0));
-    let (holes, marked) = render(&mut *source, pose, &[("overlay", "holes")]);
-    assert!(holes != blended && !marked.legend.is_empty());
+    let mut painted = vec![blended];
+    for overlay in ["holes", "camera", "owners", "mesh", "age"] {
+        let (pixels, report) = render(&mut *source, pose, &[("overlay", overlay)]);
+        assert!(!painted.contains(&pixels) && !report.legend.is_empty(), "{overlay}");
+        assert!(pixels.iter().all(|pixel| pixel[3] == 255));
+        painted.push(pixels);
+    }
     let away = Pose::looking_at(pose.eye, pose.eye + DVec3::Z, 60.0);
     let (_, report) = render(&mut *source, away, &[]);
     assert!(report.facts.iter().any(|fact| fact.text.contains("none of the 3 cameras")), "{:?}", report.facts);

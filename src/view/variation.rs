@@ -49,7 +49,7 @@ impl Meaning {
             }
             Self::Primitive => {
                 let planes = ["pictures on planes,", "a colour", "for each", "plane"];
-                let planes = planes.into_iter().zip(0..).map(|(text, plane)| swatch(plane_color(plane), text));
+                let planes = planes.into_iter().zip(0..).map(|(text, plane)| swatch(distinct_color(plane), text));
                 [swatch(INFINITY, "picture at infinity"), swatch(SAMPLES, "layered depth pixels")]
                     .into_iter()
                     .chain(planes)
@@ -154,10 +154,10 @@ const INFINITY: [u8; 3] = [40, 70, 130];
 /// Colour of layered depth pixels, where it stands for a primitive.
 const SAMPLES: [u8; 3] = [235, 235, 235];
 
-/// A colour for a plane: one of seven, in four shades.
-fn plane_color(plane: u32) -> [u8; 3] {
-    let shade = 255 - 45 * (plane / 7 % 4);
-    DISTINCT[plane as usize % 7].map(|c| (u32::from(c) * shade / 255) as u8)
+/// A colour for a number: one of seven, in four shades.
+pub(super) fn distinct_color(number: u32) -> [u8; 3] {
+    let shade = 255 - 45 * (number / 7 % 4);
+    DISTINCT[number as usize % 7].map(|c| (u32::from(c) * shade / 255) as u8)
 }
 
 /// A picture on a plane whose colours are to tell something else.
@@ -174,7 +174,7 @@ impl Picture<'_> {
             Meaning::Captured => return color,
             Meaning::Face => DISTINCT[usize::from(self.tile.face) % DISTINCT.len()],
             Meaning::Primitive if self.plane == Plane::default() => INFINITY,
-            Meaning::Primitive => plane_color(self.tile.plane),
+            Meaning::Primitive => distinct_color(self.tile.plane),
             Meaning::Depth => depth_color(self.inverse_depth(texel) * self.half_size_m),
             // Pictures have neither segments nor layers.
             Meaning::Segment | Meaning::Layer => SAMPLES,

@@ -7,12 +7,17 @@
 //! Cells without a sample take part with their middles; triangles at such nodes are left out. So points on a line, or all in one place,
 //! are no special case: they lack neighbours, and give no triangle.
 //!
-//! Positions are integers and all predicates exact: the flips end, and the mesh is the same everywhere.
+//! Positions are integers and all predicates exact: the flips end, and the mesh is the same everywhere, on any number of threads as well: strips are
+//! of a fixed height.
 
 use super::fuse::{Grid, NOBODY};
+use rayon::prelude::*;
 
 /// No half-edge is opposite.
 const NONE: u32 = u32::MAX;
+
+/// Rows of quadrilaterals that are triangulated by themselves, side by side with others.
+const STRIP_ROWS: usize = 16;
 
 /// Triangles, each three half-edges.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -21,74 +26,106 @@ pub(super) struct Mesh {
     pub(super) corners: Vec<u32>,
     /// The half-edge on the other side, or [`NONE`].
     twins: Vec<u32>,
-    stack: Vec<u32>,
     /// Flips of the last frame.
     pub(super) flips: u64,
 }
 
 impl Mesh {
-    /// Triangulates all nodes of a grid, valid or not.
+    /// Triangulates all nodes of a grid, valid or not: strips of it on all threads, then what their seams still call for.
     pub(super) fn triangulate(&mut self, grid: &Grid) {
-        self.lattice(grid);
-        self.flips = 0;
-        self.stack.clear();
-        for edge in 0..self.corners.len() as u32 {
-            // Once from each side is once too often.
-            if edge < self.twins[edge as usize] && self.twins[edge as usize] != NONE {
-                self.stack.push(edge);
-                self.legalise(grid);
+        let (across, down) = (grid.lattice.columns as usize - 1, grid.lattice.rows as usize - 1);
+        self.corners.resize(6 * across * down, 0);
+        self.twins.resize(6 * across * down, NONE);
+        let half_edges = 6 * across * STRIP_ROWS;
+        let strips = self.corners.par_chunks_mut(half_edges).zip(self.twins.par_chunks_mut(half_edges));
+        let strips = strips.enumerate().map(|(number, (corners, twins))| {
+            let mut part = Part { grid, corners, twins, stack: Vec::new(), flips: 0 };
+            let first_row = number * STRIP_ROWS;
+            part.lattice(first_row);
+            part.legalise_all();
+            let flips = part.flips;
+            (part.finish(first_row, (number * half_edges) as u32), flips)
+        });
+        let seams: Vec<(Seams, u64)> = strips.collect();
+        let mut whole = Part { grid, corners: &mut self.corners, twins: &mut self.twins, stack: Vec::new(), flips: 0 };
+        for pair in seams.windows(2) {
+            for (&above, &below) in pair[0].0.lower.iter().zip(&pair[1].0.upper) {
+                whole.link(above, below);
+                whole.stack.push(above);
             }
+            whole.legalise();
         }
+        self.flips = whole.flips + seams.iter().map(|(_, flips)| flips).sum::<u64>();
     }
 
-    /// The triangles of which all corners hold a sample.
-    pub(super) fn valid<'a>(&'a self, grid: &'a Grid) -> impl Iterator<Item = [u32; 3]> + 'a {
-        let triangles = self.corners.as_chunks::<3>().0.iter().copied();
-        triangles.filter(|corners| corners.iter().all(|&node| grid.owner[node as usize] != NOBODY))
+    /// Replaces `to` by the triangles of which all corners hold a sample.
+    pub(super) fn valid(&self, grid: &Grid, to: &mut Vec<[u32; 3]>) {
+        let is_valid = |corners: &&[u32; 3]| corners.iter().all(|&node| grid.owner[node as usize] != NOBODY);
+        to.clear();
+        to.par_extend(self.corners.as_chunks::<3>().0.par_iter().filter(is_valid).copied());
     }
+}
 
-    /// Two triangles for each quadrilateral of neighbouring nodes.
-    fn lattice(&mut self, grid: &Grid) {
-        let (columns, rows) = (grid.columns as usize, grid.rows as usize);
+/// Half-edges along the upper and the lower side of a strip, from left to right.
+struct Seams {
+    upper: Vec<u32>,
+    lower: Vec<u32>,
+}
+
+/// Some triangles of a mesh, whose half-edges are numbered from 0.
+struct Part<'a> {
+    grid: &'a Grid,
+    corners: &'a mut [u32],
+    twins: &'a mut [u32],
+    /// Half-edges to look at.
+    stack: Vec<u32>,
+    flips: u64,
+}
+
+impl Part<'_> {
+    /// Two triangles for each quadrilateral of neighbouring nodes, from a row of these on.
+    fn lattice(&mut self, first_row: usize) {
+        let columns = self.grid.lattice.columns as usize;
         let across = columns - 1;
-        let quads = across * (rows - 1);
-        self.corners.clear();
-        self.corners.resize(6 * quads, 0);
-        self.twins.clear();
-        self.twins.resize(6 * quads, NONE);
-        let (corners, twins) = (&mut self.corners, &mut self.twins);
+        self.twins.fill(NONE);
         // On the left of the quadrilateral at hand: the half-edge of its right side.
         let mut right_of_last = NONE;
-        for quad in 0..quads {
+        for quad in 0..self.corners.len() / 6 {
             let (column, row) = (quad % across, quad / across);
-            let a = (row * columns + column) as u32;
+            let a = ((first_row + row) * columns + column) as u32;
             let (b, c, d) = (a + 1, a + columns as u32, a + columns as u32 + 1);
             let first = 6 * quad as u32;
             // Half-edges of the sides; the upper one is the first, the lower one the fifth in either case.
-            let (left, right, diagonal) = if down_left(grid, [a, b, c, d]) {
-                corners[6 * quad..6 * quad + 6].copy_from_slice(&[a, b, c, b, d, c]);
+            let (left, right, diagonal) = if down_left(self.grid, [a, b, c, d]) {
+                self.corners[6 * quad..6 * quad + 6].copy_from_slice(&[a, b, c, b, d, c]);
                 (first + 2, first + 3, [first + 1, first + 5])
             } else {
-                corners[6 * quad..6 * quad + 6].copy_from_slice(&[a, b, d, a, d, c]);
+                self.corners[6 * quad..6 * quad + 6].copy_from_slice(&[a, b, d, a, d, c]);
                 (first + 5, first + 1, [first + 2, first + 3])
             };
-            let mut link = |one: u32, other: u32| {
-                twins[one as usize] = other;
-                twins[other as usize] = one;
-            };
-            link(diagonal[0], diagonal[1]);
+            self.link(diagonal[0], diagonal[1]);
             if column > 0 {
-                link(left, right_of_last);
+                self.link(left, right_of_last);
             }
             if row > 0 {
-                link(first, 6 * (quad - across) as u32 + 4);
+                self.link(first, 6 * (quad - across) as u32 + 4);
             }
             right_of_last = right;
         }
     }
 
+    fn legalise_all(&mut self) {
+        for edge in 0..self.corners.len() as u32 {
+            // Once from each side is once too often.
+            if edge < self.twins[edge as usize] && self.twins[edge as usize] != NONE {
+                self.stack.push(edge);
+                self.legalise();
+            }
+        }
+    }
+
     /// Flips edges until no fourth corner lies inside the circle through the other three.
-    fn legalise(&mut self, grid: &Grid) {
+    fn legalise(&mut self) {
         while let Some(edge) = self.stack.pop() {
             let twin = self.twins[edge as usize];
             if twin == NONE {
@@ -97,7 +134,7 @@ impl Mesh {
             let (next, previous) = around(edge);
             let (twin_next, twin_previous) = around(twin);
             let [from, to, apex, other] = [edge, next, previous, twin_previous].map(|e| self.corners[e as usize]);
-            if !in_circle([from, to, apex, other].map(|node| at(grid, node))) {
+            if !in_circle([from, to, apex, other].map(|node| at(self.grid, node))) {
                 continue;
             }
             self.flips += 1;
@@ -115,6 +152,31 @@ impl Mesh {
         if other != NONE {
             self.twins[other as usize] = one;
         }
+    }
+
+    /// Numbers the half-edges as those of the whole mesh, of which they begin at `base`. The sides of a strip stay where no flip reaches
+    /// them, but may have come to another of its triangles.
+    fn finish(self, first_row: usize, base: u32) -> Seams {
+        let columns = self.grid.lattice.columns;
+        let (upper_row, lower_row) =
+            (first_row as u32, first_row as u32 + (self.corners.len() / 6) as u32 / (columns - 1));
+        let mut seams = Seams { upper: vec![NONE; columns as usize - 1], lower: vec![NONE; columns as usize - 1] };
+        for edge in 0..self.corners.len() as u32 {
+            let twin = &mut self.twins[edge as usize];
+            if *twin != NONE {
+                *twin += base;
+                continue;
+            }
+            let (from, to) = (self.corners[edge as usize], self.corners[around(edge).0 as usize]);
+            let left = (from.min(to) % columns) as usize;
+            match (from / columns, to / columns) {
+                (a, b) if a != b => {} // the left or the right rim
+                (row, _) if row == upper_row => seams.upper[left] = base + edge,
+                (row, _) if row == lower_row => seams.lower[left] = base + edge,
+                _ => {}
+            }
+        }
+        seams
     }
 }
 
@@ -151,13 +213,18 @@ fn down_left(grid: &Grid, nodes: [u32; 4]) -> bool {
 }
 
 /// Whether d lies inside the circle through a, b, c, which go from right to down. Exact: sides are below 2^23 parts of a
-/// pixel, so that both factors of each product fit in 48 bits.
+/// pixel, so that both factors of each product fit in 48 bits. Between near nodes all fits in 64.
 #[inline]
 fn in_circle([a, b, c, d]: [[i64; 2]; 4]) -> bool {
+    const NEAR: u64 = 1 << 14;
     let [a, b, c] = [a, b, c].map(|p| [p[0] - d[0], p[1] - d[1]]);
-    let square = |p: [i64; 2]| i128::from(p[0] * p[0] + p[1] * p[1]);
-    let cross = |p: [i64; 2], q: [i64; 2]| i128::from(p[0] * q[1] - p[1] * q[0]);
-    square(a) * cross(b, c) + square(b) * cross(c, a) + square(c) * cross(a, b) > 0
+    let square = |p: [i64; 2]| p[0] * p[0] + p[1] * p[1];
+    let cross = |p: [i64; 2], q: [i64; 2]| p[0] * q[1] - p[1] * q[0];
+    let products = [(square(a), cross(b, c)), (square(b), cross(c, a)), (square(c), cross(a, b))];
+    if [a, b, c].as_flattened().iter().all(|side| side.unsigned_abs() < NEAR) {
+        return products.iter().map(|(square, cross)| square * cross).sum::<i64>() > 0;
+    }
+    products.iter().map(|(square, cross)| i128::from(*square) * i128::from(*cross)).sum::<i128>() > 0
 }
 
 #[cfg(test)]
@@ -170,7 +237,7 @@ mod tests {
     fn scattered(size: [u32; 2], spacing_px: f32, seed: u32) -> Grid {
         let mut grid = Grid::default();
         grid.reset(size[0], size[1], spacing_px);
-        let spacing = grid.spacing;
+        let spacing = grid.lattice.spacing;
         let mut state = seed;
         let mut off = || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -188,10 +255,17 @@ mod tests {
         triangles.flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]]).map(|[a, b]| [a.min(b), a.max(b)]).collect()
     }
 
+    fn valid(mesh: &Mesh, grid: &Grid) -> Vec<[u32; 3]> {
+        let mut triangles = vec![[7; 3]];
+        mesh.valid(grid, &mut triangles);
+        triangles
+    }
+
     #[test]
     fn the_mesh_is_that_of_a_general_triangulation() {
         for seed in 0..6 {
-            let grid = scattered([60, 44], 4.0, seed);
+            // Of one strip, and of several.
+            let grid = scattered(if seed < 3 { [60, 44] } else { [40, 205] }, 4.0, seed);
             let mut mesh = Mesh::default();
             mesh.triangulate(&grid);
             let mut general = DelaunayTriangulation::<Point2<f64>>::new();
@@ -201,11 +275,11 @@ mod tests {
                 node_of.insert(handle.expect("a vertex").index(), node as u32);
             }
             let theirs = edges(general.inner_faces().map(|face| face.vertices().map(|v| node_of[&v.fix().index()])));
-            let ours = edges(mesh.valid(&grid));
+            let ours = edges(valid(&mesh, &grid).into_iter());
             // The general one fills up to the convex hull; away from the rim both are the same.
             let inner = |node: u32| {
-                let (column, row) = (node % grid.columns, node / grid.columns);
-                (2..grid.columns - 2).contains(&column) && (2..grid.rows - 2).contains(&row)
+                let (column, row) = (node % grid.lattice.columns, node / grid.lattice.columns);
+                (2..grid.lattice.columns - 2).contains(&column) && (2..grid.lattice.rows - 2).contains(&row)
             };
             let is_inner = |edge: &&[u32; 2]| edge.iter().all(|node| inner(*node));
             let [ours, theirs] =
@@ -216,15 +290,17 @@ mod tests {
 
     #[test]
     fn triangles_cover_the_grid_once_and_no_corner_lies_in_their_circles() {
-        for (size, spacing, seed) in [([64, 40], 4.0, 1), ([1, 1], 4.0, 2), ([300, 7], 1.0, 3), ([90, 90], 33.3, 4)] {
+        for (size, spacing, seed) in
+            [([64, 40], 4.0, 1), ([1, 1], 4.0, 2), ([300, 7], 1.0, 3), ([90, 90], 33.3, 4), ([33, 500], 3.7, 5)]
+        {
             let grid = scattered(size, spacing, seed);
             let mut mesh = Mesh::default();
             mesh.triangulate(&grid);
             let area = |corners: &[u32; 3]| doubled_area(corners.map(|node| at(&grid, node)));
-            let triangles: Vec<[u32; 3]> = mesh.valid(&grid).collect();
+            let triangles = valid(&mesh, &grid);
             assert!(triangles.iter().all(|corners| area(corners) > 0));
             // The area within the rim, once more by the shoelace formula.
-            let (columns, rows) = (grid.columns, grid.rows);
+            let (columns, rows) = (grid.lattice.columns, grid.lattice.rows);
             let mut rim: Vec<u32> = (0..columns).collect();
             rim.extend((1..rows).map(|row| row * columns + columns - 1));
             rim.extend((0..columns - 1).rev().map(|column| (rows - 1) * columns + column));
@@ -253,12 +329,12 @@ mod tests {
         grid.reset(64, 40, 4.0);
         let mut mesh = Mesh::default();
         mesh.triangulate(&grid);
-        assert_eq!(mesh.valid(&grid).count(), 0, "nothing");
-        let line = 5 * grid.columns as usize;
+        assert_eq!(valid(&mesh, &grid).len(), 0, "nothing");
+        let line = 5 * grid.lattice.columns as usize;
         grid.owner[line..line + 12].fill(0);
-        assert_eq!(mesh.valid(&grid).count(), 0, "nodes on a line");
-        grid.owner[line + 5 + grid.columns as usize] = 0;
-        assert!(mesh.valid(&grid).count() > 0, "and one beside it");
+        assert_eq!(valid(&mesh, &grid).len(), 0, "nodes on a line");
+        grid.owner[line + 5 + grid.lattice.columns as usize] = 0;
+        assert!(!valid(&mesh, &grid).is_empty(), "and one beside it");
     }
 
     #[test]
@@ -267,6 +343,12 @@ mod tests {
         let square = [[0, 0], [far, 0], [far, far]];
         assert!(!in_circle([square[0], square[1], square[2], [0, far]]), "on the circle");
         assert!(in_circle([square[0], square[1], square[2], [1, far]]), "a part of a pixel inside");
+        let near = (1 << 14) - 1;
+        let square = |far: i64, off: i64| in_circle([[0, 0], [far, 0], [far, far], [off, far]]);
+        for far in [near, near + 1] {
+            assert_eq!([-1, 0, 1].map(|off| square(far, off)), [false, false, true], "{far}");
+        }
+        let square = [[0, 0], [far, 0], [far, far]];
         assert!(!in_circle([square[0], square[1], square[2], [-1, far]]));
     }
 }

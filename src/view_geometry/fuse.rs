@@ -8,9 +8,10 @@
 //! Invariant: the position of a node lies in the cell of the lattice that it is the node of, valid or not. `delaunay`
 //! starts from it.
 
+use super::project::{Hit, Projection};
+use super::samples::Points;
 use super::{EdgeRule, GeometrySettings};
-use crate::capture::Camera;
-use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 /// Parts of a pixel that positions of nodes are multiples of.
 pub(super) const SUBPIXELS: i32 = 256;
@@ -18,16 +19,41 @@ pub(super) const SUBPIXELS: i32 = 256;
 /// The owner of a node that no sample fell on.
 pub(super) const NOBODY: u16 = u16::MAX;
 
-/// Nothing nearer than this is drawn, metres.
-const NEAR_M: f32 = 1e-3;
-
-/// The frame's grid, row by row: the paper's 5-tuples, an array for each part. A point follows from its position and inverse depth.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Grid {
+/// Where the nodes of a frame's grid lie. They reach one cell beyond the frame on every side.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Lattice {
     pub(super) columns: u32,
     pub(super) rows: u32,
     /// Between nodes, in parts of a pixel.
     pub(super) spacing: i32,
+}
+
+impl Lattice {
+    /// For a frame of this size.
+    pub(super) fn new(width: u32, height: u32, spacing_px: f32) -> Self {
+        // A wider grid than the frame is no grid; a finer one than pixels shows nothing more.
+        let spacing = (spacing_px.clamp(1.0, 256.0) * SUBPIXELS as f32) as i32;
+        let nodes = |side: u32| (i64::from(side) * i64::from(SUBPIXELS) / i64::from(spacing)) as u32 + 4;
+        Self { columns: nodes(width), rows: nodes(height), spacing }
+    }
+
+    /// Nodes in a pixel, along an axis.
+    #[inline]
+    pub(super) fn per_spacing_px(&self) -> f32 {
+        SUBPIXELS as f32 / self.spacing as f32
+    }
+
+    /// The middle of a node's cell.
+    #[inline]
+    fn middle(&self, column: usize, row: usize) -> [i32; 2] {
+        [column, row].map(|number| (number as i32 - 1) * self.spacing)
+    }
+}
+
+/// The frame's grid, row by row: the paper's 5-tuples, an array for each part. A point follows from its position and inverse depth.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Grid {
+    pub(super) lattice: Lattice,
     /// Positions in the frame, in parts of a pixel.
     pub(super) x: Vec<i32>,
     pub(super) y: Vec<i32>,
@@ -40,20 +66,18 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// Empties the grid, for a frame of this size. Its nodes reach one cell beyond the frame on every side.
+    /// Empties the grid, for a frame of this size.
     pub(super) fn reset(&mut self, width: u32, height: u32, spacing_px: f32) {
-        // A wider grid than the frame is no grid; a finer one than pixels shows nothing more.
-        let spacing = spacing_px.clamp(1.0, 256.0);
-        self.spacing = (spacing * SUBPIXELS as f32) as i32;
-        let nodes = |side: u32| (i64::from(side) * i64::from(SUBPIXELS) / i64::from(self.spacing)) as u32 + 4;
-        (self.columns, self.rows) = (nodes(width), nodes(height));
-        let count = self.columns as usize * self.rows as usize;
-        for (positions, is_row) in [(&mut self.x, false), (&mut self.y, true)] {
-            positions.clear();
-            let columns = self.columns as i32;
-            let middle = |node: i32| (if is_row { node / columns } else { node % columns } - 1) * self.spacing;
-            positions.extend((0..count as i32).map(middle));
+        let lattice = Lattice::new(width, height, spacing_px);
+        let [columns, rows] = [lattice.columns, lattice.rows].map(|count| count as usize);
+        self.lattice = lattice;
+        self.x.clear();
+        self.y.clear();
+        for row in 0..rows {
+            self.x.extend((0..columns).map(|column| lattice.middle(column, row)[0]));
+            self.y.resize((row + 1) * columns, lattice.middle(0, row)[1]);
         }
+        let count = columns * rows;
         self.inverse_depth.clear();
         self.inverse_depth.resize(count, 0.0);
         self.distance_squared.clear();
@@ -67,45 +91,21 @@ impl Grid {
         self.owner.iter().filter(|owner| **owner != NOBODY).count()
     }
 
-    /// Adds the samples of the camera of a rank; ranks come in ascending order.
-    pub(super) fn add(&mut self, rank: u16, points: &[Vec3], frame: &Projection, margin: f32) {
-        let spacing_px = self.spacing as f32 / SUBPIXELS as f32;
-        let per = 1.0 / spacing_px;
-        let [columns, rows] = [self.columns, self.rows].map(|count| count as f32);
+    /// Adds what the frame sees of the camera of a rank; ranks come in ascending order.
+    pub(super) fn add(&mut self, rank: u16, hits: &[Hit], margin: f32) {
         let keep = (1.0 - margin).max(0.0).powi(2);
-        for point in points {
-            let d = *point - frame.eye;
-            let depth = along(frame.axes[2], d);
-            let inverse = 1.0 / depth;
-            let x = along(frame.axes[0], d) * inverse + frame.principal[0];
-            let y = along(frame.axes[1], d) * inverse + frame.principal[1];
-            let (column, row) = (x * per + 1.5, y * per + 1.5);
-            // False for NaN.
-            let inside = (depth > NEAR_M) & (column >= 0.0) & (column < columns) & (row >= 0.0) & (row < rows);
-            if !inside {
+        for hit in hits {
+            let node = hit.node as usize;
+            let (Some(held), Some(owner)) = (self.distance_squared.get_mut(node), self.owner.get_mut(node)) else {
                 continue;
-            }
-            let (column, row) = (column as u32, row as u32);
-            let node = (row * self.columns + column) as usize;
-            let distance = d.length_squared();
-            let held = self.distance_squared[node];
-            let bound = if self.owner[node] == rank { held } else { held * keep };
-            if distance < bound {
-                self.x[node] = self.within(x, column);
-                self.y[node] = self.within(y, row);
-                self.inverse_depth[node] = inverse;
-                self.distance_squared[node] = distance;
-                self.owner[node] = rank;
+            };
+            let bound = if *owner == rank { *held } else { *held * keep };
+            if hit.distance_squared < bound {
+                (*held, *owner) = (hit.distance_squared, rank);
+                [self.x[node], self.y[node]] = hit.at;
+                self.inverse_depth[node] = hit.inverse_depth;
             }
         }
-    }
-
-    /// A position in parts of a pixel that lies in the cell of a column or row.
-    #[inline]
-    fn within(&self, px: f32, node: u32) -> i32 {
-        let middle = (node as i32 - 1) * self.spacing;
-        let part = (px * SUBPIXELS as f32).round_ties_even() as i32;
-        part.clamp(middle - self.spacing / 2, middle + (self.spacing - 1) / 2)
     }
 
     /// Empties nodes behind most of their neighbours: where samples of a near surface lie farther apart than nodes, what is
@@ -113,7 +113,7 @@ impl Grid {
     pub(super) fn drop_leaks(&mut self, edge: &EdgeRule) {
         /// Of eight neighbours. A node on the straight rim of what is in front of it has three nearer ones, in a corner five.
         const NEARER: usize = 6;
-        let (columns, spacing) = (self.columns as usize, self.spacing as f32 / SUBPIXELS as f32);
+        let (columns, spacing) = (self.lattice.columns as usize, self.lattice.spacing as f32 / SUBPIXELS as f32);
         let leaks: Vec<usize> = self
             .inner()
             .filter(|&node| {
@@ -139,17 +139,15 @@ impl Grid {
             self.owner[node] = NOBODY;
             self.inverse_depth[node] = 0.0;
             self.distance_squared[node] = f32::INFINITY;
-            let (column, row) = (node % columns, node / columns);
-            self.x[node] = (column as i32 - 1) * self.spacing;
-            self.y[node] = (row as i32 - 1) * self.spacing;
+            [self.x[node], self.y[node]] = self.lattice.middle(node % columns, node / columns);
         }
     }
 
     /// Closes holes of at most `most` nodes between valid ones in the row or column, whichever is the narrower: linearly in
     /// inverse depth, as a triangle over them would be; where the two sides are different surfaces, the farther one goes on behind the other.
     pub(super) fn close_holes(&mut self, most: u32, edge: &EdgeRule) {
-        let columns = self.columns as usize;
-        let spacing = self.spacing as f32 / SUBPIXELS as f32;
+        let columns = self.lattice.columns as usize;
+        let spacing = self.lattice.spacing as f32 / SUBPIXELS as f32;
         let most = most as usize;
         let found = |mut node: usize, step: isize, limit: usize| {
             (1..=most.min(limit)).find_map(|steps| {
@@ -166,7 +164,7 @@ impl Grid {
                     (first.0 + second.0 <= most + 1).then_some((first, second))
                 };
                 let along_row = pair(1, column, columns - 1 - column);
-                let along_column = pair(columns as isize, row, self.rows as usize - 1 - row);
+                let along_column = pair(columns as isize, row, self.lattice.rows as usize - 1 - row);
                 let ((a, first), (b, second)) =
                     along_row.into_iter().chain(along_column).min_by_key(|((a, _), (b, _))| a + b)?;
                 let [ia, ib] = [first, second].map(|node| self.inverse_depth[node]);
@@ -187,50 +185,32 @@ impl Grid {
 
     /// Nodes with eight neighbours.
     fn inner(&self) -> impl Iterator<Item = usize> {
-        let (columns, rows) = (self.columns as usize, self.rows as usize);
+        let (columns, rows) = (self.lattice.columns as usize, self.lattice.rows as usize);
         (1..rows - 1).flat_map(move |row| (1..columns - 1).map(move |column| row * columns + column))
     }
 }
 
-/// A frame's camera as samples are projected by it.
-pub(super) struct Projection {
-    /// Relative to the samples' origin, metres.
-    pub(super) eye: Vec3,
-    /// Right and down in pixels at eye depth 1, and ahead.
-    axes: [Vec3; 3],
-    principal: [f32; 2],
-}
+/// Cameras whose samples are projected side by side.
+const AT_ONCE: usize = 8;
 
-impl Projection {
-    pub(super) fn new(frame: &Camera, origin: DVec3) -> Self {
-        let (turn, focal) = (frame.world_from_eye(), frame.focal_px());
-        Self {
-            eye: (frame.eye() - origin).as_vec3(),
-            axes: [turn.x_axis * focal, -turn.y_axis * focal, -turn.z_axis].map(|axis| axis.as_vec3()),
-            principal: frame.principal_px().map(|px| px as f32),
-        }
-    }
-}
-
-/// The product, its sum in a fixed order.
-#[inline(always)]
-fn along(axis: Vec3, d: Vec3) -> f32 {
-    (axis.x * d.x + axis.y * d.y) + axis.z * d.z
-}
-
-/// Fuses the samples of cameras, best first.
-pub(super) fn fuse<'a>(
+/// Fuses the samples of cameras, best first. `hits` is room for what is projected.
+pub(super) fn fuse(
     grid: &mut Grid,
-    samples: impl Iterator<Item = &'a [Vec3]>,
-    frame: &Camera,
-    origin: DVec3,
+    hits: &mut Vec<Vec<Hit>>,
+    samples: &[Points],
+    frame: &Projection,
     edge: &EdgeRule,
     settings: &GeometrySettings,
 ) {
-    grid.reset(frame.width(), frame.height(), settings.grid_px);
-    let projection = Projection::new(frame, origin);
-    for (points, rank) in samples.zip(0..NOBODY) {
-        grid.add(rank, points, &projection, settings.margin);
+    let [width, height] = frame.size;
+    grid.reset(width, height, settings.grid_px);
+    hits.resize_with(AT_ONCE, Vec::new);
+    for (cameras, first) in samples.chunks(AT_ONCE).zip((0..NOBODY).step_by(AT_ONCE)) {
+        let lattice = &grid.lattice;
+        cameras.par_iter().zip(hits.par_iter_mut()).for_each(|(points, hits)| frame.project(*points, lattice, hits));
+        for (hits, rank) in hits.iter().zip(first..).take(cameras.len()) {
+            grid.add(rank, hits, settings.margin);
+        }
     }
     grid.drop_leaks(edge);
     grid.close_holes(settings.close_nodes, edge);
@@ -240,6 +220,8 @@ pub(super) fn fuse<'a>(
 mod tests {
     use super::super::tests::frame_at;
     use super::*;
+    use crate::capture::{Camera, simd};
+    use glam::{DVec3, Vec3};
 
     fn settings(margin: f32) -> GeometrySettings {
         GeometrySettings { grid_px: 4.0, margin, close_nodes: 0, ..GeometrySettings::default() }
@@ -250,8 +232,12 @@ mod tests {
     }
 
     fn fused(cameras: &[Vec<Vec3>], frame: &Camera, settings: &GeometrySettings) -> Grid {
+        let axes = |points: &Vec<Vec3>| [0, 1, 2].map(|axis| points.iter().map(|p| p[axis]).collect::<Vec<_>>());
+        let cameras: Vec<[Vec<f32>; 3]> = cameras.iter().map(axes).collect();
+        let samples: Vec<Points> = cameras.iter().map(|axes| axes.each_ref().map(Vec::as_slice)).collect();
         let mut grid = Grid::default();
-        fuse(&mut grid, cameras.iter().map(Vec::as_slice), frame, DVec3::ZERO, &edge(), settings);
+        let projection = Projection::new(frame, DVec3::ZERO, simd::level());
+        fuse(&mut grid, &mut Vec::new(), &samples, &projection, &edge(), settings);
         grid
     }
 
@@ -273,9 +259,11 @@ mod tests {
             let Some(at) = frame.project(point.as_dvec3()) else { continue };
             let cell =
                 |px: f64, count: u32| Some((px / 4.0 + 1.5).floor()).filter(|n| (0.0..f64::from(count)).contains(n));
-            let (Some(column), Some(row)) = (cell(at[0], grid.columns), cell(at[1], grid.rows)) else { continue };
+            let (Some(column), Some(row)) = (cell(at[0], grid.lattice.columns), cell(at[1], grid.lattice.rows)) else {
+                continue;
+            };
             let distance = (point.as_dvec3() - frame.eye()).length();
-            let node = &mut nearest[row as usize * grid.columns as usize + column as usize];
+            let node = &mut nearest[row as usize * grid.lattice.columns as usize + column as usize];
             if node.is_none_or(|(held, _)| distance < held) {
                 *node = Some((distance, at));
             }
@@ -319,14 +307,14 @@ mod tests {
             let points: Vec<Vec3> = (0..5000u32)
                 .map(|i| Vec3::new((i % 71) as f32 / 35.0 - 1.0, (i % 67) as f32 / 33.0 - 1.0, -1.0 - (i % 3) as f32))
                 .collect();
-            let mut grid = Grid::default();
             let settings = GeometrySettings { grid_px: spacing, close_nodes: 2, ..GeometrySettings::default() };
-            fuse(&mut grid, [points.as_slice()].into_iter(), &frame, DVec3::ZERO, &edge(), &settings);
+            let grid = fused(&[points], &frame, &settings);
+            let Lattice { columns, spacing, .. } = grid.lattice;
+            let columns = columns as i32;
             for node in 0..grid.owner.len() as i32 {
-                let columns = grid.columns as i32;
                 for (at, number) in [(grid.x[node as usize], node % columns), (grid.y[node as usize], node / columns)] {
-                    let from_middle = at - (number - 1) * grid.spacing;
-                    assert!(-(grid.spacing / 2) <= from_middle && from_middle <= (grid.spacing - 1) / 2);
+                    let from_middle = at - (number - 1) * spacing;
+                    assert!(-(spacing / 2) <= from_middle && from_middle <= (spacing - 1) / 2);
                 }
             }
         }
@@ -336,7 +324,7 @@ mod tests {
     fn rows_of(values: &[f32]) -> Grid {
         let mut grid = Grid::default();
         grid.reset(4 * (values.len() as u32 - 4), 40, 4.0);
-        assert_eq!(grid.columns as usize, values.len());
+        assert_eq!(grid.lattice.columns as usize, values.len());
         for node in 0..grid.owner.len() {
             let value = values[node % values.len()];
             grid.inverse_depth[node] = value;
@@ -366,7 +354,7 @@ mod tests {
         let edge = EdgeRule::new(50.0, 0.0);
         grid.drop_leaks(&edge);
         assert_eq!(grid, before, "a straight rim stays");
-        let middle = 5 * grid.columns as usize + 6;
+        let middle = 5 * grid.lattice.columns as usize + 6;
         grid.inverse_depth[middle] = 1.0;
         grid.drop_leaks(&edge);
         assert_eq!(grid.owner[middle], NOBODY);

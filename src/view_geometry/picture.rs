@@ -9,32 +9,32 @@ use glam::Vec4;
 const FULL: f32 = 65_535.0;
 
 /// The fourth part of texels that are masked out, and of texels of unknown depth; above them inverse depth.
-const MASKED: u16 = 0;
+pub(super) const MASKED: u16 = 0;
 const UNKNOWN: u16 = 1;
-const LEAST_DEPTH: u16 = 2;
+pub(super) const LEAST_DEPTH: u16 = 2;
 
 /// A picture and copies of half the size each, as far as they are of use.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Picture {
-    levels: Vec<Level>,
+    pub(super) levels: Vec<Level>,
     /// 1/m for a step of the texels' fourth part.
-    inverse_depth_step: f32,
+    pub(super) inverse_depth_step: f32,
 }
 
 /// Red, green, blue, and inverse depth in steps, row by row; the last column and row twice, so that every texel has neighbours.
 #[derive(Clone, Debug, PartialEq)]
-struct Level {
+pub(super) struct Level {
     /// Texels, without those that are there twice.
     width: usize,
     height: usize,
     /// The same, and the last column and row whose neighbours are looked at.
-    size: [f32; 2],
-    last: [i32; 2],
+    pub(super) size: [f32; 2],
+    pub(super) last: [i32; 2],
     /// Over the picture's size.
-    scale: [f32; 2],
+    pub(super) scale: [f32; 2],
     /// Texels in a row.
-    stride: usize,
-    texels: Vec<[u16; 4]>,
+    pub(super) stride: usize,
+    pub(super) texels: Vec<[u16; 4]>,
 }
 
 /// Halvings at most: what is seen 16 times smaller than it was taken is better served by another camera.

@@ -4,17 +4,36 @@
 //! a coarse look at many cameras reads the beginning of each list and nothing else.
 
 use crate::capture::images::LoadedView;
+use crate::container::MappedSection;
 use glam::{DVec3, Vec3};
+use std::ops::Range;
 
 /// What stands for a depth image while frames are drawn.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Samples {
     /// Metres from the origin that was given, coarsest level first, rows from top to bottom in each.
-    points: Vec<Vec3>,
+    points: Held,
     /// How many of the points each level of detail has, the finest first.
     counts: Vec<u32>,
     probes: Probes,
 }
+
+/// Where points lie, an array for each axis.
+#[derive(Clone, Debug)]
+enum Held {
+    Memory([Vec<f32>; 3]),
+    /// In a file, together with those of other cameras.
+    Disk([MappedSection; 3], Range<usize>),
+}
+
+impl Default for Held {
+    fn default() -> Self {
+        Self::Memory(Default::default())
+    }
+}
+
+/// X, y and z of points.
+pub(super) type Points<'a> = [&'a [f32]; 3];
 
 /// At most [`MAX_PROBES`] samples spread over the whole image, an array for each axis, so that they are projected side by side; NaN
 /// where there is none.
@@ -27,7 +46,16 @@ pub(super) struct Probes {
 
 impl Default for Probes {
     fn default() -> Self {
-        Self { axes: [[f32::NAN; MAX_PROBES]; 3], count: 0 }
+        Self::new([[f32::NAN; MAX_PROBES]; 3])
+    }
+}
+
+impl Probes {
+    /// Of their coordinates.
+    pub(super) fn new(axes: [[f32; MAX_PROBES]; 3]) -> Self {
+        let [x, y, z] = &axes;
+        let count = (0..MAX_PROBES).filter(|i| (x[*i] + y[*i] + z[*i]).is_finite()).count() as u32;
+        Self { axes, count }
     }
 }
 
@@ -82,23 +110,36 @@ impl Samples {
             }
         }
         let mut counts = vec![0; levels.len()];
-        let mut points = Vec::with_capacity(levels.iter().map(Vec::len).sum());
+        let mut points = [0; 3].map(|_| Vec::with_capacity(levels.iter().map(Vec::len).sum()));
         for (level, of_level) in levels.iter().enumerate().rev() {
-            points.extend_from_slice(of_level);
-            counts[level] = points.len() as u32;
+            (0..3).for_each(|axis| points[axis].extend(of_level.iter().map(|point| point[axis])));
+            counts[level] = points[0].len() as u32;
         }
-        let mut spread = Probes::default();
+        let mut spread = [[f32::NAN; MAX_PROBES]; 3];
         for (i, (_, point)) in probes.iter().flatten().enumerate() {
-            (0..3).for_each(|axis| spread.axes[axis][i] = point[axis]);
-            spread.count += 1;
+            (0..3).for_each(|axis| spread[axis][i] = point[axis]);
         }
-        Self { points, counts, probes: spread }
+        Self { points: Held::Memory(points), counts, probes: Probes::new(spread) }
+    }
+
+    /// Samples in a file: some of the points of three sections, and what [`Self::counts`] and [`Self::probes`] were.
+    pub(super) fn mapped(axes: &[MappedSection; 3], points: Range<usize>, counts: Vec<u32>, probes: Probes) -> Self {
+        Self { points: Held::Disk(axes.clone(), points), counts, probes }
+    }
+
+    /// How many samples each level of detail has, the finest first.
+    pub(super) fn counts(&self) -> &[u32] {
+        &self.counts
     }
 
     /// The samples of a level of detail, 0 the finest; beyond the coarsest that one.
-    pub(super) fn of_level(&self, level: u32) -> &[Vec3] {
-        let count = self.counts.get(level as usize).or(self.counts.last()).copied().unwrap_or(0);
-        self.points.get(..count as usize).unwrap_or_default()
+    pub(super) fn of_level(&self, level: u32) -> Points<'_> {
+        let count = self.counts.get(level as usize).or(self.counts.last()).copied().unwrap_or(0) as usize;
+        let all: Points = match &self.points {
+            Held::Memory(axes) => axes.each_ref().map(Vec::as_slice),
+            Held::Disk(axes, range) => axes.each_ref().map(|axis| axis.values().get(range.clone()).unwrap_or_default()),
+        };
+        all.map(|axis| axis.get(..count).unwrap_or_default())
     }
 
     /// Points spread over the whole image.
@@ -106,9 +147,13 @@ impl Samples {
         &self.probes
     }
 
-    /// Bytes in memory.
+    /// Bytes in memory, without what is mapped.
     pub(super) fn bytes(&self) -> usize {
-        size_of_val(self.points.as_slice()) + size_of::<Self>()
+        let points = match &self.points {
+            Held::Memory(axes) => axes.iter().map(|axis| size_of_val(axis.as_slice())).sum(),
+            Held::Disk(..) => 0,
+        };
+        points + size_of::<Self>()
     }
 }
 
@@ -137,13 +182,12 @@ mod tests {
     fn a_level_of_detail_is_the_beginning_of_the_list_and_has_a_quarter_of_the_finer_one() {
         let view = plane_view(DVec3::ZERO, 2.0, [64, 64]);
         let samples = Samples::new(&view, &SampleGrid { spacing_px: 2, coarsest: 3 }, DVec3::ZERO);
-        let counts: Vec<usize> = (0..6).map(|level| samples.of_level(level).len()).collect();
+        let counts: Vec<usize> = (0..6).map(|level| samples.of_level(level)[0].len()).collect();
         assert_eq!(counts, [33 * 33, 17 * 17, 9 * 9, 5 * 5, 25, 25]);
         // Level 1 is what a grid of twice the spacing would hold: every second point in both directions.
-        let second: Vec<Vec3> = samples.of_level(1).to_vec();
-        let all = samples.of_level(0);
-        assert_eq!(second, all[..17 * 17]);
-        let columns: std::collections::BTreeSet<i32> = second.iter().map(|p| (p.x * 1e4) as i32).collect();
+        let ([second, ..], [all, ..]) = (samples.of_level(1), samples.of_level(0));
+        assert_eq!(second, &all[..17 * 17]);
+        let columns: std::collections::BTreeSet<i32> = second.iter().map(|x| (x * 1e4) as i32).collect();
         assert_eq!(columns.len(), 17);
         assert_eq!(samples.probes().count as usize, MAX_PROBES);
     }
@@ -153,11 +197,10 @@ mod tests {
         let depth = |x: u32, y: u32| if (x, y) == (10, 10) { 0.1 } else { 3.0 };
         let view = view_of(DVec3::new(1.0, 2.0, 3.0), depth, |_, _| [9; 3], [48, 32]);
         let samples = Samples::new(&view, &SampleGrid { spacing_px: 4, coarsest: 2 }, DVec3::ONE);
-        assert_eq!(samples.of_level(0).len(), 13 * 9);
-        for point in samples.of_level(0) {
-            // Looking down -Z from (1, 2, 3), relative to (1, 1, 1).
-            assert!((point.z - (3.0 - 3.0 - 1.0)).abs() < 1e-5, "{point}");
-        }
+        let [x, _, z] = samples.of_level(0);
+        assert_eq!((x.len(), z.len()), (13 * 9, 13 * 9));
+        // Looking down -Z from (1, 2, 3), relative to (1, 1, 1).
+        assert!(z.iter().all(|z| (z - (3.0 - 3.0 - 1.0)).abs() < 1e-5), "{z:?}");
     }
 
     #[test]
@@ -165,11 +208,11 @@ mod tests {
         let depth = |x: u32, _| if x < 24 { f32::NAN } else { 2.0 };
         let view = view_of(DVec3::ZERO, depth, |_, _| [9; 3], [48, 32]);
         let samples = Samples::new(&view, &SampleGrid { spacing_px: 4, coarsest: 2 }, DVec3::ZERO);
-        assert_eq!(samples.of_level(0).len(), 7 * 9);
+        assert_eq!(samples.of_level(0)[0].len(), 7 * 9);
         let none = view_of(DVec3::ZERO, |_, _| f32::NAN, |_, _| [9; 3], [48, 32]);
         let samples = Samples::new(&none, &SampleGrid::default(), DVec3::ZERO);
-        assert!(samples.of_level(0).is_empty() && samples.probes().count == 0);
+        assert!(samples.of_level(0)[0].is_empty() && samples.probes().count == 0);
         let tiny = view_of(DVec3::ZERO, |_, _| 1.0, |_, _| [9; 3], [2, 1]);
-        assert_eq!(Samples::new(&tiny, &SampleGrid::default(), DVec3::ZERO).of_level(0).len(), 2);
+        assert_eq!(Samples::new(&tiny, &SampleGrid::default(), DVec3::ZERO).of_level(0)[0].len(), 2);
     }
 }

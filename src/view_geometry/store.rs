@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
+use std::time::Instant;
 
 /// Whether a frame waits for pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,6 +48,7 @@ struct State {
 struct Held {
     picture: Arc<Picture>,
     last_used: u64,
+    since: Instant,
 }
 
 impl PictureStore {
@@ -126,6 +128,16 @@ impl PictureStore {
         }
     }
 
+    /// The name of a view.
+    pub(super) fn name(&self, camera: u32) -> String {
+        self.shared.views.get(camera as usize).map_or_else(String::new, |view| view.name.clone())
+    }
+
+    /// How long a picture has been at hand, seconds.
+    pub(super) fn age_s(&self, camera: u32) -> Option<f32> {
+        self.shared.lock().held.get(&camera).map(|held| held.since.elapsed().as_secs_f32())
+    }
+
     /// What could not be read any more: a sentence each.
     pub(super) fn lost(&self) -> Vec<String> {
         self.shared.lock().lost.values().cloned().collect()
@@ -185,7 +197,7 @@ impl Shared {
 impl State {
     fn hold(&mut self, camera: u32, picture: Arc<Picture>) {
         self.bytes += picture.bytes();
-        if let Some(before) = self.held.insert(camera, Held { picture, last_used: self.clock }) {
+        if let Some(before) = self.held.insert(camera, Held { picture, last_used: self.clock, since: Instant::now() }) {
             self.bytes -= before.picture.bytes();
         }
     }
@@ -259,7 +271,7 @@ mod tests {
         let store = PictureStore::new(views(4, folder.path()), usize::MAX);
         store.fetch([3].into_iter(), 1, Patience::Wait);
         assert_eq!(cameras(&store.fetch([0, 1, 2, 3].into_iter(), 2, Patience::Never)), [3]);
-        let started = std::time::Instant::now();
+        let started = Instant::now();
         while cameras(&store.fetch([0, 1, 2, 3].into_iter(), 2, Patience::Never)) != [0, 1] {
             assert!(started.elapsed().as_secs() < 60, "the thread decodes");
             std::thread::yield_now();

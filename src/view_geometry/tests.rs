@@ -1,11 +1,16 @@
 //! View-dependent geometry as a whole: exact where it can be, and whole where data is bad.
 
+use super::picture::Picture;
 use super::*;
-use crate::capture::images::{DepthPicture, DepthSource, Distortion};
-use crate::capture::{DepthKind, srgb8_from_linear};
+use crate::capture::images::{
+    DepthPicture, DepthSource, Distortion, ImageSet, Lens, LoadedView, Pinhole, Pose, View, write_depth_exr,
+};
+use crate::capture::scene::FileFrame;
+use crate::capture::{Camera, DepthKind, simd, srgb8_from_linear};
+use crate::frame::Frame;
 use crate::progress::Silent;
-use crate::sprite::write_depth_exr;
-use glam::DMat3;
+use fearless_simd::Level;
+use glam::{DMat3, DVec3};
 use image::RgbaImage;
 use std::path::Path;
 
@@ -86,7 +91,7 @@ pub(crate) fn opened(views: &[LoadedView], grid: &SampleGrid) -> (tempfile::Temp
     let folder = tempfile::tempdir().expect("a folder");
     let on_disk: Vec<View> =
         views.iter().enumerate().map(|(i, view)| saved(view, folder.path(), &i.to_string())).collect();
-    let geometry = open(folder.path(), &on_disk, grid, ViewGeometry::DEFAULT_BUDGET).expect("opens");
+    let geometry = open(folder.path(), &on_disk, grid, 1 << 30).expect("opens");
     (folder, geometry)
 }
 
@@ -104,7 +109,8 @@ pub(crate) fn set_of(folder: &Path, views: &[View]) -> ImageSet {
 
 fn open(folder: &Path, views: &[View], grid: &SampleGrid, budget: usize) -> Result<ViewGeometry, GeometryError> {
     let set = set_of(folder, views);
-    ViewGeometry::open(&set, &views.iter().collect::<Vec<_>>(), grid, budget, &Silent)
+    let resources = GeometryResources { grid: *grid, budget, cache: None };
+    ViewGeometry::open(&set, &views.iter().collect::<Vec<_>>(), &resources, &Silent)
 }
 
 const SIZE: [u32; 2] = [96, 72];
@@ -270,15 +276,40 @@ fn no_skin_spans_a_depth_edge_and_the_rim_is_where_it_is() {
 }
 
 #[test]
-fn the_same_bytes_on_any_number_of_threads() {
+fn the_same_bytes_on_any_number_of_threads_at_every_level() {
     let eyes = [-0.3, 0.0, 0.3].map(|x| DVec3::new(x, 0.0, 0.0));
-    let (_folder, geometry) = opened(&eyes.map(square_before_wall), &DEFAULT);
-    let camera = frame_at(DVec3::new(0.12, 0.04, 0.0), LARGE);
-    let on = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-        pool.install(|| frame(&geometry, &camera, &settings(Texturing::Blended)).0)
-    };
-    assert!(on(1) == on(3));
+    let mut views = eyes.map(square_before_wall);
+    // Masked out in one of them, so that some texels have no neighbours.
+    views[1].color.iter_mut().step_by(37).for_each(|color| color[3] = 0);
+    let (_folder, geometry) = opened(&views, &DEFAULT);
+    // An odd width, so that the last pixels of a row are fewer than the others.
+    let camera = frame_at(DVec3::new(0.12, 0.04, 0.0), [317, 203]);
+    for (name, texturing) in Texturing::ALL {
+        let on = |threads: usize, level: Level| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            let mut renderer = GeometryRenderer::with(level);
+            pool.install(|| renderer.render(&geometry, &camera, &settings(texturing), Patience::Wait).0.clone())
+        };
+        let expected = on(1, simd::level());
+        for level in simd::levels() {
+            assert!(on(3, level) == expected, "{name}, {level:?}");
+        }
+    }
+}
+
+#[test]
+fn frames_after_others_hold_nothing_of_them() {
+    let (_folder, geometry) = opened(&[DVec3::ZERO, DVec3::X * 0.2].map(|eye| plane_view(eye, 3.0, SIZE)), &DEFAULT);
+    let mut renderer = GeometryRenderer::new();
+    let poses = [(DVec3::X * 0.1, [200, 140]), (DVec3::new(0.8, 0.0, 1.0), [96, 72]), (DVec3::ZERO, [31, 90])];
+    for (eye, size) in poses {
+        let camera = frame_at(eye, size);
+        for texturing in [Texturing::Blended, Texturing::Nearest, Texturing::Multi] {
+            let (expected, _) = frame(&geometry, &camera, &settings(texturing));
+            let (found, _) = renderer.render(&geometry, &camera, &settings(texturing), Patience::Wait);
+            assert!(*found == expected, "{texturing:?} from {eye}");
+        }
+    }
 }
 
 #[test]
@@ -357,6 +388,35 @@ fn what_vanishes_from_disk_is_replaced_by_the_next_best_camera() {
     frame(&geometry, &frame_at(DVec3::new(0.0, 0.0, -9.0), SIZE), &settings(Texturing::Blended));
     let (empty, stats) = frame(&geometry, &camera, &settings(Texturing::Blended));
     assert_eq!((stats.cameras_used, empty.hole_count(), geometry.lost().len()), (0, 96 * 72, 3));
+}
+
+#[test]
+fn a_walk_past_many_cameras_stays_within_its_budget_and_never_waits() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let eyes: Vec<DVec3> = (0..120u32).map(|i| DVec3::X * (0.1 * f64::from(i))).collect();
+    let views: Vec<View> = eyes
+        .iter()
+        .enumerate()
+        .map(|(i, eye)| saved(&plane_view(*eye, 3.0, [48, 36]), folder.path(), &i.to_string()))
+        .collect();
+    let one = Picture::new(&views[0].load().expect("loads")).bytes();
+    let geometry = open(folder.path(), &views, &DEFAULT, 12 * one).expect("opens");
+    let settings = GeometrySettings { cameras: 6, ..settings(Texturing::Blended) };
+    let mut renderer = GeometryRenderer::new();
+    let mut served = 0;
+    for step in 0..300 {
+        let camera = frame_at(DVec3::X * (0.04 * f64::from(step)), [48, 36]);
+        let (_, stats) = renderer.render(&geometry, &camera, &settings, Patience::Never);
+        served += u32::from(stats.cameras_used > 0);
+        // One more may come in while the others are being counted.
+        assert!(geometry.pictures.bytes() <= 13 * one, "{} pictures", geometry.pictures.bytes() / one);
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    assert!(served > 250, "{served} frames showed something");
+    let camera = frame_at(DVec3::X * 12.0, [48, 36]);
+    let (expected, _) = frame(&geometry, &camera, &settings);
+    let (still, stats) = renderer.render(&geometry, &camera, &settings, Patience::Never);
+    assert!(*still == expected && stats.pictures_missing == 0, "{stats:?}");
 }
 
 #[test]

@@ -1,21 +1,20 @@
-//! From the mesh to pixels (E9): each triangle textured by one camera, by the best ranked of its corners', by up to three
-//! blended, or by the mean of all good ones.
+//! From what pixels show to their colours (E9): of one camera, of the best ranked of a triangle's corners', of up to three
+//! blended, or the mean of all good ones.
 //!
-//! Triangles tile the frame: no two overlap, so there is no depth test, and with exact integer edge functions no crack. At a pixel, position and
-//! inverse depth give its place in any picture by one product with a homography and one with an epipole (Shade's
-//! `start + q * depth`), which is perspective-correct by construction.
+//! At a pixel, position and inverse depth give its place in any picture by one product with a homography and one with an epipole (Shade's
+//! `start + q * depth`), which is perspective-correct by construction. [`LANES`] pixels of a row look into a camera's picture together.
 //!
 //! The paper projects textures through whatever stands between. Here each texel knows its depth: a camera that shows something nearer does not see the pixel's
-//! point and has no say in it. Where a triangle's corners belong to different surfaces, no skin spans them: each pixel belongs to the near or to
-//! the far one, as the picture of the near one's camera says.
+//! point and has no say in it.
 
-use super::delaunay::doubled_area;
-use super::fuse::{Grid, SUBPIXELS};
 use super::picture::Picture;
+use super::scan::{Described, LANES, MOST_CAMERAS, OWNER_BITS, Pixels, Scanner, Spot, UNCOVERED};
 use super::{EdgeRule, RealCamera, Texturing};
 use crate::capture::Camera;
 use crate::frame::Coverage;
-use crate::raster::encode_srgb;
+use crate::raster::{SrgbTable, encode_srgb};
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, dispatch, f32x16, mask32x16, u32x16};
 use glam::{DMat3, DVec3, Vec3};
 use std::ops::Range;
 use std::sync::Arc;
@@ -27,6 +26,12 @@ const PER_FULL: f32 = 1.0 / 65_535.0;
 /// a texel of a steep surface spans.
 const HIDDEN: f32 = 0.02;
 
+/// Cameras whose mean a pixel shows: the fourth still takes more noise away than it blurs.
+const MOST_AVERAGED: f32 = 4.0;
+
+/// The column of each lane.
+const COLUMNS: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
+
 /// A camera that textures a frame.
 pub(super) struct TextureCamera {
     picture: Arc<Picture>,
@@ -36,17 +41,20 @@ pub(super) struct TextureCamera {
     right: Vec3,
     down: Vec3,
     shift: Vec3,
-    /// Its focal length over the frame's.
+    /// Its focal length over the frame's: texels for a pixel are this over the ratio of depths.
     scale: f32,
     /// Share of inverse depth by which what it shows is nearer than a point that it does not see.
     hidden: f32,
+    /// Inverse depth by which it must be nearer beyond that, 1/m.
+    slack: f32,
 }
 
 impl TextureCamera {
-    pub(super) fn new(camera: &RealCamera, picture: Arc<Picture>, frame: &Camera) -> Self {
+    pub(super) fn new(camera: &RealCamera, picture: Arc<Picture>, frame: &Camera, edge: &EdgeRule) -> Self {
         let eye_from_world = camera.pose.world_from_eye.transpose();
         let shift = camera.homogeneous(eye_from_world * (frame.eye() - camera.pose.eye));
-        Self { shift: shift.as_vec3(), ..Self::turned(camera, picture, frame, eye_from_world * frame.world_from_eye()) }
+        let turned = Self::turned(camera, picture, frame, eye_from_world * frame.world_from_eye());
+        Self { shift: shift.as_vec3(), slack: edge.least(), ..turned }
     }
 
     /// As if the camera stood where the frame's does, and looked the same way: the picture alone, without depth.
@@ -66,325 +74,301 @@ impl TextureCamera {
             shift: Vec3::ZERO,
             scale: (camera.lens.focal_px[1] / focal) as f32,
             hidden: 1.0 + HIDDEN + EdgeRule::STEEPEST / camera.lens.focal_px[1] as f32,
+            slack: f32::INFINITY,
         }
     }
 
-    /// Position in the picture, pixels, of what the frame shows at (x, y), pixels, and its inverse depth there; `None` behind the camera.
-    #[inline(always)]
-    fn locate(&self, x: f32, y: f32, inverse_depth: f32) -> Option<[f32; 3]> {
-        let h = self.start + self.right * x + self.down * y + self.shift * inverse_depth;
-        let per = 1.0 / h.z;
-        (h.z > 0.0).then_some([h.x * per, h.y * per, inverse_depth * per])
-    }
-
-    /// The copy of its picture that is as fine as the frame there: texels for a pixel are the focal lengths' ratio over that of depths.
+    /// Position in the picture, pixels, of what the frame shows at (x, y), pixels, the inverse depth there, and the ratio of
+    /// depths; `None` behind the camera.
     #[inline]
-    fn level_at(&self, x: f32, y: f32, inverse_depth: f32) -> usize {
-        let depths = self.start.z + self.right.z * x + self.down.z * y + self.shift.z * inverse_depth;
-        self.picture.level_for(if depths > 0.0 { self.scale / depths } else { 1.0 })
+    fn locate(&self, [x, y]: [f32; 2], inverse_depth: f32) -> Option<[f32; 4]> {
+        let h = (self.start + self.down * y) + self.right * x + self.shift * inverse_depth;
+        let per = 1.0 / h.z;
+        (h.z > 0.0).then_some([h.x * per, h.y * per, inverse_depth * per, h.z])
     }
 
-    /// Linear colour, up to the largest of a texel, of a place of the frame in its picture, and whether the camera shows something nearer there.
-    #[inline(always)]
-    fn look(&self, level: usize, [x, y]: [f32; 2], inverse_depth: f32, slack: f32) -> Option<([f32; 3], bool)> {
-        let [u, v, inverse] = self.locate(x, y, inverse_depth)?;
-        let (color, shown) = self.picture.sample(level, u, v)?;
-        Some((color, shown > inverse * self.hidden + slack))
+    /// What the camera shows where it would show a place of the frame, if it knows, and how near to it that place is, 1/m.
+    pub(super) fn depths_at(&self, at: [f32; 2], inverse_depth: f32) -> Option<[f32; 2]> {
+        let [u, v, there, _] = self.locate(at, inverse_depth)?;
+        let (_, shown) = self.picture.sample(0, u, v)?;
+        (shown > 0.0).then_some([shown, there])
     }
 
-    /// The colour, if the camera sees the surface.
-    #[inline(always)]
-    fn see(&self, level: usize, at: [f32; 2], inverse_depth: f32, slack: f32) -> Option<[f32; 3]> {
-        let (color, is_hidden) = self.look(level, at, inverse_depth, slack)?;
-        (!is_hidden).then_some(color)
+    /// Linear colour, up to the largest of a texel, of a place of the frame in its picture, whatever it shows there.
+    fn color_at(&self, at: [f32; 2], inverse_depth: f32) -> Option<[f32; 3]> {
+        let [u, v, _, ratio] = self.locate(at, inverse_depth)?;
+        let (color, _) = self.picture.sample(self.picture.level_for(self.scale / ratio), u, v)?;
+        Some(color)
     }
 }
 
-/// Cameras whose mean a pixel shows: the fourth still takes more noise away than it blurs.
-const MOST_AVERAGED: u16 = 4;
+/// Places of neighbouring pixels.
+#[derive(Clone, Copy)]
+struct Places<S: Simd> {
+    /// Pixels, of their centres.
+    x: f32x16<S>,
+    y: f32,
+    /// 1/m.
+    inverse_depth: f32x16<S>,
+}
+
+/// Weighted sums of colours of neighbouring pixels.
+#[derive(Clone, Copy)]
+struct Sums<S: Simd> {
+    color: [f32x16<S>; 3],
+    weight: f32x16<S>,
+}
+
+impl<S: Simd> Sums<S> {
+    #[inline(always)]
+    fn new(simd: S) -> Self {
+        let zero = f32x16::splat(simd, 0.0);
+        Self { color: [zero; 3], weight: zero }
+    }
+
+    /// Adds what a camera shows of the `wanted` lanes, where it sees them.
+    fn add(&mut self, simd: S, camera: &TextureCamera, places: &Places<S>, wanted: u64, weight: f32x16<S>) {
+        simd.vectorize(
+            #[inline(always)]
+            || self.add_at(simd, camera, places, wanted, weight),
+        );
+    }
+
+    #[inline(always)]
+    fn add_at(&mut self, simd: S, camera: &TextureCamera, places: &Places<S>, wanted: u64, weight: f32x16<S>) {
+        let &Places { x, y, inverse_depth } = places;
+        let row = camera.start + camera.down * y;
+        let [h, v, w] = [0, 1, 2].map(|axis| (row[axis], camera.right[axis], camera.shift[axis]));
+        let (h, v, w) = (along(h, x, inverse_depth), along(v, x, inverse_depth), along(w, x, inverse_depth));
+        let per = 1.0 / w;
+        let (u, v, there) = (h * per, v * per, inverse_depth * per);
+        let in_front = w.simd_gt(0.0).to_bitmask() & wanted;
+        let levels = camera.picture.levels_for(camera.scale * per);
+        let bound = there * camera.hidden + camera.slack;
+        let mut left = in_front;
+        let mut level = 0;
+        while left != 0 {
+            let here = levels.simd_eq(level).to_bitmask() & left;
+            left &= !here;
+            if here != 0 {
+                let found = camera.picture.sample_sixteen(simd, level, [u, v], here);
+                let seen = found.known & !found.inverse_depth.simd_gt(bound).to_bitmask();
+                let share = mask32x16::from_bitmask(simd, seen).select(weight, f32x16::splat(simd, 0.0));
+                for channel in 0..3 {
+                    self.color[channel] += found.color[channel] * share;
+                }
+                self.weight += share;
+            }
+            level += 1;
+        }
+    }
+}
+
+/// A homogeneous coordinate of places in a row.
+#[inline(always)]
+fn along<S: Simd>((row, right, shift): (f32, f32, f32), x: f32x16<S>, inverse_depth: f32x16<S>) -> f32x16<S> {
+    x * right + row + inverse_depth * shift
+}
 
 /// What colours a frame.
 pub(super) struct Painter<'a> {
-    pub(super) grid: &'a Grid,
-    pub(super) triangles: &'a [[u32; 3]],
-    /// By rank.
-    pub(super) cameras: &'a [TextureCamera],
+    pub(super) level: Level,
+    pub(super) scanner: Scanner<'a>,
     pub(super) texturing: Texturing,
-    pub(super) edge: &'a EdgeRule,
 }
 
 /// Rows of a frame.
 pub(super) struct Band<'a> {
+    pub(super) number: u32,
     pub(super) width: u32,
     pub(super) rows: Range<u32>,
     pub(super) colors: &'a mut [[u8; 4]],
     pub(super) coverage: &'a mut [Coverage],
 }
 
-impl Band<'_> {
-    #[inline(always)]
-    fn put(&mut self, x: u32, y: u32, color: [f32; 3]) {
-        let i = (y - self.rows.start) as usize * self.width as usize + x as usize;
-        let [r, g, b] = color.map(|c| encode_srgb(c * PER_FULL));
-        self.colors[i] = [r, g, b, 255];
-        self.coverage[i] = Coverage::FULL;
-    }
-}
-
-/// A triangle in the frame.
-struct Triangle {
-    /// Columns, and rows of the band, that it may show in.
-    columns: Range<u32>,
-    rows: Range<u32>,
-    /// Edge functions opposite each corner at the first of these pixels, for a column, for a row.
-    edges: [[i64; 3]; 3],
-    /// The sum of the edge functions, as an exact reciprocal would have it.
-    per_area: f32,
-    /// Of the corners: position, pixels; inverse depth, 1/m; rank of the camera.
-    at: [[f32; 2]; 3],
-    inverse_depth: [f32; 3],
-    owners: [u16; 3],
-}
-
 impl Painter<'_> {
     /// Colours what the mesh covers of a band.
-    pub(super) fn paint(&self, band: &mut Band) {
-        if self.texturing == Texturing::Nearest {
-            self.paste(band);
+    pub(super) fn paint(&self, band: &mut Band, described: &mut Described) {
+        match self.texturing {
+            Texturing::Nearest => described.fill(band.width, band.rows.len() as u32),
+            _ => self.scanner.describe(band.number, band.width, &band.rows, described),
+        }
+        dispatch!(self.level, simd => self.color(simd, band, described));
+    }
+
+    #[inline(always)]
+    fn color<S: Simd>(&self, simd: S, band: &mut Band, described: &Described) {
+        let width = band.width as usize;
+        let rows = band.colors.chunks_mut(width).zip(band.coverage.chunks_mut(width));
+        for ((colors, coverage), (y, pixels)) in
+            rows.zip(band.rows.clone().zip(described.pixels.chunks(described.per_row)))
+        {
+            let chunks = colors.chunks_mut(LANES).zip(coverage.chunks_mut(LANES)).zip(pixels);
+            for (((colors, coverage), pixels), x) in chunks.zip((0..).step_by(LANES)) {
+                self.color_pixels(simd, pixels, [x, y], colors, coverage);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn color_pixels<S: Simd>(
+        &self,
+        simd: S,
+        pixels: &Pixels,
+        [x, y]: [u32; 2],
+        colors: &mut [[u8; 4]],
+        coverage: &mut [Coverage],
+    ) {
+        let covered = !u32x16::load_array_ref(simd, &pixels.owners).simd_eq(UNCOVERED).to_bitmask() & 0xffff;
+        if covered == 0 {
             return;
         }
-        for corners in self.triangles {
-            let Some(triangle) = self.set_up(*corners, band) else { continue };
-            let surface = self.surface(&triangle, *corners);
-            let [first, second, third] = triangle.edges;
-            for y in triangle.rows.clone() {
-                let down = i64::from(y - triangle.rows.start);
-                let mut at = [first, second, third].map(|[start, _, row]| start + row * down);
-                for x in triangle.columns.clone() {
-                    if at[0] | at[1] | at[2] >= 0 {
-                        self.pixel(&triangle, &surface, at, [x, y], band);
-                    }
-                    for (at, edge) in at.iter_mut().zip(&triangle.edges) {
-                        *at += edge[1];
-                    }
-                }
-            }
-        }
-    }
-
-    /// The best camera's picture as it is, for comparison.
-    fn paste(&self, band: &mut Band) {
-        let Some(camera) = self.cameras.first() else { return };
-        let level = camera.picture.level_for(camera.scale);
-        for y in band.rows.clone() {
-            for x in 0..band.width {
-                let Some([u, v, _]) = camera.locate(x as f32 + 0.5, y as f32 + 0.5, 0.0) else { continue };
-                if let Some((color, _)) = camera.picture.sample(level, u, v) {
-                    band.put(x, y, color);
-                }
-            }
-        }
-    }
-
-    #[inline]
-    fn set_up(&self, corners: [u32; 3], band: &Band) -> Option<Triangle> {
-        let at = corners.map(|node| [self.grid.x[node as usize], self.grid.y[node as usize]]);
-        // The pixels whose centres lie within the box.
-        let range = |axis: usize, low: u32, high: u32| {
-            let [a, b, c] = at.map(|p| p[axis]);
-            let half = SUBPIXELS / 2;
-            let first = (a.min(b).min(c) + half - 1).div_euclid(SUBPIXELS).max(low as i32);
-            let end = (a.max(b).max(c) - half).div_euclid(SUBPIXELS).saturating_add(1).min(high as i32);
-            (first < end).then_some(first as u32..end as u32)
+        let places = Places {
+            x: f32x16::load_array_ref(simd, &COLUMNS) + (x as f32 + 0.5),
+            y: y as f32 + 0.5,
+            inverse_depth: f32x16::load_array_ref(simd, &pixels.inverse_depth),
         };
-        let rows = range(1, band.rows.start, band.rows.end)?;
-        let columns = range(0, 0, band.width)?;
-        let at = at.map(|p| p.map(i64::from));
-        let centre =
-            [columns.start, rows.start].map(|pixel| i64::from(pixel) * i64::from(SUBPIXELS) + i64::from(SUBPIXELS / 2));
-        let edge = |from: [i64; 2], to: [i64; 2]| {
-            let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
-            // A centre on an edge belongs to the triangle whose upper or left edge it is.
-            let is_theirs = !(dy < 0 || (dy == 0 && dx > 0));
-            let value = dx * (centre[1] - from[1]) - dy * (centre[0] - from[0]) - i64::from(is_theirs);
-            [value, -dy * i64::from(SUBPIXELS), dx * i64::from(SUBPIXELS)]
-        };
-        let [a, b, c] = at;
-        Some(Triangle {
-            columns,
-            rows,
-            edges: [edge(b, c), edge(c, a), edge(a, b)],
-            per_area: 1.0 / doubled_area(at) as f32,
-            at: at.map(|p| p.map(|part| part as f32 / SUBPIXELS as f32)),
-            inverse_depth: corners.map(|node| self.grid.inverse_depth[node as usize]),
-            owners: corners.map(|node| self.grid.owner[node as usize]),
-        })
-    }
-
-    /// What holds for all pixels of a triangle.
-    #[inline]
-    fn surface(&self, triangle: &Triangle, corners: [u32; 3]) -> Surface {
-        let inverse = triangle.inverse_depth;
-        let length = |i: usize, j: usize| {
-            let [a, b] = [corners[i], corners[j]].map(|node| node as usize);
-            let [dx, dy] = [self.grid.x[a] - self.grid.x[b], self.grid.y[a] - self.grid.y[b]].map(|d| d as f32);
-            (dx * dx + dy * dy).sqrt() / SUBPIXELS as f32
-        };
-        let (near, far) = (inverse[0].max(inverse[1]).max(inverse[2]), inverse[0].min(inverse[1]).min(inverse[2]));
-        let parts = |i: usize, j: usize| self.edge.parts(inverse[i], inverse[j], length(i, j));
-        let is_cut = near - far > self.edge.least() && (parts(0, 1) || parts(1, 2) || parts(2, 0));
-        // Of three corners the one in the middle goes with the nearer of the others.
-        let middle = (near + far) * 0.5;
-        let [a, b, c] = triangle.owners;
-        let best = a.min(b).min(c);
-        let node = corners[0] as usize;
-        let [x, y] = [self.grid.x[node], self.grid.y[node]].map(|part| part as f32 / SUBPIXELS as f32);
-        let level = self.cameras.get(best as usize).map_or(0, |camera| camera.level_at(x, y, inverse[0]));
-        Surface { near: inverse.map(|depth| depth > middle), is_cut, is_one: a == b && b == c, level }
-    }
-
-    #[inline(always)]
-    fn pixel(&self, triangle: &Triangle, surface: &Surface, at: [i64; 3], [column, row]: [u32; 2], band: &mut Band) {
-        let mut weights = at.map(|edge| edge as f32 * triangle.per_area);
-        let (x, y) = (column as f32 + 0.5, row as f32 + 0.5);
-        if surface.is_cut {
-            weights = self.side(triangle, surface, weights, [x, y]);
+        let sums = self.sums(simd, pixels, &places, covered);
+        let per = PER_FULL / sums.weight;
+        let table = SrgbTable::get();
+        let mut color = u32x16::splat(simd, 0xff00_0000);
+        for channel in 0..3 {
+            color |= table.encode_sixteen(simd, sums.color[channel] * per, LANES) << (8 * channel as u32);
         }
-        let [a, b, c] = [0, 1, 2].map(|k| weights[k] * triangle.inverse_depth[k]);
-        let inverse = (a + b + c) / (weights[0] + weights[1] + weights[2]);
-        // Weights on the surface, not in the frame, are those times depth's share.
-        let spot = Spot { triangle, weights: [a, b, c], surface, at: [x, y], inverse };
-        let painted = match self.texturing {
-            Texturing::Single => self.single(surface, [x, y], inverse),
-            Texturing::Averaged => {
-                let mean = self.averaged(surface, [x, y], inverse);
-                mean.or_else(|| self.unseen(triangle, [a, b, c], surface))
-            }
-            Texturing::Blended if !surface.is_one => self.blended(&spot),
-            _ => self.best(&spot),
-        };
-        if let Some(color) = painted {
-            band.put(column, row, color);
+        let color = color.to_array();
+        let seen = sums.weight.simd_gt(0.0).to_bitmask() & covered;
+        if seen == 0xffff && colors.len() == LANES {
+            colors.copy_from_slice(bytemuck::cast_slice(&color.map(u32::to_le)));
+            coverage.fill(Coverage::FULL);
+            return;
         }
-    }
-
-    /// The weights of the corners of the surface that shows in a pixel of a triangle across a depth edge; 0 for the others.
-    fn side(&self, triangle: &Triangle, surface: &Surface, weights: [f32; 3], at: [f32; 2]) -> [f32; 3] {
-        let of_side = |near: bool| [0, 1, 2].map(|k| if surface.near[k] == near { weights[k].max(1e-6) } else { 0.0 });
-        let depth = |weights: [f32; 3]| {
-            let total: f32 = weights.iter().sum();
-            (0..3).map(|k| weights[k] * triangle.inverse_depth[k]).sum::<f32>() / total
-        };
-        let (near, far) = (of_side(true), of_side(false));
-        let (inverse, behind) = (depth(near), depth(far));
-        let owner = (0..3).filter(|k| surface.near[*k]).map(|k| triangle.owners[k]).min();
-        let camera = owner.and_then(|owner| self.cameras.get(owner as usize));
-        let shown = camera.and_then(|camera| {
-            let [x, y, there] = camera.locate(at[0], at[1], inverse)?;
-            let (_, shown) = camera.picture.sample(0, x, y)?;
-            (shown > 0.0).then_some((shown, there))
-        });
-        let is_near = match shown {
-            Some((shown, there)) => shown > there * 0.5 * (1.0 + behind / inverse),
-            None => near.iter().sum::<f32>() > far.iter().sum(),
-        };
-        if is_near { near } else { far }
-    }
-
-    /// The colour of the best camera alone, where it sees the surface.
-    fn single(&self, surface: &Surface, at: [f32; 2], inverse: f32) -> Option<[f32; 3]> {
-        self.cameras.first()?.see(surface.level, at, inverse, self.edge.least())
-    }
-
-    /// The mean colour of the best ranked cameras that see the surface, [`MOST_AVERAGED`] at most.
-    #[inline(always)]
-    fn averaged(&self, surface: &Surface, at: [f32; 2], inverse: f32) -> Option<[f32; 3]> {
-        let (mut sum, mut count) = ([0.0; 3], 0u16);
-        for camera in self.cameras {
-            let Some(color) = camera.see(surface.level, at, inverse, self.edge.least()) else { continue };
-            (0..3).for_each(|c| sum[c] += color[c]);
-            count += 1;
-            if count == MOST_AVERAGED {
-                break;
-            }
-        }
-        (count > 0).then(|| sum.map(|c| c / f32::from(count)))
-    }
-
-    /// The colour of the best ranked camera of the corners that sees the surface.
-    #[inline(always)]
-    fn best(&self, spot: &Spot) -> Option<[f32; 3]> {
-        let Spot { triangle, weights, surface, at, inverse } = *spot;
-        let mut owners = [0, 1, 2].map(|k| if weights[k] > 0.0 { triangle.owners[k] } else { u16::MAX });
-        if !surface.is_one {
-            owners.sort_unstable();
-        }
-        for (k, owner) in owners.into_iter().enumerate() {
-            if k > 0 && owner == owners[k - 1] {
+        let of_corners = !matches!(self.texturing, Texturing::Nearest | Texturing::Single);
+        let mut left = covered;
+        while left != 0 {
+            let lane = left.trailing_zeros();
+            left &= left - 1;
+            let found = match seen >> lane & 1 == 1 {
+                true => Some(color[lane as usize].to_le_bytes()),
+                false if of_corners => self.unseen(pixels, lane, [x + lane, y]),
+                false => None,
+            };
+            let (Some(found), Some(color), Some(coverage)) =
+                (found, colors.get_mut(lane as usize), coverage.get_mut(lane as usize))
+            else {
                 continue;
+            };
+            (*color, *coverage) = (found, Coverage::FULL);
+        }
+    }
+
+    /// The sums of what the cameras show of the covered lanes.
+    #[inline(always)]
+    fn sums<S: Simd>(&self, simd: S, pixels: &Pixels, places: &Places<S>, covered: u64) -> Sums<S> {
+        let mut sums = Sums::new(simd);
+        let one = f32x16::splat(simd, 1.0);
+        let cameras = self.scanner.cameras;
+        match self.texturing {
+            Texturing::Nearest | Texturing::Single => {
+                if let Some(camera) = cameras.first() {
+                    sums.add(simd, camera, places, covered, one);
+                }
             }
-            let Some(camera) = self.cameras.get(owner as usize) else { continue };
-            if let Some(color) = camera.see(surface.level, at, inverse, self.edge.least()) {
-                return Some(color);
+            Texturing::Averaged => {
+                for camera in cameras {
+                    let wanted = sums.weight.simd_lt(MOST_AVERAGED).to_bitmask() & covered;
+                    if wanted == 0 {
+                        break;
+                    }
+                    sums.add(simd, camera, places, wanted, one);
+                }
+            }
+            Texturing::Multi | Texturing::Blended => {
+                let owners = u32x16::load_array_ref(simd, &pixels.owners);
+                let mut ranks = Ranks::of(&pixels.owners);
+                while let Some(rank) = ranks.take_first() {
+                    let Some(camera) = cameras.get(rank as usize) else { continue };
+                    let weight = weight_of(simd, owners, rank, &pixels.weights);
+                    let mut wanted = weight.simd_gt(0.0).to_bitmask() & covered;
+                    if self.texturing == Texturing::Multi {
+                        wanted &= !sums.weight.simd_gt(0.0).to_bitmask();
+                    }
+                    if wanted != 0 {
+                        sums.add(simd, camera, places, wanted, weight);
+                    }
+                }
             }
         }
-        self.unseen(triangle, weights, surface)
+        sums
     }
 
     /// The colours of the corners themselves, by weight: of a surface that its cameras do not see here, as something hides it from them.
     #[cold]
-    fn unseen(&self, triangle: &Triangle, weights: [f32; 3], surface: &Surface) -> Option<[f32; 3]> {
-        let (mut sum, mut total) = ([0.0; 3], 0.0);
-        for k in (0..3).filter(|k| weights[*k] > 0.0) {
-            let Some(camera) = self.cameras.get(triangle.owners[k] as usize) else { continue };
-            let looked = camera.look(surface.level, triangle.at[k], triangle.inverse_depth[k], 0.0);
-            let Some((color, _)) = looked else { continue };
-            (0..3).for_each(|c| sum[c] += color[c] * weights[k]);
-            total += weights[k];
-        }
-        (total > 0.0).then(|| sum.map(|c| c / total))
-    }
-
-    /// The colours of all cameras of the corners that see the surface, by the corners' weights.
-    fn blended(&self, spot: &Spot) -> Option<[f32; 3]> {
-        let Spot { triangle, weights, surface, at, inverse } = *spot;
-        let owners = triangle.owners;
-        let (mut sum, mut total) = ([0.0; 3], 0.0);
-        for k in 0..3 {
-            // The weights of corners of one camera count together, at the first of them.
-            if (0..k).any(|before| owners[before] == owners[k]) {
-                continue;
+    fn unseen(&self, pixels: &Pixels, lane: u32, at: [u32; 2]) -> Option<[u8; 4]> {
+        self.scanner.look_up(pixels.triangles[lane as usize % LANES], at, |Spot { triangle, weights, .. }| {
+            let (mut sum, mut total) = ([0.0; 3], 0.0);
+            for k in (0..3).filter(|k| weights[*k] > 0.0) {
+                let camera = self.scanner.cameras.get(triangle.owners[k] as usize);
+                let looked = camera.and_then(|camera| camera.color_at(triangle.at[k], triangle.inverse_depth[k]));
+                let Some(color) = looked else { continue };
+                (0..3).for_each(|c| sum[c] += color[c] * weights[k]);
+                total += weights[k];
             }
-            let weight: f32 = (k..3).filter(|j| owners[*j] == owners[k]).map(|j| weights[j].max(0.0)).sum();
-            let Some(camera) = self.cameras.get(owners[k] as usize).filter(|_| weight > 0.0) else { continue };
-            let Some(color) = camera.see(surface.level, at, inverse, self.edge.least()) else { continue };
-            (0..3).for_each(|c| sum[c] += color[c] * weight);
-            total += weight;
-        }
-        match total > 0.0 {
-            true => Some(sum.map(|c| c / total)),
-            false => self.best(spot),
-        }
+            let [r, g, b] = sum.map(|c| encode_srgb(c * (PER_FULL / total)));
+            (total > 0.0).then_some([r, g, b, 255])
+        })
     }
 }
 
-/// A place on a triangle: the weights of its corners there, where it shows in the frame, pixels, and its inverse depth.
-struct Spot<'a> {
-    triangle: &'a Triangle,
-    weights: [f32; 3],
-    surface: &'a Surface,
-    at: [f32; 2],
-    inverse: f32,
+/// What the corners that a camera owns weigh together.
+#[inline(always)]
+fn weight_of<S: Simd>(simd: S, owners: u32x16<S>, rank: u32, weights: &[[f32; LANES]; 3]) -> f32x16<S> {
+    let zero = f32x16::splat(simd, 0.0);
+    let mut sum = zero;
+    let mut is_all = mask32x16::splat(simd, true);
+    for k in 0..3u32 {
+        let is_owner = ((owners >> (k * OWNER_BITS)) & MOST_CAMERAS as u32).simd_eq(rank);
+        // Of neighbours' weights that lie outside by rounding some are negative.
+        sum += is_owner.select(f32x16::load_array_ref(simd, &weights[k as usize]).max(zero), zero);
+        is_all &= is_owner;
+    }
+    is_all.select(f32x16::splat(simd, 1.0), sum)
 }
 
-/// What holds for all pixels of a triangle.
-struct Surface {
-    /// Which corners belong to the nearer of two surfaces.
-    near: [bool; 3],
-    /// Whether there are two.
-    is_cut: bool,
-    /// Whether one camera owns all corners.
-    is_one: bool,
-    /// Which copy of the pictures is as fine as the frame.
-    level: usize,
+/// Some cameras' ranks.
+struct Ranks {
+    words: [u64; MOST_CAMERAS.div_ceil(64)],
+    first: usize,
+}
+
+impl Ranks {
+    /// The owners of pixels.
+    #[inline(always)]
+    fn of(owners: &[u32; LANES]) -> Self {
+        let mut words = [0; _];
+        let mut last = UNCOVERED;
+        for &owners in owners {
+            if owners != last && owners != UNCOVERED {
+                for corner in 0..3 {
+                    let rank = (owners >> (corner * OWNER_BITS)) as usize & MOST_CAMERAS;
+                    words[rank / 64] |= 1u64 << (rank % 64);
+                }
+            }
+            last = owners;
+        }
+        Self { words, first: 0 }
+    }
+
+    /// Takes the best of them.
+    #[inline(always)]
+    fn take_first(&mut self) -> Option<u32> {
+        while let Some(word) = self.words.get_mut(self.first) {
+            if *word != 0 {
+                let bit = word.trailing_zeros();
+                *word &= *word - 1;
+                return Some(self.first as u32 * 64 + bit);
+            }
+            self.first += 1;
+        }
+        None
+    }
 }

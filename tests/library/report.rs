@@ -1,18 +1,22 @@
 //! A report of a small scene, end to end: rows, and that all that people read agrees with them.
 
+use headbox::DVec3;
 use headbox::capture::light::Lighting;
 use headbox::capture::trace::Tracer;
 use headbox::measure::machine::Machine;
-use headbox::measure::plan::{Plan, Quality, most_to_see};
+use headbox::measure::plan::{EyeSet, Plan, Quality, most_to_see};
 use headbox::measure::report::figures::figures;
-use headbox::measure::report::row::{Report, Row, SceneFacts};
+use headbox::measure::report::row::{EyeRecord, Report, Row, SceneFacts};
 use headbox::measure::report::scene;
 use headbox::measure::report::subject::Subject;
 use headbox::measure::report::{results, summary};
 use headbox::measure::stats::pareto_front;
+
 use headbox::progress::Silent;
 use std::sync::{Arc, LazyLock};
 
+const WALL: &str = "from a wall of cameras";
+const CURVE: &str = "lumigraph's sampling curve (all layers)";
 const CLIPPING: &str = "clipping (one band, 1 thread)";
 
 /// As small as it can be with every row in it.
@@ -29,6 +33,8 @@ const TINY: Quality = Quality {
     first_samples: 4,
     most_samples: 64,
     rounds: 1,
+    walls: &[2, 4],
+    wall_samples: 1,
     variations: true,
 };
 
@@ -95,6 +101,9 @@ fn every_group_has_one_baseline_and_rows_that_make_sense() {
         "sampler",
         "rays",
         "layers",
+        WALL,
+        CURVE,
+        "lumigraph's layers, as many as the curve asks for",
     ];
     for expected in expected {
         assert!(groups.contains(&expected), "{expected}: {groups:?}");
@@ -109,7 +118,11 @@ fn every_group_has_one_baseline_and_rows_that_make_sense() {
     }
     for row in &report.rows {
         assert!((0.0..=1.0).contains(&row.flip) && row.psnr_db > 3.0 && row.ms_median > 0.0, "{row:?}");
-        assert!(row.worst.flip >= row.flip && row.displacement.len() == 2 && row.flicker.is_some(), "{row:?}");
+        let on_the_line = if row.eyes == EyeSet::Wall { 0 } else { 2 };
+        assert!(
+            row.worst.flip >= row.flip && row.displacement.len() == on_the_line && row.flicker.is_some(),
+            "{row:?}"
+        );
     }
     let find = |group: &str, variant: &str| report.find("builtin:bump", group, variant).expect(variant);
     assert!(find(CLIPPING, "off").psnr_to_baseline_db.is_infinite(), "clipping changes no bit");
@@ -134,6 +147,33 @@ fn every_group_has_one_baseline_and_rows_that_make_sense() {
     );
 }
 
+#[test]
+fn lumigraphs_are_judged_by_eyes_about_their_wall() {
+    let facts = &REPORT.scenes[0];
+    let walls: Vec<_> = facts.eyes.iter().filter(|eye| eye.place == "wall").collect();
+    assert_eq!(walls.len(), 4);
+    assert!(facts.eyes[facts.eyes.len() - 2..].iter().all(|eye| eye.place == "path"), "the path's are last");
+    let along = |eye: &EyeRecord| DVec3::from(eye.offset).dot(DVec3::from(walls[0].forward));
+    let before = walls.iter().map(|eye| along(eye)).fold(0.0, f64::max);
+    let behind = walls.iter().map(|eye| along(eye)).fold(0.0, f64::min);
+    assert!(before > 0.1 && behind < -0.4, "from {behind} to {before}");
+    let rows: Vec<&Row> = REPORT.group("builtin:bump", WALL).collect();
+    let names: Vec<&str> = rows.iter().map(|row| row.variant.as_str()).collect();
+    for expected in ["LDI", "sprites, two-pass", "lumigraph of 4x4 images, layers merged"] {
+        assert!(names.contains(&expected), "{expected}: {names:?}");
+    }
+    let merged = rows.iter().find(|row| row.variant.ends_with("merged")).expect("it is there");
+    assert!(
+        merged.hole_fraction < Some(0.02) && merged.psnr_db > 12.0 && merged.bytes > 4 * 4 * 24 * 18 * 8,
+        "{merged:?}"
+    );
+    // Fewer images take more layers.
+    let layers = |row: &&Row| row.variant.split(' ').nth(2).and_then(|n| n.parse::<u32>().ok()).expect("a number");
+    let curve: Vec<u32> = REPORT.group("builtin:bump", CURVE).collect::<Vec<_>>().iter().map(layers).collect();
+    assert!(curve.len() == 2 && curve[0] > curve[1], "{curve:?}");
+    assert!(summary::summary(&REPORT).contains("Of the points of a lumigraph's sampling curve **"));
+}
+
 /// R-N6 and the rates count a depth pixel once a frame, in however many bands it is warped.
 #[test]
 fn depth_pixels_count_once_a_frame() {
@@ -156,7 +196,7 @@ fn depth_pixels_count_once_a_frame() {
 #[test]
 fn truth_is_as_good_as_the_report_says() {
     let facts = &REPORT.scenes[0];
-    assert_eq!(facts.eyes.len(), 5);
+    assert_eq!(facts.eyes.len(), 9);
     assert!(facts.eyes.iter().all(|eye| (4..=64).contains(&eye.truth_samples)));
     assert!(facts.margin_db >= 10.0 || facts.eyes.iter().any(|eye| eye.truth_samples == 64), "{facts:?}");
 }

@@ -1,5 +1,7 @@
 //! Promises of the command line about lumigraphs: capture, info, render, and one clear sentence for each mistake.
 
+#![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
+
 use super::run::{fails, headbox, json, succeeds};
 
 const SMALL: [&str; 11] =
@@ -85,6 +87,55 @@ fn the_fastest_point_of_the_curve_is_kept_with_its_figures() {
     assert!(cameras.contains(&told["cameras"]) && curve.iter().all(|point| point["ms"].as_f64() > Some(0.0)));
     assert_eq!(json(dir.path(), &["info", "a.lumi", "--json"])["capture"]["curve"], told["capture"]["curve"]);
     fails(dir.path(), 2, &[small.as_slice(), &["--optimum", "40x30", "--layers", "9"]].concat(), "cannot be used with");
+}
+
+/// Writes pictures of a wall 2 m ahead, with stripes at 0.1 m, taken from places at a height of 1.5 m.
+fn wall(folder: &std::path::Path, places: &[f64]) {
+    std::fs::create_dir_all(folder).unwrap();
+    let frames = places.iter().enumerate().map(|(i, x)| {
+        let pixel = |u: u32, _: u32| {
+            let at = x + (f64::from(u) + 0.5 - 40.0) / 50.0 * 2.0;
+            image::Rgb(if (at * 5.0).rem_euclid(1.0) < 0.5 { [200, 180, 90] } else { [40, 60, 120] })
+        };
+        image::RgbImage::from_fn(80, 60, pixel).save(folder.join(format!("{i}.png"))).unwrap();
+        let depth = image::ImageBuffer::from_pixel(80, 60, image::Luma([2000u16]));
+        depth.save(folder.join(format!("{i}_depth.png"))).unwrap();
+        serde_json::json!({
+            "file_path": format!("{i}.png"), "depth_file_path": format!("{i}_depth.png"), "w": 80, "h": 60, "fl_x": 50.0,
+            "transform_matrix": [[1, 0, 0, x], [0, 0, -1, 0], [0, 1, 0, 1.5], [0, 0, 0, 1]],
+        })
+    });
+    let set = serde_json::json!({"frames": frames.collect::<Vec<_>>()});
+    std::fs::write(folder.join("transforms.json"), set.to_string()).unwrap();
+}
+
+#[test]
+fn pictures_from_a_row_of_places_become_a_lumigraph_and_what_says_nothing_of_them_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    wall(&dir.path().join("wall"), &[0.0, 0.1, 0.4]);
+    let told = json(dir.path(), &["lumigraph", "wall", "-o", "wall.lumi", "--json"]);
+    assert_eq!((&told["cameras"], &told["size"]), (&serde_json::json!([3, 1]), &serde_json::json!([80, 60])));
+    assert_eq!((told["unknown_pixels"].as_u64(), told["layers"].as_u64()), (Some(0), Some(1)));
+    let columns: Vec<f64> = told["columns"].as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
+    for (found, expected) in columns.iter().zip([-0.2, -0.1, 0.2]) {
+        assert!((found - expected).abs() < 1e-9, "{columns:?}");
+    }
+    // From a camera's own place the frame is its picture.
+    let view = ["--eye", "0.1,0,1.5", "--look-at", "0.1,1,1.5", "--fov", "61.927513", "--size", "80x60"];
+    succeeds(dir.path(), &[["render", "wall.lumi", "-o", "r.png"].as_slice(), &view].concat());
+    let compared = json(dir.path(), &["compare", "r.png", "wall/1.png", "--json"]);
+    // Infinite where they are the same.
+    assert!(compared["psnr_db"].as_f64().is_none_or(|db| db > 50.0), "{compared}");
+
+    for (flag, value) in
+        [("--plane", Some("0,0,0")), ("--samples", Some("2")), ("--unlit", None), ("--sun", Some("off"))]
+    {
+        let more: Vec<&str> = [flag].into_iter().chain(value).collect();
+        let arguments = [["lumigraph", "wall", "-o", "wall.lumi"].as_slice(), &more].concat();
+        fails(dir.path(), 2, &arguments, &format!("{flag} has no meaning for images"));
+    }
+    wall(&dir.path().join("uneven"), &[0.0, 0.1, 0.1]);
+    fails(dir.path(), 1, &["lumigraph", "uneven", "-o", "u.lumi"], "1.png and 2.png were taken from the same place");
 }
 
 #[test]

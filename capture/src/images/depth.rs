@@ -2,9 +2,11 @@
 
 use super::ImagesError;
 use crate::DepthKind;
+use crate::files::write_whole;
 use crate::picture;
 use exr::meta::MetaData;
-use exr::prelude::{ReadChannels, ReadLayers, read};
+use exr::prelude::{Image, ReadChannels, ReadLayers, SpecificChannels, WritableImage, read};
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// Pixels of the largest depth picture that is read, 8,192 x 8,192. A header that promises more is not believed: memory is
@@ -20,6 +22,20 @@ pub struct DepthPicture {
     pub height: u32,
     /// Row-major.
     pub values: Vec<f32>,
+}
+
+/// Writes depth as an EXR file with the single 32-bit channel `Z`.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn write_depth_exr(depth: &DepthPicture, path: &Path) -> io::Result<()> {
+    let width = depth.width as usize;
+    let value = |x: usize, y: usize| depth.values.get(y * width + x).copied().unwrap_or(f32::NAN);
+    let channels = SpecificChannels::build()
+        .with_channel("Z")
+        .with_pixel_fn(|at: exr::math::Vec2<usize>| (value(at.x(), at.y()),));
+    let image = Image::from_channels((width, depth.height as usize), channels);
+    write_whole(path, |writer| image.write().to_buffered(writer).map_err(io::Error::other))
 }
 
 /// Where a view's depth is, and what its values mean.
@@ -46,8 +62,8 @@ impl DepthSource {
         Self { path, channel: None, kind, unit_m, window: None, found: None }
     }
 
-    /// Reads it: eye depth, or ray distance if that is its kind, in metres, NaN where nothing is known (zero, negative,
-    /// infinite and non-finite values, and the largest value of 16 bits, which sensors write for "none").
+    /// Reads it: eye depth, or ray distance if that is its kind, in metres; infinite where the file says that nothing is there, NaN
+    /// where nothing is known (zero and negative values, and the largest value of 16 bits, which sensors write for "none").
     ///
     /// # Errors
     /// [`ImagesError`] that names the file.
@@ -66,7 +82,7 @@ impl DepthSource {
                 }
                 _ => *value,
             };
-            *value = if depth.is_finite() && depth > 0.0 { depth } else { f32::NAN };
+            *value = if depth > 0.0 { depth } else { f32::NAN };
         }
         Ok(picture)
     }

@@ -37,9 +37,9 @@ mod view;
 
 pub use align::{AlignError, AlignProgress, AlignStep, Aligned, align};
 pub use check::{CheckReport, Residual, check};
-pub use depth::{DepthPicture, DepthSource};
+pub use depth::{DepthPicture, DepthSource, write_depth_exr};
 pub use lens::{Distortion, Lens, Pinhole};
-pub use nerfstudio::write_set;
+pub use nerfstudio::{SetWriter, write_set};
 pub use pictures::{ColorPicture, read_color};
 pub use pose::Pose;
 pub use register::{Kept, Registration, RegistrationReport};

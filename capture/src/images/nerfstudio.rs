@@ -1,6 +1,6 @@
 //! nerfstudio's and NeRF's `transforms.json`.
 
-use super::depth::DepthSource;
+use super::depth::{DepthPicture, DepthSource, write_depth_exr};
 use super::json::{self as fields, Object};
 use super::lens::{Distortion, Lens, Pinhole};
 use super::pictures::read_size;
@@ -12,7 +12,7 @@ use crate::{DepthKind, files};
 use glam::{DMat4, DVec3};
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -85,35 +85,70 @@ fn read_view(root: &Object, view: &Object, frame: &FileFrame, allow_outside: boo
 /// # Errors
 /// [`ImagesError`] that names the file.
 pub fn write_set(views: &[View], folder: &Path, look: &mut dyn FnMut(&str)) -> Result<(), ImagesError> {
-    let frame = FileFrame { up: UpAxis::Z, unit_m: 1.0 };
-    let mut frames = Vec::new();
+    let mut set = SetWriter::new(folder);
     for (number, view) in views.iter().enumerate() {
-        if view.pinhole().is_none() {
-            continue;
+        if view.pinhole().is_some() && set.add(number, &view.load()?, false)? {
+            look(&view.name);
         }
-        let loaded = view.load()?;
-        let Lens::Pinhole(lens) = loaded.lens else { continue };
+    }
+    set.finish()
+}
+
+/// Writes a set view by view.
+pub struct SetWriter {
+    folder: PathBuf,
+    frames: Vec<Value>,
+}
+
+impl SetWriter {
+    /// Into a folder.
+    pub fn new(folder: &Path) -> Self {
+        Self { folder: folder.into(), frames: Vec::new() }
+    }
+
+    /// Writes the pictures of a view: `images/NNNNN.png`, and `depth/NNNNN.exr` if it is to be known; false if it is not a perspective view.
+    ///
+    /// # Errors
+    /// [`ImagesError`] that names the file.
+    pub fn add(&mut self, number: usize, view: &LoadedView, with_depth: bool) -> Result<bool, ImagesError> {
+        let Lens::Pinhole(lens) = view.lens else { return Ok(false) };
+        let frame = FileFrame { up: UpAxis::Z, unit_m: 1.0 };
         let name = format!("images/{number:05}.png");
-        write_picture(&loaded, &folder.join(&name))?;
+        write_picture(view, &self.folder.join(&name))?;
         let axis = |axis: DVec3| frame.file_from_world(axis).extend(0.0);
-        let turn = loaded.pose.world_from_eye;
+        let turn = view.pose.world_from_eye;
         let matrix = DMat4::from_cols(
             axis(turn.x_axis),
             axis(turn.y_axis),
             axis(turn.z_axis),
-            frame.file_from_world(loaded.pose.eye).extend(1.0),
+            frame.file_from_world(view.pose.eye).extend(1.0),
         );
-        frames.push(json!({
-            "file_path": name, "transform_matrix": matrix.transpose().to_cols_array_2d(),
-            "w": loaded.size_px[0], "h": loaded.size_px[1],
+        let [width, height] = view.size_px;
+        let mut entry = json!({
+            "file_path": name, "transform_matrix": matrix.transpose().to_cols_array_2d(), "w": width, "h": height,
             "fl_x": lens.focal_px[0], "fl_y": lens.focal_px[1], "cx": lens.principal_px[0], "cy": lens.principal_px[1],
-        }));
-        look(&view.name);
+        });
+        if with_depth {
+            let name = format!("depth/{number:05}.exr");
+            let path = self.folder.join(&name);
+            let depth = DepthPicture { width, height, values: view.depth.clone() };
+            write_depth_exr(&depth, &path).map_err(|cause| ImagesError::io(&path, cause))?;
+            entry["depth_file_path"] = json!(name);
+        }
+        self.frames.push(entry);
+        Ok(true)
     }
-    let file = folder.join("transforms.json");
-    let set = json!({"camera_model": "PINHOLE", "frames": frames});
-    files::write_whole(&file, |writer| serde_json::to_writer_pretty(writer, &set).map_err(io::Error::other))
-        .map_err(|cause| ImagesError::io(&file, cause))
+
+    /// Writes `transforms.json`, which makes a set of them.
+    ///
+    /// # Errors
+    /// [`ImagesError`] that names the file.
+    pub fn finish(self) -> Result<(), ImagesError> {
+        let file = self.folder.join("transforms.json");
+        let set = json!({"camera_model": "PINHOLE", "frames": self.frames});
+        files::write_whole(&file, |writer| serde_json::to_writer_pretty(writer, &set).map_err(io::Error::other))
+            .map_err(|cause| ImagesError::io(&file, cause))
+    }
 }
 
 fn write_picture(view: &LoadedView, path: &Path) -> Result<(), ImagesError> {

@@ -44,8 +44,8 @@ pub struct LoadedView {
     pub pose: Pose,
     /// sRGB, straight alpha; alpha 0 where the view is masked out. Row-major, row 0 on top.
     pub color: Vec<[u8; 4]>,
-    /// Multiples of [`Lens::ray`] (eye depth for a pinhole, ray distance for a panorama), metres, NaN where unknown; empty
-    /// without depth.
+    /// Multiples of [`Lens::ray`] (eye depth for a pinhole, ray distance for a panorama), metres, infinite where nothing is, NaN
+    /// where unknown; empty without depth.
     pub depth: Vec<f32>,
 }
 
@@ -132,12 +132,12 @@ impl View {
 }
 
 impl LoadedView {
-    /// Whether something is known of a pixel's depth, and it is not masked out.
+    /// The depth of what a pixel shows, if there is something, its depth is known, and it is not masked out.
     #[inline]
     pub fn depth_at(&self, x: u32, y: u32) -> Option<f32> {
         let i = y as usize * self.size_px[0] as usize + x as usize;
         let depth = *self.depth.get(i)?;
-        (depth > 0.0 && self.color[i][3] > 0).then_some(depth)
+        (depth > 0.0 && depth.is_finite() && self.color[i][3] > 0).then_some(depth)
     }
 
     /// The world point of a pixel of known depth.

@@ -6,6 +6,7 @@ use super::contender::{
     Role, SpriteDraw, WarpArithmetic, WarpOnly, sprite_bytes,
 };
 use super::subject::{ReportError, Subject, scene_bytes};
+use super::wall::{WALL, Wall};
 use crate::capture::Camera;
 use crate::compose::Composition;
 use crate::measure::cube_map::CubeMap;
@@ -51,16 +52,17 @@ pub(super) struct DefaultCapture {
 pub(super) struct ContenderField<'a> {
     subject: &'a Subject,
     plan: &'a Plan,
+    wall: Option<Wall>,
     pub(super) all: Arc<ThreadPool>,
     one: Arc<ThreadPool>,
     pub(super) contenders: Vec<Contender>,
 }
 
 impl<'a> ContenderField<'a> {
-    pub(super) fn new(subject: &'a Subject, plan: &'a Plan) -> Result<Self, ReportError> {
+    pub(super) fn new(subject: &'a Subject, plan: &'a Plan, wall: Option<Wall>) -> Result<Self, ReportError> {
         let pool = |threads| Ok::<_, ReportError>(Arc::new(ThreadPoolBuilder::new().num_threads(threads).build()?));
         let (all, one) = (pool(rayon::current_num_threads())?, pool(1)?);
-        Ok(Self { subject, plan, all, one, contenders: Vec::new() })
+        Ok(Self { subject, plan, wall, all, one, contenders: Vec::new() })
     }
 
     /// All that apply to the subject; the capture that facts are about.
@@ -87,6 +89,7 @@ impl<'a> ContenderField<'a> {
             }
         };
         self.add_without_representation(&default.cube, progress);
+        self.add_lumigraphs(&default, progress)?;
         self.add_sprites(&default.cube)?;
         Ok(default)
     }
@@ -292,6 +295,20 @@ impl<'a> ContenderField<'a> {
         self.contenders.extend(found);
     }
 
+    /// Lumigraphs of a wall of cameras, beside the LDI.
+    fn add_lumigraphs(&mut self, default: &DefaultCapture, progress: &dyn Progress) -> Result<(), ReportError> {
+        let Some(wall) = &self.wall else { return Ok(()) };
+        let lumigraphs = wall.contenders(self.subject, self.plan, &self.all, progress)?;
+        let of_wall = |role, cube| Contender {
+            eyes: EyeSet::Wall,
+            ..self.ldi(vec![role], cube, RenderSettings::default(), None)
+        };
+        let samples = of_wall(Role::baseline(WALL, "LDI"), &default.cube);
+        let planes = default.with_planes.as_ref().map(|cube| of_wall(Role::other(WALL, WITH_PLANES), cube));
+        self.contenders.extend([samples].into_iter().chain(planes).chain(lumigraphs));
+        Ok(())
+    }
+
     /// Sprites that look ahead, by the paper's variants.
     fn add_sprites(&mut self, cube: &Arc<PackedCube>) -> Result<(), ReportError> {
         let start = Instant::now();
@@ -324,6 +341,10 @@ impl<'a> ContenderField<'a> {
             };
         let options = RenderOptions::default();
         let mut found = Vec::new();
+        if self.wall.is_some() {
+            let role = Role::other(WALL, format!("sprites, {}", SpriteVariant::TwoPass.name()));
+            found.push(Contender { eyes: EyeSet::Wall, ..contender(vec![role], &default, options) });
+        }
         for variant in [
             SpriteVariant::TwoPass,
             SpriteVariant::OnePass,

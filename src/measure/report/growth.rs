@@ -32,7 +32,7 @@ pub(super) fn grow(
         .collect();
     for _ in 0..TRUTH_ROUNDS {
         let mut wanted: Vec<u32> = grown.iter().map(|(_, samples)| *samples).collect();
-        for set in [EyeSet::All, EyeSet::Ahead] {
+        for set in [EyeSet::All, EyeSet::Ahead, EyeSet::Wall] {
             let numbers: Vec<usize> = (0..grown.len()).filter(|&i| plan.eyes[i].belongs_to(set)).collect();
             let reached = mean(numbers.iter().map(|&i| mse_of_psnr(grown[i].0.standard_error_psnr_db)));
             let seen = least_error(contenders, measured, &grown, &numbers, set)?;
@@ -70,9 +70,7 @@ fn least_error(
     set: EyeSet,
 ) -> Result<f64, ReportError> {
     let mut least = f64::INFINITY;
-    for (_, found) in
-        contenders.iter().zip(measured).filter(|(c, _)| !c.traces && (c.eyes == EyeSet::All || c.eyes == set))
-    {
+    for (_, found) in contenders.iter().zip(measured).filter(|(c, _)| !c.traces && c.eyes.holds(set)) {
         let mut errors = Vec::with_capacity(numbers.len());
         for &i in numbers {
             if let Some(picture) = &found.pictures[i] {

@@ -120,7 +120,7 @@ pub fn rows(
         let baseline = in_group().find(|(_, c)| is_baseline(c)).or_else(|| in_group().next());
         let Some((baseline, _)) = baseline else { continue };
         // One set of eyes for all of a group, so that its rows can be compared.
-        let set = if in_group().all(|(_, c)| c.eyes == EyeSet::All) { EyeSet::All } else { EyeSet::Ahead };
+        let set = in_group().map(|(_, c)| c.eyes).reduce(|a, b| if a.holds(b) { b } else { a }).unwrap_or_default();
         for (index, contender) in in_group() {
             for role in contender.roles.iter().filter(|role| role.group == group) {
                 let view = View { eyes, set, truths, judged: &judged[index], found: &measured[index] };

@@ -21,4 +21,5 @@ pub mod row;
 pub mod scene;
 pub mod subject;
 pub mod summary;
+mod wall;
 mod words;

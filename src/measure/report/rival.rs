@@ -4,7 +4,7 @@ use super::field::DefaultCapture;
 use super::subject::{ReportError, Subject};
 use crate::capture::statistics::median;
 use crate::measure::embree::{Embree, PROGRAM};
-use crate::measure::plan::{Place, Plan};
+use crate::measure::plan::{EyeSet, Plan};
 use crate::measure::turns::{in_turns, least};
 use crate::packed::PackedCube;
 use crate::render::splat::SplatKernel;
@@ -78,7 +78,7 @@ pub(super) fn measure(
         .unzip();
     let mut ways: Vec<Way> = ours.into_iter().chain([Way::Rays(embree)]).collect();
     let mut by_way: Vec<Vec<f64>> = vec![Vec::new(); ways.len()];
-    for eye in plan.eyes.iter().filter(|eye| eye.place != Place::Path) {
+    for eye in plan.eyes.iter().filter(|eye| eye.belongs_to(EyeSet::All)) {
         let mut failed = None;
         let times = in_turns(&mut ways, ROUNDS, |_, way| match way {
             Way::Ours(renderer, settings, cube) => Some(pool.install(|| {

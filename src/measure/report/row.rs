@@ -213,13 +213,12 @@ impl Report {
         );
         let optional = |value: Option<f64>| value.map_or(String::new(), |v| v.to_string());
         for r in &self.rows {
-            let eyes = if r.eyes == EyeSet::All { "all" } else { "ahead" };
             let cells = [
                 quoted(&r.scene),
                 quoted(&r.group),
                 quoted(&r.variant),
                 r.baseline.to_string(),
-                eyes.into(),
+                r.eyes.name().into(),
                 r.threads.to_string(),
                 format!("{:.4}", r.ms_median),
                 format!("{:.4}", r.ms_quartiles[0]),

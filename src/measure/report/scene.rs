@@ -7,6 +7,7 @@ use super::judge;
 use super::rival;
 use super::row::{EyeRecord, Row, SceneFacts};
 use super::subject::{ReportError, Subject, scene_bytes};
+use super::wall::Wall;
 use crate::measure::plan::{Eye, Plan};
 use crate::measure::stats::{mean, mse_of_psnr, pooled_psnr_db};
 use crate::measure::truths::Truths;
@@ -25,7 +26,12 @@ pub fn run(
     cache: Option<PathBuf>,
     progress: &dyn Progress,
 ) -> Result<(SceneFacts, Vec<Row>), ReportError> {
-    let mut field = ContenderField::new(subject, plan)?;
+    let wall = Wall::of(subject, plan);
+    let plan = &match &wall {
+        Some(wall) => plan.with_eyes(wall.eyes(&subject.tracer, plan)?),
+        None => plan.clone(),
+    };
+    let mut field = ContenderField::new(subject, plan, wall)?;
     let default = field.add_all(progress)?;
     let rival = rival::measure(subject, plan, &default, &field.all)?;
     let mut contenders = field.contenders;

@@ -24,6 +24,9 @@ pub enum ReportError {
     /// Sprites could not be made.
     #[error(transparent)]
     Sprite(#[from] crate::sprite::SpriteError),
+    /// A lumigraph could not be made.
+    #[error(transparent)]
+    Lumigraph(#[from] crate::lumigraph::LumigraphError),
     /// A frame is no picture.
     #[error(transparent)]
     Frame(#[from] crate::frame::FrameError),

@@ -4,9 +4,13 @@ use super::brief::brief;
 use super::figures::short;
 use super::rival::KernelAgainstRival;
 use super::row::{Report, Row, SceneFacts, chosen};
+use super::wall::CURVE;
 use super::words::{bytes, list, ms, times};
 use crate::measure::stats::pareto_front;
 use std::fmt::Write;
+
+/// Points of a sampling curve err equally if they err within this, dB.
+const EQUAL_DB: f64 = 0.5;
 
 /// `summary.md`.
 pub fn summary(report: &Report) -> String {
@@ -59,6 +63,7 @@ pub(super) fn scene(report: &Report, facts: &SceneFacts) -> String {
     text += &displacement(report, &facts.scene);
     text += &short_of(report, &facts.scene);
     text += &steadiness(&rows, facts);
+    text += &curve(report, &facts.scene);
     text += "\nEach approximation against the same without it:\n\n";
     for group in report.groups(&facts.scene).into_iter().filter(|group| *group != "representation") {
         let rows: Vec<&Row> = report.group(&facts.scene, group).collect();
@@ -237,6 +242,26 @@ fn steadiness(rows: &[&Row], facts: &SceneFacts) -> String {
         );
     }
     text
+}
+
+/// Which point of a lumigraph's sampling curve is the fastest, and whether all err alike, as they should.
+fn curve(report: &Report, scene: &str) -> String {
+    let rows: Vec<&Row> = report.group(scene, CURVE).collect();
+    let Some(fastest) = rows.iter().min_by(|a, b| a.time_ratio.total_cmp(&b.time_ratio)).filter(|_| rows.len() > 1)
+    else {
+        return String::new();
+    };
+    let psnr = |pick: fn(f64, f64) -> f64, from| rows.iter().map(|row| row.psnr_db).fold(from, pick);
+    let (least, most) = (psnr(f64::min, f64::INFINITY), psnr(f64::max, f64::NEG_INFINITY));
+    let holds =
+        if most - least <= EQUAL_DB { "as the curve promises" } else { "though the curve promises equal errors" };
+    format!(
+        "\nOf the points of a lumigraph's sampling curve **{}** is drawn fastest ({}); their errors lie within {:.1} dB \
+         ({least:.1} to {most:.1}), {holds}.\n",
+        fastest.variant,
+        ms(fastest.ms_median),
+        most - least,
+    )
 }
 
 /// One line: a group's rows against its baseline.

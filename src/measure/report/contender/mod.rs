@@ -4,6 +4,7 @@
 
 mod baked;
 mod ldi;
+mod lumigraph;
 mod points;
 mod raster;
 mod sprites;
@@ -12,6 +13,7 @@ mod warp_only;
 
 pub use baked::{BakedLight, BakedRays};
 pub use ldi::{ExactDraw, LdiDraw, OracleDraw};
+pub use lumigraph::LumigraphDraw;
 pub use points::PointCloud;
 pub use raster::RasterDraw;
 pub use sprites::{SpriteDraw, bytes_of as sprite_bytes};

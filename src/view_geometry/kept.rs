@@ -1,0 +1,230 @@
+//! Samples kept on disk, so that a thousand cameras cost no time when a set is opened again (E5): a file of ours, its points mapped.
+//!
+//! A file is named by what it is made of: the views as the set and its registration describe them, the sizes and times of their files, the
+//! grid, and the origin. So a set that has changed has another file, and a file that is damaged is as none.
+
+use super::samples::{MAX_PROBES, Probes, Samples};
+use super::{RealCamera, SampleGrid};
+use crate::cache;
+use crate::capture::images::{Distortion, Pinhole, Pose, View};
+use crate::container::{Container, ContainerWriter, FileError, FileKind};
+use glam::{DMat3, DVec3};
+use serde::{Deserialize, Serialize};
+use std::hash::Hasher;
+use std::path::{Path, PathBuf};
+
+/// Numbers that describe a camera: its eye, the columns of its turn, focal lengths and principal point.
+const NUMBERS: usize = 16;
+
+/// The sections of the points.
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// What a file says of itself.
+#[derive(Serialize, Deserialize)]
+struct Header {
+    cameras: usize,
+    /// Levels of detail that each has.
+    levels: usize,
+}
+
+/// The file of a set's samples in a folder; `None` if one of its views has no file any more.
+pub(super) fn path(folder: &Path, views: &[View], grid: &SampleGrid, origin: DVec3) -> Option<PathBuf> {
+    let mut parts = vec![format!("{grid:?} {origin:?}")];
+    for view in views {
+        parts.push(format!("{view:?}"));
+        let depth = view.depth.as_ref().map(|depth| &depth.path);
+        for file in [Some(&view.color), depth, view.mask.as_ref()].into_iter().flatten() {
+            let metadata = std::fs::metadata(file).ok()?;
+            parts.push(format!("{} {:?}", metadata.len(), metadata.modified().ok()?));
+        }
+    }
+    Some(folder.join(cache::file_name("samples", |hash| parts.iter().for_each(|part| hash.write(part.as_bytes())))))
+}
+
+/// Writes the samples of cameras.
+pub(super) fn write(path: &Path, cameras: &[RealCamera]) -> Result<(), FileError> {
+    let counts = |camera: &RealCamera| camera.samples.counts().to_vec();
+    let levels = cameras.first().map_or(0, |camera| counts(camera).len());
+    let mut writer = ContainerWriter::new(FileKind::SAMPLES);
+    let header = Header { cameras: cameras.len(), levels };
+    writer.section("info", move || Ok(serde_json::to_vec(&header)?));
+    writer.section("cameras", || {
+        Ok(bytemuck::cast_slice(&cameras.iter().flat_map(numbers).collect::<Vec<f64>>()).to_vec())
+    });
+    writer.section("counts", || {
+        Ok(bytemuck::cast_slice(&cameras.iter().flat_map(counts).collect::<Vec<u32>>()).to_vec())
+    });
+    let probes = |camera: &RealCamera| camera.samples.probes().axes.as_flattened().to_vec();
+    writer.section("probes", || {
+        Ok(bytemuck::cast_slice(&cameras.iter().flat_map(probes).collect::<Vec<f32>>()).to_vec())
+    });
+    for (axis, name) in AXES.into_iter().enumerate() {
+        writer.section(name, move || {
+            let points = cameras.iter().flat_map(|camera| camera.samples.of_level(0)[axis]);
+            Ok(points.flat_map(|value| value.to_le_bytes()).collect())
+        });
+    }
+    writer.write(path)
+}
+
+fn numbers(camera: &RealCamera) -> [f64; NUMBERS] {
+    let RealCamera { pose, lens, .. } = camera;
+    let (eye, turn) = (pose.eye.to_array(), pose.world_from_eye.to_cols_array());
+    let all = eye.into_iter().chain(turn).chain(lens.focal_px).chain(lens.principal_px);
+    let mut numbers = [0.0; NUMBERS];
+    numbers.iter_mut().zip(all).for_each(|(to, from)| *to = from);
+    numbers
+}
+
+/// The cameras of a file, their points mapped.
+pub(super) fn open(path: &Path) -> Result<Vec<RealCamera>, FileError> {
+    let file = Container::open(path, FileKind::SAMPLES)?;
+    let mut info = file.section("info")?;
+    let Header { cameras, levels } = info.json()?;
+    info = file.section("counts")?;
+    let total =
+        cameras.checked_mul(levels).filter(|_| levels > 0).ok_or_else(|| info.damaged("levels of detail", "none"))?;
+    let counts: Vec<u32> = info.array(total)?;
+    let all: Vec<[f64; NUMBERS]> = file.section("cameras")?.array(cameras)?;
+    let probes: Vec<[[f32; MAX_PROBES]; 3]> = file.section("probes")?.array(cameras)?;
+    let axes = file.mapped(AXES)?;
+    let held = axes.each_ref().map(|axis| axis.values::<f32>().len());
+    let mut first = 0;
+    let mut opened = Vec::with_capacity(cameras);
+    for ((numbers, probes), counts) in all.iter().zip(probes).zip(counts.chunks(levels)) {
+        // The finest level has all.
+        let count = counts.iter().copied().max().unwrap_or(0) as usize;
+        if held.iter().any(|held| first + count > *held) {
+            return Err(info.damaged(format!("{} points or more", first + count), format!("{held:?}")));
+        }
+        let samples = Samples::mapped(&axes, first..first + count, counts.to_vec(), Probes::new(probes));
+        first += count;
+        opened.push(camera(numbers, samples));
+    }
+    Ok(opened)
+}
+
+fn camera(numbers: &[f64; NUMBERS], samples: Samples) -> RealCamera {
+    let [x, y, z, turn @ .., fx, fy, px, py] = *numbers;
+    let turn: [f64; 9] = turn;
+    RealCamera {
+        pose: Pose { eye: DVec3::new(x, y, z), world_from_eye: DMat3::from_cols_array(&turn) },
+        lens: Pinhole { focal_px: [fx, fy], principal_px: [px, py], distortion: Distortion::default() },
+        left_out: false,
+        samples,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{frame, frame_at, plane_view, saved, set_of};
+    use super::super::{GeometryResources, GeometrySettings, ViewGeometry};
+    use super::*;
+    use crate::progress::Silent;
+
+    const SIZE: [u32; 2] = [96, 72];
+
+    fn views(folder: &Path) -> Vec<View> {
+        let eyes = [0.0, 0.1, 0.2].map(|x| DVec3::new(x, 0.0, 0.0));
+        let view = |(eye, name): (&DVec3, &str)| saved(&plane_view(*eye, 3.0, SIZE), folder, name);
+        eyes.iter().zip(["a", "b", "c"]).map(view).collect()
+    }
+
+    fn open(views: &[View], cache: &Path) -> ViewGeometry {
+        let set = set_of(cache, views);
+        let resources = GeometryResources { cache: Some(cache.into()), ..GeometryResources::default() };
+        ViewGeometry::open(&set, &views.iter().collect::<Vec<_>>(), &resources, &Silent).expect("opens")
+    }
+
+    fn files(folder: &Path) -> Vec<PathBuf> {
+        std::fs::read_dir(folder).map_or(Vec::new(), |entries| entries.flatten().map(|entry| entry.path()).collect())
+    }
+
+    #[test]
+    fn a_set_opened_again_shows_the_same_without_a_picture_read() {
+        let (pictures, cache) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let views = views(pictures.path());
+        let camera = frame_at(DVec3::new(0.05, 0.02, 0.1), SIZE);
+        let settings = GeometrySettings::default();
+        let expected = frame(&open(&views, cache.path()), &camera, &settings);
+        let again = open(&views, cache.path());
+        assert_eq!(again.pictures.bytes(), 0, "nothing was read");
+        let found = frame(&again, &camera, &settings);
+        assert!(found.0 == expected.0 && found.1.samples == expected.1.samples);
+        let samples =
+            |geometry: &ViewGeometry| geometry.cameras.iter().map(|camera| camera.samples.bytes()).sum::<usize>();
+        assert!(samples(&again) < 3 * 2048, "points are mapped: {}", samples(&again));
+        for coarse in [1, 3, 9] {
+            let settings = GeometrySettings { level: coarse, ..settings };
+            assert!(frame(&again, &camera, &settings).1.samples * 3 < found.1.samples);
+        }
+    }
+
+    #[test]
+    fn what_has_changed_is_sampled_anew() {
+        let (pictures, cache) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let views = views(pictures.path());
+        open(&views, cache.path());
+        saved(&plane_view(DVec3::ZERO, 2.0, SIZE), pictures.path(), "a");
+        let camera = frame_at(DVec3::ZERO, SIZE);
+        let nearer = frame(
+            &open(&views, cache.path()),
+            &camera,
+            &GeometrySettings { cameras: 1, ..GeometrySettings::default() },
+        );
+        assert_eq!(files(cache.path()).len(), 2);
+        let plain = set_of(pictures.path(), &views);
+        let resources = GeometryResources::default();
+        let plain = ViewGeometry::open(&plain, &views.iter().collect::<Vec<_>>(), &resources, &Silent).expect("opens");
+        assert!(frame(&plain, &camera, &GeometrySettings { cameras: 1, ..GeometrySettings::default() }).0 == nearer.0);
+        open(&views[1..], cache.path());
+        assert_eq!(files(cache.path()).len(), 3, "other views, another file");
+    }
+
+    #[test]
+    fn a_damaged_file_is_as_none_and_written_anew() {
+        let (pictures, cache) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let views = views(pictures.path());
+        let camera = frame_at(DVec3::ZERO, SIZE);
+        let expected = frame(&open(&views, cache.path()), &camera, &GeometrySettings::default());
+        let file = files(cache.path()).pop().expect("a file");
+        let whole = std::fs::read(&file).expect("read");
+        let cameras = super::open(&file).expect("whole");
+        let damages: [Vec<u8>; 5] = [
+            Vec::new(),
+            whole[..40].to_vec(),
+            whole[..whole.len() - 100].to_vec(),
+            whole.iter().enumerate().map(|(i, byte)| if i == 700 { !byte } else { *byte }).collect(),
+            b"HEADBOX\0trth and something else".to_vec(),
+        ];
+        for damage in damages {
+            std::fs::remove_file(&file).expect("removed");
+            std::fs::write(&file, &damage).expect("written");
+            assert!(super::open(&file).is_err(), "{} bytes", damage.len());
+            assert!(frame(&open(&views, cache.path()), &camera, &GeometrySettings::default()).0 == expected.0);
+            assert_eq!(std::fs::read(&file).expect("read"), whole);
+        }
+        // A file that says nothing true of its points.
+        let short: Vec<RealCamera> = cameras.iter().take(2).cloned().collect();
+        write(&file, &short).expect("written");
+        assert_eq!(open(&views, cache.path()).cameras().len(), 3);
+        // A cache that cannot be written.
+        let nowhere = cache.path().join("file");
+        std::fs::write(&nowhere, b"no folder").expect("written");
+        assert!(frame(&open(&views, &nowhere), &camera, &GeometrySettings::default()).0 == expected.0);
+    }
+
+    #[test]
+    fn pictures_that_are_gone_since_it_was_opened_are_passed_over() {
+        let (pictures, cache) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let views = views(pictures.path());
+        open(&views, cache.path());
+        let geometry = open(&views, cache.path());
+        std::fs::remove_file(&views[0].color).expect("removed");
+        std::fs::write(&views[1].color, b"no picture").expect("written");
+        let (shown, stats) = frame(&geometry, &frame_at(DVec3::ZERO, SIZE), &GeometrySettings::default());
+        assert!(stats.cameras_used == 1 && stats.hole_pixels < 96 * 72 / 4, "{stats:?}");
+        assert_eq!(geometry.lost().len(), 2, "{:?}", geometry.lost());
+        assert!(shown.color.iter().any(|color| color[0] > 0));
+    }
+}
