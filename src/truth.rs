@@ -2,10 +2,10 @@
 
 use crate::capture::Camera;
 use crate::capture::images::{Distortion, Lens, LoadedView, Pinhole, Pose};
-use crate::capture::light::{LightSample, Lighting, LitPoint, pixel_jitter};
+use crate::capture::light::{LightSample, Lighting, pixel_jitter};
 use crate::capture::sampler::random4;
 use crate::capture::srgb8_from_linear;
-use crate::capture::trace::{HitPacket, PACKET, Ray, RayPacket, Tracer};
+use crate::capture::trace::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
 use crate::frame::{Coverage, Frame};
 use crate::progress::Progress;
 use glam::Vec3;
@@ -146,10 +146,7 @@ impl PixelTracer<'_> {
             for (lane, index) in numbers.enumerate() {
                 let hit = hits.hit(lane);
                 surfaces += u32::from(hit.is_some());
-                sum += match hit {
-                    Some(hit) => self.shade(&rays[lane], &hit, first, index),
-                    None => Vec3::from_array(self.lighting.miss_radiance(rays[lane].direction.normalize())),
-                };
+                sum += self.seen(&rays[lane], hit.as_ref(), first, index);
             }
         }
         (sum / count as f32, surfaces)
@@ -163,16 +160,10 @@ impl PixelTracer<'_> {
         Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY }
     }
 
-    /// Radiance of a hit; samples from number `first` on are spread evenly, independently of those before.
-    fn shade(&self, ray: &Ray, hit: &crate::capture::trace::Hit, first: u32, index: u32) -> Vec3 {
-        let (point, surface) = LitPoint::from_hit(self.tracer, ray, hit);
-        let radiosity = if self.lit {
-            let [stream, ..] = random4([self.x, self.y, 0x11d1, first]);
-            let sample = LightSample { stream, index: index - first };
-            Vec3::from_array(self.lighting.radiosity_per_albedo(self.tracer, &point, &sample))
-        } else {
-            Vec3::ONE
-        };
-        Vec3::from_array(surface.albedo) * radiosity + Vec3::from_array(surface.emission)
+    /// Radiance along a ray; samples from number `first` on are spread evenly, independently of those before.
+    fn seen(&self, ray: &Ray, hit: Option<&Hit>, first: u32, index: u32) -> Vec3 {
+        let [stream, ..] = random4([self.x, self.y, 0x11d1, first]);
+        let sample = LightSample { stream, index: index - first };
+        self.lighting.seen(self.tracer, ray, hit, self.lit.then_some(&sample))
     }
 }

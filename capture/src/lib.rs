@@ -50,5 +50,5 @@ pub mod viewpoint;
 
 pub use camera::{Camera, CameraError};
 pub use depth_image::DepthKind;
-pub use material::{Cutout, Material, Texture, linear_from_srgb, linear_from_srgb8, srgb8_from_linear};
+pub use material::{Cutout, Gloss, Material, Texture, linear_from_srgb, linear_from_srgb8, srgb8_from_linear};
 pub use scene::Scene;

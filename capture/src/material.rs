@@ -1,4 +1,4 @@
-//! Materials and textures: diffuse colour, emission and cut-out.
+//! Materials and textures: diffuse colour, emission, gloss and cut-out.
 
 /// How a surface lets rays through: wherever the alpha of `texture` is below 0.5, the surface is not there.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -9,7 +9,18 @@ pub struct Cutout {
     pub threshold: f32,
 }
 
-/// A diffuse, view-independent surface; both of its sides are seen.
+/// What a surface reflects about the mirrored direction: a lobe of the cosine's power, normalised (Lafortune and Willems 1994, "Using
+/// the Modified Phong Reflectance Model for Physically Based Rendering").
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gloss {
+    /// Share of the light that it reflects, linear RGB in 0..1; with the albedo no more than 1.
+    pub reflectance: [f32; 3],
+    /// The power: the larger, the sharper.
+    pub exponent: f32,
+}
+
+/// A surface; both of its sides are seen. Diffuse, but for its gloss, which truth and the cameras of lumigraphs see: what is kept in one
+/// colour, as in a cube LDI, is without.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// The name in the file.
@@ -22,6 +33,8 @@ pub struct Material {
     pub emission: [f32; 3],
     /// Emission texture, multiplies `emission`: index into [`crate::Scene::textures`].
     pub emission_texture: Option<u32>,
+    /// Gloss, if any.
+    pub gloss: Option<Gloss>,
     /// Cut-out, if any.
     pub cutout: Option<Cutout>,
 }
@@ -34,6 +47,7 @@ impl Default for Material {
             albedo_texture: None,
             emission: [0.0; 3],
             emission_texture: None,
+            gloss: None,
             cutout: None,
         }
     }

@@ -62,6 +62,7 @@ pub fn all() -> &'static [BuiltinScene] {
         scene("net", stages::net, "net of knotted cord before a wall, at 1.8 to 3.1 m: for lumigraphs"),
         scene("statue", stages::statue, "figure on a pedestal before a curtain, at 2.3 to 5.8 m: for lumigraphs"),
         scene("blocks", stages::blocks, "heap of painted blocks, at 0.9 to 3.4 m: for lumigraphs"),
+        scene("lacquer", stages::lacquer, "varnished balls on a polished floor, at 1.9 to 4.2 m: gloss for lumigraphs"),
         scene(
             "castle",
             castle::build,

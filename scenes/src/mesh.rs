@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec2, DVec3, Vec2, Vec3};
 use headbox_capture::scene::{Headbox, Scene, Triangle};
-use headbox_capture::{Material, Texture};
+use headbox_capture::{Gloss, Material, Texture};
 
 /// A vertex of a shape, world metres.
 #[derive(Clone, Copy, Debug)]
@@ -92,6 +92,11 @@ impl Mesh {
     /// A material that emits `emission` (linear RGB radiance).
     pub(crate) fn emissive(&mut self, name: &str, emission: [f32; 3]) -> u32 {
         self.add_material(Material { name: name.into(), albedo: [0.8; 3], emission, ..Material::default() })
+    }
+
+    /// Gives a material gloss: the share that it mirrors, and how sharply.
+    pub(crate) fn glossy(&mut self, material: u32, reflectance: f32, exponent: f32) {
+        self.scene.materials[material as usize].gloss = Some(Gloss { reflectance: [reflectance; 3], exponent });
     }
 
     pub(crate) fn add_vertex(&mut self, vertex: Vertex) -> u32 {

@@ -118,6 +118,28 @@ pub(crate) fn blocks(seed: u64) -> Scene {
     mesh.finish("blocks", DVec3::ZERO, 0.5)
 }
 
+/// `lacquer`: varnished balls on a polished floor before a wall, at 1.9 to 4.2 m, for a square of 1 m. What they mirror moves with the eye.
+pub(crate) fn lacquer(seed: u64) -> Scene {
+    let mut mesh = Mesh::default();
+    let wall = mesh.textured("wall", plaster([0.50, 0.53, 0.58], seed));
+    mesh.add_rectangle(DVec3::new(-5.0, -1.0, -4.2), DVec3::X * 10.0, DVec3::Y * 6.0, 1.5, wall);
+    let polished = mesh.textured("floor", tiles());
+    mesh.glossy(polished, 0.15, 120.0);
+    mesh.add_rectangle(DVec3::new(-5.0, -1.0, -1.2), DVec3::X * 10.0, DVec3::NEG_Z * 3.0, 1.0, polished);
+    let balls = [
+        ([0.62, 0.10, 0.08], DVec3::new(-0.75, -0.55, -2.7), 0.45, 40.0),
+        ([0.10, 0.22, 0.48], DVec3::new(0.15, -0.62, -2.3), 0.38, 120.0),
+        ([0.08, 0.30, 0.14], DVec3::new(0.95, -0.45, -3.1), 0.55, 20.0),
+        ([0.55, 0.42, 0.12], DVec3::new(0.1, -0.5, -3.4), 0.5, 400.0),
+    ];
+    for (i, (color, centre, radius, exponent)) in balls.into_iter().enumerate() {
+        let varnish = mesh.textured("varnish", plaster(color, seed + 1 + i as u64));
+        mesh.glossy(varnish, 0.3, exponent);
+        mesh.add_sphere(centre, radius, -FRAC_PI_2, FRAC_PI_2, 96, varnish);
+    }
+    mesh.finish("lacquer", DVec3::ZERO, 0.5)
+}
+
 /// A rough surface of one colour.
 fn plaster(color: [f64; 3], seed: u64) -> headbox_capture::Texture {
     paint(512, 512, |u, v| shade(color, 0.65 + 0.5 * fractal(u, v, 16, 16, seed)))

@@ -2,7 +2,7 @@
 
 use super::raw::{RawLumigraph, RawPicture, SAME_SURFACE};
 use super::{CameraGrid, GridParts};
-use crate::capture::light::{LightSample, Lighting, LitPoint, pixel_jitter};
+use crate::capture::light::{LightSample, Lighting, pixel_jitter};
 use crate::capture::sampler::random4;
 use crate::capture::trace::{Hit, PACKET, Ray, RayPacket, Tracer};
 use crate::capture::{Camera, srgb8_from_linear};
@@ -93,17 +93,9 @@ impl LumigraphCapture<'_> {
     }
 
     fn radiance(&self, ray: &Ray, hit: Option<&Hit>, [x, y]: [u32; 2], index: u32) -> Vec3 {
-        let Some(hit) = hit else {
-            return Vec3::from_array(self.lighting.miss_radiance(ray.direction.normalize()));
-        };
-        let (point, surface) = LitPoint::from_hit(self.tracer, ray, hit);
-        let radiosity = if self.lit {
-            let [stream, ..] = random4([x, y, 0x10e1, 3]);
-            Vec3::from_array(self.lighting.radiosity_per_albedo(self.tracer, &point, &LightSample { stream, index }))
-        } else {
-            Vec3::ONE
-        };
-        Vec3::from_array(surface.albedo) * radiosity + Vec3::from_array(surface.emission)
+        let [stream, ..] = random4([x, y, 0x10e1, 3]);
+        let sample = LightSample { stream, index };
+        self.lighting.seen(self.tracer, ray, hit, self.lit.then_some(&sample))
     }
 }
 

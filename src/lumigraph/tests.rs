@@ -236,6 +236,31 @@ fn frames_show_the_scene() {
     }
 }
 
+/// The paper's limitation 2: cameras keep their own colours, and blending carries what a surface mirrors along with the eye.
+#[test]
+fn highlights_move_with_the_eye() {
+    let glossy = crate::scenes::build("lacquer", 0).expect("built in");
+    let mut dull = glossy.clone();
+    dull.materials.iter_mut().for_each(|material| material.gloss = None);
+    let places = CameraGrid::evenly(3, 0.6);
+    let [glossy, dull] =
+        [glossy, dull].map(|scene| Bed::of(scene, DVec3::ZERO, places.clone(), places.clone(), [80, 80]));
+    let lit = |bed: &Bed| {
+        // Of one exposure, or the pictures could not be compared.
+        let capture = LumigraphCapture { tracer: &bed.tracer, lighting: &glossy.lighting, lit: true, samples: 16 };
+        let raw = capture.run(&bed.grid, &Silent).expect("captured");
+        raw.layered(255, Placement::Histogram).expect("layered")
+    };
+    let (mirrors, one_color) = (lit(&glossy), lit(&dull));
+    for offset in [DVec3::new(-0.17, 0.1, 0.0), DVec3::new(0.15, -0.05, 0.0)] {
+        let camera = glossy.camera(offset, DVec3::new(0.0, -0.1, -1.0), [64, 64]);
+        let truth = truth::render(&glossy.tracer, &glossy.lighting, true, &camera, 128, &Silent).frame;
+        let [own, one] = [&mirrors, &one_color]
+            .map(|lumigraph| psnr_db(&render(lumigraph, &camera, &LumigraphSettings::default()).color, &truth.color));
+        assert!(own > one + 3.0 && own > 24.0, "{own} dB, and {one} without what is mirrored");
+    }
+}
+
 #[test]
 fn more_layers_and_more_cameras_err_less() {
     let bed = Bed::new(CameraGrid::evenly(5, 1.0), CameraGrid::evenly(5, 1.0), [128, 128]);

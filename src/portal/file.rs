@@ -260,6 +260,7 @@ fn model(file: &Container, info: &Section, header: HouseHeader) -> Result<Portal
         albedo_texture: m.albedo_texture,
         emission: m.emission,
         emission_texture: m.emission_texture,
+        gloss: None,
         cutout: m.cutout.map(|(texture, threshold)| Cutout { texture, threshold }),
     };
     let mut texels = file.section("texels")?;

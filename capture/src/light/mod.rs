@@ -1,4 +1,5 @@
-//! Diffuse, view-independent light: sun, sky, emissive triangles and bounces, by path tracing.
+//! Diffuse, view-independent light: sun, sky, emissive triangles and bounces, by path tracing; and what an eye sees of it, mirrored by glossy
+//! surfaces (`gloss`).
 //!
 //! One estimator serves capture and truth alike. At a surface point it returns one sample of *radiosity per albedo*
 //! (irradiance / pi): the radiance that leaves the surface is that times its albedo, plus its emission. Next-event
@@ -8,6 +9,7 @@
 mod arrival;
 mod emitters;
 mod exposure;
+mod gloss;
 mod light_tree;
 mod pilot;
 mod sequence;

@@ -85,8 +85,17 @@ impl Lighting {
     /// have edges.
     pub fn sharp_radiosity(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> Vec3 {
         let brought = |(ray, light): (Ray, Vec3)| if tracer.occluded(&ray) { Vec3::ZERO } else { light };
-        let lamps = self.lamps.iter().filter_map(|lamp| lamp.ray(point)).map(brought);
-        lamps.fold(self.sun_light(tracer, point, sample, 0), |sum, light| sum + light)
+        self.sharp_rays(point, sample).map(brought).sum()
+    }
+
+    /// The rays toward the sun and lamps without a surface, and what each brings if nothing is in its way.
+    pub(super) fn sharp_rays<'a>(
+        &'a self,
+        point: &'a LitPoint,
+        sample: &LightSample,
+    ) -> impl Iterator<Item = (Ray, Vec3)> + use<'a> {
+        let sun = self.sun.as_ref().and_then(|sun| sun_ray(sun, point, sample.pair(0)));
+        sun.into_iter().chain(self.lamps.iter().filter_map(|lamp| lamp.ray(point)))
     }
 
     /// As [`Self::sharp_radiosity`] of each request, to the bit: rays of neighbours toward one light are nearly parallel and travel in

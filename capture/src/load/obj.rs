@@ -268,6 +268,7 @@ fn convert(m: &MtlMaterial, maps: Maps, textures: &DecodedTextures, notes: &mut 
         albedo_texture: diffuse.map(|slot| slot.index),
         emission: emission.map(|c| c.max(0.0)),
         emission_texture: emissive.map(|slot| slot.index),
+        gloss: None,
         cutout: opacity.map(|slot| Cutout { texture: slot.index, threshold: CUTOUT_THRESHOLD }),
     })
 }

@@ -1,7 +1,7 @@
 //! What a ray finds where it hits a triangle.
 
 use super::Scene;
-use crate::material::Texture;
+use crate::material::{Gloss, Texture};
 use glam::{Vec2, Vec3};
 
 /// A point on a triangle as the shading needs it.
@@ -15,6 +15,8 @@ pub struct Surface {
     pub albedo: [f32; 3],
     /// Emitted radiance, linear RGB.
     pub emission: [f32; 3],
+    /// What it mirrors, if anything.
+    pub gloss: Option<Gloss>,
 }
 
 impl Scene {
@@ -27,6 +29,7 @@ impl Scene {
             shading_normal: self.shading_normal(primitive, normal, u, v),
             albedo: self.paint(primitive).albedo(u, v),
             emission: self.emission(primitive, u, v),
+            gloss: self.materials[self.triangles[primitive as usize].material as usize].gloss,
         }
     }
 
@@ -149,6 +152,7 @@ mod tests {
                 albedo_texture: Some(0),
                 emission: [2.0, 3.0, 4.0],
                 emission_texture: Some(0),
+                gloss: None,
                 cutout: Some(Cutout { texture: 0, threshold: 0.5 }),
                 ..Material::default()
             }],

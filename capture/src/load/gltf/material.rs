@@ -138,6 +138,7 @@ fn convert(
         albedo_texture: base_slot.map(|slot| slot.index),
         emission: emission.map(finite),
         emission_texture: emission_slot.map(|slot| slot.index),
+        gloss: None,
         cutout: base_slot
             .filter(|slot| slot.is_cut_at(threshold))
             .map(|slot| Cutout { texture: slot.index, threshold }),
