@@ -155,7 +155,7 @@ impl<'a> Capture<'a> {
             parameters: self.parameters,
         };
         let tracer = Tracer::new(Arc::clone(self.scene.loaded()), centre);
-        let lighting = Lighting::measure(&tracer, job.parameters.bounces);
+        let lighting = Lighting::prepare(&tracer, job.parameters.bounces, job.parameters.light_samples > 0);
         let (ldi, _) = gaps::capture(&job, &tracer, &lighting, &self.resources, self.progress)?;
         Ok(primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, self.error_px)?)
     }
@@ -216,7 +216,7 @@ impl<'a> SpriteCapture<'a> {
     /// [`Error::Sprite`].
     pub fn run(self) -> Result<SpriteSet, Error> {
         let tracer = Tracer::new(Arc::clone(self.scene.loaded()), self.camera.eye());
-        let lighting = Lighting::measure(&tracer, CaptureParameters::DEFAULT.bounces);
+        let lighting = Lighting::prepare(&tracer, CaptureParameters::DEFAULT.bounces, true);
         let (lit, samples, format) = (true, self.samples, DisplacementFormat::default());
         let capture = SlabCapture { tracer: &tracer, lighting: &lighting, lit, samples, format };
         let slabs = slabs_at_gaps(&tracer, &self.camera, self.slabs);

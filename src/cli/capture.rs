@@ -286,7 +286,7 @@ impl CaptureCommand {
         if let Some(part) = self.shard {
             return self.run_shard(job, part, &tracer, &resources, &bar, start);
         }
-        let lighting = Lighting::measure(&tracer, job.parameters.bounces);
+        let lighting = Lighting::prepare(&tracer, job.parameters.bounces, job.parameters.light_samples > 0);
         let (ldi, trace_time) =
             gaps::capture(&job, &tracer, &lighting, &resources, &bar).context("the capture failed")?;
         drop((tracer, scene));

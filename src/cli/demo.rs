@@ -91,7 +91,7 @@ impl DemoCommand {
         println!("{}: {} triangles, headbox {:.3} m a side", self.scene, scene.triangles.len(), 2.0 * half_size_m);
         let tracer = Tracer::new(scene, centre);
         let job = job(&sizes, source, centre, half_size_m);
-        let lighting = Lighting::measure(&tracer, job.parameters.bounces);
+        let lighting = Lighting::prepare(&tracer, job.parameters.bounces, job.parameters.light_samples > 0);
         let cube = self.capture(&job, &tracer, &lighting)?;
         let rows = render_rows(&cube, &tracer, &lighting, &sizes)?;
         self.save(&rows)?;

@@ -135,7 +135,8 @@ impl LumigraphCommand {
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
         let (grid, tracer) = self.grid.place(&scene)?;
-        let lighting = Lighting::measure(&tracer, self.quality.bounces.unwrap_or(1));
+        let bounces = self.quality.bounces.unwrap_or(1);
+        let lighting = Lighting::prepare(&tracer, bounces, !self.quality.unlit);
         let bar = Bar::new();
         let LumigraphQualityArgs { samples, unlit, .. } = self.quality;
         let samples = samples.unwrap_or(8);

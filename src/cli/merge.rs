@@ -57,7 +57,8 @@ impl MergeCommand {
             source.name
         );
         let tracer = Tracer::new(Arc::new(scene), first.job.centre);
-        let lighting = Lighting::measure(&tracer, first.job.parameters.bounces);
+        let parameters = &first.job.parameters;
+        let lighting = Lighting::prepare(&tracer, parameters.bounces, parameters.light_samples > 0);
         let resources = Resources { budget: budget(self.memory, &self.output) };
         let mut tracing = first.empty_tracing(resources.budget.clone())?;
         for (path, info) in &infos {

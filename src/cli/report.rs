@@ -289,7 +289,7 @@ impl ReportCommand {
             (centre, ahead) = (camera.eye(), Some(camera.forward()));
         }
         let tracer = Arc::new(Tracer::new(Arc::clone(&scene), centre));
-        let lighting = Lighting::measure(&tracer, bounces);
+        let lighting = Lighting::prepare(&tracer, bounces, lit);
         let ahead = ahead.unwrap_or_else(|| most_to_see(&tracer, centre));
         let plan = Plan::new(quality, centre, half_size_m, ahead, self.seed);
         let plan = plan.map_err(|error| UsageError(error.to_string()))?;

@@ -171,7 +171,7 @@ impl SpriteCommand {
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
         let (camera, tracer) = self.camera.aim(&scene)?;
-        let lighting = Lighting::measure(&tracer, self.quality.bounces);
+        let lighting = Lighting::prepare(&tracer, self.quality.bounces, !self.quality.unlit);
         let bar = Bar::new();
         let capture = SlabCapture {
             tracer: &tracer,

@@ -54,9 +54,9 @@ impl TruthCommand {
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
         let (camera, tracer) = self.camera.aim(&scene)?;
-        let lighting = Lighting::measure(&tracer, self.bounces);
-        let bar = Bar::new();
         let start = Instant::now();
+        let lighting = Lighting::prepare(&tracer, self.bounces, !self.unlit);
+        let bar = Bar::new();
         if let Some(wall) = self.images {
             let half_size_m = viewpoint::place_headbox(&scene, None, None).map_or(0.0, |headbox| headbox.half_size_m);
             let views = self.write_images(wall, half_size_m, &camera, (&tracer, &lighting), &bar)?;

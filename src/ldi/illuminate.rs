@@ -182,11 +182,11 @@ impl FaceLight<'_> {
                     gathered.add(before * lighting.exposure);
                     continue;
                 };
-                gathered.nearness += 1.0 / arrival.distance_m.max(pooling.widths[p]);
+                gathered.nearness += arrival.weight / arrival.distance_m.max(pooling.widths[p]);
                 match arrival.cell() {
                     Some(cell) => begun.push(Begun { part: p as u32, cell, before, arrival }),
                     None => {
-                        let light = before + arrival.albedo * lighting.beyond(tracer, &arrival, &sample);
+                        let light = before + arrival.brings(lighting.beyond(tracer, &arrival, &sample));
                         gathered.add(light * lighting.exposure);
                     }
                 }
@@ -196,7 +196,7 @@ impl FaceLight<'_> {
         let rows = self.for_each_part(&parts.offsets, gathered, 1, begin);
         let (cell_of, light) = self.beyond(&rows);
         for (begun, cell) in rows.iter().flatten().zip(cell_of) {
-            let light = begun.before + begun.arrival.albedo * light[cell as usize];
+            let light = begun.before + begun.arrival.brings(light[cell as usize]);
             gathered[begun.part as usize].add(light * lighting.exposure);
         }
     }

@@ -186,9 +186,10 @@ fn reopen(info: &CaptureInfo) -> Result<LitScene, String> {
     let source = SceneSource::in_frame(&info.scene, info.frame).lit_by(info.light.clone());
     let scene = source.open().map_err(|error| format!("Truth needs the scene that was captured: {error}."))?;
     let tracer = Arc::new(Tracer::new(Arc::new(scene), info.centre));
-    let mut lighting = Lighting::measure(&tracer, info.parameters.bounces);
+    let lit = info.parameters.light_samples > 0;
+    let mut lighting = Lighting::prepare(&tracer, info.parameters.bounces, lit);
     lighting.exposure = info.exposure;
-    Ok(LitScene { tracer, lighting: Arc::new(lighting), lit: info.parameters.light_samples > 0 })
+    Ok(LitScene { tracer, lighting: Arc::new(lighting), lit })
 }
 
 fn render_settings(values: &SettingValues) -> Result<RenderSettings, String> {

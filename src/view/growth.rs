@@ -129,7 +129,7 @@ impl Growth {
             let (shared, tracer) = (Arc::clone(&shared), Arc::clone(&tracer));
             move || {
                 let rounds = || {
-                    let lighting = Arc::new(Lighting::measure(&tracer, CaptureParameters::DEFAULT.bounces));
+                    let lighting = Arc::new(Lighting::prepare(&tracer, CaptureParameters::DEFAULT.bounces, true));
                     let scene = shared.is_lit(LitScene { tracer, lighting, lit: true });
                     ROUNDS.iter().try_for_each(|round| shared.run(&round.job(&source, &headbox), &scene))
                 };

@@ -34,6 +34,9 @@ const WIDEST_CELL_M: f64 = 0.2;
 /// The narrowest cells, metres, for bakes that cut nothing.
 const NARROWEST_CELL_M: f64 = 1e-3;
 
+/// Places from which it is learnt where light comes from, at most.
+const MOST_PLACES: usize = 1 << 14;
+
 /// So many light samples are under way at a time, of so many vertices at most.
 const BATCH_SAMPLES: usize = 1 << 19;
 const BATCH_VERTICES: usize = 1 << 13;
@@ -78,7 +81,10 @@ impl VertexLight<'_> {
     pub(super) fn bake(&self, scene: &mut Scene, sources: &[u32], progress: &BakeProgress<'_>) {
         let corners = separate_creases(scene);
         let count = scene.positions.len();
-        let mut lights = self.gather(&Cut { scene, corners: &corners, sources }, progress);
+        let cut = Cut { scene, corners: &corners, sources };
+        let mut guided = self.lighting.clone();
+        guided.learn(self.tracer, &self.places(&cut));
+        let mut lights = VertexLight { lighting: &guided, ..*self }.gather(&cut, progress);
         for _ in 0..self.options.smoothing {
             lights = smooth(scene, &corners, &lights);
         }
@@ -87,6 +93,14 @@ impl VertexLight<'_> {
         for (color, light) in scene.colors.iter_mut().zip(lights) {
             *color *= (light.sharp + light.soft) * exposure;
         }
+    }
+
+    /// Places all over the scene.
+    fn places(&self, cut: &Cut<'_>) -> Vec<LitPoint> {
+        let step = (cut.scene.positions.len() / MOST_PLACES).max(1);
+        let vertices: Vec<usize> = (0..cut.scene.positions.len()).step_by(step).collect();
+        let lit = vertices.into_par_iter().filter(|&vertex| !cut.corners.around(vertex).is_empty());
+        lit.map(|vertex| self.point(cut, vertex, 0, self.side(cut, vertex)).0).collect()
     }
 
     /// The light of all vertices, batch after batch: what is known of what lies beyond cells does not depend on threads.
@@ -102,7 +116,7 @@ impl VertexLight<'_> {
             self.look_beyond(&mut beyond, found.iter().flat_map(|(_, begun)| begun));
             let end = |(mut light, begun): (Light, Vec<Begun>)| {
                 let share = 1.0 / self.options.samples.max(1) as f32;
-                let found = begun.iter().filter_map(|at| Some(at.arrival.albedo * *beyond.get(&at.cell)?));
+                let found = begun.iter().filter_map(|at| Some(at.arrival.brings(*beyond.get(&at.cell)?)));
                 light.soft += found.sum::<Vec3>() * share;
                 light
             };
@@ -135,7 +149,7 @@ impl VertexLight<'_> {
             let Some(arrival) = arrival else { continue };
             match arrival.cell_of_width(cell_m) {
                 Some(cell) => begun.push(Begun { cell, arrival }),
-                None => light.soft += arrival.albedo * self.lighting.beyond(self.tracer, &arrival, &sample),
+                None => light.soft += arrival.brings(self.lighting.beyond(self.tracer, &arrival, &sample)),
             }
         }
         (Light { sharp: sharp.sum / sharp.samples.max(1) as f32, soft: light.soft / samples as f32 }, begun)

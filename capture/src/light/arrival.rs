@@ -26,9 +26,11 @@ const LEAST_ALBEDO: f32 = 0.05;
 #[derive(Clone, Copy, Debug)]
 pub struct Arrival {
     /// The place.
-    point: LitPoint,
+    pub(super) point: LitPoint,
     /// Its albedo.
-    pub albedo: Vec3,
+    albedo: Vec3,
+    /// How much the ray counts: 1 but for rays that were drawn by where light comes from.
+    pub weight: f32,
     /// Length of the ray, metres.
     pub distance_m: f32,
 }
@@ -39,13 +41,13 @@ impl Arrival {
     pub fn cell(&self) -> Option<u64> {
         let exponent = (self.point.position.abs().max_element() * CELL_SHARE).max(1e-30).log2().ceil();
         let [x, y, z] = self.place_in_cells(exponent.exp2())?.map(|c| u64::from(c as u8));
-        Some(x | y << 8 | z << 16 | u64::from(exponent as i32 as u8) << 24 | self.turned() << 32)
+        Some(x | y << 8 | z << 16 | u64::from(exponent as i32 as u8) << 24 | self.point.turned() << 32)
     }
 
     /// As [`Self::cell`], where all cells are `width_m` metres wide.
     pub fn cell_of_width(&self, width_m: f32) -> Option<u64> {
         let [x, y, z] = self.place_in_cells(width_m)?.map(|c| u64::from(c as u32 & FARTHEST_APART));
-        Some(x | y << 18 | z << 36 | self.turned() << 54)
+        Some(x | y << 18 | z << 36 | self.point.turned() << 54)
     }
 
     fn place_in_cells(&self, width_m: f32) -> Option<[i32; 3]> {
@@ -53,26 +55,27 @@ impl Arrival {
         is_far.then(|| (self.point.position / width_m).floor().to_array().map(|c| c as i32))
     }
 
-    /// How the surface is turned, in 9 bits.
-    fn turned(&self) -> u64 {
-        let [x, y, z] = (self.point.normal * 2.0).round().to_array().map(|c| u64::from(c as i32 as u8 & 7));
-        x | y << 3 | z << 6
+    /// What the sample brings of the light that reaches the place ([`Lighting::beyond`]).
+    pub fn brings(&self, light: Vec3) -> Vec3 {
+        self.albedo * self.weight * light
     }
 }
 
 impl Lighting {
     /// The beginning of a sample of [`Self::soft_radiosity`]: what it finds before its first ray meets a surface, and where that
-    /// is, if it goes on from there. Albedo times one sample of [`Self::beyond`] is still to be added.
+    /// is, if it goes on from there. What it [brings](Arrival::brings) of one sample of
+    /// [`Self::beyond`] is still to be added.
     pub fn before(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> (Vec3, Option<Arrival>) {
-        let mut path = Path { point: *point, throughput: Vec3::ONE, sum: Vec3::ZERO };
+        let mut path = Path::new(point);
         let on = self.vertex(tracer, &mut path, 0, sample);
-        (path.sum, on.map(|distance_m| Arrival { point: path.point, albedo: path.throughput, distance_m }))
+        let Path { point, throughput: albedo, weight, sum } = path;
+        (sum, on.map(|distance_m| Arrival { point, albedo, weight, distance_m }))
     }
 
     /// The rest of a sample: radiosity per albedo where its first ray arrived.
     pub fn beyond(&self, tracer: &Tracer, arrival: &Arrival, sample: &LightSample) -> Vec3 {
         let throughput = arrival.albedo.max(Vec3::splat(LEAST_ALBEDO));
-        let mut path = Path { point: arrival.point, throughput, sum: Vec3::ZERO };
+        let mut path = Path { throughput, ..Path::new(&arrival.point) };
         self.follow(tracer, &mut path, 1, sample);
         path.sum / throughput
     }
@@ -84,7 +87,7 @@ mod tests {
 
     fn arrival(position: Vec3, normal: Vec3, distance_m: f32) -> Arrival {
         let point = LitPoint { position, normal, shading_normal: normal, extent: 1.0 };
-        Arrival { point, albedo: Vec3::ONE, distance_m }
+        Arrival { point, albedo: Vec3::ONE, weight: 1.0, distance_m }
     }
 
     #[test]

@@ -1,12 +1,13 @@
-//! Emissive triangles, and light straight from them: by points drawn on them and by cosine-weighted rays that meet one.
+//! Emissive triangles, and light straight from them: by points drawn on them and by a path's rays that meet one.
 //!
 //! Each sample counts by the balance heuristic, as with the sky ([`super::sky`]): no point that is drawn on a lamp then counts more
 //! than the lamp is bright, however close to it the lit place lies, where points alone are rare and thousands of times too bright.
 
+use super::guide::Directions;
 use super::light_tree::{Leaf, LightTree};
 use super::{LightSample, Lighting, LitPoint, luminance};
 use crate::scene::Surface;
-use crate::trace::{Ray, Tracer};
+use crate::trace::{Hit, Ray, Tracer};
 use glam::Vec3;
 use std::f32::consts::PI;
 
@@ -44,15 +45,15 @@ fn area([a, b, c]: [Vec3; 3]) -> f32 {
 }
 
 impl Lighting {
-    /// Radiosity per albedo straight from one emissive triangle, by a point on it; its share if cosine-weighted rays find the rest
-    /// ([`Self::emitter_by_chance`]).
+    /// Radiosity per albedo straight from one emissive triangle, by a point on it; its share if rays in the `shared`
+    /// directions find the rest ([`Self::emitter_by_chance`]).
     pub(super) fn emitter_light(
         &self,
         tracer: &Tracer,
         point: &LitPoint,
         sample: &LightSample,
         dimension: u32,
-        is_shared: bool,
+        shared: Option<&Directions<'_>>,
     ) -> Vec3 {
         if self.emitters.is_empty() {
             return Vec3::ZERO;
@@ -82,28 +83,30 @@ impl Lighting {
         if cos_there <= 0.0 || tracer.occluded(&ray) {
             return Vec3::ZERO;
         }
-        let (cosine_density, density) = (cos_here / PI, probability * distance2 / (area(corners) * cos_there));
-        let share = if is_shared { cosine_density / (density + cosine_density) } else { cosine_density / density };
-        Vec3::from_array(surface.emission) * share
+        let density = probability * distance2 / (area(corners) * cos_there);
+        let by_chance = shared.map_or(0.0, |directions| directions.density(direction, cos_here));
+        Vec3::from_array(surface.emission) * (cos_here / PI / (density + by_chance))
     }
 
-    /// Radiosity per albedo by a cosine-weighted ray that met an emissive triangle after so many metres.
+    /// Radiosity per albedo by a ray in one of these directions that met an emissive triangle.
     pub(super) fn emitter_by_chance(
         &self,
         tracer: &Tracer,
         point: &LitPoint,
         ray: &Ray,
-        (primitive, distance_m): (u32, f32),
+        hit: &Hit,
         met: &Surface,
+        directions: &Directions<'_>,
     ) -> Vec3 {
         if met.emission == [0.0; 3] {
             return Vec3::ZERO;
         }
-        let cosine_density = (ray.direction.dot(point.shading_normal) / PI).max(f32::MIN_POSITIVE);
+        let cos_here = ray.direction.dot(point.shading_normal);
+        let by_chance = directions.density(ray.direction, cos_here).max(f32::MIN_POSITIVE);
         let cos_there = ray.direction.dot(met.normal).abs().max(f32::MIN_POSITIVE);
-        let probability = self.emitters.tree.probability(point, primitive);
-        let density = probability * distance_m * distance_m / (area(tracer.triangle(primitive)) * cos_there);
-        Vec3::from_array(met.emission) * (cosine_density / (density + cosine_density))
+        let probability = self.emitters.tree.probability(point, hit.primitive);
+        let density = probability * hit.t * hit.t / (area(tracer.triangle(hit.primitive)) * cos_there);
+        Vec3::from_array(met.emission) * (by_chance / (density + by_chance))
     }
 }
 

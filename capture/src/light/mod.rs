@@ -4,26 +4,29 @@
 //! One estimator serves capture and truth alike. At a surface point it returns one sample of *radiosity per albedo*
 //! (irradiance / pi): the radiance that leaves the surface is that times its albedo, plus its emission. Next-event
 //! estimation for the sun, lamps, emissive triangles and pictures of the sky; these two (and the next bounce) also by one
-//! cosine-weighted ray; Russian roulette beyond three bounces.
+//! ray, cosine-weighted or guided; Russian roulette beyond three bounces.
 
 mod arrival;
 mod emitters;
 mod exposure;
 mod gloss;
+mod guide;
 mod light_tree;
 mod pilot;
 mod sequence;
 mod sharp;
 mod sky;
+mod square;
 
 pub use arrival::Arrival;
 pub use exposure::Exposure;
 
-use crate::sampler::{cosine_direction, random4, unit_float};
+use crate::sampler::{random4, unit_float};
 use crate::scene::{Sky, Sun};
 use crate::trace::{Hit, Ray, Tracer};
 use emitters::Emitters;
-use glam::{Quat, Vec3};
+use glam::Vec3;
+use guide::{Directions, Guide};
 use pilot::{Pilot, PilotPoint, percentile};
 use sharp::LocalLamp;
 
@@ -52,6 +55,7 @@ pub struct Lighting {
     /// Lamps without a surface, in the tracer's local frame.
     lamps: Vec<LocalLamp>,
     emitters: Emitters,
+    guide: Guide,
     /// Fill light.
     pub fill: FillLight,
     /// Diffuse bounces of a path beyond direct light.
@@ -84,6 +88,12 @@ impl LitPoint {
         (Self { position, normal, shading_normal, extent }, surface)
     }
 
+    /// How the surface is turned, in 9 bits.
+    fn turned(&self) -> u64 {
+        let [x, y, z] = (self.normal * 2.0).round().to_array().map(|c| u64::from(c as i32 as u8 & 7));
+        x | y << 3 | z << 6
+    }
+
     /// Where rays from this point start: lifted off its surface by more than the rounding error of the position.
     fn lifted(&self) -> Vec3 {
         /// Rounding of a hit position is a few units in the last place (2^-24) of the triangle's largest coordinate and
@@ -114,13 +124,30 @@ const MOST_METERINGS: u32 = 8;
 struct Path {
     /// The vertex at which it is.
     point: LitPoint,
+    /// Albedos on the way.
     throughput: Vec3,
+    /// How much its rays count that were drawn by a guide.
+    weight: f32,
     /// What it found so far.
     sum: Vec3,
 }
 
+impl Path {
+    fn new(point: &LitPoint) -> Self {
+        Self { point: *point, throughput: Vec3::ONE, weight: 1.0, sum: Vec3::ZERO }
+    }
+
+    /// Adds light, each colour by so much at most.
+    fn add(&mut self, light: Vec3, brightest: f32) {
+        self.sum += (self.throughput * light).min(Vec3::splat(brightest)) * self.weight;
+    }
+}
+
 /// Decisions at each point of a path: sun, emitter, direction, survival.
 const DECISIONS: u32 = 4;
+
+/// The decision for the direction of a path's first ray; those of later points follow.
+const FIRST_DIRECTION: u32 = 2;
 
 /// Dimension of a single number beside the pair of the same decision, and of the position in the pixel.
 const SINGLE: u32 = 1 << 30;
@@ -161,7 +188,7 @@ impl Lighting {
         let scene = tracer.scene();
         let (emitters, lamps) = (Emitters::of(tracer), sharp::local_lamps(tracer));
         let (sun, sky, fill) = (scene.sun, scene.sky.clone(), FillLight::default());
-        Self { sun, sky, lamps, emitters, fill, bounces, exposure: 1.0 }
+        Self { sun, sky, lamps, emitters, guide: Guide::default(), fill, bounces, exposure: 1.0 }
     }
 
     /// The lights of `scene`, with exposure and fill chosen by a pilot: what is seen, sky included, from seeded points in
@@ -184,6 +211,12 @@ impl Lighting {
         }
         lighting.exposure = tracer.scene().exposure.factor(exposed);
         lighting
+    }
+
+    /// As [`Self::measure`], and [guided](Self::guided) if anything will be `lit`.
+    pub fn prepare(tracer: &Tracer, bounces: u32, lit: bool) -> Self {
+        let measured = Self::measure(tracer, bounces);
+        if lit { measured.guided(tracer) } else { measured }
     }
 
     /// The exposure that what a pilot sees asks for; adds fill light if it has to.
@@ -232,7 +265,7 @@ impl Lighting {
 
     /// The rest of [`Self::radiosity_per_albedo`]: sky, emissive triangles, bounces.
     pub fn soft_radiosity(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> Vec3 {
-        let mut path = Path { point: *point, throughput: Vec3::ONE, sum: Vec3::ZERO };
+        let mut path = Path::new(point);
         self.follow(tracer, &mut path, 0, sample);
         path.sum
     }
@@ -246,12 +279,20 @@ impl Lighting {
         }
     }
 
-    /// Radiosity per albedo by points and directions drawn among the lights at vertex number `bounce`; of emissive triangles the share
-    /// that cosine-weighted rays leave, if they look for these.
-    fn direct(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample, bounce: u32, is_shared: bool) -> Vec3 {
+    /// Radiosity per albedo by points and directions drawn among the lights at vertex number `bounce`: of the sky and of emissive
+    /// triangles the share that rays in `directions` leave, if they look for these.
+    fn direct(
+        &self,
+        tracer: &Tracer,
+        point: &LitPoint,
+        sample: &LightSample,
+        bounce: u32,
+        directions: &Directions<'_>,
+    ) -> Vec3 {
         let dimension = bounce * DECISIONS;
-        let mut direct = self.emitter_light(tracer, point, sample, dimension, is_shared);
-        direct += self.sky_light(tracer, point, sample, dimension);
+        let shared = (!self.meets_nothing(bounce)).then_some(directions);
+        let mut direct = self.emitter_light(tracer, point, sample, dimension, shared);
+        direct += self.sky_light(tracer, point, sample, dimension, directions);
         if bounce > 0 {
             direct += self.sun_light(tracer, point, sample, dimension);
             direct += self.one_lamp(tracer, point, sample, dimension);
@@ -259,25 +300,44 @@ impl Lighting {
         direct
     }
 
+    /// What a point shows of a bounce at most, each colour.
+    fn brightest(&self, bounce: u32) -> f32 {
+        if bounce > 0 { BRIGHTEST_BOUNCE / self.exposure } else { f32::INFINITY }
+    }
+
+    /// Whether the ray from vertex number `bounce` looks for the sky alone. The last of a path that has bounced does: points drawn on
+    /// lamps are all that it sees of these.
+    fn meets_nothing(&self, bounce: u32) -> bool {
+        bounce == self.bounces && self.fill.radiance == 0.0 && (bounce > 0 || self.emitters.is_empty())
+    }
+
     /// Adds what a path finds at its vertex number `bounce`, and moves it on to the next. How long the way there was; `None`
     /// if the path ends.
     fn vertex(&self, tracer: &Tracer, path: &mut Path, bounce: u32, sample: &LightSample) -> Option<f32> {
+        let directions = self.directions(&path.point);
+        let direct = self.direct(tracer, &path.point, sample, bounce, &directions);
+        path.add(direct, self.brightest(bounce));
+        self.onward(tracer, path, bounce, sample, &directions)
+    }
+
+    /// The part of [`Self::vertex`] that comes along the ray by which the path goes on.
+    fn onward(
+        &self,
+        tracer: &Tracer,
+        path: &mut Path,
+        bounce: u32,
+        sample: &LightSample,
+        directions: &Directions<'_>,
+    ) -> Option<f32> {
         let dimension = bounce * DECISIONS;
-        let point = &path.point;
-        let last = bounce == self.bounces;
-        let brightest = if bounce > 0 { BRIGHTEST_BOUNCE / self.exposure } else { f32::INFINITY };
-        // The last ray of a path that has bounced looks for the sky alone; points drawn on lamps are all that it sees of these.
-        let meets_nothing = last && self.fill.radiance == 0.0 && (bounce > 0 || self.emitters.is_empty());
-        let direct = self.direct(tracer, point, sample, bounce, !meets_nothing);
-        path.sum += (path.throughput * direct).min(Vec3::splat(brightest));
-        let [u, v] = sample.pair(dimension + 2);
-        let local = Vec3::from_array(cosine_direction(u, v));
-        let direction = Quat::from_rotation_arc(Vec3::Z, point.shading_normal) * local;
+        let (point, brightest) = (path.point, self.brightest(bounce));
+        let (direction, weight) = directions.draw(sample.pair(dimension + FIRST_DIRECTION));
+        path.weight *= weight;
         if direction.dot(point.normal) <= 0.0 {
             return None; // below the true surface: a shading normal that leans too far
         }
         let ray = Ray { origin: point.lifted(), direction, t_min: 0.0, t_max: f32::INFINITY };
-        let hit = if meets_nothing {
+        let hit = if self.meets_nothing(bounce) {
             // Of what the last ray meets, nothing matters but whether it is there.
             if self.sky.is_none() || tracer.occluded(&ray) {
                 return None;
@@ -287,17 +347,17 @@ impl Lighting {
             tracer.closest(&ray)
         };
         let Some(hit) = hit else {
-            path.sum += path.throughput * (self.sky_by_chance(point, direction) + self.fill.radiance);
+            path.add(self.sky_by_chance(&point, direction, directions) + self.fill.radiance, f32::INFINITY);
             return None;
         };
         if self.fill.radiance > 0.0 {
             let open = (hit.t / self.fill.reach_m).min(1.0);
-            path.sum += path.throughput * (self.fill.radiance * open * open);
+            path.add(Vec3::splat(self.fill.radiance * open * open), f32::INFINITY);
         }
         let (next, surface) = LitPoint::from_hit(tracer, &ray, &hit);
-        let by_chance = self.emitter_by_chance(tracer, point, &ray, (hit.primitive, hit.t), &surface);
-        path.sum += (path.throughput * by_chance).min(Vec3::splat(brightest));
-        if last {
+        let by_chance = self.emitter_by_chance(tracer, &point, &ray, &hit, &surface, directions);
+        path.add(by_chance, brightest);
+        if bounce == self.bounces {
             return None;
         }
         path.point = next;

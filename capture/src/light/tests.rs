@@ -41,12 +41,12 @@ fn requests(tracer: &Tracer) -> Vec<(LitPoint, LightSample)> {
 fn a_sample_is_the_sum_of_its_parts() {
     let tracer = tracer();
     for bounces in [0, 1, 5] {
-        let lighting = Lighting::of_scene(&tracer, bounces);
+        let lighting = Lighting::of_scene(&tracer, bounces).guided(&tracer);
         let mut arrived = 0;
         for (point, sample) in requests(&tracer) {
             let whole = lighting.soft_radiosity(&tracer, &point, &sample);
             let (before, arrival) = lighting.before(&tracer, &point, &sample);
-            let beyond = arrival.map_or(Vec3::ZERO, |a| a.albedo * lighting.beyond(&tracer, &a, &sample));
+            let beyond = arrival.map_or(Vec3::ZERO, |a| a.brings(lighting.beyond(&tracer, &a, &sample)));
             arrived += u32::from(arrival.is_some());
             assert!((before + beyond - whole).length() <= 1e-5 * whole.length(), "{before} + {beyond}: {whole}");
         }
