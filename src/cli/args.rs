@@ -91,6 +91,11 @@ pub(super) struct SourceArgs {
 }
 
 impl SceneArgs {
+    /// What is said of how the scene is read, by its flag.
+    pub(super) fn given(&self) -> [(&'static str, bool); 7] {
+        self.source.given()
+    }
+
     /// As given.
     pub(super) fn name(&self) -> &str {
         &self.scene

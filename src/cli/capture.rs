@@ -128,6 +128,27 @@ impl Preset {
     ];
 }
 
+impl QualityArgs {
+    /// What is said of how rays are traced and lit other than the defaults, by its flag.
+    fn given(&self) -> [(&'static str, bool); 9] {
+        let CaptureParameters {
+            strata, rays_per_stratum, bounces, light_samples, seed, novelty, holes, sampler, ..
+        } = self.parameters;
+        let usual = CaptureParameters::DEFAULT;
+        [
+            ("--face-size", self.face_size != CaptureJob::DEFAULT_FACE_SIZE_PX),
+            ("--strata", strata != usual.strata),
+            ("--rays", rays_per_stratum != usual.rays_per_stratum),
+            ("--bounces", bounces != usual.bounces),
+            ("--light-samples", light_samples != usual.light_samples),
+            ("--seed", seed != usual.seed),
+            ("--novelty", novelty != usual.novelty),
+            ("--holes", holes != usual.holes),
+            ("--sampler", sampler != usual.sampler),
+        ]
+    }
+}
+
 fn parse_agreement(text: &str) -> Result<f32, String> {
     let level = text.parse().ok().filter(|level| *level > 0.0 && *level <= 255.0);
     level.ok_or_else(|| "give a number of levels above 0, up to 255".into())
@@ -314,7 +335,8 @@ impl CaptureCommand {
             ("--memory", self.memory.is_some()),
             ("--quality", self.quality.quality.is_some()),
         ];
-        match of_rays.iter().chain(more).find(|(_, is_given)| *is_given) {
+        let of_scenes = self.quality.given().into_iter().chain(self.scene.given());
+        match of_rays.into_iter().chain(of_scenes).chain(more.iter().copied()).find(|(_, is_given)| *is_given) {
             Some((flag, _)) => Err(UsageError(format!("{flag} has no meaning for {kind}; leave it out"))),
             None => Ok(()),
         }

@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
 
-use super::run::headbox;
+use super::run::{fails, headbox};
 use image::{ImageBuffer, Luma, Rgb, RgbImage};
 use std::fmt::Write as _;
 use std::path::Path;
@@ -57,9 +57,10 @@ fn room(folder: &Path, color_focal: f64) {
 fn a_folder_of_images_is_captured_rendered_told_of_and_measured() {
     let dir = tempfile::tempdir().unwrap();
     room(dir.path(), DEPTH_FOCAL);
-    let refused = headbox(dir.path(), &["capture", "room", "-o", "x.ldi", "--shard", "1/2"]);
-    assert_eq!(refused.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&refused.stderr).contains("--shard has no meaning for images; leave it out"));
+    for (flag, value) in [("--shard", "1/2"), ("--face-size", "256"), ("--light-samples", "9"), ("--sun", "off")] {
+        let said = format!("{flag} has no meaning for images; leave it out");
+        fails(dir.path(), 2, &["capture", "room", "-o", "x.ldi", flag, value], &said);
+    }
     let (info, _) = succeeds(dir.path(), &["info", "room", "--json"]);
     let info: serde_json::Value = serde_json::from_str(&info).unwrap();
     assert_eq!((info["kind"].as_str(), info["with_depth"].as_u64()), (Some("images"), Some(8)));
