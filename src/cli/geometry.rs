@@ -71,8 +71,12 @@ impl GeometryArgs {
 }
 
 /// Opens a folder, with the camera of its middle view.
-pub(super) fn open_geometry(folder: &Path, args: &GeometryArgs) -> anyhow::Result<(ViewGeometry, Option<Camera>)> {
-    let set = SetArgs::default().open_registered(folder)?;
+pub(super) fn open_geometry(
+    folder: &Path,
+    set: SetArgs,
+    args: &GeometryArgs,
+) -> anyhow::Result<(ViewGeometry, Option<Camera>)> {
+    let set = set.open_registered(folder)?;
     let views = with_depth(&set)?;
     let bar = Bar::new();
     let geometry = ViewGeometry::open(&set, &views, &args.resources(cache::folder("samples")), &bar)?;
@@ -98,10 +102,11 @@ impl GeometryContent {
     /// Opens a folder for a way of texturing; with the axes and unit of its file, and a camera like that of its middle view.
     pub(super) fn open(
         folder: &Path,
+        set: SetArgs,
         texturing: Texturing,
         args: &GeometryArgs,
     ) -> anyhow::Result<(Self, FileFrame, DefaultCamera)> {
-        let (geometry, central) = open_geometry(folder, args)?;
+        let (geometry, central) = open_geometry(folder, set, args)?;
         let camera = central.map_or(DefaultCamera::at(DVec3::ZERO), |camera| DefaultCamera::like(&camera));
         let settings = GeometrySettings { texturing, ..args.settings() };
         let frame = geometry.frame;

@@ -3,6 +3,7 @@
 use super::images_depth::{DepthArgs, Outcome};
 use super::output::print_json;
 use super::progress::Bar;
+use super::words::UsageError;
 use crate::capture::images::{
     AlignStep, Aligned, CheckReport, ImageSet, ImageSetOptions, ImagesError, Kept, Lens, RegistrationReport, View,
     align, check,
@@ -43,7 +44,7 @@ pub(super) struct ImagesCommand {
 const PAIRS: usize = 16;
 
 /// How image sets are opened.
-#[derive(Args, Default)]
+#[derive(Args, Clone, Copy, Default)]
 pub(super) struct SetArgs {
     /// Follow paths in a manifest that lead out of its folder
     #[arg(long)]
@@ -54,6 +55,14 @@ pub(super) struct SetArgs {
 }
 
 impl SetArgs {
+    /// Refuses what is said where there is no image set.
+    pub(super) fn only_for_sets(self, is_set: bool) -> Result<(), UsageError> {
+        match !is_set && (self.allow_outside || self.no_registration) {
+            true => Err(UsageError("--allow-outside and --no-registration are for folders of images".into())),
+            false => Ok(()),
+        }
+    }
+
     /// Opens a set and says on standard error what was met.
     pub(super) fn open(&self, folder: &Path) -> anyhow::Result<ImageSet> {
         let set = ImageSet::open(folder, &ImageSetOptions { allow_outside: self.allow_outside })?;

@@ -69,6 +69,8 @@ pub(super) struct RenderCommand {
     variant: Option<String>,
     #[command(flatten)]
     geometry: GeometryArgs,
+    #[command(flatten)]
+    images: SetArgs,
     /// How colours of sprites are looked up; bilinear if absent
     #[arg(long)]
     sampling: Option<SpriteSampling>,
@@ -139,6 +141,7 @@ impl RenderCommand {
 
     /// Reads the files. Axes, unit and camera are those of the first.
     fn open(&self) -> anyhow::Result<(Content, FileFrame, DefaultCamera)> {
+        self.images.only_for_sets(self.files.iter().any(|file| is_image_set(&file.to_string_lossy())))?;
         if let Some(content) = self.open_house()? {
             return Ok(content);
         }
@@ -168,7 +171,7 @@ impl RenderCommand {
                 let cube = match is_image_set(&file.to_string_lossy()) {
                     true => {
                         let bar = Bar::new();
-                        let cube = images::cube(file, &SetArgs::default(), &bar)?;
+                        let cube = images::cube(file, &self.images, &bar)?;
                         bar.finish();
                         cube
                     }
@@ -221,7 +224,7 @@ impl RenderCommand {
             let message = "--sampling, --fill-steps, --parallel and --keep-holes are not for view-dependent geometry";
             return Err(UsageError(message.into()).into());
         }
-        let (content, frame, camera) = GeometryContent::open(&self.files[0], texturing, &self.geometry)?;
+        let (content, frame, camera) = GeometryContent::open(&self.files[0], self.images, texturing, &self.geometry)?;
         Ok(Some((Content::Geometry(Box::new(content)), frame, camera)))
     }
 

@@ -33,6 +33,8 @@ pub(super) struct ViewCommand {
     #[command(flatten)]
     geometry: GeometryArgs,
     #[command(flatten)]
+    images: SetArgs,
+    #[command(flatten)]
     source: SourceArgs,
     /// Replay this path or camera file
     #[arg(long, value_name = "PATH.json")]
@@ -128,29 +130,30 @@ impl ViewCommand {
         if self.live && !is_set {
             return Err(UsageError("--live is for a folder of images with depth".into()).into());
         }
+        self.images.only_for_sets(is_set)?;
         let texturing = texturing_of(self.variant.as_deref(), is_set)?;
         if texturing.is_none() && (self.variant.is_some() || self.geometry.are_given()) {
             return Err(UsageError(GEOMETRY_ALONE.into()).into());
         }
         let (source, geometry, out) = (self.source.source(file), self.geometry.clone(), self.out.clone());
-        let live = self.live;
+        let (live, set) = (self.live, self.images);
         Ok(move || {
             if !is_set {
                 return Ok(open_source(source, &out)?);
             }
             let folder = Path::new(&source.name);
             if live {
-                let (near, start) = near(folder)?;
+                let (near, start) = near(folder, set)?;
                 return Ok(show_live(near, folder, &start)?);
             }
             if let Some(texturing) = texturing {
                 let settings = GeometrySettings { texturing, ..geometry.settings() };
-                let (geometry, start) = open_geometry(folder, &geometry)?;
+                let (geometry, start) = open_geometry(folder, set, &geometry)?;
                 let no_start = || format!("{}: its middle view is no perspective picture to start at", source.name);
                 return Ok(show_geometry(geometry, folder, &start.with_context(no_start)?, settings));
             }
             let bar = Bar::new();
-            let cube = images::cube(folder, &SetArgs::default(), &bar)?;
+            let cube = images::cube(folder, &set, &bar)?;
             bar.finish();
             Ok(show_cube(cube, folder))
         })
@@ -245,8 +248,8 @@ pub(super) fn show(file: &Path) -> anyhow::Result<()> {
 }
 
 /// The images of a set that cubes are made of as one moves, and the camera of its middle view that has depth.
-fn near(folder: &Path) -> anyhow::Result<(NearImages, Camera)> {
-    let set = SetArgs::default().open_registered(folder)?;
+fn near(folder: &Path, set: SetArgs) -> anyhow::Result<(NearImages, Camera)> {
+    let set = set.open_registered(folder)?;
     images::with_depth(&set)?;
     let start = set.central_view().and_then(View::camera).or_else(|| set.with_depth().find_map(View::camera));
     let no_start = || format!("{}: it has no perspective picture to start at", folder.display());

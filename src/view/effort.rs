@@ -33,7 +33,10 @@ pub(super) fn class_color(value: f32, tops: &Tops) -> [u8; 3] {
 pub(super) fn class_legend(nothing: &str, tops: &Tops, unit: &str) -> Vec<Swatch> {
     let up_to = tops.iter().map(|top| format!("up to {top} {unit}"));
     let labels = up_to.chain(tops.last().map(|top| format!("more than {top} {unit}")));
-    let classes = CLASSES.into_iter().zip(labels).map(|(color, label)| Swatch { color, label });
+    // Of classes that end alike, all but the first are empty.
+    let is_empty = |i: usize| i > 0 && tops.get(i) == tops.get(i - 1);
+    let classes = CLASSES.into_iter().zip(labels).enumerate().filter(|(i, _)| !is_empty(*i));
+    let classes = classes.map(|(_, (color, label))| Swatch { color, label });
     std::iter::once(swatch(NOTHING, nothing)).chain(classes).collect()
 }
 

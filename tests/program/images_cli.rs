@@ -57,6 +57,11 @@ fn room(folder: &Path, color_focal: f64) {
 fn a_folder_of_images_is_captured_rendered_told_of_and_measured() {
     let dir = tempfile::tempdir().unwrap();
     room(dir.path(), DEPTH_FOCAL);
+    let of_sets = "--allow-outside and --no-registration are for folders of images";
+    fails(dir.path(), 2, &["render", "x.ldi", "-o", "x.png", "--no-registration"], of_sets);
+    fails(dir.path(), 2, &["view", "x.ldi", "--allow-outside"], of_sets);
+    let (_, quick) = succeeds(dir.path(), &["render", "room", "-o", "as-given.png", "--no-registration"]);
+    assert!(!quick.contains("registration"), "{quick}");
     for (flag, value) in [("--shard", "1/2"), ("--face-size", "256"), ("--light-samples", "9"), ("--sun", "off")] {
         let said = format!("{flag} has no meaning for images; leave it out");
         fails(dir.path(), 2, &["capture", "room", "-o", "x.ldi", flag, value], &said);
