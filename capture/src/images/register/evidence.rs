@@ -22,7 +22,7 @@ pub(super) struct Evidence {
 }
 
 /// Points are taken from so many columns at most.
-const COLUMNS: u32 = 56;
+pub(super) const COLUMNS: u32 = 56;
 
 /// The small picture's width at most.
 const WIDTH: u32 = 320;
@@ -34,7 +34,8 @@ pub(super) const UNSEEN: usize = 4;
 const AT_EDGE: f32 = 0.02;
 
 impl Evidence {
-    pub(super) fn of(view: &LoadedView) -> Self {
+    /// Of a view, its points from so many columns at most.
+    pub(super) fn of(view: &LoadedView, columns: u32) -> Self {
         let [width, height] = view.size_px;
         let reduced = width.div_ceil(WIDTH).max(1);
         let size = [width / reduced, height / reduced].map(|side| side as usize);
@@ -47,7 +48,7 @@ impl Evidence {
         let planes = [0, 1, 2].map(|channel| (0..size[0] * size[1]).map(|i| mean(channel, i)).collect::<Vec<u8>>());
         let grey = (0..size[0] * size[1]).map(|i| ((0..3).map(|c| u32::from(planes[c][i])).sum::<u32>() / 3) as u8);
         let grey = grey.collect();
-        let step = (width / COLUMNS).max(1);
+        let step = (width / columns.max(1)).max(1);
         let mut points = Vec::new();
         let mut depths = Vec::new();
         for y in (step / 2 + 1..height.saturating_sub(1)).step_by(step as usize) {
@@ -78,11 +79,10 @@ impl Smooth {
     /// Blurred `rounds` times by (1 2 1) / 4 both ways.
     pub(super) fn new(grey: &[u8], size: [usize; 2], rounds: u32) -> Self {
         let mut levels: Vec<f32> = grey.iter().map(|&level| f32::from(level)).collect();
-        let [width, height] = size;
-        let mut turned = vec![0.0; levels.len()];
+        let mut between = vec![0.0; levels.len()];
         for _ in 0..rounds {
-            blur(&levels, &mut turned, width, 1);
-            blur(&turned, &mut levels, height, width);
+            blur_rows(&levels, &mut between, size[0]);
+            blur_columns(&between, &mut levels, size[0]);
         }
         Self { size, levels: levels.into_iter().map(|level| (level + 0.5) as u8).collect() }
     }
@@ -107,14 +107,33 @@ impl Smooth {
     }
 }
 
-/// Along lines of `length` values, `stride` apart.
-fn blur(from: &[f32], to: &mut [f32], length: usize, stride: usize) {
-    for (i, value) in to.iter_mut().enumerate() {
-        let along = i / stride % length;
-        let before = if along > 0 { from[i - stride] } else { from[i] };
-        let after = if along + 1 < length { from[i + stride] } else { from[i] };
-        *value = (before + 2.0 * from[i] + after) / 4.0;
+/// Each value with its neighbours to the left and right; beyond the ends lies what is at them.
+fn blur_rows(from: &[f32], to: &mut [f32], width: usize) {
+    for (from, to) in from.chunks_exact(width).zip(to.chunks_exact_mut(width)) {
+        for (to, around) in to[1..].iter_mut().zip(from.windows(3)) {
+            *to = mixed(around[0], around[1], around[2]);
+        }
+        let last = width - 1;
+        to[0] = mixed(from[0], from[0], from[1.min(last)]);
+        to[last] = mixed(from[last.saturating_sub(1)], from[last], from[last]);
     }
+}
+
+/// Each value with its neighbours above and below.
+fn blur_columns(from: &[f32], to: &mut [f32], width: usize) {
+    let last = (from.len() / width).saturating_sub(1);
+    let row = |number: usize| &from[number * width..(number + 1) * width];
+    for (number, to) in to.chunks_exact_mut(width).enumerate() {
+        let (above, here, below) = (row(number.saturating_sub(1)), row(number), row((number + 1).min(last)));
+        for (to, ((above, here), below)) in to.iter_mut().zip(above.iter().zip(here).zip(below)) {
+            *to = mixed(*above, *here, *below);
+        }
+    }
+}
+
+#[inline(always)]
+fn mixed(before: f32, here: f32, after: f32) -> f32 {
+    (before + 2.0 * here + after) / 4.0
 }
 
 /// A point in axes X right, Y down, Z forward, in which lenses are written.

@@ -4,7 +4,8 @@
 //! by the median logarithm of the ratio of the levels in which they see the same points; least squares over all pairs,
 //! gains of mean 0, with a weak prior that holds views without pairs.
 
-use super::photometric::{Problem, State};
+use super::photometric::Problem;
+use super::state::State;
 use rayon::prelude::*;
 
 /// Levels outside tell little: dark ones are rounded, bright ones clipped.
