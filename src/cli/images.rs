@@ -50,7 +50,8 @@ pub(super) struct SetArgs {
     /// Follow paths in a manifest that lead out of its folder
     #[arg(long)]
     pub(super) allow_outside: bool,
-    /// Take colours as registered with depth and equally exposed, as the files say, without asking the pictures
+    /// Take colours as registered with depth and equally exposed, as the files say, without asking the pictures; what these say is kept in the
+    /// user's cache folder, as samples of their depth are, 4 GB at most
     #[arg(long)]
     no_registration: bool,
 }

@@ -73,7 +73,9 @@ impl DepthSource {
         let mut picture = match extension(&self.path).as_str() {
             "exr" => read_exr(&self.path, self.channel.as_deref(), self.unit_m)?,
             "bin" => read_colmap_map(&self.path)?,
-            _ => read_integers(&self.path, self.unit_m, Integers { eight_bits: false, zero_is_known: self.zero_is_far })?,
+            _ => {
+                read_integers(&self.path, self.unit_m, Integers { eight_bits: false, zero_is_known: self.zero_is_far })?
+            }
         };
         for value in &mut picture.values {
             let depth = match (self.kind, self.window) {
@@ -99,7 +101,11 @@ impl DepthPicture {
     /// # Errors
     /// [`ImagesError`] that names the file.
     pub fn read(path: &Path, unit: f32) -> Result<Self, ImagesError> {
-        if extension(path) == "exr" { read_exr(path, None, unit) } else { read_integers(path, unit, Integers { eight_bits: true, zero_is_known: false }) }
+        if extension(path) == "exr" {
+            read_exr(path, None, unit)
+        } else {
+            read_integers(path, unit, Integers { eight_bits: true, zero_is_known: false })
+        }
     }
 }
 
@@ -153,7 +159,9 @@ fn read_integers(path: &Path, unit: f32, which: Integers) -> Result<DepthPicture
     let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
     let image = picture::read(path, 2 * MAX_PIXELS as u64).map_err(|error| ImagesError::picture(path, error))?;
     let values: Vec<u16> = match &image {
-        image::DynamicImage::ImageLuma8(grey) if which.eight_bits => grey.as_raw().iter().map(|&v| u16::from(v)).collect(),
+        image::DynamicImage::ImageLuma8(grey) if which.eight_bits => {
+            grey.as_raw().iter().map(|&v| u16::from(v)).collect()
+        }
         image::DynamicImage::ImageLuma8(_) => {
             return Err(bad("depth in 8 bits has 255 steps, too few to move by; give 16 bits, or EXR".into()));
         }

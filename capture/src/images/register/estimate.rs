@@ -17,7 +17,7 @@ use rayon::prelude::*;
 pub(super) const GROUPS: usize = 12;
 
 /// More views than this are not asked each: their evidence would not fit into a GB.
-const MOST_VIEWS: usize = 3000;
+const MOST_VIEWS: usize = 2500;
 
 /// Points of all views together that a place for each of them is found from, if they are many; of each, columns at least.
 const MOST_POINTS: f64 = 400_000.0;
@@ -136,7 +136,8 @@ pub(super) fn of_views(
 
 /// Evidence of the views that speak for all.
 fn judges(poses: &[Pose], groups: usize, load: &Load) -> Result<Vec<Evidence>, ImagesError> {
-    if poses.len() <= groups * part::GROUP {
+    // Of hardly more than that, all are as quickly asked, twice.
+    if poses.len() <= 2 * groups * part::GROUP {
         return load(&(0..poses.len()).collect::<Vec<_>>(), COLUMNS);
     }
     let firsts = part::firsts(poses.len(), groups);

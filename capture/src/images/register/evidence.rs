@@ -1,6 +1,6 @@
 //! What alignment needs of a view: a small picture, and points of its depth image.
 
-use super::{LoadedView, Pose};
+use super::{LoadedView, Pinhole, Pose};
 use glam::{DVec3, dvec3};
 
 /// A small picture of a view, and points that it sees.
@@ -15,6 +15,8 @@ pub(super) struct Evidence {
     pub(super) grey: Vec<u8>,
     /// Points of the world, metres; every [`UNSEEN`]-th is kept from the estimate, for judging it.
     pub(super) points: Vec<DVec3>,
+    /// Depths of every so many-th of its pixels ([`DEPTH_STEP`]), NaN where they are unknown.
+    depths: Vec<f32>,
     /// Of the depth image.
     pub(super) pose: Pose,
     /// Median depth of the points, metres.
@@ -32,6 +34,13 @@ pub(super) const UNSEEN: usize = 4;
 
 /// Points whose neighbours' inverse depths differ by a larger share lie at an edge.
 const AT_EDGE: f32 = 0.02;
+
+/// Pixels of the small picture from one depth that is remembered to the next.
+const DEPTH_STEP: u32 = 2;
+
+/// A point is what a depth image shows if their depths differ by less than this share: poses drift by a few hundredths, and what hides
+/// something is nearer by more.
+const SAME_SURFACE: f64 = 0.05;
 
 impl Evidence {
     /// Of a view, its points from so many columns at most.
@@ -65,7 +74,30 @@ impl Evidence {
         }
         depths.sort_by(f64::total_cmp);
         let depth_m = depths.get(depths.len() / 2).copied().unwrap_or(1.0);
-        Self { reduced, size, planes, grey, points, pose: view.pose, depth_m }
+        let apart = reduced * DEPTH_STEP;
+        let place = |number: u32, side: u32| (number * apart + apart / 2).min(side - 1);
+        let [columns, rows] = size.map(|side| (side as u32).div_ceil(DEPTH_STEP));
+        let depth = |(x, y)| view.depth_at(place(x, width), place(y, height)).unwrap_or(f32::NAN);
+        let depths = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))).map(depth).collect();
+        Self { reduced, size, planes, grey, points, depths, pose: view.pose, depth_m }
+    }
+
+    /// Whether the depth camera, through its lens, sees a point of the world: its depth image, if it knows, shows nothing else there.
+    pub(super) fn sees(&self, lens: &Pinhole, point: DVec3) -> bool {
+        let eye = self.pose.to_eye(point);
+        let depth = -eye.z;
+        if depth < 1e-3 {
+            return false;
+        }
+        let apart = f64::from(self.reduced * DEPTH_STEP);
+        let x = (lens.principal_px[0] + lens.focal_px[0] * eye.x / depth) / apart;
+        let y = (lens.principal_px[1] - lens.focal_px[1] * eye.y / depth) / apart;
+        let [columns, rows] = self.size.map(|side| side.div_ceil(DEPTH_STEP as usize));
+        if !(x >= 0.0 && y >= 0.0 && x < columns as f64 && y < rows as f64) {
+            return false;
+        }
+        let shown = f64::from(self.depths[y as usize * columns + x as usize]);
+        shown.is_nan() || (shown / depth - 1.0).abs() < SAME_SURFACE
     }
 }
 

@@ -42,9 +42,9 @@ pub struct RegistrationReport {
     pub moved: [f64; 2],
     /// The least and the largest exposure of a view, over the mean.
     pub gain: [f32; 2],
-    /// How many views were judged by, and for how many these speak.
+    /// How many views were judged by.
     pub judged: usize,
-    /// See there.
+    /// How many views these speak for.
     pub views: usize,
 }
 

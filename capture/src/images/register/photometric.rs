@@ -2,7 +2,8 @@
 //!
 //! Unknown are four numbers of the lens (focal length, principal point, the first radial coefficient), one place beside the depth
 //! camera, and then a place for each view. A residual is the difference of the levels in which two views see a point, one
-//! of them times the ratio of their means. Robust (Cauchy) weights leave out what is hidden in one of them. Gauss-Newton
+//! of them times the ratio of their means. Points that one of them does not see by its depth image are left out; robust (Cauchy)
+//! weights leave out what else does not agree. Gauss-Newton
 //! steps, damped where they fail, from blurred pictures to sharp ones.
 
 use super::evidence::{Evidence, Smooth, UNSEEN};
@@ -19,9 +20,16 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub(super) struct Problem {
     pub(super) evidence: Vec<Evidence>,
     given: Pinhole,
-    pairs: Vec<[usize; 2]>,
+    pairs: Vec<Pair>,
     /// The pictures as they were blurred last, and by how many rounds.
     blurred: Mutex<Option<(u32, Arc<Vec<Smooth>>)>>,
+}
+
+/// Two views that see the same.
+pub(super) struct Pair {
+    pub(super) views: [usize; 2],
+    /// Numbers of the first's points that nothing hides from the second.
+    points: Vec<usize>,
 }
 
 /// What is free.
@@ -69,21 +77,20 @@ impl Problem {
     /// Of views through one ideal lens, paired where they see the same.
     pub(super) fn new(evidence: Vec<Evidence>, given: Pinhole) -> Self {
         let mut problem = Self { evidence, given, pairs: Vec::new(), blurred: Mutex::default() };
-        let state = problem.as_given();
-        let pictures = problem.blurred(BLURS[0]);
-        let least = |pair: [usize; 2]| {
-            let points = problem.evidence[pair[0]].points.len() as f64;
-            LEAST_POINTS.min((points * LEAST_SHARE).ceil() as usize).max(1)
+        let pair = |views: [usize; 2]| {
+            let [first, second] = views.map(|view| &problem.evidence[view]);
+            let sees = |number: &usize| second.sees(&given, first.points[*number]);
+            Pair { views, points: (0..first.points.len()).filter(sees).collect() }
         };
-        problem.pairs = problem
-            .candidates()
-            .into_par_iter()
-            .filter(|&pair| problem.seen(&state, &pictures, pair, &|_| true).len() >= least(pair))
-            .collect();
+        let is_enough = |pair: &Pair| {
+            let all = problem.evidence[pair.views[0]].points.len() as f64;
+            pair.points.len() >= LEAST_POINTS.min((all * LEAST_SHARE).ceil() as usize).max(1)
+        };
+        problem.pairs = problem.candidates().into_par_iter().map(pair).filter(is_enough).collect();
         problem
     }
 
-    pub(super) fn pairs(&self) -> &[[usize; 2]] {
+    pub(super) fn pairs(&self) -> &[Pair] {
         &self.pairs
     }
 
@@ -170,7 +177,7 @@ impl Problem {
         let count = self.evidence.len() as f64;
         let depth_m = self.evidence.iter().map(|view| view.depth_m).sum::<f64>() / count;
         let width = 2.0 * self.given.principal_px[0];
-        let of_pairs: f64 = self.pairs.iter().map(|pair| self.evidence[pair[0]].points.len() as f64).sum();
+        let of_pairs: f64 = self.pairs.iter().map(|pair| pair.points.len() as f64).sum();
         let weight = of_pairs * PRIOR_SHARE * ROBUST * ROBUST;
         let [principal, step, own] = [PRINCIPAL * width, STEP * depth_m, OWN_STEP * depth_m];
         let deviations = [f64::INFINITY, principal, principal, RADIAL, TURN, TURN, TURN, step, step, step];
@@ -189,16 +196,17 @@ impl Problem {
     }
 
     /// The points of the first view that both see, of those whose numbers are `wanted`.
-    fn seen(&self, state: &State, pictures: &[Smooth], pair: [usize; 2], wanted: &dyn Fn(usize) -> bool) -> Vec<Seen> {
+    fn seen(&self, state: &State, pictures: &[Smooth], pair: &Pair, wanted: &dyn Fn(usize) -> bool) -> Vec<Seen> {
+        let [first, second] = pair.views;
         let look = |view: usize, point: DVec3| {
             let projected = state.project(view, point)?;
             let small = projected.at / f64::from(self.evidence[view].reduced);
             let level = pictures[view].at(small.x, small.y)?;
             Some((projected, level))
         };
-        let points = self.evidence[pair[0]].points.iter().enumerate().filter(|(number, _)| wanted(*number));
-        let both = |&point: &DVec3| Some(Seen { views: [look(pair[0], point)?, look(pair[1], point)?] });
-        points.filter_map(|(_, point)| both(point)).collect()
+        let points =
+            pair.points.iter().filter(|number| wanted(**number)).map(|&number| self.evidence[first].points[number]);
+        points.filter_map(|point| Some(Seen { views: [look(first, point)?, look(second, point)?] })).collect()
     }
 
     /// The mean robust cost of the points that are used.
@@ -208,7 +216,7 @@ impl Problem {
 
     /// Mean difference of levels at the points that are not used, no more than 40 each.
     pub(super) fn unseen_levels(&self, state: &State) -> f64 {
-        self.mean(state, &self.blurred(BLURS[2]), &|number| number % UNSEEN == 0, &|residual| residual.abs().min(40.0))
+        self.mean(state, &self.blurred(BLURS[2]), &|number| !is_used(number), &|residual| residual.abs().min(40.0))
     }
 
     fn mean(
@@ -218,7 +226,7 @@ impl Problem {
         wanted: &(dyn Fn(usize) -> bool + Sync),
         value: &(dyn Fn(f64) -> f64 + Sync),
     ) -> f64 {
-        let of_pair = |&pair: &[usize; 2]| {
+        let of_pair = |pair: &Pair| {
             let seen = self.seen(state, pictures, pair, wanted);
             let ratio = ratio(&seen);
             (seen.iter().map(|seen| value(residual(seen, ratio))).sum::<f64>(), seen.len())
@@ -228,16 +236,17 @@ impl Problem {
 
     /// The mean robust cost of the points that are used, and each pair's normal equations.
     fn equations(&self, state: &State, pictures: &[Smooth]) -> (f64, Vec<Block>) {
-        let of_pair = |&pair: &[usize; 2]| {
+        let of_pair = |pair: &Pair| {
             let seen = self.seen(state, pictures, pair, &is_used);
             let ratio = ratio(&seen);
-            let mut block = Block::new(pair);
+            let mut block = Block::new(pair.views);
             let mut cost = 0.0;
             for point in &seen {
                 let mut row = [0.0; OF_PAIR];
                 for (k, sign) in [(0, 1.0), (1, -ratio)] {
                     let (projected, [_, slope_x, slope_y]) = &point.views[k];
-                    let slope = DVec2::new(*slope_x, *slope_y) * (sign / f64::from(self.evidence[pair[k]].reduced));
+                    let slope =
+                        DVec2::new(*slope_x, *slope_y) * (sign / f64::from(self.evidence[pair.views[k]].reduced));
                     self.derivatives(state, projected, slope, k, &mut row);
                 }
                 let residual = residual(point, ratio);
@@ -271,7 +280,7 @@ impl Problem {
     }
 
     /// Levels of three channels in which the two views of a pair see points, from their small pictures.
-    pub(super) fn colors(&self, state: &State, [i, j]: [usize; 2]) -> Vec<[[u8; 3]; 2]> {
+    pub(super) fn colors(&self, state: &State, pair: &Pair) -> Vec<[[u8; 3]; 2]> {
         let look = |view: usize, point: DVec3| {
             let evidence = &self.evidence[view];
             let at = state.project(view, point)?.at / f64::from(evidence.reduced);
@@ -279,13 +288,15 @@ impl Problem {
             let inside = at.x >= 0.0 && at.y >= 0.0 && at.x < width as f64 && at.y < height as f64;
             inside.then(|| [0, 1, 2].map(|c| evidence.planes[c][at.y as usize * width + at.x as usize]))
         };
-        self.evidence[i].points.iter().filter_map(|&point| Some([look(i, point)?, look(j, point)?])).collect()
+        let [first, second] = pair.views;
+        let points = pair.points.iter().map(|&number| self.evidence[first].points[number]);
+        points.filter_map(|point| Some([look(first, point)?, look(second, point)?])).collect()
     }
 }
 
 /// Whether the point of a number is estimated from, not judged by.
 fn is_used(number: usize) -> bool {
-    number % UNSEEN != 0
+    !number.is_multiple_of(UNSEEN)
 }
 
 fn robust(residual: f64) -> f64 {

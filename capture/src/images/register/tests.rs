@@ -164,3 +164,35 @@ fn a_part_speaks_for_all() {
         assert!(off.length() < 1.6, "{kept:?}: {off} px");
     }
 }
+
+/// A post before a wall, seen from places far apart: behind the post other parts of the wall are hidden from each.
+#[test]
+fn what_is_hidden_from_a_view_does_not_speak_for_another_camera() {
+    let lens = lens(146.0);
+    let seen = |eye: DVec3, ray: DVec3| {
+        let post = (-1.0 - eye.z) / ray.z;
+        let x = eye.x + ray.x * post;
+        if x.abs() < 0.25 { post } else { (-3.0 - eye.z) / ray.z }
+    };
+    let view = |i: usize| {
+        let pose =
+            Pose { eye: dvec3(0.12 * i as f64 - 0.8, 0.1 * (i % 3) as f64, 0.0), world_from_eye: DMat3::IDENTITY };
+        let rays = || {
+            (0..SIZE[1])
+                .flat_map(|y| (0..SIZE[0]).map(move |x| lens.ray([f64::from(x) + 0.5, f64::from(y) + 0.5], SIZE)))
+        };
+        let color = |ray: DVec3| {
+            let levels = texture(pose.eye + ray * seen(pose.eye, ray)).map(|level| (level + 0.5) as u8);
+            [levels[0], levels[1], levels[2], 255]
+        };
+        let depth = rays().map(|ray| seen(pose.eye, ray) as f32).collect();
+        Evidence::of(&LoadedView { size_px: SIZE, lens, pose, color: rays().map(color).collect(), depth }, COLUMNS)
+    };
+    let problem = Problem::new((0..14).map(view).collect(), pinhole(146.0));
+    let given = problem.as_given();
+    let one = problem.one_for_all(&given);
+    let each = problem.each_view(&one);
+    let levels = [&given, &one, &each].map(|state| problem.unseen_levels(state));
+    assert!(levels[0] < 1.5, "nothing hidden is compared: {levels:?}");
+    assert!(!is_better(levels[1], levels[0]) && !is_better(levels[2], levels[0]), "{levels:?}");
+}
