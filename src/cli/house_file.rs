@@ -1,6 +1,7 @@
 //! `.house` files: written by `headbox house`, walked by `headbox render`, described by `headbox info`.
 
 use super::args::DefaultCamera;
+use super::interrupt;
 use super::output::{HOUSE, Outputs, PATH, print_json, write_text};
 use super::progress::Bar;
 use super::words::UsageError;
@@ -83,7 +84,8 @@ impl HouseFileArgs {
 
     /// Captures and writes what is wanted.
     pub(super) fn write(&self, model: PortalModel) -> anyhow::Result<Value> {
-        let house = House::new(self.lit(model))?;
+        let (model, samples) = self.lit(model);
+        let house = House::new(model)?;
         if let Some(path) = &self.walk {
             self.write_walk(&house, path)?;
         }
@@ -94,11 +96,16 @@ impl HouseFileArgs {
         let keys: Vec<_> = self.kinds()?.into_iter().flat_map(|kind| sides.clone().map(move |at| (at, kind))).collect();
         let bar = Bar::new();
         bar.begin("backdrops", "sides of portals", keys.len() as u64);
+        let mut captures = 0;
         for &(at, kind) in &keys {
+            if interrupt::asked() {
+                break;
+            }
             let backdrop = Backdrop::capture(&house, at, kind, &quality)?;
             if !store.insert((at, kind), Arc::new(backdrop)) {
                 eprintln!("note: the backdrop of portal {} is larger than {BUDGET} bytes and left out", at.portal);
             }
+            captures += 1;
             bar.advance(1);
         }
         bar.finish();
@@ -107,7 +114,8 @@ impl HouseFileArgs {
         // What was streamed has no size any more.
         let bytes = std::fs::metadata(path).ok().filter(std::fs::Metadata::is_file).map(|file| file.len());
         Ok(json!({
-            "output": path, "bytes": bytes, "captures": keys.len(), "capture_s": capture_s, "walk": self.walk,
+            "output": path, "bytes": bytes, "captures": captures, "captures_asked": keys.len(), "capture_s": capture_s,
+            "walk": self.walk, "light_samples": samples, "interrupted": interrupt::asked(),
         }))
     }
 
@@ -120,32 +128,47 @@ impl HouseFileArgs {
             let megabytes = written["bytes"].as_f64().map_or(String::new(), |bytes| format!(", {:.1} MB", bytes / 1e6));
             let seconds = super::progress::duration(written["capture_s"].as_f64().unwrap_or_default());
             println!("{}: {} captures in {seconds}{megabytes}", path.display(), written["captures"]);
+            if written["interrupted"] == true {
+                let [captures, of_all] = [&written["captures"], &written["captures_asked"]];
+                println!(
+                    "interrupted: {captures} of {of_all} captures are in it, the others are made when they are walked past;"
+                );
+                if !self.unlit {
+                    let (samples, of_all) = (&written["light_samples"], self.light_samples);
+                    println!("each vertex has at least {samples} of {of_all} samples of light");
+                }
+            }
             println!("walk through it: headbox view {}", path.display());
         }
     }
 
-    /// The model with its light baked in, if it is wanted, and without T-junctions, if there is a file to hold it.
-    fn lit(&self, mut model: PortalModel) -> PortalModel {
+    /// The model with its light baked in, if it is wanted, and without T-junctions, if there is a file to hold it; and the light samples
+    /// that each vertex has at least. Ends the program if it is interrupted before it has any light.
+    fn lit(&self, mut model: PortalModel) -> (PortalModel, u32) {
         if self.output.is_none() || model.scene.validate().is_err() {
-            return model;
+            return (model, 0);
         }
+        interrupt::keep_what_is_done();
         if self.unlit {
             model.stitch();
-            return model;
+            return (model, 0);
         }
         let bar = Bar::new();
         let options = BakeOptions { edge_m: self.edge, samples: self.light_samples, ..BakeOptions::default() };
-        let done = AtomicU64::new(0);
-        let baked = bake_model(model, &options, &|of_all, all| {
-            // Vertices are told of in any order: the bar shows the most.
-            let before = done.fetch_max(of_all as u64, Ordering::Relaxed);
+        let before = AtomicU64::new(0);
+        let baked = bake_model(model, &options, &|done, all| {
+            let before = before.swap(done as u64, Ordering::Relaxed);
             if before == 0 {
-                bar.begin("light", "vertices", all as u64);
+                bar.begin("light", "samples", all as u64);
             }
-            bar.advance((of_all as u64).saturating_sub(before));
-            ControlFlow::Continue(())
+            bar.advance((done as u64).saturating_sub(before));
+            if interrupt::asked() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
         bar.finish();
+        if baked.1 == 0 && interrupt::asked() {
+            eprintln!("error: interrupted before every wall had light: nothing to keep");
+            interrupt::end();
+        }
         baked
     }
 

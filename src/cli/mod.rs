@@ -30,6 +30,7 @@ mod images;
 mod images_depth;
 mod images_report;
 mod info;
+mod interrupt;
 mod lumigraph;
 mod lumigraph_images;
 mod merge;
@@ -115,6 +116,7 @@ pub fn main() -> ExitCode {
         error.exit()
     });
     match run(cli) {
+        Ok(()) if interrupt::asked() => ExitCode::from(interrupt::EXIT_CODE),
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {}", words::sentence(&error));
@@ -129,11 +131,7 @@ fn whole() -> clap::Command {
 }
 
 fn run(cli: Cli) -> anyhow::Result<()> {
-    // Ctrl-C, or a request to terminate, leaves no half-written file and ends with the usual exit code.
-    ctrlc::set_handler(|| {
-        crate::capture::files::remove_unfinished();
-        std::process::exit(130);
-    })?;
+    interrupt::handle()?;
     simd::requested().map_err(|error| UsageError(error.to_string()))?;
     if let Some(threads) = cli.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()?;

@@ -82,8 +82,8 @@ struct LitLater {
 #[derive(Default)]
 struct Baking {
     given_up: AtomicBool,
-    /// Vertices that are done, and all, of the present light.
-    vertices: [AtomicUsize; 2],
+    /// Light samples that are taken, and all, of the present light.
+    samples: [AtomicUsize; 2],
 }
 
 impl Drop for LitLater {
@@ -171,8 +171,8 @@ impl LitLater {
         let pool = background::pool("light")?;
         let work = move || {
             for light in &LIGHTS {
-                watched.vertices.iter().for_each(|count| count.store(0, Ordering::Relaxed));
-                let lit = pool.install(|| bake_model(model.clone(), light, &|done, all| watched.note(done, all)));
+                watched.samples.iter().for_each(|count| count.store(0, Ordering::Relaxed));
+                let (lit, _) = pool.install(|| bake_model(model.clone(), light, &|done, all| watched.note(done, all)));
                 if watched.given_up.load(Ordering::Relaxed) {
                     return;
                 }
@@ -187,7 +187,7 @@ impl LitLater {
     }
 
     fn ongoing(&self) -> Ongoing {
-        let [done, all] = [0, 1].map(|i| self.baking.vertices[i].load(Ordering::Relaxed) as f64);
+        let [done, all] = [0, 1].map(|i| self.baking.samples[i].load(Ordering::Relaxed) as f64);
         let share = if all > 0.0 { done / all } else { 0.0 };
         // Vertices times samples, about: the first light is a small part of all.
         let [first, second] = [0.1, 0.9];
@@ -197,10 +197,10 @@ impl LitLater {
 }
 
 impl Baking {
-    /// Takes down how far light is, in any order; ends the work when nobody wants it.
+    /// Takes down how far light is; ends the work when nobody wants it.
     fn note(&self, done: usize, all: usize) -> ControlFlow<()> {
-        self.vertices[0].fetch_max(done, Ordering::Relaxed);
-        self.vertices[1].store(all, Ordering::Relaxed);
+        self.samples[0].store(done, Ordering::Relaxed);
+        self.samples[1].store(all, Ordering::Relaxed);
         if self.given_up.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 }

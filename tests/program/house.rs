@@ -1,6 +1,6 @@
 //! `headbox house`, plans, and baked light beside truth.
 
-use super::run::{headbox, refused};
+use super::run::{headbox, refused, succeeds};
 use glam::dvec3;
 use headbox::capture::Camera;
 use headbox::capture::bake::{BakeOptions, bake};
@@ -10,7 +10,9 @@ use headbox::progress::Silent;
 use headbox::{metrics, truth};
 use std::ops::ControlFlow;
 use std::path::Path;
+use std::process::{Command, Stdio};
 use std::sync::Arc;
+use std::time::Duration;
 
 #[test]
 fn the_built_in_house_is_sound() {
@@ -42,6 +44,38 @@ fn a_plan_is_drawn_as_png_and_the_text_names_everything() {
     assert_eq!(plan.width(), 1600);
     let has = |color: [u8; 3]| plan.pixels().any(|p| p.0 == color);
     assert!(has([200, 40, 30]) && has([20, 90, 200]) && has([255, 255, 255]), "doors, windows and paper");
+}
+
+/// A bake of an hour, interrupted after a few seconds: however slow the machine, some pause lies between its first round and its end.
+#[test]
+#[cfg(unix)]
+fn an_interrupted_bake_is_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    let arguments = ["house", "builtin:house", "--triangles", "4000", "--rays", "0", "--light-samples", "4096"];
+    for pause_s in [3, 12, 48, 192] {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_headbox"))
+            .args(arguments.iter().chain(&["--edge", "0.5", "-o", "h.house"]))
+            .current_dir(dir.path())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_secs(pause_s));
+        assert!(child.try_wait().unwrap().is_none(), "an hour's work does not end in {pause_s} s");
+        Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+        let output = child.wait_with_output().unwrap();
+        let [said, problems] = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap());
+        assert_eq!(output.status.code(), Some(130), "{problems}");
+        if problems.contains("nothing to keep") {
+            assert!(!dir.path().join("h.house").exists());
+            continue;
+        }
+        assert!(said.contains("each vertex has at least 8 of 4096 samples"), "{said}");
+        assert!(said.contains("0 of 104 captures are in it"), "{said}");
+        assert!(succeeds(dir.path(), &["info", "h.house", "--check"]).contains("every promise"));
+        return;
+    }
+    panic!("no first round in three minutes");
 }
 
 /// Two rooms one above the other, a window each and a hatch between, as a TOML model.

@@ -13,6 +13,7 @@ use crate::trace::Tracer;
 use glam::Vec3;
 use rayon::prelude::*;
 use std::collections::HashMap;
+use std::ops::Range;
 
 /// Samples by which the brighter side of a surface is told.
 const SIDE_SAMPLES: u32 = 4;
@@ -39,7 +40,10 @@ const MOST_PLACES: usize = 1 << 14;
 
 /// So many light samples are under way at a time, of so many vertices at most.
 const BATCH_SAMPLES: usize = 1 << 19;
-const BATCH_VERTICES: usize = 1 << 13;
+const BATCH_VERTICES: usize = 1 << 16;
+
+/// Samples that every vertex has before any has more: what a bake that is broken off shows.
+const FIRST_ROUND: u32 = 8;
 
 pub(super) struct VertexLight<'a> {
     /// Over the source scene.
@@ -66,6 +70,23 @@ struct Light {
     soft: Vec3,
 }
 
+/// The samples of a vertex so far.
+#[derive(Clone, Copy, Default)]
+struct Gathered {
+    sharp: Sharp,
+    /// Sum of the soft light of `samples`.
+    soft: Vec3,
+    samples: u32,
+    /// The side that is lit: 1 for the front, -1 for the back, 0 before the first sample.
+    side: f32,
+}
+
+impl Gathered {
+    fn light(&self) -> Light {
+        Light { sharp: self.sharp.mean(), soft: self.soft / self.samples.max(1) as f32 }
+    }
+}
+
 /// A sample of soft light that waits for what lies beyond its cell.
 struct Begun {
     cell: u64,
@@ -77,14 +98,15 @@ type Beyond = HashMap<u64, Vec3>;
 
 impl VertexLight<'_> {
     /// Multiplies the vertex colours of `scene` by light. `sources` names the triangle of the tracer's scene that each
-    /// of its triangles is a piece of.
-    pub(super) fn bake(&self, scene: &mut Scene, sources: &[u32], progress: &BakeProgress<'_>) {
+    /// of its triangles is a piece of. Returns how many samples each vertex has at least.
+    pub(super) fn bake(&self, scene: &mut Scene, sources: &[u32], progress: &BakeProgress<'_>) -> u32 {
         let corners = separate_creases(scene);
         let count = scene.positions.len();
         let cut = Cut { scene, corners: &corners, sources };
         let mut guided = self.lighting.clone();
         guided.learn(self.tracer, &self.places(&cut));
-        let mut lights = VertexLight { lighting: &guided, ..*self }.gather(&cut, progress);
+        let gathered = VertexLight { lighting: &guided, ..*self }.gather(&cut, progress);
+        let mut lights: Vec<Light> = gathered.iter().map(Gathered::light).collect();
         for _ in 0..self.options.smoothing {
             lights = smooth(scene, &corners, &lights);
         }
@@ -93,6 +115,7 @@ impl VertexLight<'_> {
         for (color, light) in scene.colors.iter_mut().zip(lights) {
             *color *= (light.sharp + light.soft) * exposure;
         }
+        gathered.iter().map(|vertex| vertex.samples).min().unwrap_or(self.options.samples)
     }
 
     /// Places all over the scene.
@@ -103,56 +126,68 @@ impl VertexLight<'_> {
         lit.map(|vertex| self.point(cut, vertex, 0, self.side(cut, vertex)).0).collect()
     }
 
-    /// The light of all vertices, batch after batch: what is known of what lies beyond cells does not depend on threads.
-    fn gather(&self, cut: &Cut<'_>, progress: &BakeProgress<'_>) -> Vec<Light> {
+    /// The light of all vertices, round after round and batch after batch: what is known of what lies beyond cells does not depend on
+    /// threads.
+    fn gather(&self, cut: &Cut<'_>, progress: &BakeProgress<'_>) -> Vec<Gathered> {
         let count = cut.scene.positions.len();
         let cell_m = (self.options.edge_m * CELL_SHARE).clamp(NARROWEST_CELL_M, WIDEST_CELL_M) as f32;
-        let batch = (BATCH_SAMPLES / self.options.samples.max(1) as usize).clamp(1, BATCH_VERTICES);
-        let (mut lights, mut beyond) = (Vec::with_capacity(count), Beyond::new());
-        while lights.len() < count {
-            let vertices = lights.len()..count.min(lights.len() + batch);
-            let begin = |vertex: usize| self.begin(cut, vertex, cell_m);
-            let found: Vec<(Light, Vec<Begun>)> = vertices.into_par_iter().map(begin).collect();
-            self.look_beyond(&mut beyond, found.iter().flat_map(|(_, begun)| begun));
-            let end = |(mut light, begun): (Light, Vec<Begun>)| {
-                let share = 1.0 / self.options.samples.max(1) as f32;
-                let found = begun.iter().filter_map(|at| Some(at.arrival.brings(*beyond.get(&at.cell)?)));
-                light.soft += found.sum::<Vec3>() * share;
-                light
-            };
-            lights.par_extend(found.into_par_iter().map(end));
-            if progress(lights.len(), count).is_break() {
-                break;
+        let (samples, mut done) = (self.options.samples.max(1), 0);
+        let (mut vertices, mut beyond) = (vec![Gathered::default(); count], Beyond::new());
+        let first = samples.min(FIRST_ROUND);
+        for round in [0..first, first..samples] {
+            let many = round.len();
+            let batch = (BATCH_SAMPLES / many.max(1)).clamp(1, BATCH_VERTICES);
+            for (number, batched) in vertices.chunks_mut(batch).enumerate().filter(|_| many > 0) {
+                let begin = |(i, vertex): (usize, &mut Gathered)| {
+                    self.begin(cut, number * batch + i, vertex, round.clone(), cell_m)
+                };
+                let begun: Vec<Vec<Begun>> = batched.par_iter_mut().enumerate().map(begin).collect();
+                self.look_beyond(&mut beyond, begun.iter().flatten());
+                batched.par_iter_mut().zip(&begun).for_each(|(vertex, begun)| {
+                    let found = begun.iter().filter_map(|at| Some(at.arrival.brings(*beyond.get(&at.cell)?)));
+                    vertex.soft += found.sum::<Vec3>();
+                    vertex.samples = round.end;
+                });
+                done += batched.len() * many;
+                if progress(done, count * samples as usize).is_break() {
+                    return vertices;
+                }
             }
         }
-        lights.resize(count, Light::default());
-        lights
+        vertices
     }
 
-    /// The samples of a vertex, on the side of it that is seen, else on the brighter one; those that share what lies beyond their first
-    /// ray are put aside.
-    fn begin(&self, cut: &Cut<'_>, vertex: usize, cell_m: f32) -> (Light, Vec<Begun>) {
-        let (mut light, mut begun) = (Light::default(), Vec::new());
-        let around = cut.corners.around(vertex);
-        if around.is_empty() {
-            return (light, begun);
+    /// A round of samples of a vertex, on the side of it that is seen, else on the brighter one; those that share what lies beyond their
+    /// first ray are put aside.
+    fn begin(
+        &self,
+        cut: &Cut<'_>,
+        vertex: usize,
+        gathered: &mut Gathered,
+        round: Range<u32>,
+        cell_m: f32,
+    ) -> Vec<Begun> {
+        let mut begun = Vec::new();
+        if cut.corners.around(vertex).is_empty() {
+            return begun;
         }
-        let (samples, side) = (self.options.samples.max(1), self.side(cut, vertex));
-        let mut sharp = Sharp::default();
-        for index in 0..samples {
-            let (point, sample) = self.point(cut, vertex, index, side);
-            if index < SHARP_SAMPLES || sharp.is_shadowed {
-                sharp.add(self.lighting.sharp_radiosity(self.tracer, &point, &sample));
+        if gathered.side == 0.0 {
+            gathered.side = self.side(cut, vertex);
+        }
+        for index in round {
+            let (point, sample) = self.point(cut, vertex, index, gathered.side);
+            if index < SHARP_SAMPLES || gathered.sharp.is_shadowed {
+                gathered.sharp.add(self.lighting.sharp_radiosity(self.tracer, &point, &sample));
             }
             let (before, arrival) = self.lighting.before(self.tracer, &point, &sample);
-            light.soft += before;
+            gathered.soft += before;
             let Some(arrival) = arrival else { continue };
             match arrival.cell_of_width(cell_m) {
                 Some(cell) => begun.push(Begun { cell, arrival }),
-                None => light.soft += arrival.brings(self.lighting.beyond(self.tracer, &arrival, &sample)),
+                None => gathered.soft += arrival.brings(self.lighting.beyond(self.tracer, &arrival, &sample)),
             }
         }
-        (Light { sharp: sharp.sum / sharp.samples.max(1) as f32, soft: light.soft / samples as f32 }, begun)
+        begun
     }
 
     /// Looks at what lies beyond those cells that are not known yet, from where samples arrived in them.
@@ -219,7 +254,7 @@ impl VertexLight<'_> {
 }
 
 /// Samples of sharp light about one vertex.
-#[derive(Default)]
+#[derive(Clone, Copy, Default)]
 struct Sharp {
     sum: Vec3,
     samples: u32,
@@ -228,8 +263,12 @@ struct Sharp {
 }
 
 impl Sharp {
+    fn mean(&self) -> Vec3 {
+        self.sum / self.samples.max(1) as f32
+    }
+
     fn add(&mut self, light: Vec3) {
-        let [mean, here] = [self.sum / self.samples.max(1) as f32, light].map(|light| luminance(light.to_array()));
+        let [mean, here] = [self.mean(), light].map(|light| luminance(light.to_array()));
         self.is_shadowed |= self.samples > 0 && mean.min(here) < SAME_LIGHT * mean.max(here);
         self.sum += light;
         self.samples += 1;

@@ -60,13 +60,15 @@ pub struct Baked {
     pub edge_m: f64,
     /// The exposure that is baked in.
     pub exposure: f32,
+    /// Light samples that each vertex has at least: fewer than asked for if the bake was broken off; 0 if some are dark for that.
+    pub samples: u32,
 }
 
 /// Columns of a sky's picture, at most: a third of a degree each.
 const SKY_COLUMNS: u32 = 1024;
 
-/// Is told now and then how many vertices, of how many, are done, in any order. After a `Break` the rest stays dark: the
-/// work ends soon, with something that nobody will look at.
+/// Is told now and then how many light samples, of how many, are taken. After a `Break` the bake ends soon with what it has: a first
+/// round gives every vertex eight samples, a second the rest.
 pub type BakeProgress<'a> = dyn Fn(usize, usize) -> ControlFlow<()> + Sync + 'a;
 
 /// Bakes the light of a valid scene ([`Scene::validate`]). The same bytes on any number of threads.
@@ -82,7 +84,7 @@ fn bake_sides(source: &Arc<Scene>, sides: &[Side], options: &BakeOptions, progre
     let (mut scene, pieces, edge_m) = cut(source, options);
     let sources = owners(&pieces);
     let light = VertexLight { tracer: &tracer, lighting: &lighting, options, sides };
-    light.bake(&mut scene, &sources, progress);
+    let samples = light.bake(&mut scene, &sources, progress);
 
     let exposure = lighting.exposure;
     for material in &mut scene.materials {
@@ -95,12 +97,12 @@ fn bake_sides(source: &Arc<Scene>, sides: &[Side], options: &BakeOptions, progre
         Sky::Picture(picture) => Sky::Picture(Arc::new(picture.reduced(SKY_COLUMNS))),
         gradient => gradient,
     });
-    Baked { scene, pieces, edge_m, exposure }
+    Baked { scene, pieces, edge_m, exposure, samples }
 }
 
 /// Bakes the light of a portal model's scene (see [`bake`]) and stitches it; each cell keeps its surfaces. Those that border a room are lit as
-/// they are seen from it: the underside of a floor, which nobody sees, may be in the sun.
-pub fn bake_model(mut model: PortalModel, options: &BakeOptions, progress: &BakeProgress<'_>) -> PortalModel {
+/// they are seen from it: the underside of a floor, which nobody sees, may be in the sun. Returns the model and [`Baked::samples`].
+pub fn bake_model(mut model: PortalModel, options: &BakeOptions, progress: &BakeProgress<'_>) -> (PortalModel, u32) {
     let sides = model.sides();
     let baked = bake_sides(&Arc::new(std::mem::take(&mut model.scene)), &sides, options, progress);
     let piece = |triangle: u32| baked.pieces.get(triangle as usize).copied().unwrap_or_default();
@@ -111,7 +113,7 @@ pub fn bake_model(mut model: PortalModel, options: &BakeOptions, progress: &Bake
     let mut lit = PortalModel { scene: baked.scene, cells, portals: model.portals, outside: model.outside };
     // Only now: with light of its own each new corner would show as a dent in what runs evenly along an edge.
     lit.stitch();
-    lit
+    (lit, baked.samples)
 }
 
 /// A scene cut to the wished edge length, or as near to it as the number of triangles allows.

@@ -32,7 +32,8 @@ const FEWEST_PLACES: usize = 2;
 /// Share of the rays that are drawn by what was learnt; the others are cosine-weighted, in case something was overlooked.
 const GUIDED: f32 = 0.75;
 
-/// Guided rays are worth the look if they take this share of a light sample's variance.
+/// A guide is worth the look if it takes this share of a light sample's variance: in its cell, and, as every point is looked up in
+/// every guide, of all places together. Where none is worth it, rays cost a fifth less.
 const WORTH: f64 = 0.25;
 
 /// Rays from the local origin whose ends, and the ends of one ray from each, are the places to be learnt.
@@ -97,7 +98,6 @@ impl Lighting {
     /// Learns where light comes from at the surfaces that are seen from the tracer's origin, and those that are seen from these: half a
     /// million paths at most. Samples are less noisy for it in rooms lit through windows; no mean changes.
     pub fn guided(mut self, tracer: &Tracer) -> Self {
-        self.guide = Guide::default();
         let seen = |index: u32| {
             let [u, v] = LightSample { stream: 0x6a1d, index }.pair(0);
             let z = 1.0 - 2.0 * u;
@@ -118,32 +118,41 @@ impl Lighting {
 
     /// Learns where light comes from at places such as these.
     pub(crate) fn learn(&mut self, tracer: &Tracer, places: &[LitPoint]) {
+        self.guide = Guide::default();
         let mut distances: Vec<f32> = places.iter().map(|place| place.position.abs().max_element()).collect();
         let mut guide = Guide { narrowest_m: percentile(&mut distances, 0.5) * NARROWEST_SHARE, ..Guide::default() };
         // Any fixed order that has nothing to do with places will do to take those of a cell in turn.
         let filed = |(i, place): (u32, &LitPoint)| (guide.cell(place), i.wrapping_mul(0x9e37_79b9), *place);
         let mut filed: Vec<(u64, u32, LitPoint)> = (0..).zip(places).map(filed).collect();
         filed.par_sort_unstable_by_key(|&(cell, order, _)| (cell, order));
-        let learnt = |places: &[(u64, u32, LitPoint)]| Some((places[0].0, self.density_of(tracer, places)?));
-        let cells: Vec<&[(u64, u32, LitPoint)]> = filed.chunk_by(|a, b| a.0 == b.0).collect();
-        let cells = cells.into_par_iter().filter(|places| places.len() >= FEWEST_PLACES).filter_map(learnt);
-        guide.cells = cells.collect::<Vec<_>>().into_iter().collect();
+        let cells: Vec<&[(u64, u32, LitPoint)]> =
+            filed.chunk_by(|a, b| a.0 == b.0).filter(|places| places.len() >= FEWEST_PLACES).collect();
+        let mut lessons: Vec<Lessons> = std::iter::repeat_with(Lessons::default).take(cells.len()).collect();
+        for many in [FIRST_LESSONS, LESSONS] {
+            let taught = cells.par_iter().zip(&mut lessons);
+            taught.for_each(|(places, lessons)| self.teach(tracer, places, lessons, many));
+            let counted = cells.iter().zip(&lessons).map(|(places, lessons)| (places.len(), lessons.learnt()));
+            if !worth_the_look(counted) {
+                return; // few lessons make more of a guide than there is, if anything
+            }
+        }
+        let kept =
+            |(places, lessons): (&&[(u64, u32, LitPoint)], &Lessons)| Some((places[0].0, lessons.learnt().density?));
+        guide.cells = cells.iter().zip(&lessons).filter_map(kept).collect();
         self.guide = guide;
     }
 
-    /// Where light comes from in one cell; `None` if rays need no guide there.
-    fn density_of(&self, tracer: &Tracer, places: &[(u64, u32, LitPoint)]) -> Option<SquareDensity> {
+    /// Lessons at the places of one cell until there are so `many`, or until it has had some and gains nothing.
+    fn teach(&self, tracer: &Tracer, places: &[(u64, u32, LitPoint)], lessons: &mut Lessons, many: u32) {
+        if lessons.by_rays.count > 0 && lessons.learnt().density.is_none() {
+            return;
+        }
         let cell = places[0].0;
         let [stream, ..] = random4([cell as u32, (cell >> 32) as u32, 0x6a1f, 0]);
-        let mut lessons = Lessons::default();
-        let mut places = places.iter().cycle();
-        for many in [FIRST_LESSONS, LESSONS] {
-            while let (true, Some((.., place))) = (lessons.by_rays.count < many, places.next()) {
-                self.lesson(tracer, place, LightSample { stream, index: lessons.by_rays.count }, &mut lessons);
-            }
-            lessons.density()?; // few make more of it than there is, if anything
+        for index in lessons.by_rays.count..many {
+            let (.., place) = &places[index as usize % places.len()];
+            self.lesson(tracer, place, LightSample { stream, index }, lessons);
         }
-        lessons.density()
     }
 
     /// One light sample, and from where its first ray brought light.
@@ -160,6 +169,16 @@ impl Lighting {
         lessons.counts[v * BINS + u] += 1.0;
         lessons.by_rays.add(level(path.sum));
     }
+}
+
+/// Whether cells, each with the number of its places, gain enough together.
+fn worth_the_look(cells: impl Iterator<Item = (usize, Learnt)>) -> bool {
+    let (mut variance, mut saved) = (0.0, 0.0);
+    for (places, learnt) in cells {
+        variance += places as f64 * learnt.variance;
+        saved += places as f64 * learnt.saved;
+    }
+    saved > WORTH * variance
 }
 
 /// What light samples of a cell have found.
@@ -180,21 +199,36 @@ impl Default for Lessons {
 }
 
 impl Lessons {
-    /// By which first rays should be drawn; `None` if that would hardly make samples less noisy.
-    fn density(&self) -> Option<SquareDensity> {
+    /// By which first rays should be drawn, if that would make samples less noisy by much.
+    fn learnt(&self) -> Learnt {
+        let variance = self.by_rays.variance() + self.by_points.variance();
         let (squares, counts) = (blurred(&self.squares), blurred(&self.counts));
         let mean_squares: [f32; BINS * BINS] = std::array::from_fn(|i| squares[i] / counts[i].max(1e-3));
         let roots = mean_squares.map(f32::sqrt);
         let mean = roots.iter().sum::<f32>() / roots.len() as f32;
         if mean <= 0.0 || !mean.is_finite() {
-            return None;
+            return Learnt { variance, saved: 0.0, density: None };
         }
         let densities = roots.map(|root| 1.0 - GUIDED + GUIDED * root / mean);
         let today: f32 = mean_squares.iter().sum();
         let guided: f32 = mean_squares.iter().zip(&densities).map(|(square, density)| square / density).sum();
         let saved = f64::from((today - guided) / (BINS * BINS) as f32);
-        (saved > WORTH * (self.by_rays.variance() + self.by_points.variance())).then(|| SquareDensity::new(&densities))
+        if saved > WORTH * variance {
+            Learnt { variance, saved, density: Some(SquareDensity::new(&densities)) }
+        } else {
+            Learnt { variance, saved: 0.0, density: None }
+        }
     }
+}
+
+/// What is known of a cell.
+struct Learnt {
+    /// Variance of a light sample whose first ray is cosine-weighted.
+    variance: f64,
+    /// What of it a guide takes.
+    saved: f64,
+    /// The guide, if it is worth the look.
+    density: Option<SquareDensity>,
 }
 
 /// Sums of values and of their squares.
@@ -275,9 +309,10 @@ mod tests {
         Tracer::new(Arc::new(scene), DVec3::ZERO)
     }
 
+    const SAMPLES: u32 = 1 << 18;
+
     /// Mean and variance of samples at a place on the floor.
     fn floor_light(lighting: &Lighting, tracer: &Tracer) -> (f64, f64) {
-        const SAMPLES: u32 = 1 << 16;
         let point =
             LitPoint { position: Vec3::new(-0.5, -2.0, -0.7), normal: Vec3::Y, shading_normal: Vec3::Y, extent: 2.0 };
         let mut moments = Moments::default();
@@ -292,8 +327,8 @@ mod tests {
         let lighting = Lighting::of_scene(tracer, bounces);
         let (mean, variance) = floor_light(&lighting, tracer);
         let (guided_mean, guided_variance) = floor_light(&lighting.guided(tracer), tracer);
-        // One standard error of samples that would be independent: these are spread evenly, and err by less.
-        let tolerance = (variance / f64::from(1 << 16)).sqrt();
+        // Two standard errors of samples that would be independent: these are spread evenly, and err by less.
+        let tolerance = 2.0 * (variance / f64::from(SAMPLES)).sqrt();
         assert!((guided_mean - mean).abs() < tolerance, "{bounces}: {guided_mean}, not {mean} +- {tolerance}");
         [variance, guided_variance]
     }
@@ -330,6 +365,16 @@ mod tests {
         };
         let (one, three) = (learnt(1), learnt(3));
         assert!(!one.cells.is_empty() && one == three);
+    }
+
+    #[test]
+    fn few_places_that_gain_are_not_worth_the_look() {
+        let cells = |many: usize, variance: f64, saved: f64| (many, Learnt { variance, saved, density: None });
+        assert!(worth_the_look([cells(6, 4.0, 2.0), cells(4, 4.0, 0.0)].into_iter()), "12 of 40");
+        assert!(!worth_the_look([cells(4, 4.0, 2.0), cells(6, 4.0, 0.0)].into_iter()), "8 of 40");
+        // Most gain, but not those from which the noise comes.
+        assert!(!worth_the_look([cells(8, 4.0, 2.0), cells(2, 40.0, 0.0)].into_iter()));
+        assert!(!worth_the_look(std::iter::empty()));
     }
 
     #[test]

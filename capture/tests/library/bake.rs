@@ -249,7 +249,8 @@ fn cells_keep_their_surfaces() {
     let cell = |triangles| Cell { name: String::new(), space: Vec::new(), triangles };
     let areas = [area(&scene, 0..2), area(&scene, 2..4)];
     let model = PortalModel { scene, cells: vec![cell(0..2), cell(2..4)], portals: Vec::new(), outside: None };
-    let model = bake_model(model, &options(0.5), &|_, _| ControlFlow::Continue(()));
+    let (model, samples) = bake_model(model, &options(0.5), &|_, _| ControlFlow::Continue(()));
+    assert_eq!(samples, 1);
     assert_eq!(model.cells[0].triangles.end, model.cells[1].triangles.start);
     assert_eq!(model.cells[1].triangles.end as usize, model.scene.triangles.len());
     for (cell, expected) in model.cells.iter().zip(areas) {
@@ -258,15 +259,21 @@ fn cells_keep_their_surfaces() {
 }
 
 #[test]
-fn a_bake_that_is_given_up_does_not_reach_its_end() {
+fn a_bake_that_is_broken_off_keeps_its_first_round() {
     let source = Arc::new(uneven_grid());
-    for (answer, expected) in [(ControlFlow::Continue(()), true), (ControlFlow::Break(()), false)] {
+    let options = BakeOptions { samples: 32, ..options(0.01) };
+    let whole = baked(&source, &options);
+    assert_eq!(whole.samples, 32);
+    for (when, expected) in [(0.0, 0), (0.3, 8)] {
         let ended = AtomicBool::new(false);
-        let baked = bake(&source, &options(0.02), &|of_all, all| {
-            ended.fetch_or(of_all == all, Ordering::Relaxed);
-            answer
+        let baked = bake(&source, &options, &|done, all| {
+            ended.fetch_or(done == all, Ordering::Relaxed);
+            if done as f64 >= when * all as f64 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
-        assert!(baked.scene.positions.len() > 20_000, "enough for reports on the way");
-        assert_eq!(ended.into_inner(), expected);
+        assert!(!ended.into_inner(), "{} vertices are enough for reports on the way", baked.scene.positions.len());
+        assert_eq!(baked.samples, expected);
+        let dark = baked.scene.colors.iter().filter(|color| **color == Vec3::ZERO).count();
+        assert_eq!(dark > 0, expected == 0);
+        assert!(baked.scene.colors != whole.scene.colors);
     }
 }

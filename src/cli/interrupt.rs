@@ -1,0 +1,41 @@
+//! Ctrl-C, or a request to terminate.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// The exit code of a command that was interrupted, whatever it kept.
+pub(super) const EXIT_CODE: u8 = 130;
+
+/// Whether the command will write what it has.
+static KEEPS: AtomicBool = AtomicBool::new(false);
+
+/// Whether it was asked to.
+static ASKED: AtomicBool = AtomicBool::new(false);
+
+/// From now on an interrupt ends the program, without a half-written file; unless the command
+/// [keeps what it has done](keep_what_is_done).
+pub(super) fn handle() -> Result<(), ctrlc::Error> {
+    ctrlc::set_handler(|| {
+        let first = !ASKED.swap(true, Ordering::SeqCst);
+        if first && KEEPS.load(Ordering::SeqCst) {
+            eprintln!("interrupted: ending with what there is; once more to end at once");
+        } else {
+            end();
+        }
+    })
+}
+
+/// From now on a first interrupt is left to the command, which looks at [`asked`] now and then.
+pub(super) fn keep_what_is_done() {
+    KEEPS.store(true, Ordering::SeqCst);
+}
+
+/// Whether the command should end soon.
+pub(super) fn asked() -> bool {
+    ASKED.load(Ordering::SeqCst)
+}
+
+/// Ends the program, without a half-written file.
+pub(super) fn end() -> ! {
+    crate::capture::files::remove_unfinished();
+    std::process::exit(EXIT_CODE.into())
+}
