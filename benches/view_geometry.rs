@@ -11,7 +11,7 @@ use headbox::capture::trace::Tracer;
 use headbox::progress::Silent;
 use headbox::truth;
 use headbox::view_geometry::{
-    GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, Patience, ViewGeometry,
+    GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, Patience, TimeBudget, ViewGeometry,
 };
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,6 +20,9 @@ use std::time::{Duration, Instant};
 /// Columns and rows of the wall of cameras that is traced.
 const WALL: [u32; 2] = [40, 25];
 const TRACED: [u32; 2] = [160, 120];
+
+/// Time for a frame of the walk, ms, as in the window: cameras, grid and detail keep to it.
+const BUDGET_MS: f64 = 33.0;
 
 /// Between frames of the walk.
 const FRAME: Duration = Duration::from_micros(16_667);
@@ -84,14 +87,16 @@ fn best(renderer: &mut GeometryRenderer, geometry: &ViewGeometry, camera: &Camer
 }
 
 fn walk(geometry: &ViewGeometry) {
-    let mut renderer = GeometryRenderer::new();
+    let (mut renderer, full) = (GeometryRenderer::new(), GeometrySettings::default());
+    let mut budget = TimeBudget::new(BUDGET_MS);
     let (mut times, mut most, mut used) = (Vec::new(), 0, 0);
     let (started, seconds) = (Instant::now(), number("HEADBOX_SECONDS", 10.0));
     while started.elapsed().as_secs_f64() < seconds {
         let frame = Instant::now();
         // Past all cameras in a minute, back and forth.
         let camera = on_the_way(geometry, started.elapsed().as_secs_f64() / 60.0, [1024, 768]);
-        let (_, stats) = renderer.render(geometry, &camera, &GeometrySettings::default(), Patience::Never);
+        let (_, stats) = renderer.render(geometry, &camera, &budget.settings(&full), Patience::Never);
+        budget.took(stats.frame_ms);
         times.push(frame.elapsed().as_secs_f64() * 1e3);
         most = most.max(geometry.bytes());
         used += u64::from(stats.cameras_used > 0);

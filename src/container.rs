@@ -62,9 +62,19 @@ impl FileKind {
     pub const TRUTH: Self = Self { tag: *b"trth", name: "truth frame", version: 1, oldest: 1 };
     /// Samples of depth images that view-dependent geometry keeps.
     pub const SAMPLES: Self = Self { tag: *b"smpl", name: "samples", version: 1, oldest: 1 };
+    /// How views of image sets are registered, which is kept.
+    pub const REGISTRATION: Self = Self { tag: *b"regi", name: "registration", version: 1, oldest: 1 };
     /// All of them.
-    pub const ALL: [Self; 7] =
-        [Self::CUBE_LDI, Self::SHARD, Self::SPRITES, Self::HOUSE, Self::LUMIGRAPH, Self::TRUTH, Self::SAMPLES];
+    pub const ALL: [Self; 8] = [
+        Self::CUBE_LDI,
+        Self::SHARD,
+        Self::SPRITES,
+        Self::HOUSE,
+        Self::LUMIGRAPH,
+        Self::TRUTH,
+        Self::SAMPLES,
+        Self::REGISTRATION,
+    ];
 }
 
 /// How a file that is none of ours can be used.

@@ -76,7 +76,7 @@ pub fn render(
     Truth { frame, standard_error_psnr_db: 10.0 * (255.0f64.powi(2) / mean_square).log10() }
 }
 
-/// Eye depth of what each pixel's middle shows, metres, row by row; NaN where there is nothing.
+/// Eye depth of what each pixel's middle shows, metres, row by row; infinite where there is nothing.
 pub fn eye_depth(tracer: &Tracer, camera: &Camera) -> Vec<f32> {
     let pixels: Vec<(u32, u32)> = (0..camera.height()).flat_map(|y| (0..camera.width()).map(move |x| (x, y))).collect();
     let of_packet = |pixels: &[(u32, u32)]| {
@@ -87,7 +87,7 @@ pub fn eye_depth(tracer: &Tracer, camera: &Camera) -> Vec<f32> {
         };
         let rays: Vec<Ray> = pixels.iter().map(ray).collect();
         let hits = tracer.closest_packet(&RayPacket::from_rays(&rays));
-        (0..pixels.len()).map(|lane| hits.hit(lane).map_or(f32::NAN, |hit| hit.t)).collect::<Vec<f32>>()
+        (0..pixels.len()).map(|lane| hits.hit(lane).map_or(f32::INFINITY, |hit| hit.t)).collect::<Vec<f32>>()
     };
     pixels.par_chunks(PACKET).flat_map_iter(of_packet).collect()
 }

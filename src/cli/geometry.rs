@@ -79,8 +79,9 @@ pub(super) fn open_geometry(
     let set = set.open_registered(folder)?;
     let views = with_depth(&set)?;
     let bar = Bar::new();
-    let geometry = ViewGeometry::open(&set, &views, &args.resources(cache::folder("samples")), &bar)?;
+    let geometry = ViewGeometry::open(&set, &views, &args.resources(cache::folder(cache::IMAGES)), &bar)?;
     bar.finish();
+    geometry.notes().iter().for_each(|note| eprintln!("note: {note}"));
     Ok((geometry, set.central_view().and_then(|view| view.camera())))
 }
 

@@ -4,9 +4,10 @@ use super::images_depth::{DepthArgs, Outcome};
 use super::output::print_json;
 use super::progress::Bar;
 use super::words::UsageError;
+use crate::cache;
 use crate::capture::images::{
-    AlignStep, Aligned, CheckReport, ImageSet, ImageSetOptions, ImagesError, Kept, Lens, RegistrationReport, View,
-    align, check,
+    AlignStep, Aligned, CheckReport, ImageSet, ImageSetOptions, ImagesError, Kept, Lens, RegistrationReport,
+    RegistrationStep, View, align, check,
 };
 use crate::ldi::CubeLdi;
 use crate::ldi::from_images::ImagesJob;
@@ -49,7 +50,8 @@ pub(super) struct SetArgs {
     /// Follow paths in a manifest that lead out of its folder
     #[arg(long)]
     pub(super) allow_outside: bool,
-    /// Take colours as registered with depth and equally exposed, as the files say, without asking the pictures
+    /// Take colours as registered with depth and equally exposed, as the files say, without asking the pictures; what these say is kept in the
+    /// user's cache folder, as samples of their depth are, 4 GB at most
     #[arg(long)]
     no_registration: bool,
 }
@@ -83,11 +85,15 @@ impl SetArgs {
     pub(super) fn register(&self, set: &mut ImageSet) -> anyhow::Result<()> {
         if !self.no_registration {
             let bar = Bar::new();
-            bar.begin("registering colour with depth", "views", set.with_depth().count() as u64);
-            let report = set.register(&|_| bar.advance(1))?;
+            let look = |step| match step {
+                RegistrationStep::Begins(views) => bar.begin("registering colour with depth", "views", views as u64),
+                RegistrationStep::Loaded => bar.advance(1),
+            };
+            let found = cache::register(set, cache::folder(cache::IMAGES).as_deref(), &look)?;
             bar.finish();
-            if let Some(report) = report {
-                eprintln!("{}", registration_words(&report));
+            found.note.iter().for_each(|note| eprintln!("note: {note}"));
+            if let Some(report) = &found.report {
+                eprintln!("{}", registration_words(report));
             }
         }
         Ok(())
@@ -165,8 +171,12 @@ pub(super) fn with_depth(set: &ImageSet) -> anyhow::Result<Vec<&View>> {
 fn registration_words(report: &RegistrationReport) -> String {
     let [given, one, each] = report.levels;
     let exposure = format!("exposures are evened out, from {:.2} to {:.2} of the mean", report.gain[0], report.gain[1]);
+    let part = match report.judged < report.views {
+        true => format!("{} of {} views, which speak for all,", report.judged, report.views),
+        false => "views".into(),
+    };
     let tried = format!(
-        "views differ by {given:.2} levels as given, {one:.2} with one colour camera, {each:.2} with one for each view"
+        "{part} differ by {given:.2} levels as given, {one:.2} with one colour camera, {each:.2} with one for each view"
     );
     match report.kept {
         Kept::AsGiven => format!("registration: colour and depth are kept as given ({tried}); {exposure}"),

@@ -1,5 +1,7 @@
 //! `headbox render`.
 
+#[cfg(feature = "viewer")]
+mod overlay;
 mod poses;
 
 use super::args::{CameraArgs, DefaultCamera, Names, by_name, parse_length};
@@ -86,6 +88,13 @@ pub(super) struct RenderCommand {
     /// Picture of the share of each pixel to that depth pixels cover, 0 to 255, to write; for a single frame of one .ldi
     #[arg(long, value_name = "FILE.png", conflicts_with = "path")]
     coverage: Option<PathBuf>,
+    /// Instead of the frame, one of the overlays that the window has for such a file, with a legend: holes, coverage, depth and others; of view-dependent
+    /// geometry camera, owners, mesh and age; a wrong name prints the list
+    #[cfg(feature = "viewer")]
+    #[arg(long, value_name = "NAME", conflicts_with_all = [
+        "path", "fps", "stereo", "panorama", "vr180", "sampling", "fill_steps", "keep_holes", "depth", "coverage", "merge", "parallel", "repeat",
+    ])]
+    overlay: Option<String>,
     /// How far two cameras of a .lumi file may disagree where its layers are merged, pixels; 1 if absent, 0 merges none
     #[arg(long, value_name = "PX", value_parser = parse_merge)]
     merge: Option<f64>,
@@ -121,6 +130,11 @@ impl RenderCommand {
                 outputs.maybe_file(self.coverage.as_ref(), &PICTURE)?
             }
         };
+        #[cfg(feature = "viewer")]
+        if let Some(overlay) = &self.overlay {
+            self.images.only_for_sets(self.files.iter().any(|file| is_image_set(&file.to_string_lossy())))?;
+            return self.render_overlay(overlay);
+        }
         let (mut content, frame, default_camera) = self.open()?;
         match &self.path {
             Some(path) => {

@@ -9,8 +9,9 @@ use super::words::UsageError;
 use crate::capture::Camera;
 use crate::capture::images::View;
 use crate::ldi::from_images::{ImagesJob, NearImages};
+use crate::scene_source::SceneSource;
 use crate::view::{SceneLibrary, open, open_source, show_cube, show_geometry, show_live};
-use crate::view_geometry::GeometrySettings;
+use crate::view_geometry::{GeometrySettings, Texturing};
 use anyhow::Context;
 use clap::Args;
 use headbox_viewer::{Coming, Exit, FrameSource, ReplayMode, Stereo, ViewerOptions};
@@ -135,28 +136,16 @@ impl ViewCommand {
         if texturing.is_none() && (self.variant.is_some() || self.geometry.are_given()) {
             return Err(UsageError(GEOMETRY_ALONE.into()).into());
         }
-        let (source, geometry, out) = (self.source.source(file), self.geometry.clone(), self.out.clone());
-        let (live, set) = (self.live, self.images);
-        Ok(move || {
-            if !is_set {
-                return Ok(open_source(source, &out)?);
-            }
-            let folder = Path::new(&source.name);
-            if live {
-                let (near, start) = near(folder, set)?;
-                return Ok(show_live(near, folder, &start)?);
-            }
-            if let Some(texturing) = texturing {
-                let settings = GeometrySettings { texturing, ..geometry.settings() };
-                let (geometry, start) = open_geometry(folder, set, &geometry)?;
-                let no_start = || format!("{}: its middle view is no perspective picture to start at", source.name);
-                return Ok(show_geometry(geometry, folder, &start.with_context(no_start)?, settings));
-            }
-            let bar = Bar::new();
-            let cube = images::cube(folder, &set, &bar)?;
-            bar.finish();
-            Ok(show_cube(cube, folder))
-        })
+        let shown = ToShow {
+            source: self.source.source(file),
+            is_set,
+            live: self.live,
+            set: self.images,
+            texturing,
+            geometry: self.geometry.clone(),
+        };
+        let out = self.out.clone();
+        Ok(move || shown.open(&out))
     }
 
     fn options(&self) -> Result<ViewerOptions, UsageError> {
@@ -192,6 +181,43 @@ impl ViewCommand {
             exit,
             ..ViewerOptions::default()
         })
+    }
+}
+
+/// Something to show in a window, or as in a window, and how.
+pub(super) struct ToShow {
+    pub(super) source: SceneSource,
+    pub(super) is_set: bool,
+    /// Of an image set: by cubes of the images nearest to the eye.
+    pub(super) live: bool,
+    pub(super) set: SetArgs,
+    /// Of an image set: by view-dependent geometry.
+    pub(super) texturing: Option<Texturing>,
+    pub(super) geometry: GeometryArgs,
+}
+
+impl ToShow {
+    /// Opens it; what is captured while it is looked at is saved in `out`.
+    pub(super) fn open(self, out: &Path) -> anyhow::Result<Box<dyn FrameSource>> {
+        let Self { source, is_set, live, set, texturing, geometry } = self;
+        if !is_set {
+            return Ok(open_source(source, out)?);
+        }
+        let folder = Path::new(&source.name);
+        if live {
+            let (near, start) = near(folder, set)?;
+            return Ok(show_live(near, folder, &start)?);
+        }
+        if let Some(texturing) = texturing {
+            let settings = GeometrySettings { texturing, ..geometry.settings() };
+            let (geometry, start) = open_geometry(folder, set, &geometry)?;
+            let no_start = || format!("{}: its middle view is no perspective picture to start at", source.name);
+            return Ok(show_geometry(geometry, folder, &start.with_context(no_start)?, settings));
+        }
+        let bar = Bar::new();
+        let cube = images::cube(folder, &set, &bar)?;
+        bar.finish();
+        Ok(show_cube(cube, folder))
     }
 }
 

@@ -104,7 +104,7 @@ impl FrameSource for GeometrySource {
             Setting::choice(
                 "overlay",
                 "Overlay",
-                "What is painted: the frame, its holes in magenta, its pixels by camera, by how many cameras own a triangle, the mesh, or \
+                "What is painted: the frame, its holes in magenta, what is covered, its pixels by camera, by how many cameras own a triangle, the mesh, or \
                  how long pictures have been at hand.",
                 &GeometryOverlay::ALL.map(|(name, _)| name),
             ),

@@ -1,7 +1,7 @@
 //! Overlays of view-dependent geometry: whose pictures show, the mesh, and how long pictures have been at hand.
 
 use super::effort::{Tops, class_color, class_legend, opaque, swatch, tinted};
-use super::overlay::{Overlay, paint_holes};
+use super::overlay::{Overlay, paint_coverage, paint_holes};
 use super::variation::distinct_color;
 use crate::view_geometry::{GeometryRenderer, Shown, ViewGeometry};
 use headbox_viewer::Swatch;
@@ -11,6 +11,7 @@ use headbox_viewer::Swatch;
 pub(super) enum GeometryOverlay {
     None,
     Holes,
+    Coverage,
     Camera,
     Owners,
     Mesh,
@@ -19,9 +20,10 @@ pub(super) enum GeometryOverlay {
 
 impl GeometryOverlay {
     /// All, with the names under which the panel and scripts know them.
-    pub(super) const ALL: [(&'static str, Self); 6] = [
+    pub(super) const ALL: [(&'static str, Self); 7] = [
         ("none", Self::None),
         ("holes", Self::Holes),
+        ("coverage", Self::Coverage),
         ("camera", Self::Camera),
         ("owners", Self::Owners),
         ("mesh", Self::Mesh),
@@ -45,6 +47,10 @@ impl GeometryOverlay {
             Self::Holes => {
                 paint_holes(renderer.frame(), pixels);
                 Overlay::Holes.legend()
+            }
+            Self::Coverage => {
+                paint_coverage(renderer.frame(), pixels);
+                [vec![swatch([255; 3], "a triangle covers the pixel")], Overlay::Holes.legend()].concat()
             }
             Self::Camera => {
                 let cameras = renderer.used().iter();

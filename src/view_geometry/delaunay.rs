@@ -10,7 +10,7 @@
 //! Positions are integers and all predicates exact: the flips end, and the mesh is the same everywhere, on any number of threads as well: strips are
 //! of a fixed height.
 
-use super::fuse::{Grid, NOBODY};
+use super::fuse::Grid;
 use rayon::prelude::*;
 
 /// No half-edge is opposite.
@@ -58,11 +58,9 @@ impl Mesh {
         self.flips = whole.flips + seams.iter().map(|(_, flips)| flips).sum::<u64>();
     }
 
-    /// Replaces `to` by the triangles of which all corners hold a sample.
-    pub(super) fn valid(&self, grid: &Grid, to: &mut Vec<[u32; 3]>) {
-        let is_valid = |corners: &&[u32; 3]| corners.iter().all(|&node| grid.owner[node as usize] != NOBODY);
-        to.clear();
-        to.par_extend(self.corners.as_chunks::<3>().0.par_iter().filter(is_valid).copied());
+    /// The corners of all triangles, of nodes that hold a sample and of others.
+    pub(super) fn triangles(&self) -> &[[u32; 3]] {
+        self.corners.as_chunks().0
     }
 }
 
@@ -256,9 +254,7 @@ mod tests {
     }
 
     fn valid(mesh: &Mesh, grid: &Grid) -> Vec<[u32; 3]> {
-        let mut triangles = vec![[7; 3]];
-        mesh.valid(grid, &mut triangles);
-        triangles
+        mesh.triangles().iter().filter(|corners| grid.holds(corners)).copied().collect()
     }
 
     #[test]

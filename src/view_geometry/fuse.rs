@@ -86,6 +86,12 @@ impl Grid {
         self.owner.resize(count, NOBODY);
     }
 
+    /// Whether all corners of a triangle hold a sample.
+    #[inline]
+    pub(super) fn holds(&self, corners: &[u32; 3]) -> bool {
+        corners.iter().all(|&node| self.owner[node as usize] != NOBODY)
+    }
+
     /// Nodes that hold a sample.
     pub(super) fn valid(&self) -> usize {
         self.owner.iter().filter(|owner| **owner != NOBODY).count()
@@ -213,7 +219,10 @@ pub(super) fn fuse(
         }
     }
     grid.drop_leaks(edge);
-    grid.close_holes(settings.close_nodes, edge);
+    // Where samples lie farther apart than nodes: first the rows and columns that they lie in, then what lies between these.
+    for _ in 0..2 {
+        grid.close_holes(settings.close_nodes, edge);
+    }
 }
 
 #[cfg(test)]
@@ -298,6 +307,27 @@ mod tests {
         assert_eq!(owner(&[at(2.0), at(1.9)], 0.02), Some(1), "nearer by more than the margin");
         assert_eq!(owner(&[[at(2.0), at(1.99)].concat()], 0.02), Some(0));
         assert_eq!(owner(&[vec![Vec3::Z, Vec3::ZERO, Vec3::NAN]], 0.02), None, "behind, at the eye, nowhere");
+    }
+
+    #[test]
+    fn samples_farther_apart_than_nodes_leave_no_lattice_of_holes() {
+        let frame = frame_at(DVec3::ZERO, [96, 72]);
+        let focal = frame.focal_px() as f32;
+        // Every third node, and every fourth, both ways.
+        for apart in [12, 16] {
+            let of_row = |y: u32| (0..8u32).map(move |x| [x, y].map(|at| (at * apart) as f32 + 1.0));
+            let point = |[x, y]: [f32; 2]| Vec3::new((x - 48.0) / focal, (36.0 - y) / focal, -1.0) * 3.0;
+            let points: Vec<Vec3> = (0..6).flat_map(of_row).map(point).collect();
+            let settings = GeometrySettings { grid_px: 4.0, ..GeometrySettings::default() };
+            let grid = fused(&[points], &frame, &settings);
+            let columns = grid.lattice.columns as usize;
+            let open = |node: &usize| grid.owner[*node] == NOBODY;
+            // Between the first sample, in the node that is one from the rim, and the last in the frame.
+            let (last_column, last_row) = (1 + 80 / apart * apart / 4, 1 + 60 / apart * apart / 4);
+            let within = (1..=last_row as usize)
+                .flat_map(|row| (1..=last_column as usize).map(move |column| row * columns + column));
+            assert_eq!(within.filter(open).count(), 0, "{apart} px apart");
+        }
     }
 
     #[test]

@@ -21,8 +21,8 @@ impl GeometryRenderer {
     pub fn shown(&self) -> Vec<Option<Shown>> {
         let (width, height) = (self.frame.width, self.frame.height);
         // Without pictures, sides of depth edges are told by their corners.
-        let Self { grid, triangles, bins, edge, .. } = self;
-        let scanner = Scanner { grid, triangles, bins, cameras: &[], edge };
+        let Self { grid, mesh, bins, edge, .. } = self;
+        let scanner = Scanner { grid, triangles: mesh.triangles(), bins, cameras: &[], edge };
         let band = |number: u32| {
             let rows = number * BAND_ROWS..((number + 1) * BAND_ROWS).min(height);
             let mut described = Described::default();
@@ -75,7 +75,7 @@ mod tests {
         geometry.leave_out(&[1]);
         let camera = frame_at(DVec3::ZERO, [101, 71]);
         let mut renderer = GeometryRenderer::new();
-        let settings = GeometrySettings { margin: 0.0, ..GeometrySettings::default() };
+        let settings = GeometrySettings { margin: 0.0, by_sight: false, ..GeometrySettings::default() };
         renderer.render(&geometry, &camera, &settings, Patience::Wait);
         let shown = renderer.shown();
         let covered = renderer.frame().coverage.iter().map(|coverage| !coverage.is_hole());

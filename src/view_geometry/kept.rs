@@ -1,7 +1,7 @@
 //! Samples kept on disk, so that a thousand cameras cost no time when a set is opened again (E5): a file of ours, its points mapped.
 //!
-//! A file is named by what it is made of: the views as the set and its registration describe them, the sizes and times of their files, the
-//! grid, and the origin. So a set that has changed has another file, and a file that is damaged is as none.
+//! A file is named by what it is made of ([`cache::of_views`]): views, as the set and its registration describe them, the grid, and the origin. So a set that
+//! has changed has another file, and a file that is damaged is made anew.
 
 use super::samples::{MAX_PROBES, Probes, Samples};
 use super::{RealCamera, SampleGrid};
@@ -10,7 +10,6 @@ use crate::capture::images::{Distortion, Pinhole, Pose, View};
 use crate::container::{Container, ContainerWriter, FileError, FileKind};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
-use std::hash::Hasher;
 use std::path::{Path, PathBuf};
 
 /// Numbers that describe a camera: its eye, the columns of its turn, focal lengths and principal point.
@@ -29,16 +28,7 @@ struct Header {
 
 /// The file of a set's samples in a folder; `None` if one of its views has no file any more.
 pub(super) fn path(folder: &Path, views: &[View], grid: &SampleGrid, origin: DVec3) -> Option<PathBuf> {
-    let mut parts = vec![format!("{grid:?} {origin:?}")];
-    for view in views {
-        parts.push(format!("{view:?}"));
-        let depth = view.depth.as_ref().map(|depth| &depth.path);
-        for file in [Some(&view.color), depth, view.mask.as_ref()].into_iter().flatten() {
-            let metadata = std::fs::metadata(file).ok()?;
-            parts.push(format!("{} {:?}", metadata.len(), metadata.modified().ok()?));
-        }
-    }
-    Some(folder.join(cache::file_name("samples", |hash| parts.iter().for_each(|part| hash.write(part.as_bytes())))))
+    Some(folder.join(cache::of_views("samples", &format!("{grid:?} {origin:?}"), views)?))
 }
 
 /// Writes the samples of cameras.
@@ -76,11 +66,14 @@ fn numbers(camera: &RealCamera) -> [f64; NUMBERS] {
     numbers
 }
 
-/// The cameras of a file, their points mapped.
-pub(super) fn open(path: &Path) -> Result<Vec<RealCamera>, FileError> {
+/// The cameras of a file of so many, their points mapped.
+pub(super) fn open(path: &Path, views: usize) -> Result<Vec<RealCamera>, FileError> {
     let file = Container::open(path, FileKind::SAMPLES)?;
     let mut info = file.section("info")?;
     let Header { cameras, levels } = info.json()?;
+    if cameras != views {
+        return Err(info.damaged(format!("{views} cameras"), cameras.to_string()));
+    }
     info = file.section("counts")?;
     let total =
         cameras.checked_mul(levels).filter(|_| levels > 0).ok_or_else(|| info.damaged("levels of detail", "none"))?;
@@ -149,6 +142,7 @@ mod tests {
         let expected = frame(&open(&views, cache.path()), &camera, &settings);
         let again = open(&views, cache.path());
         assert_eq!(again.pictures.bytes(), 0, "nothing was read");
+        assert!(again.notes().is_empty() && cache::make_room(cache.path(), 0) == 0, "it is in use");
         let found = frame(&again, &camera, &settings);
         assert!(found.0 == expected.0 && found.1.samples == expected.1.samples);
         let samples =
@@ -189,7 +183,7 @@ mod tests {
         let expected = frame(&open(&views, cache.path()), &camera, &GeometrySettings::default());
         let file = files(cache.path()).pop().expect("a file");
         let whole = std::fs::read(&file).expect("read");
-        let cameras = super::open(&file).expect("whole");
+        let cameras = super::open(&file, 3).expect("whole");
         let damages: [Vec<u8>; 5] = [
             Vec::new(),
             whole[..40].to_vec(),
@@ -200,8 +194,10 @@ mod tests {
         for damage in damages {
             std::fs::remove_file(&file).expect("removed");
             std::fs::write(&file, &damage).expect("written");
-            assert!(super::open(&file).is_err(), "{} bytes", damage.len());
-            assert!(frame(&open(&views, cache.path()), &camera, &GeometrySettings::default()).0 == expected.0);
+            assert!(super::open(&file, 3).is_err(), "{} bytes", damage.len());
+            let anew = open(&views, cache.path());
+            assert!(matches!(anew.notes(), [note] if note.contains("made anew")), "{:?}", anew.notes());
+            assert!(frame(&anew, &camera, &GeometrySettings::default()).0 == expected.0);
             assert_eq!(std::fs::read(&file).expect("read"), whole);
         }
         // A file that says nothing true of its points.

@@ -18,6 +18,7 @@ mod inspect;
 mod kept;
 #[cfg(test)]
 mod oracle;
+mod owners;
 mod picture;
 mod project;
 mod rank;

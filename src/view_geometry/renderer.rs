@@ -2,6 +2,7 @@
 
 use super::delaunay::Mesh;
 use super::fuse::{self, Grid};
+use super::owners;
 use super::project::{Hit, Projection};
 use super::rank::{self, Ranked};
 use super::samples::Points;
@@ -55,7 +56,6 @@ pub struct GeometryRenderer {
     pub(super) hits: Vec<Vec<Hit>>,
     pub(super) grid: Grid,
     pub(super) mesh: Mesh,
-    pub(super) triangles: Vec<[u32; 3]>,
     pub(super) bins: Bins,
     /// Of bands that were drawn, for the next ones.
     pub(super) described: Mutex<Vec<Described>>,
@@ -85,7 +85,6 @@ impl GeometryRenderer {
             hits: Vec::new(),
             grid: Grid::default(),
             mesh: Mesh::default(),
-            triangles: Vec::new(),
             bins: Bins::default(),
             described: Mutex::default(),
             frame: Frame::default(),
@@ -131,7 +130,7 @@ impl GeometryRenderer {
         self.edge = edge;
         self.used.clear();
         self.used.extend(pictures.iter().map(|(camera, _)| *camera));
-        self.triangles.clear();
+        self.bins.clear();
         let textured = |(number, picture)| {
             let real = &geometry.cameras[number as usize];
             match settings.texturing {
@@ -146,11 +145,14 @@ impl GeometryRenderer {
             stats.samples = samples.iter().map(|[x, ..]| x.len() as u64).sum();
             let projection = Projection::new(camera, geometry.origin, self.level);
             fuse::fuse(&mut self.grid, &mut self.hits, &samples, &projection, &edge, settings);
+            if settings.by_sight {
+                owners::settle(&mut self.grid, &cameras);
+            }
             stats.nodes = self.grid.valid() as u64;
             stats.fuse_ms = lap();
             self.mesh.triangulate(&self.grid);
-            self.mesh.valid(&self.grid, &mut self.triangles);
-            (stats.flips, stats.triangles) = (self.mesh.flips, self.triangles.len() as u64);
+            stats.triangles = self.bins.sort(&self.grid, self.mesh.triangles(), camera.height());
+            stats.flips = self.mesh.flips;
             stats.mesh_ms = lap();
         }
         self.paint(&cameras, camera, &edge, settings);
@@ -163,10 +165,9 @@ impl GeometryRenderer {
     fn paint(&mut self, cameras: &[TextureCamera], camera: &Camera, edge: &EdgeRule, settings: &GeometrySettings) {
         let (width, height) = (camera.width(), camera.height());
         self.frame.reset(width, height, settings.hole_color_srgb);
-        self.bins.sort(&self.grid, &self.triangles, height);
-        let Self { level, grid, triangles, bins, frame, .. } = self;
+        let Self { level, grid, mesh, bins, frame, .. } = self;
         let described = &self.described;
-        let scanner = Scanner { grid, triangles, bins, cameras, edge };
+        let scanner = Scanner { grid, triangles: mesh.triangles(), bins, cameras, edge };
         let painter = Painter { level: *level, scanner, texturing: settings.texturing };
         let pixels = width as usize * BAND_ROWS as usize;
         let Frame { color, coverage, .. } = frame;

@@ -86,11 +86,20 @@ pub(super) struct Bins {
 }
 
 impl Bins {
-    /// Sorts triangles by bands of a frame of so many rows.
-    pub(super) fn sort(&mut self, grid: &Grid, triangles: &[[u32; 3]], height: u32) {
+    /// As if there were no triangles.
+    pub(super) fn clear(&mut self) {
+        self.starts.clear();
+    }
+
+    /// Sorts triangles of which all corners hold a sample by bands of a frame of so many rows; returns how many they are.
+    pub(super) fn sort(&mut self, grid: &Grid, triangles: &[[u32; 3]], height: u32) -> u64 {
+        const NOWHERE: [u16; 2] = [0; 2];
         let count = height.div_ceil(BAND_ROWS) as i32;
         let band_of = |y: i32| y.div_euclid(BAND_ROWS as i32 * SUBPIXELS);
         let bands = |corners: &[u32; 3]| {
+            if !grid.holds(corners) {
+                return NOWHERE;
+            }
             let [a, b, c] = corners.map(|node| grid.y[node as usize]);
             let (first, last) = (band_of(a.min(b).min(c)), band_of(a.max(b).max(c)));
             // A frame's side is below 2^16.
@@ -99,8 +108,10 @@ impl Bins {
         triangles.par_iter().map(bands).collect_into_vec(&mut self.bands);
         self.starts.clear();
         self.starts.resize(count as usize + 2, 0);
+        let mut shown = 0;
         // One place further on, so that filling moves each start to where it belongs.
         for &[first, end] in &self.bands {
+            shown += u64::from(first < end);
             (first..end).for_each(|band| self.starts[usize::from(band) + 2] += 1);
         }
         for band in 2..self.starts.len() {
@@ -115,6 +126,7 @@ impl Bins {
                 *next += 1;
             }
         }
+        shown
     }
 
     /// Numbers of the triangles of a band, in ascending order.

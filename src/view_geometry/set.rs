@@ -4,6 +4,7 @@ use super::kept;
 use super::picture::Picture;
 use super::samples::{SampleGrid, Samples};
 use super::store::PictureStore;
+use crate::cache::{self, InUse};
 use crate::capture::images::{ImageSet, ImagesError, Lens, LoadedView, Pinhole, Pose, View};
 use crate::capture::scene::FileFrame;
 use crate::progress::Progress;
@@ -91,6 +92,9 @@ pub struct ViewGeometry {
     /// How the set's positions map to the world.
     pub frame: FileFrame,
     folder: PathBuf,
+    /// The file that samples are mapped from.
+    _in_use: Option<InUse>,
+    notes: Vec<String>,
 }
 
 impl ViewGeometry {
@@ -113,19 +117,40 @@ impl ViewGeometry {
         let origin = views.iter().map(|view| view.pose.eye).sum::<DVec3>() / views.len() as f64;
         let GeometryResources { grid, budget, cache } = resources;
         let file = cache.as_ref().and_then(|folder| kept::path(folder, &views, grid, origin));
-        let kept = || file.as_ref().and_then(|file| kept::open(file).ok()).filter(|kept| kept.len() == views.len());
+        let kept = || match &file {
+            Some(file) => cache::read(file, |file| kept::open(file, views.len())),
+            None => (None, None),
+        };
         let pictures = PictureStore::new(views.clone(), *budget);
-        let cameras = match kept() {
+        let (known, note) = kept();
+        let cameras = match known {
             Some(cameras) => cameras,
             None => {
                 let sampled = sampled(&views, grid, origin, &pictures, progress)?;
                 // A cache that cannot be written costs time, and no more. What is written need not stay in memory.
                 let written = file.as_ref().is_some_and(|file| kept::write(file, &sampled).is_ok());
-                if written { kept().unwrap_or(sampled) } else { sampled }
+                if written { kept().0.unwrap_or(sampled) } else { sampled }
             }
         };
-        let depth_noise = set.depth_noise();
-        Ok(Self { cameras, pictures, origin, depth_noise, frame: set.frame, folder: set.folder.clone() })
+        let in_use = file.as_deref().and_then(|file| InUse::of(file).ok());
+        if let Some(folder) = cache {
+            cache::make_room(folder, cache::MOST_BYTES);
+        }
+        Ok(Self {
+            cameras,
+            pictures,
+            origin,
+            depth_noise: set.depth_noise(),
+            frame: set.frame,
+            folder: set.folder.clone(),
+            _in_use: in_use,
+            notes: note.into_iter().collect(),
+        })
+    }
+
+    /// What was met and survived when it was opened: a sentence each.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
     }
 
     /// The cameras.

@@ -52,6 +52,8 @@ pub struct GeometrySettings {
     pub grid_px: f32,
     /// By which share of its distance a sample of a camera must be nearer than that of a better ranked one, to take its place.
     pub margin: f32,
+    /// Whether a node is of the best ranked camera that sees it; otherwise of the one whose sample it holds.
+    pub by_sight: bool,
     /// Holes of at most so many nodes are closed.
     pub close_nodes: u32,
     /// What makes a camera good.
@@ -68,6 +70,7 @@ impl Default for GeometrySettings {
             level: 0,
             grid_px: 4.0,
             margin: 0.02,
+            by_sight: true,
             close_nodes: 3,
             weights: RankWeights::default(),
             hole_color_srgb: [0; 3],

@@ -195,12 +195,12 @@ fn pixels_are_those_of_the_slow_way() {
         .collect();
     let (_folder, geometry) = opened(&views, &DEFAULT);
     let camera = frame_at(DVec3::new(0.05, 0.1, -0.1), [90, 60]);
-    let settings = GeometrySettings { margin: 0.0, ..settings(Texturing::Blended) };
+    let settings = GeometrySettings { margin: 0.0, by_sight: false, ..settings(Texturing::Blended) };
     let mut renderer = GeometryRenderer::new();
     renderer.render(&geometry, &camera, &settings, Patience::Wait);
     let by_rank: Vec<&LoadedView> = renderer.ranked.iter().map(|ranked| &views[ranked.camera as usize]).collect();
     let (mut compared, mut blended, mut worst) = (0, 0, 0);
-    for corners in &renderer.triangles {
+    for corners in renderer.mesh.triangles().iter().filter(|corners| renderer.grid.holds(corners)) {
         let at = corners.map(|node| {
             let node = node as usize;
             [renderer.grid.x[node], renderer.grid.y[node]].map(|part| f64::from(part) / f64::from(fuse::SUBPIXELS))

@@ -94,6 +94,13 @@ impl TextureCamera {
         (shown > 0.0).then_some([shown, there])
     }
 
+    /// Whether the camera shows a place of the frame: what it shows there is neither nearer nor farther.
+    pub(super) fn agrees(&self, at: [f32; 2], inverse_depth: f32) -> bool {
+        self.depths_at(at, inverse_depth).is_some_and(|[shown, there]| {
+            shown <= there * self.hidden + self.slack && there <= shown * self.hidden + self.slack
+        })
+    }
+
     /// Linear colour, up to the largest of a texel, of a place of the frame in its picture, whatever it shows there.
     fn color_at(&self, at: [f32; 2], inverse_depth: f32) -> Option<[f32; 3]> {
         let [u, v, _, ratio] = self.locate(at, inverse_depth)?;

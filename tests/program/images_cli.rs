@@ -118,6 +118,40 @@ fn a_folder_of_images_is_drawn_by_view_dependent_geometry() {
 }
 
 #[test]
+#[cfg(feature = "viewer")]
+fn overlays_are_painted_without_a_window() {
+    let dir = tempfile::tempdir().unwrap();
+    room(dir.path(), DEPTH_FOCAL);
+    let render = |more: &[&str]| {
+        let base = ["render", "room", "-o", "o.png", "--size", "96x72", "--fov", "40"];
+        headbox(dir.path(), &[base.as_slice(), more].concat())
+    };
+    let picture = || std::fs::read(dir.path().join("o.png")).unwrap();
+    assert!(render(&["--variant", "geometry-blended"]).status.success());
+    let plain = picture();
+    let mut legends = Vec::new();
+    for overlay in ["camera", "owners", "mesh", "age", "coverage", "holes"] {
+        let said = render(&["--variant", "geometry-blended", "--overlay", overlay, "--json"]);
+        let said: serde_json::Value = serde_json::from_slice(&said.stdout).unwrap();
+        let legend = said["legend"].as_array().unwrap().clone();
+        assert!(said["overlay"] == overlay && !legend.is_empty() && !legends.contains(&legend), "{said}");
+        assert!(picture() != plain, "{overlay}");
+        legends.push(legend);
+    }
+    let depth = render(&["--overlay", "depth"]);
+    assert!(depth.status.success() && String::from_utf8(depth.stdout).unwrap().contains("overlay depth"), "of a cube");
+    assert!(picture() != plain);
+    for (wrong, expected) in [
+        (vec!["--variant", "geometry-blended", "--overlay", "depth"], "none, holes, coverage, camera"),
+        (vec!["--overlay", "holes", "--variant", "paper"], "--overlay takes --variant geometry-blended"),
+    ] {
+        let refused = render(&wrong);
+        let said = String::from_utf8(refused.stderr).unwrap();
+        assert!(refused.status.code() == Some(2) && said.contains(expected), "{wrong:?}: {said}");
+    }
+}
+
+#[test]
 fn colours_of_another_lens_are_registered_unless_that_is_forbidden() {
     let dir = tempfile::tempdir().unwrap();
     room(dir.path(), 80.0);

@@ -51,6 +51,8 @@ pub struct DepthSource {
     pub unit_m: f32,
     /// For [`DepthKind::WindowDepth`]: entries (2, 2) and (2, 3) of the clip matrix, which also tell reversed depth.
     pub window: Option<[f64; 2]>,
+    /// Whether zero is infinitely far (Seurat's), not unknown.
+    pub zero_is_far: bool,
     /// Of depth that was found from the pictures themselves ([`super::dense_depth`]), which belongs to the ideal lens and needs no
     /// registration: the standard deviation of inverse depth, 1/m.
     pub found: Option<f32>,
@@ -59,11 +61,11 @@ pub struct DepthSource {
 impl DepthSource {
     /// Eye depth, or ray distance, in metres.
     pub fn metres(path: PathBuf, kind: DepthKind, unit_m: f32) -> Self {
-        Self { path, channel: None, kind, unit_m, window: None, found: None }
+        Self { path, channel: None, kind, unit_m, window: None, zero_is_far: false, found: None }
     }
 
-    /// Reads it: eye depth, or ray distance if that is its kind, in metres; infinite where the file says that nothing is there, NaN
-    /// where nothing is known (zero and negative values, and the largest value of 16 bits, which sensors write for "none").
+    /// Reads it: eye depth, or ray distance if that is its kind, in metres; infinite where the file says that nothing is there (infinity in EXR, zero in
+    /// Seurat's manifests), NaN where nothing is known (else zero, negative values, and the largest value of 16 bits, which sensors write for "none").
     ///
     /// # Errors
     /// [`ImagesError`] that names the file.
@@ -71,7 +73,9 @@ impl DepthSource {
         let mut picture = match extension(&self.path).as_str() {
             "exr" => read_exr(&self.path, self.channel.as_deref(), self.unit_m)?,
             "bin" => read_colmap_map(&self.path)?,
-            _ => read_grey(&self.path, self.unit_m)?,
+            _ => {
+                read_integers(&self.path, self.unit_m, Integers { eight_bits: false, zero_is_known: self.zero_is_far })?
+            }
         };
         for value in &mut picture.values {
             let depth = match (self.kind, self.window) {
@@ -80,6 +84,7 @@ impl DepthSource {
                     let ndc = 2.0 * f64::from(*value) - 1.0;
                     (b / (ndc + a)) as f32
                 }
+                _ if self.zero_is_far && *value == 0.0 => f32::INFINITY,
                 _ => *value,
             };
             *value = if depth > 0.0 { depth } else { f32::NAN };
@@ -96,7 +101,11 @@ impl DepthPicture {
     /// # Errors
     /// [`ImagesError`] that names the file.
     pub fn read(path: &Path, unit: f32) -> Result<Self, ImagesError> {
-        if extension(path) == "exr" { read_exr(path, None, unit) } else { read_integers(path, unit, true) }
+        if extension(path) == "exr" {
+            read_exr(path, None, unit)
+        } else {
+            read_integers(path, unit, Integers { eight_bits: true, zero_is_known: false })
+        }
     }
 }
 
@@ -137,22 +146,29 @@ fn read_exr(path: &Path, wanted: Option<&str>, unit: f32) -> Result<DepthPicture
     Ok(DepthPicture { width: size.x() as u32, height: size.y() as u32, values })
 }
 
-fn read_grey(path: &Path, unit: f32) -> Result<DepthPicture, ImagesError> {
-    read_integers(path, unit, false)
+/// Which integers are depth.
+#[derive(Clone, Copy)]
+struct Integers {
+    /// Those of 8 bits too.
+    eight_bits: bool,
+    /// Zero too.
+    zero_is_known: bool,
 }
 
-fn read_integers(path: &Path, unit: f32, eight_bits: bool) -> Result<DepthPicture, ImagesError> {
+fn read_integers(path: &Path, unit: f32, which: Integers) -> Result<DepthPicture, ImagesError> {
     let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
     let image = picture::read(path, 2 * MAX_PIXELS as u64).map_err(|error| ImagesError::picture(path, error))?;
     let values: Vec<u16> = match &image {
-        image::DynamicImage::ImageLuma8(grey) if eight_bits => grey.as_raw().iter().map(|&v| u16::from(v)).collect(),
+        image::DynamicImage::ImageLuma8(grey) if which.eight_bits => {
+            grey.as_raw().iter().map(|&v| u16::from(v)).collect()
+        }
         image::DynamicImage::ImageLuma8(_) => {
             return Err(bad("depth in 8 bits has 255 steps, too few to move by; give 16 bits, or EXR".into()));
         }
         image::DynamicImage::ImageLuma16(grey) => grey.as_raw().clone(),
         _ => return Err(bad("depth must be a grey picture of 8 or 16 bits, or EXR".into())),
     };
-    let unknown = |v: u16| v == 0 || (!eight_bits && v == u16::MAX);
+    let unknown = |v: u16| (v == 0 && !which.zero_is_known) || (!which.eight_bits && v == u16::MAX);
     let value = |v: u16| if unknown(v) { f32::NAN } else { f32::from(v) * unit };
     let values = values.into_iter().map(value).collect();
     Ok(DepthPicture { width: image.width(), height: image.height(), values })
@@ -186,7 +202,7 @@ mod tests {
     use super::*;
 
     fn source(path: PathBuf, kind: DepthKind, window: Option<[f64; 2]>) -> DepthSource {
-        DepthSource { path, channel: None, kind, unit_m: 1.0 / 65_535.0, window, found: None }
+        DepthSource { path, channel: None, kind, unit_m: 1.0 / 65_535.0, window, zero_is_far: false, found: None }
     }
 
     #[test]
@@ -222,6 +238,29 @@ mod tests {
         image::GrayImage::new(2, 2).save(&path).expect("written");
         let error = DepthSource::metres(path, DepthKind::EyeDepth, 0.001).read().expect_err("refused").to_string();
         assert!(error.contains("d.png") && error.contains("8 bits"), "{error}");
+    }
+
+    #[test]
+    fn infinitely_far_is_told_from_unknown() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let [exr, png] = ["d.exr", "d.png"].map(|name| folder.path().join(name));
+        let values = vec![f32::INFINITY, f32::NAN, 0.0, -1.0, 2.0];
+        write_depth_exr(&DepthPicture { width: 5, height: 1, values }, &exr).expect("written");
+        let grey = image::ImageBuffer::<image::Luma<u16>, _>::from_raw(3, 1, vec![0u16, 65_535, 1500]);
+        grey.expect("a picture").save(&png).expect("written");
+        let read = |path: &Path, zero_is_far: bool| {
+            let source = DepthSource { zero_is_far, ..DepthSource::metres(path.into(), DepthKind::EyeDepth, 0.5) };
+            let word = |value: f32| match value {
+                _ if value.is_nan() => "unknown".to_owned(),
+                f32::INFINITY => "far".to_owned(),
+                depth => format!("{depth}"),
+            };
+            source.read().expect("read").values.into_iter().map(word).collect::<Vec<_>>().join(" ")
+        };
+        assert_eq!(read(&exr, false), "far unknown unknown unknown 1");
+        assert_eq!(read(&exr, true), "far unknown far unknown 1");
+        assert_eq!(read(&png, false), "unknown unknown 750");
+        assert_eq!(read(&png, true), "far unknown 750");
     }
 
     #[test]

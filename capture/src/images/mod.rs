@@ -28,6 +28,7 @@ mod middlebury;
 mod nerfstudio;
 mod panorama;
 mod pictures;
+pub mod planar_layers;
 mod pose;
 mod register;
 mod rgbd;
@@ -42,8 +43,8 @@ pub use lens::{Distortion, Lens, Pinhole};
 pub use nerfstudio::{SetWriter, write_set};
 pub use pictures::{ColorPicture, read_color};
 pub use pose::Pose;
-pub use register::{Kept, Registration, RegistrationReport};
-pub use view::{LoadedView, View};
+pub use register::{Kept, Registration, RegistrationReport, RegistrationStep};
+pub use view::{FARTHEST_M, LoadedView, View};
 
 use crate::picture::PictureError;
 use crate::scene::FileFrame;

@@ -74,6 +74,8 @@ fn read_view(view: &Object, allow_outside: bool) -> Result<View, ImagesError> {
         unit_m: if is_exr { 1.0 } else { 1.0 / 65_535.0 },
         window: Some([rows.z_axis.z, rows.z_axis.w]),
         path: depth_path,
+        // Window depth says it in its own way: where depth is reversed, infinitely far is zero there too.
+        zero_is_far: kind != DepthKind::WindowDepth,
         found: None,
     };
     let color = path(&color)?;

@@ -10,6 +10,9 @@ use crate::{Camera, DepthKind};
 use glam::{DVec2, DVec3};
 use std::path::PathBuf;
 
+/// Where what is infinitely far is taken to be, metres: a step of a metre moves it by a hundredth of a pixel where a thousand pixels show a radian.
+pub const FARTHEST_M: f32 = 1e5;
+
 /// One picture of a set. Nothing of it is in memory but its camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
@@ -132,12 +135,13 @@ impl View {
 }
 
 impl LoadedView {
-    /// The depth of what a pixel shows, if there is something, its depth is known, and it is not masked out.
+    /// The depth of what a pixel shows, if it is known and the pixel is not masked out; of what is infinitely far [`FARTHEST_M`], so that it is
+    /// a surface like others, with its colour.
     #[inline]
     pub fn depth_at(&self, x: u32, y: u32) -> Option<f32> {
         let i = y as usize * self.size_px[0] as usize + x as usize;
         let depth = *self.depth.get(i)?;
-        (depth > 0.0 && depth.is_finite() && self.color[i][3] > 0).then_some(depth)
+        (depth > 0.0 && self.color[i][3] > 0).then_some(depth.min(FARTHEST_M))
     }
 
     /// The world point of a pixel of known depth.

@@ -1,6 +1,6 @@
 //! What alignment needs of a view: a small picture, and points of its depth image.
 
-use super::{LoadedView, Pose};
+use super::{LoadedView, Pinhole, Pose};
 use glam::{DVec3, dvec3};
 
 /// A small picture of a view, and points that it sees.
@@ -15,6 +15,8 @@ pub(super) struct Evidence {
     pub(super) grey: Vec<u8>,
     /// Points of the world, metres; every [`UNSEEN`]-th is kept from the estimate, for judging it.
     pub(super) points: Vec<DVec3>,
+    /// Depths of every so many-th of its pixels ([`DEPTH_STEP`]), NaN where they are unknown.
+    depths: Vec<f32>,
     /// Of the depth image.
     pub(super) pose: Pose,
     /// Median depth of the points, metres.
@@ -22,7 +24,7 @@ pub(super) struct Evidence {
 }
 
 /// Points are taken from so many columns at most.
-const COLUMNS: u32 = 56;
+pub(super) const COLUMNS: u32 = 56;
 
 /// The small picture's width at most.
 const WIDTH: u32 = 320;
@@ -33,8 +35,16 @@ pub(super) const UNSEEN: usize = 4;
 /// Points whose neighbours' inverse depths differ by a larger share lie at an edge.
 const AT_EDGE: f32 = 0.02;
 
+/// Pixels of the small picture from one depth that is remembered to the next.
+const DEPTH_STEP: u32 = 2;
+
+/// A point is what a depth image shows if their depths differ by less than this share: poses drift by a few hundredths, and what hides
+/// something is nearer by more.
+const SAME_SURFACE: f64 = 0.05;
+
 impl Evidence {
-    pub(super) fn of(view: &LoadedView) -> Self {
+    /// Of a view, its points from so many columns at most.
+    pub(super) fn of(view: &LoadedView, columns: u32) -> Self {
         let [width, height] = view.size_px;
         let reduced = width.div_ceil(WIDTH).max(1);
         let size = [width / reduced, height / reduced].map(|side| side as usize);
@@ -47,7 +57,7 @@ impl Evidence {
         let planes = [0, 1, 2].map(|channel| (0..size[0] * size[1]).map(|i| mean(channel, i)).collect::<Vec<u8>>());
         let grey = (0..size[0] * size[1]).map(|i| ((0..3).map(|c| u32::from(planes[c][i])).sum::<u32>() / 3) as u8);
         let grey = grey.collect();
-        let step = (width / COLUMNS).max(1);
+        let step = (width / columns.max(1)).max(1);
         let mut points = Vec::new();
         let mut depths = Vec::new();
         for y in (step / 2 + 1..height.saturating_sub(1)).step_by(step as usize) {
@@ -64,7 +74,30 @@ impl Evidence {
         }
         depths.sort_by(f64::total_cmp);
         let depth_m = depths.get(depths.len() / 2).copied().unwrap_or(1.0);
-        Self { reduced, size, planes, grey, points, pose: view.pose, depth_m }
+        let apart = reduced * DEPTH_STEP;
+        let place = |number: u32, side: u32| (number * apart + apart / 2).min(side - 1);
+        let [columns, rows] = size.map(|side| (side as u32).div_ceil(DEPTH_STEP));
+        let depth = |(x, y)| view.depth_at(place(x, width), place(y, height)).unwrap_or(f32::NAN);
+        let depths = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y))).map(depth).collect();
+        Self { reduced, size, planes, grey, points, depths, pose: view.pose, depth_m }
+    }
+
+    /// Whether the depth camera, through its lens, sees a point of the world: its depth image, if it knows, shows nothing else there.
+    pub(super) fn sees(&self, lens: &Pinhole, point: DVec3) -> bool {
+        let eye = self.pose.to_eye(point);
+        let depth = -eye.z;
+        if depth < 1e-3 {
+            return false;
+        }
+        let apart = f64::from(self.reduced * DEPTH_STEP);
+        let x = (lens.principal_px[0] + lens.focal_px[0] * eye.x / depth) / apart;
+        let y = (lens.principal_px[1] - lens.focal_px[1] * eye.y / depth) / apart;
+        let [columns, rows] = self.size.map(|side| side.div_ceil(DEPTH_STEP as usize));
+        if !(x >= 0.0 && y >= 0.0 && x < columns as f64 && y < rows as f64) {
+            return false;
+        }
+        let shown = f64::from(self.depths[y as usize * columns + x as usize]);
+        shown.is_nan() || (shown / depth - 1.0).abs() < SAME_SURFACE
     }
 }
 
@@ -78,11 +111,10 @@ impl Smooth {
     /// Blurred `rounds` times by (1 2 1) / 4 both ways.
     pub(super) fn new(grey: &[u8], size: [usize; 2], rounds: u32) -> Self {
         let mut levels: Vec<f32> = grey.iter().map(|&level| f32::from(level)).collect();
-        let [width, height] = size;
-        let mut turned = vec![0.0; levels.len()];
+        let mut between = vec![0.0; levels.len()];
         for _ in 0..rounds {
-            blur(&levels, &mut turned, width, 1);
-            blur(&turned, &mut levels, height, width);
+            blur_rows(&levels, &mut between, size[0]);
+            blur_columns(&between, &mut levels, size[0]);
         }
         Self { size, levels: levels.into_iter().map(|level| (level + 0.5) as u8).collect() }
     }
@@ -107,14 +139,33 @@ impl Smooth {
     }
 }
 
-/// Along lines of `length` values, `stride` apart.
-fn blur(from: &[f32], to: &mut [f32], length: usize, stride: usize) {
-    for (i, value) in to.iter_mut().enumerate() {
-        let along = i / stride % length;
-        let before = if along > 0 { from[i - stride] } else { from[i] };
-        let after = if along + 1 < length { from[i + stride] } else { from[i] };
-        *value = (before + 2.0 * from[i] + after) / 4.0;
+/// Each value with its neighbours to the left and right; beyond the ends lies what is at them.
+fn blur_rows(from: &[f32], to: &mut [f32], width: usize) {
+    for (from, to) in from.chunks_exact(width).zip(to.chunks_exact_mut(width)) {
+        for (to, around) in to[1..].iter_mut().zip(from.windows(3)) {
+            *to = mixed(around[0], around[1], around[2]);
+        }
+        let last = width - 1;
+        to[0] = mixed(from[0], from[0], from[1.min(last)]);
+        to[last] = mixed(from[last.saturating_sub(1)], from[last], from[last]);
     }
+}
+
+/// Each value with its neighbours above and below.
+fn blur_columns(from: &[f32], to: &mut [f32], width: usize) {
+    let last = (from.len() / width).saturating_sub(1);
+    let row = |number: usize| &from[number * width..(number + 1) * width];
+    for (number, to) in to.chunks_exact_mut(width).enumerate() {
+        let (above, here, below) = (row(number.saturating_sub(1)), row(number), row((number + 1).min(last)));
+        for (to, ((above, here), below)) in to.iter_mut().zip(above.iter().zip(here).zip(below)) {
+            *to = mixed(*above, *here, *below);
+        }
+    }
+}
+
+#[inline(always)]
+fn mixed(before: f32, here: f32, after: f32) -> f32 {
+    (before + 2.0 * here + after) / 4.0
 }
 
 /// A point in axes X right, Y down, Z forward, in which lenses are written.

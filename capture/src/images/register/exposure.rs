@@ -4,7 +4,8 @@
 //! by the median logarithm of the ratio of the levels in which they see the same points; least squares over all pairs,
 //! gains of mean 0, with a weak prior that holds views without pairs.
 
-use super::photometric::{Problem, State};
+use super::photometric::{Pair, Problem};
+use super::state::State;
 use rayon::prelude::*;
 
 /// Levels outside tell little: dark ones are rounded, bright ones clipped.
@@ -25,9 +26,10 @@ const SWEEPS: usize = 2000;
 /// Gains of all views: levels divided by them are those of one exposure.
 pub(super) fn estimate(problem: &Problem, state: &State) -> Vec<[f32; 3]> {
     let ratios: Vec<Option<[f64; 3]>> =
-        problem.pairs().par_iter().map(|&pair| log_ratios(problem, state, pair)).collect();
+        problem.pairs().par_iter().map(|pair| log_ratios(problem, state, pair)).collect();
     let mut pairs_of = vec![Vec::new(); problem.evidence.len()];
-    for (&[i, j], ratio) in problem.pairs().iter().zip(&ratios) {
+    for (pair, ratio) in problem.pairs().iter().zip(&ratios) {
+        let [i, j] = pair.views;
         if let Some(ratio) = ratio {
             pairs_of[i].push((j, *ratio));
             pairs_of[j].push((i, ratio.map(|r| -r)));
@@ -49,7 +51,7 @@ pub(super) fn estimate(problem: &Problem, state: &State) -> Vec<[f32; 3]> {
     logs.into_iter().map(|log| log.map(|log| log.exp() as f32)).collect()
 }
 
-fn log_ratios(problem: &Problem, state: &State, pair: [usize; 2]) -> Option<[f64; 3]> {
+fn log_ratios(problem: &Problem, state: &State, pair: &Pair) -> Option<[f64; 3]> {
     let used = |colors: &[[u8; 3]; 2]| colors.iter().flatten().all(|level| USED.contains(level));
     let colors: Vec<[[u8; 3]; 2]> = problem.colors(state, pair).into_iter().filter(used).collect();
     (colors.len() >= LEAST_POINTS).then(|| {

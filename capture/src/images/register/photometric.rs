@@ -2,36 +2,34 @@
 //!
 //! Unknown are four numbers of the lens (focal length, principal point, the first radial coefficient), one place beside the depth
 //! camera, and then a place for each view. A residual is the difference of the levels in which two views see a point, one
-//! of them times the ratio of their means. Robust (Cauchy) weights leave out what is hidden in one of them. Gauss-Newton
+//! of them times the ratio of their means. Points that one of them does not see by its depth image are left out; robust (Cauchy)
+//! weights leave out what else does not agree. Gauss-Newton
 //! steps, damped where they fail, from blurred pictures to sharp ones.
 
-use super::evidence::{Evidence, Smooth, UNSEEN, camera_axes};
+use super::evidence::{Evidence, Smooth, UNSEEN};
+use super::part::apart;
 use super::solve::{Block, OF_PAIR, OF_VIEW, SHARED, solve};
-use super::{Lens, Pinhole, Pose, Registration};
-use crate::images::Distortion;
-use glam::{DMat3, DVec2, DVec3};
+use super::state::{Projected, State};
+use super::{Pinhole, Pose};
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Views, and which of them see the same.
 pub(super) struct Problem {
     pub(super) evidence: Vec<Evidence>,
     given: Pinhole,
-    pairs: Vec<[usize; 2]>,
+    pairs: Vec<Pair>,
+    /// The pictures as they were blurred last, and by how many rounds.
+    blurred: Mutex<Option<(u32, Arc<Vec<Smooth>>)>>,
 }
 
-/// An estimate. Axes X right, Y down, Z forward.
-#[derive(Clone)]
-pub(super) struct State {
-    focal_px: f64,
-    principal_px: DVec2,
-    /// First radial coefficient.
-    radial: f64,
-    /// Camera from world, of each view.
-    cameras: Vec<(DMat3, DVec3)>,
-    /// What has been added to what all views share, and to each view's own turn and step.
-    shared: [f64; SHARED],
-    moved: Vec<[f64; OF_VIEW]>,
+/// Two views that see the same.
+pub(super) struct Pair {
+    pub(super) views: [usize; 2],
+    /// Numbers of the first's points that nothing hides from the second.
+    points: Vec<usize>,
 }
 
 /// What is free.
@@ -44,8 +42,9 @@ enum Stage {
 /// A view is paired with those that are its so many-th nearest.
 const RANKS: [usize; 6] = [0, 1, 3, 7, 15, 27];
 
-/// A pair has at least so many points in common.
+/// A pair has at least so many points in common, or such a share of those of one.
 const LEAST_POINTS: usize = 100;
+const LEAST_SHARE: f64 = 0.1;
 
 /// Rounds of blur, from coarse to fine: standard deviations of 3.5, 1.7 and 1 pixels of the small pictures.
 const BLURS: [u32; 3] = [24, 6, 2];
@@ -69,76 +68,62 @@ const PRIOR_SHARE: f64 = 0.002;
 const FOCAL_FACTORS: std::ops::RangeInclusive<i32> = -10..=10;
 const FOCAL_STEP: f64 = 0.025;
 
-/// A point in a picture of full size.
-struct Projected {
-    at: DVec2,
-    /// Normalised position.
-    n: DVec2,
-    /// In the camera's axes.
-    point: DVec3,
-}
-
 /// A point that two views see: of each its projection, and level and slopes there.
 struct Seen {
     views: [(Projected, [f64; 3]); 2],
 }
 
 impl Problem {
-    /// `None` if views have too little in common.
-    pub(super) fn new(evidence: Vec<Evidence>, lens: Lens) -> Option<Self> {
-        let Lens::Pinhole(given) = lens.ideal() else { return None };
-        let mut problem = Self { evidence, given, pairs: Vec::new() };
-        let state = problem.as_given();
-        let pictures = problem.blurred(BLURS[0]);
-        problem.pairs = problem
-            .candidates()
-            .into_par_iter()
-            .filter(|&pair| problem.seen(&state, &pictures, pair, &|_| true).len() >= LEAST_POINTS)
-            .collect();
-        Some(problem)
+    /// Of views through one ideal lens, paired where they see the same.
+    pub(super) fn new(evidence: Vec<Evidence>, given: Pinhole) -> Self {
+        let mut problem = Self { evidence, given, pairs: Vec::new(), blurred: Mutex::default() };
+        let pair = |views: [usize; 2]| {
+            let [first, second] = views.map(|view| &problem.evidence[view]);
+            let sees = |number: &usize| second.sees(&given, first.points[*number]);
+            Pair { views, points: (0..first.points.len()).filter(sees).collect() }
+        };
+        let is_enough = |pair: &Pair| {
+            let all = problem.evidence[pair.views[0]].points.len() as f64;
+            pair.points.len() >= LEAST_POINTS.min((all * LEAST_SHARE).ceil() as usize).max(1)
+        };
+        problem.pairs = problem.candidates().into_par_iter().map(pair).filter(is_enough).collect();
+        problem
     }
 
-    pub(super) fn pairs(&self) -> &[[usize; 2]] {
+    pub(super) fn pairs(&self) -> &[Pair] {
         &self.pairs
-    }
-
-    pub(super) fn given_focal_px(&self) -> f64 {
-        self.given.focal_px[0]
     }
 
     fn candidates(&self) -> Vec<[usize; 2]> {
         let mut pairs = BTreeSet::new();
         for (i, own) in self.evidence.iter().enumerate() {
-            let apart = |other: &Evidence| {
-                let turn = own.pose.world_from_eye.z_axis.angle_between(other.pose.world_from_eye.z_axis);
-                own.pose.eye.distance(other.pose.eye) / own.depth_m + turn
-            };
-            let mut others: Vec<(f64, usize)> =
-                (0..self.evidence.len()).filter(|&j| j != i).map(|j| (apart(&self.evidence[j]), j)).collect();
+            let apart = |j: usize| (apart(&own.pose, &self.evidence[j].pose, own.depth_m), j);
+            let mut others: Vec<(f64, usize)> = (0..self.evidence.len()).filter(|&j| j != i).map(apart).collect();
             others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             pairs.extend(RANKS.iter().filter_map(|&rank| others.get(rank)).map(|&(_, j)| [i.min(j), i.max(j)]));
         }
         pairs.into_iter().collect()
     }
 
-    fn blurred(&self, rounds: u32) -> Vec<Smooth> {
-        self.evidence.par_iter().map(|view| Smooth::new(&view.grey, view.size, rounds)).collect()
+    fn blurred(&self, rounds: u32) -> Arc<Vec<Smooth>> {
+        let mut held = self.blurred.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*held {
+            Some((of, pictures)) if *of == rounds => Arc::clone(pictures),
+            _ => {
+                let blurred = |view: &Evidence| Smooth::new(&view.grey, view.size, rounds);
+                let pictures = Arc::new(self.evidence.par_iter().map(blurred).collect());
+                *held = Some((rounds, Arc::clone(&pictures)));
+                pictures
+            }
+        }
+    }
+
+    pub(super) fn poses(&self) -> impl Iterator<Item = Pose> {
+        self.evidence.iter().map(|view| view.pose)
     }
 
     pub(super) fn as_given(&self) -> State {
-        let camera = |view: &Evidence| {
-            let flip = DMat3::from_diagonal(camera_axes(DVec3::ONE));
-            let rotation = flip * view.pose.world_from_eye.transpose();
-            (rotation, -(rotation * view.pose.eye))
-        };
-        State {
-            focal_px: (self.given.focal_px[0] * self.given.focal_px[1]).sqrt(),
-            principal_px: DVec2::from_array(self.given.principal_px),
-            radial: 0.0,
-            cameras: self.evidence.iter().map(camera).collect(),
-            shared: [0.0; SHARED],
-            moved: vec![[0.0; OF_VIEW]; self.evidence.len()],
-        }
+        State::as_given(&self.given, self.poses())
     }
 
     /// The best lens, and the best place beside the depth cameras, the same for all views.
@@ -146,8 +131,10 @@ impl Problem {
         let pictures = self.blurred(BLURS[0]);
         let scaled =
             |factor: i32| State { focal_px: given.focal_px * (1.0 + FOCAL_STEP * f64::from(factor)), ..given.clone() };
-        let cost = |state: &State| self.cost(state, &pictures);
-        let start = FOCAL_FACTORS.map(scaled).map(|state| (cost(&state), state)).min_by(|a, b| a.0.total_cmp(&b.0));
+        let start = FOCAL_FACTORS
+            .map(scaled)
+            .map(|state| (self.cost(&state, &pictures), state))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
         let mut state = start.map_or_else(|| given.clone(), |(_, state)| state);
         for (rounds, steps) in [(BLURS[0], 8), (BLURS[1], 6)] {
             self.descend(&mut state, rounds, steps, Stage::OneForAll);
@@ -166,21 +153,18 @@ impl Problem {
 
     fn descend(&self, state: &mut State, rounds: u32, steps: usize, stage: Stage) {
         let pictures = self.blurred(rounds);
-        let mut cost = self.cost(state, &pictures);
+        let (mut cost, mut blocks) = self.equations(state, &pictures);
         let mut damping = 1e-3;
         for _ in 0..steps {
-            let blocks: Vec<Block> =
-                self.pairs.par_iter().map(|&pair| self.equations(state, &pictures, pair)).collect();
             let prior = self.prior(state, stage);
             let free = |i: usize| match stage {
                 Stage::OneForAll => i < SHARED,
                 Stage::EachView => true,
             };
-            let step = solve(&blocks, &prior, damping, &free);
-            let next = self.stepped(state, &step);
-            let next_cost = self.cost(&next, &pictures);
+            let next = state.stepped(&solve(&blocks, &prior, damping, &free));
+            let (next_cost, next_blocks) = self.equations(&next, &pictures);
             if next_cost < cost {
-                (*state, cost) = (next, next_cost);
+                (*state, cost, blocks) = (next, next_cost, next_blocks);
                 damping = (damping / 4.0).max(1e-6);
             } else {
                 damping *= 16.0;
@@ -193,7 +177,7 @@ impl Problem {
         let count = self.evidence.len() as f64;
         let depth_m = self.evidence.iter().map(|view| view.depth_m).sum::<f64>() / count;
         let width = 2.0 * self.given.principal_px[0];
-        let of_pairs: f64 = self.pairs.iter().map(|pair| self.evidence[pair[0]].points.len() as f64).sum();
+        let of_pairs: f64 = self.pairs.iter().map(|pair| pair.points.len() as f64).sum();
         let weight = of_pairs * PRIOR_SHARE * ROBUST * ROBUST;
         let [principal, step, own] = [PRINCIPAL * width, STEP * depth_m, OWN_STEP * depth_m];
         let deviations = [f64::INFINITY, principal, principal, RADIAL, TURN, TURN, TURN, step, step, step];
@@ -211,57 +195,28 @@ impl Problem {
         prior
     }
 
-    fn stepped(&self, state: &State, step: &[f64]) -> State {
-        let mut next = state.clone();
-        next.focal_px += step[0];
-        next.principal_px += DVec2::new(step[1], step[2]);
-        next.radial += step[3];
-        (0..SHARED).for_each(|k| next.shared[k] += step[k]);
-        for (i, (rotation, offset)) in next.cameras.iter_mut().enumerate() {
-            let own = &step[SHARED + i * OF_VIEW..][..OF_VIEW];
-            for change in [&step[4..SHARED], own] {
-                let turn = DVec3::from_slice(&change[..3]);
-                let turn = DMat3::from_axis_angle(turn.try_normalize().unwrap_or(DVec3::X), turn.length());
-                *rotation = turn * *rotation;
-                *offset = turn * *offset + DVec3::from_slice(&change[3..6]);
-            }
-            (0..OF_VIEW).for_each(|k| next.moved[i][k] += own[k]);
-        }
-        next
-    }
-
-    fn project(&self, state: &State, view: usize, point: DVec3) -> Option<Projected> {
-        let (rotation, offset) = state.cameras[view];
-        let point = rotation * point + offset;
-        if point.z < 1e-3 {
-            return None;
-        }
-        let n = point.truncate() / point.z;
-        let at = state.principal_px + n * (state.focal_px * (1.0 + state.radial * n.length_squared()));
-        Some(Projected { at, n, point })
-    }
-
     /// The points of the first view that both see, of those whose numbers are `wanted`.
-    fn seen(&self, state: &State, pictures: &[Smooth], pair: [usize; 2], wanted: &dyn Fn(usize) -> bool) -> Vec<Seen> {
+    fn seen(&self, state: &State, pictures: &[Smooth], pair: &Pair, wanted: &dyn Fn(usize) -> bool) -> Vec<Seen> {
+        let [first, second] = pair.views;
         let look = |view: usize, point: DVec3| {
-            let projected = self.project(state, view, point)?;
+            let projected = state.project(view, point)?;
             let small = projected.at / f64::from(self.evidence[view].reduced);
             let level = pictures[view].at(small.x, small.y)?;
             Some((projected, level))
         };
-        let points = self.evidence[pair[0]].points.iter().enumerate().filter(|(number, _)| wanted(*number));
-        let both = |&point: &DVec3| Some(Seen { views: [look(pair[0], point)?, look(pair[1], point)?] });
-        points.filter_map(|(_, point)| both(point)).collect()
+        let points =
+            pair.points.iter().filter(|number| wanted(**number)).map(|&number| self.evidence[first].points[number]);
+        points.filter_map(|point| Some(Seen { views: [look(first, point)?, look(second, point)?] })).collect()
     }
 
     /// The mean robust cost of the points that are used.
     fn cost(&self, state: &State, pictures: &[Smooth]) -> f64 {
-        self.mean(state, pictures, &|number| number % UNSEEN != 0, &|residual| (residual / ROBUST).powi(2).ln_1p())
+        self.mean(state, pictures, &is_used, &robust)
     }
 
     /// Mean difference of levels at the points that are not used, no more than 40 each.
     pub(super) fn unseen_levels(&self, state: &State) -> f64 {
-        self.mean(state, &self.blurred(BLURS[2]), &|number| number % UNSEEN == 0, &|residual| residual.abs().min(40.0))
+        self.mean(state, &self.blurred(BLURS[2]), &|number| !is_used(number), &|residual| residual.abs().min(40.0))
     }
 
     fn mean(
@@ -271,31 +226,37 @@ impl Problem {
         wanted: &(dyn Fn(usize) -> bool + Sync),
         value: &(dyn Fn(f64) -> f64 + Sync),
     ) -> f64 {
-        let of_pair = |&pair: &[usize; 2]| {
+        let of_pair = |pair: &Pair| {
             let seen = self.seen(state, pictures, pair, wanted);
             let ratio = ratio(&seen);
             (seen.iter().map(|seen| value(residual(seen, ratio))).sum::<f64>(), seen.len())
         };
-        let sums: Vec<(f64, usize)> = self.pairs.par_iter().map(of_pair).collect();
-        let (sum, count) = sums.into_iter().fold((0.0, 0), |total, pair| (total.0 + pair.0, total.1 + pair.1));
-        if count == 0 { f64::INFINITY } else { sum / count as f64 }
+        mean_of(self.pairs.par_iter().map(of_pair).collect())
     }
 
-    fn equations(&self, state: &State, pictures: &[Smooth], pair: [usize; 2]) -> Block {
-        let seen = self.seen(state, pictures, pair, &|number| number % UNSEEN != 0);
-        let ratio = ratio(&seen);
-        let mut block = Block::new(pair);
-        for point in &seen {
-            let mut row = [0.0; OF_PAIR];
-            for (k, sign) in [(0, 1.0), (1, -ratio)] {
-                let (projected, [_, slope_x, slope_y]) = &point.views[k];
-                let slope = DVec2::new(*slope_x, *slope_y) * (sign / f64::from(self.evidence[pair[k]].reduced));
-                self.derivatives(state, projected, slope, k, &mut row);
+    /// The mean robust cost of the points that are used, and each pair's normal equations.
+    fn equations(&self, state: &State, pictures: &[Smooth]) -> (f64, Vec<Block>) {
+        let of_pair = |pair: &Pair| {
+            let seen = self.seen(state, pictures, pair, &is_used);
+            let ratio = ratio(&seen);
+            let mut block = Block::new(pair.views);
+            let mut cost = 0.0;
+            for point in &seen {
+                let mut row = [0.0; OF_PAIR];
+                for (k, sign) in [(0, 1.0), (1, -ratio)] {
+                    let (projected, [_, slope_x, slope_y]) = &point.views[k];
+                    let slope =
+                        DVec2::new(*slope_x, *slope_y) * (sign / f64::from(self.evidence[pair.views[k]].reduced));
+                    self.derivatives(state, projected, slope, k, &mut row);
+                }
+                let residual = residual(point, ratio);
+                cost += robust(residual);
+                block.add(&row, residual, 1.0 / (1.0 + (residual / ROBUST).powi(2)));
             }
-            let residual = residual(point, ratio);
-            block.add(&row, residual, 1.0 / (1.0 + (residual / ROBUST).powi(2)));
-        }
-        block
+            ((cost, seen.len()), block)
+        };
+        let (costs, blocks) = self.pairs.par_iter().map(of_pair).unzip();
+        (mean_of(costs), blocks)
     }
 
     /// Adds what the level of one view changes by with each unknown, given its slopes in the picture.
@@ -318,51 +279,34 @@ impl Problem {
         }
     }
 
-    /// Mean angle between colour and depth cameras, degrees, and mean distance, metres.
-    pub(super) fn moved(&self, state: &State) -> [f64; 2] {
-        let poses = self.poses(state);
-        let count = poses.len() as f64;
-        let angle = |(pose, view): (&Pose, &Evidence)| {
-            let turn = pose.world_from_eye * view.pose.world_from_eye.transpose();
-            ((turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0) / 2.0).clamp(-1.0, 1.0).acos().to_degrees()
-        };
-        let distance = |(pose, view): (&Pose, &Evidence)| pose.eye.distance(view.pose.eye);
-        let mean = |value: &dyn Fn((&Pose, &Evidence)) -> f64| {
-            poses.iter().zip(&self.evidence).map(value).sum::<f64>() / count
-        };
-        [mean(&angle), mean(&distance)]
-    }
-
-    fn poses(&self, state: &State) -> Vec<Pose> {
-        let flip = DMat3::from_diagonal(camera_axes(DVec3::ONE));
-        let pose = |&(rotation, offset): &(DMat3, DVec3)| Pose {
-            eye: -(rotation.transpose() * offset),
-            world_from_eye: rotation.transpose() * flip,
-        };
-        state.cameras.iter().map(pose).collect()
-    }
-
-    pub(super) fn registrations(&self, state: &State, gains: &[[f32; 3]]) -> Vec<Registration> {
-        let radial = [state.radial, 0.0, 0.0, 0.0, 0.0, 0.0];
-        let lens = Pinhole {
-            focal_px: [state.focal_px; 2],
-            principal_px: state.principal_px.to_array(),
-            distortion: Distortion { radial, tangential: [0.0; 2] },
-        };
-        self.poses(state).into_iter().zip(gains).map(|(pose, &gain)| Registration { lens, pose, gain }).collect()
-    }
-
     /// Levels of three channels in which the two views of a pair see points, from their small pictures.
-    pub(super) fn colors(&self, state: &State, [i, j]: [usize; 2]) -> Vec<[[u8; 3]; 2]> {
+    pub(super) fn colors(&self, state: &State, pair: &Pair) -> Vec<[[u8; 3]; 2]> {
         let look = |view: usize, point: DVec3| {
             let evidence = &self.evidence[view];
-            let at = self.project(state, view, point)?.at / f64::from(evidence.reduced);
+            let at = state.project(view, point)?.at / f64::from(evidence.reduced);
             let [width, height] = evidence.size;
             let inside = at.x >= 0.0 && at.y >= 0.0 && at.x < width as f64 && at.y < height as f64;
             inside.then(|| [0, 1, 2].map(|c| evidence.planes[c][at.y as usize * width + at.x as usize]))
         };
-        self.evidence[i].points.iter().filter_map(|&point| Some([look(i, point)?, look(j, point)?])).collect()
+        let [first, second] = pair.views;
+        let points = pair.points.iter().map(|&number| self.evidence[first].points[number]);
+        points.filter_map(|point| Some([look(first, point)?, look(second, point)?])).collect()
     }
+}
+
+/// Whether the point of a number is estimated from, not judged by.
+fn is_used(number: usize) -> bool {
+    !number.is_multiple_of(UNSEEN)
+}
+
+fn robust(residual: f64) -> f64 {
+    (residual / ROBUST).powi(2).ln_1p()
+}
+
+/// The mean of pairs' sums and counts; infinite of nothing.
+fn mean_of(sums: Vec<(f64, usize)>) -> f64 {
+    let (sum, count) = sums.into_iter().fold((0.0, 0), |total, pair| (total.0 + pair.0, total.1 + pair.1));
+    if count == 0 { f64::INFINITY } else { sum / count as f64 }
 }
 
 /// How much brighter the first view sees the points than the second, as their sums say.

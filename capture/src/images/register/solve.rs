@@ -35,6 +35,20 @@ impl Block {
         }
     }
 
+    /// Adds what the block without its diagonal makes of `x`.
+    fn multiply(&self, x: &[f64], y: &mut [f64]) {
+        let places: [usize; OF_PAIR] = std::array::from_fn(|i| self.index(i));
+        let own = places.map(|at| x[at]);
+        let mut sums = [0.0; OF_PAIR];
+        for (i, row) in self.matrix.iter().enumerate() {
+            for j in i + 1..OF_PAIR {
+                sums[i] += row[j] * own[j];
+                sums[j] += row[j] * own[i];
+            }
+        }
+        places.into_iter().zip(sums).for_each(|(at, sum)| y[at] += sum);
+    }
+
     /// Where the block's unknown stands among all.
     fn index(&self, i: usize) -> usize {
         match i {
@@ -56,28 +70,17 @@ pub(super) fn solve(blocks: &[Block], prior: &[[f64; 2]], damping: f64, free: &d
             diagonal[block.index(i)] += block.matrix[i][i] * (1.0 + damping);
         }
     }
-    let extra: Vec<f64> = diagonal.clone();
     let product = |x: &[f64]| {
-        let mut y = vec![0.0; count];
-        for block in blocks {
-            for i in 0..OF_PAIR {
-                let at = block.index(i);
-                for j in i + 1..OF_PAIR {
-                    let other = block.index(j);
-                    y[at] += block.matrix[i][j] * x[other];
-                    y[other] += block.matrix[i][j] * x[at];
-                }
-            }
-        }
-        (0..count).for_each(|i| y[i] += extra[i] * x[i]);
+        let mut y: Vec<f64> = x.iter().zip(&diagonal).map(|(x, extra)| x * extra).collect();
+        blocks.iter().for_each(|block| block.multiply(x, &mut y));
         (0..count).filter(|&i| !free(i)).for_each(|i| y[i] = 0.0);
         y
     };
     conjugate_gradients(&product, right, &diagonal, free)
 }
 
-/// The residual's square is to shrink by this.
-const PRECISION: f64 = 1e-16;
+/// The residual's square is to shrink by this: the equations are those of a step, and the next step has others.
+const PRECISION: f64 = 1e-10;
 
 fn conjugate_gradients(
     product: &dyn Fn(&[f64]) -> Vec<f64>,
@@ -136,8 +139,9 @@ mod tests {
         }
         let prior = vec![[0.0; 2]; truth.len()];
         let found = solve(&blocks, &prior, 0.0, &|_| true);
+        // The residual's length shrinks by 1e-5 at least.
         for (found, truth) in found.iter().zip(&truth) {
-            assert!((found - truth).abs() < 1e-6, "{found} {truth}");
+            assert!((found - truth).abs() < 2e-5, "{found} {truth}");
         }
         assert!(solve(&blocks, &prior, 0.0, &|i| i >= SHARED)[..SHARED].iter().all(|&x| x == 0.0));
     }

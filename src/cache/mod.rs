@@ -1,0 +1,66 @@
+//! What is kept between runs because it costs time to make: files in the user's cache folder, named by what they are made of.
+//!
+//! What was kept of an image set is found again by [`of_views`], which is the one place that says when a set is still the same. A file
+//! that is damaged is made anew, with a word ([`read`]); the files used longest ago make room ([`make_room`]).
+
+mod registration;
+mod room;
+
+pub use registration::{Registered, register};
+pub use room::{InUse, MOST_BYTES, make_room};
+
+use crate::capture::images::View;
+use crate::container::FileError;
+use std::hash::{DefaultHasher, Hasher};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// The folder of what is kept of image sets.
+pub const IMAGES: &str = "images";
+
+/// A folder in the user's cache folder, `headbox/NAME`, or `None` if the system has none.
+pub fn folder(name: &str) -> Option<PathBuf> {
+    let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let caches = absolute("XDG_CACHE_HOME").or_else(|| Some(absolute("HOME")?.join(".cache")))?;
+    Some(caches.join("headbox").join(name))
+}
+
+/// The name of a file: a digest of all that `feed` writes, 128 bits of it, and an ending.
+pub fn file_name(ending: &str, feed: impl Fn(&mut DefaultHasher)) -> String {
+    let [first, second] = digest(feed);
+    format!("{first:016x}{second:016x}.{ending}")
+}
+
+/// 128 bits of what `feed` writes.
+pub fn digest(feed: impl Fn(&mut DefaultHasher)) -> [u64; 2] {
+    [0, 1].map(|lane| {
+        let mut hash = DefaultHasher::new();
+        hash.write_u8(lane);
+        feed(&mut hash);
+        hash.finish()
+    })
+}
+
+/// The name of a file that is made of views: of how the set describes them, of the sizes and times of their files, and of `how` it is made; `None` if
+/// one of the views has no file any more.
+pub fn of_views(ending: &str, how: &str, views: &[View]) -> Option<String> {
+    let mut parts = vec![how.to_owned()];
+    for view in views {
+        parts.push(format!("{view:?}"));
+        let depth = view.depth.as_ref().map(|depth| &depth.path);
+        for file in [Some(&view.color), depth, view.mask.as_ref()].into_iter().flatten() {
+            let metadata = std::fs::metadata(file).ok()?;
+            parts.push(format!("{} {:?}", metadata.len(), metadata.modified().ok()?));
+        }
+    }
+    Some(file_name(ending, |hash| parts.iter().for_each(|part| hash.write(part.as_bytes()))))
+}
+
+/// What a kept file holds, if it is there; of one that cannot be read, why, in a sentence.
+pub fn read<T>(path: &Path, read: impl FnOnce(&Path) -> Result<T, FileError>) -> (Option<T>, Option<String>) {
+    match read(path) {
+        Ok(kept) => (Some(kept), None),
+        Err(FileError::Io { source, .. }) if source.kind() == io::ErrorKind::NotFound => (None, None),
+        Err(error) => (None, Some(format!("{error}; it is made anew"))),
+    }
+}
