@@ -206,6 +206,17 @@ pub(super) fn vertical_fov_deg(camera: &Camera) -> f64 {
 }
 
 impl CameraArgs {
+    /// What is said, by its flag.
+    pub(super) fn given(&self) -> [(&'static str, bool); 5] {
+        [
+            ("--eye", self.eye.is_some()),
+            ("--look-at", self.look_at.is_some()),
+            ("--up-vector", self.up_vector.is_some()),
+            ("--fov", self.fov.is_some()),
+            ("--size", self.size.is_some()),
+        ]
+    }
+
     /// The camera in a scene, from free space where nothing is said, and a tracer about its eye.
     pub(super) fn aim(&self, scene: &Arc<Scene>) -> anyhow::Result<(Camera, Tracer)> {
         let placed = viewpoint::place_headbox(scene, None, None);

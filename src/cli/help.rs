@@ -23,6 +23,7 @@ const EXAMPLES: [(&str, &str); 18] = [
     (
         "sprite",
         "headbox sprite builtin:sprites -o layers.sprite --size 512x384\n  \
+         headbox sprite photographs -o layers.sprite --view frame-000175.color --layers 6\n  \
          headbox sprite --color photo.png --depth depth.exr --depth-kind eye -o photo.sprite",
     ),
     (

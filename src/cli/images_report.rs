@@ -12,7 +12,7 @@ use image::RgbImage;
 use std::path::Path;
 
 /// Pictures of one size, from left to right, so many in a row.
-fn sheet(pictures: &[&RgbImage], across: usize) -> RgbImage {
+pub(super) fn sheet(pictures: &[&RgbImage], across: usize) -> RgbImage {
     let [width, height] =
         [RgbImage::width, RgbImage::height].map(|side| pictures.iter().map(|picture| side(picture)).max().unwrap_or(0));
     let rows = pictures.len().div_ceil(across);

@@ -41,6 +41,7 @@ mod report;
 mod scenes;
 mod serve;
 mod sprite;
+mod sprite_sequence;
 mod truth;
 #[cfg(feature = "viewer")]
 mod view;
@@ -73,7 +74,7 @@ enum Command {
     Capture(capture::CaptureCommand),
     /// Merge all shards of a capture into a cube LDI
     Merge(merge::MergeCommand),
-    /// Make sprites with depth of a scene, or of a picture and its depth
+    /// Make sprites with depth of a scene, of a sequence of photographs, or of a picture and its depth
     Sprite(Box<sprite::SpriteCommand>),
     /// Make a lumigraph of a scene, or of pictures from a grid of places: images on a camera plane, as few layers as a view needs
     Lumigraph(Box<lumigraph::LumigraphCommand>),

@@ -1,9 +1,11 @@
 //! `headbox sprite`.
 
 use super::args::{CameraArgs, DefaultCamera, Names, SourceArgs, by_name, parse_length};
+use super::images::is_image_set;
 use super::info::sprite_json;
 use super::output::{Outputs, SPRITES, peak_rss_mb, print_json, save_picture, write_text};
 use super::progress::Bar;
+use super::sprite_sequence::SequenceArgs;
 use super::words::UsageError;
 use crate::capture::light::Lighting;
 use crate::capture::{DepthKind, picture};
@@ -24,22 +26,25 @@ use std::time::Instant;
 
 #[derive(Args)]
 pub(super) struct SpriteCommand {
-    /// A scene to capture (an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME), or a .sprite file to export
+    /// A scene to capture (an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME), a folder of
+    /// photographs with known cameras, or a .sprite file to export
     scene: Option<String>,
     #[command(flatten)]
-    source: SourceArgs,
+    pub(super) source: SourceArgs,
     /// The .sprite file to write; `-` for standard output
     #[arg(short, long)]
     output: Option<PathBuf>,
     #[command(flatten)]
-    camera: CameraArgs,
+    pub(super) camera: CameraArgs,
     #[command(flatten)]
-    quality: SpriteQualityArgs,
+    pub(super) quality: SpriteQualityArgs,
+    #[command(flatten)]
+    pub(super) sequence: SequenceArgs,
     #[command(flatten)]
     import: ImportArgs,
     /// How displacements are stored
     #[arg(long, default_value = "i8")]
-    displacement: DisplacementFormat,
+    pub(super) displacement: DisplacementFormat,
     /// Displacements at a resolution lower by this factor than the colours
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     displacement_divisor: u32,
@@ -47,17 +52,17 @@ pub(super) struct SpriteCommand {
     #[arg(long, value_name = "DIR")]
     export: Option<PathBuf>,
     /// Judge every variant against truth as the eye moves away from where a scene's sprites were taken: range.csv and
-    /// range.png in this folder
+    /// range.png in this folder. Of a folder of images: leave every third out and judge sprites by them: report.json, summary.md, pictures
     #[arg(long, value_name = "DIR", requires = "scene")]
-    range: Option<PathBuf>,
+    pub(super) range: Option<PathBuf>,
     /// Print one JSON object on standard output
     #[arg(long, conflicts_with = "range")]
-    json: bool,
+    pub(super) json: bool,
 }
 
 /// What decides the quality of sprites captured from a scene.
 #[derive(Args)]
-struct SpriteQualityArgs {
+pub(super) struct SpriteQualityArgs {
     /// Sprites at most: the view is cut at its widest gaps of depth
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..=64))]
     slabs: u16,
@@ -69,7 +74,7 @@ struct SpriteQualityArgs {
     bounces: u32,
     /// Albedo and emission without light
     #[arg(long)]
-    unlit: bool,
+    pub(super) unlit: bool,
 }
 
 /// A picture and its depth in place of a scene.
@@ -150,6 +155,10 @@ impl SpriteCommand {
     }
 
     fn sprites(&self, outputs: &Outputs) -> anyhow::Result<SpriteSet> {
+        if let Some(folder) = self.scene.as_ref().filter(|scene| is_image_set(scene)) {
+            return self.of_sequence(folder);
+        }
+        self.sequence.only_for_sets()?;
         match (&self.scene, &self.import.color) {
             (_, Some(color)) => self.import(color),
             (Some(file), None) if Path::new(file).extension().is_some_and(|e| e.eq_ignore_ascii_case("sprite")) => {
@@ -233,7 +242,7 @@ impl SpriteCommand {
     }
 
     /// Sprites at the wanted resolution of displacement.
-    fn set(&self, sprites: Vec<SpriteWithDepth>) -> anyhow::Result<SpriteSet> {
+    pub(super) fn set(&self, sprites: Vec<SpriteWithDepth>) -> anyhow::Result<SpriteSet> {
         if self.displacement_divisor == 1 {
             return Ok(SpriteSet::new(sprites));
         }

@@ -20,6 +20,7 @@ pub mod machine;
 pub mod photographs;
 pub mod plan;
 pub mod report;
+pub mod sequence;
 pub mod sprite_range;
 pub mod stability;
 pub mod stats;

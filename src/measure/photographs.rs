@@ -121,7 +121,7 @@ fn focus(views: &[View]) -> DVec3 {
 }
 
 /// A photograph on the plane through `focus` that faces it.
-fn on_plane(view: &LoadedView, camera: &Camera, focus: DVec3) -> Drawn {
+pub(super) fn on_plane(view: &LoadedView, camera: &Camera, focus: DVec3) -> Drawn {
     let normal = view.pose.world_from_eye.z_axis;
     let (mut picture, mut covered) = (RgbImage::new(camera.width(), camera.height()), Vec::new());
     let started = Instant::now();

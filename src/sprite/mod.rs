@@ -12,6 +12,7 @@
 //! | first pass: d1 to d3 (Eq. 6; C5, C7), in pieces of planes; gap filling (S9) | `patches`, `forward`, `planes`, `fill` |
 //! | second pass (Eq. 7, 8; C5), crude one-pass, displacement field, affine parallax | `backward` |
 //! | forward mapping of colours (Eq. 4), what the paper argues against | `splat` |
+//! | sprites of a sequence of photographs (S10) | `from_layers`, of [`crate::capture::images::planar_layers`] |
 //!
 //! Distances across the picture are in pixels, centres at half-integers; output frames are 8-bit sRGB, premultiplied.
 
@@ -24,6 +25,7 @@ mod field;
 mod file;
 mod fill;
 mod forward;
+mod from_layers;
 mod images;
 mod import;
 mod layer;
@@ -45,6 +47,7 @@ pub use displacement::{Displacement, DisplacementFormat};
 pub use error::SpriteError;
 pub use file::SPRITE_FILE;
 pub(crate) use file::SpriteHeader;
+pub use from_layers::sprites_of_layers;
 pub use images::{ImageFileError, write_depth_exr};
 pub use import::DepthImport;
 pub use layer::SpriteLayer;

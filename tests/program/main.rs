@@ -9,5 +9,6 @@ mod light_cli;
 mod lumigraph_cli;
 mod portal_cli;
 mod run;
+mod sequence_cli;
 mod sprite_cli;
 mod words;

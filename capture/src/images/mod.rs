@@ -28,6 +28,7 @@ mod middlebury;
 mod nerfstudio;
 mod panorama;
 mod pictures;
+pub mod planar_layers;
 mod pose;
 mod register;
 mod rgbd;

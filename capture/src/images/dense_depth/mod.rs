@@ -16,6 +16,7 @@ mod patch_match;
 mod picture;
 mod relative;
 mod shelf;
+mod start;
 mod store;
 #[cfg(test)]
 mod tests;
@@ -82,6 +83,35 @@ pub struct FoundDepth {
     pub deviation: f32,
 }
 impl DenseDepth {
+    /// Finds the depth of some views from each other, and keeps it in memory. What is found on the way lies in a file without a name in the system's
+    /// folder for such. `advance` is told of each of [`Self::steps`].
+    ///
+    /// # Errors
+    /// See [`DenseDepthError`].
+    pub fn find(&self, views: &[&View], advance: &dyn Fn()) -> Result<Vec<FoundDepth>, DenseDepthError> {
+        let mut all = Vec::with_capacity(views.len());
+        self.run(views, &std::env::temp_dir(), advance, &mut |_, found| {
+            all.push(found);
+            Ok(())
+        })?;
+        Ok(all)
+    }
+
+    /// The views, at most `most` of 8, from which the depth of one of them is found best, as far as a small picture tells; none if all were taken from one place, or nobody
+    /// sees what that one sees.
+    ///
+    /// # Errors
+    /// See [`DenseDepthError`].
+    pub fn partners(&self, views: &[&View], own: usize, most: usize) -> Result<Vec<usize>, DenseDepthError> {
+        let lenses = lenses(views)?;
+        Ok(Work::new(self, views, lenses, &std::env::temp_dir())?.partners(own, most)?)
+    }
+
+    /// Steps of [`Self::find`] for so many views.
+    pub fn steps(views: usize) -> u64 {
+        views as u64 * (TOGETHER as u64 + 2)
+    }
+
     /// Finds the depth of views, and hands each to `keep` with its number. What is found on the way lies in a file without a name
     /// in `folder`. `advance` is told of every step.
     ///
@@ -94,11 +124,7 @@ impl DenseDepth {
         advance: &dyn Fn(),
         keep: &mut dyn FnMut(usize, FoundDepth) -> Result<(), ImagesError>,
     ) -> Result<(), DenseDepthError> {
-        let lenses: Vec<Pinhole> = views.iter().filter_map(|view| view.pinhole()).collect();
-        if lenses.len() < 2 || lenses.len() < views.len() {
-            return Err(DenseDepthError::TooFew(lenses.len()));
-        }
-        let mut work = Work::new(self, views, lenses, folder)?;
+        let mut work = Work::new(self, views, lenses(views)?, folder)?;
         for view in 0..views.len() {
             work.alone(view)?;
             advance();
@@ -117,6 +143,12 @@ impl DenseDepth {
         }
         Ok(())
     }
+}
+
+/// Of the views' colours; all must be perspective, and two at least.
+fn lenses(views: &[&View]) -> Result<Vec<Pinhole>, DenseDepthError> {
+    let lenses: Vec<Pinhole> = views.iter().filter_map(|view| view.pinhole()).collect();
+    if lenses.len() < 2 || lenses.len() < views.len() { Err(DenseDepthError::TooFew(lenses.len())) } else { Ok(lenses) }
 }
 
 impl ImageSet {
@@ -150,6 +182,6 @@ impl ImageSet {
 
     /// Steps of [`Self::find_depth`].
     pub fn find_depth_steps(&self) -> u64 {
-        self.views.iter().filter(|view| view.pinhole().is_some()).count() as u64 * (TOGETHER as u64 + 2)
+        DenseDepth::steps(self.views.iter().filter(|view| view.pinhole().is_some()).count())
     }
 }

@@ -78,6 +78,19 @@ pub(super) fn choose(own: &Candidate, others: &[Candidate], points: &[Vec<DVec3>
     chosen
 }
 
+/// Views at all distances, at most `most`, of some that lie in order of distance: those that look the same way, evenly by their rank, or else all alike.
+pub(super) fn spread(own: &Candidate, others: &[Candidate], most: usize) -> Vec<usize> {
+    /// The cosine of the angle between two axes that look the same way.
+    const SAME_WAY: f64 = 0.8;
+    let axis = |candidate: &Candidate| candidate.camera.pose.world_from_eye.z_axis;
+    let mut alike: Vec<usize> = (0..others.len()).filter(|i| axis(own).dot(axis(&others[*i])) > SAME_WAY).collect();
+    if alike.is_empty() {
+        alike = (0..others.len()).collect();
+    }
+    let count = most.min(alike.len());
+    (1..=count).map(|k| alike[k * alike.len() / count - 1]).collect()
+}
+
 /// How well another view sees some points of this one, 0..=1.
 fn mean_worth(own: &Candidate, other: &Candidate, points: &[DVec3]) -> f64 {
     let worth = |&point: &DVec3| {

@@ -7,17 +7,17 @@ use super::patch_match::{Draw, Known, MOST_OTHERS, Matcher, Other};
 use super::picture::{Grey, MatchView};
 use super::relative::{CameraAt, Relative};
 use super::shelf::{Shelf, Spool};
+use super::start::Start;
 use super::{DenseDepth, DenseDepthError, FoundDepth};
 use crate::images::{ImagesError, LoadedView, Pinhole, View, backdrop};
 use crate::simd;
 use crate::statistics::median;
-use glam::DVec3;
 use rayon::prelude::*;
 use std::path::Path;
 use std::sync::Arc;
 
 /// Rounds in a picture, from coarse to fine: far-reaching ones first.
-const ROUNDS: [&[(f32, f32)]; 3] = [
+pub(super) const ROUNDS: [&[(f32, f32)]; 3] = [
     &[(1.0, 0.3), (0.5, 0.15), (0.25, 0.08)],
     &[(1.0, 0.5), (0.5, 0.2), (0.25, 0.1)],
     &[(2.0, 1.0), (2.0, 0.7), (1.0, 0.5), (0.5, 0.3)],
@@ -30,9 +30,6 @@ const TOGETHER_ROUNDS: [(f32, f32); 2] = [(0.5, 0.15), (0.2, 0.05)];
 /// Costs above which a plane is not believed, however many views confirm it.
 const MOST_COST: f32 = 0.9;
 
-/// Planes that cost no more are believed where it is asked how far away things are.
-const GOOD_COST: f32 = 0.25;
-
 /// Patches of fewer pixels are specks.
 const SPECK: usize = 60;
 
@@ -44,11 +41,11 @@ const BACKDROP_VIEWS: usize = 16;
 /// What becomes of a set on the way.
 pub(super) struct Work<'a> {
     settings: &'a DenseDepth,
-    views: &'a [&'a View],
+    pub(super) views: &'a [&'a View],
     /// Of their colours.
     lenses: Vec<Pinhole>,
     folder: &'a Path,
-    shelf: Shelf<'a>,
+    pub(super) shelf: Shelf<'a>,
     /// Of each view, which others are asked.
     asked: Vec<Vec<usize>>,
     found: Spool,
@@ -108,32 +105,19 @@ impl<'a> Work<'a> {
         let near = neighbors::candidates(&eyes, view);
         let candidates: Vec<Candidate> = near.iter().map(|&i| self.candidate(i)).collect();
         let here = self.candidate(view);
-        let most = self.settings.neighbors.clamp(1, MOST_OTHERS);
-        let mut asked = neighbors::choose(&here, &candidates, &neighbors::anywhere(&here, &candidates), most);
-        let mut pictures = self.pictures(&near, &asked)?;
-        let planes = own.level(0).width * own.level(0).height;
-        let chosen: Vec<&Candidate> = asked.iter().map(|&i| &candidates[i]).collect();
-        let Some(range) = neighbors::range(&here, &chosen) else {
+        let most = self.most();
+        let asked = neighbors::choose(&here, &candidates, &neighbors::anywhere(&here, &candidates), most);
+        let suits = |here: &Candidate, points| neighbors::choose(here, &candidates, &[points], most);
+        let Some(Start { mut asked, range, mut board, seed }) = self.start(view, &near, &candidates, asked, suits)?
+        else {
+            let planes = own.level(0).width * own.level(0).height;
             return self
                 .found
                 .write(view, &vec![Hypothesis::default(); planes])
                 .map_err(|cause| self.spool_error(cause));
         };
         let coarsest = own.levels() - 1;
-        let seed = crate::random::hash(view as u64);
-        let picture = own.level(coarsest);
-        let mut board = Chequerboard::new(picture.width, picture.height);
-        let motion = neighbors::motion_px(&here, &chosen, range) / (own.reduced() << coarsest) as f32;
-        let coarse = matcher_alone(&own, &pictures, coarsest, range, seed);
-        coarse.sweep(&mut board, (motion as u32).clamp(16, 192));
-        rounds(&coarse, &mut board, ROUNDS[2], true);
-        // Now that it is known how far away things are, others may serve better.
-        let mut range = range;
-        if let Some((points, near_and_far)) = surfaces(&own, coarsest, &board) {
-            asked = neighbors::choose(&here, &candidates, &[points], most);
-            pictures = self.pictures(&near, &asked)?;
-            range = [range[0].max(near_and_far[0]), range[1].min(near_and_far[1])];
-        }
+        let pictures = self.pictures(&near, &asked)?;
         for level in (0..coarsest).rev() {
             let picture = own.level(level);
             board = board.doubled(picture.width, picture.height);
@@ -141,19 +125,25 @@ impl<'a> Work<'a> {
             finer.evaluate(&mut board);
             rounds(&finer, &mut board, ROUNDS[level.min(1)], false);
         }
-        self.asked[view] = asked.iter().map(|&i| near[i]).collect();
+        asked.iter_mut().for_each(|i| *i = near[*i]);
+        self.asked[view] = asked;
         self.found.write(view, &board.rows()).map_err(|cause| self.spool_error(cause))
     }
 
+    /// Other views that are asked about each.
+    pub(super) fn most(&self) -> usize {
+        self.settings.neighbors.clamp(1, MOST_OTHERS)
+    }
+
     /// What is known of a view's camera without its picture.
-    fn candidate(&self, view: usize) -> Candidate {
+    pub(super) fn candidate(&self, view: usize) -> Candidate {
         Candidate {
             camera: CameraAt::new(self.lenses[view], self.views[view].color_pose(), 0),
             size: self.views[view].size_px.map(f64::from),
         }
     }
 
-    fn pictures(&mut self, near: &[usize], asked: &[usize]) -> Result<Vec<Arc<MatchView>>, ImagesError> {
+    pub(super) fn pictures(&mut self, near: &[usize], asked: &[usize]) -> Result<Vec<Arc<MatchView>>, ImagesError> {
         asked.iter().map(|&i| self.shelf.get(near[i])).collect()
     }
 
@@ -246,7 +236,7 @@ fn other<'a>(own: &MatchView, other: &'a MatchView, level: usize, known: Option<
 }
 
 /// At a level of a view, with others of which nothing is known.
-fn matcher_alone<'a>(
+pub(super) fn matcher_alone<'a>(
     own: &'a MatchView,
     pictures: &'a [Arc<MatchView>],
     level: usize,
@@ -263,38 +253,10 @@ fn matcher_alone<'a>(
     }
 }
 
-fn rounds(matcher: &Matcher, board: &mut Chequerboard, rounds: &[(f32, f32)], anywhere: bool) {
+pub(super) fn rounds(matcher: &Matcher, board: &mut Chequerboard, rounds: &[(f32, f32)], anywhere: bool) {
     for (round, &(motion_px, slope)) in rounds.iter().enumerate() {
         matcher.improve(board, Draw { motion_px, slope, anywhere, round: round as u64 });
     }
-}
-
-/// Points of the world that a view surely sees, a few hundred, and between which inverse depths nearly all of them lie, with room to both sides.
-fn surfaces(own: &MatchView, level: usize, board: &Chequerboard) -> Option<(Vec<DVec3>, [f32; 2])> {
-    /// The fewest that say something.
-    const LEAST: usize = 50;
-    /// How many are taken.
-    const MOST: usize = 200;
-    let camera = own.camera(level);
-    let planes = board.rows();
-    let mut good: Vec<(usize, f32)> = planes
-        .iter()
-        .enumerate()
-        .filter(|(_, plane)| plane.inverse_depth > 0.0 && plane.cost < GOOD_COST)
-        .map(|(i, plane)| (i, plane.inverse_depth))
-        .collect();
-    if good.len() < LEAST {
-        return None;
-    }
-    let step = good.len().div_ceil(MOST);
-    let points = good.iter().step_by(step).map(|&(i, q)| {
-        let ray = camera.ray((i % board.width) as f64 + 0.5, (i / board.width) as f64 + 0.5);
-        camera.pose.to_world(ray / f64::from(q))
-    });
-    let points = points.collect();
-    good.sort_by(|a, b| a.1.total_cmp(&b.1));
-    let quantile = |share: f64| good[((good.len() - 1) as f64 * share) as usize].1;
-    Some((points, [quantile(0.02) * 0.5, quantile(0.98) * 2.0]))
 }
 
 /// Depth and confidence for every pixel of a view's picture, from planes of a smaller one.

@@ -1,0 +1,155 @@
+//! `headbox sprite FOLDER`: sprites of a sequence of photographs.
+
+use super::images::SetArgs;
+use super::output::{save_picture, write_text};
+use super::progress::Bar;
+use super::sprite::SpriteCommand;
+use super::words::UsageError;
+use crate::capture::images::ImageSet;
+use crate::capture::images::planar_layers::{Frames, LayerJob, Mask, PlanarLayers};
+use crate::capture::picture;
+use crate::measure::sequence;
+use crate::progress::Progress;
+use crate::sprite::{SpriteInfo, SpriteSet, sprites_of_layers};
+use anyhow::{Context, bail};
+use clap::Args;
+use std::path::{Path, PathBuf};
+
+/// What is said of sprites of a sequence.
+#[derive(Args)]
+pub(super) struct SequenceArgs {
+    /// Of a folder of images: the view whose layers are made, by name or by number from 1; the one in the middle if absent
+    #[arg(long, value_name = "NAME")]
+    view: Option<String>,
+    /// Of a folder of images: layers at most
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=64))]
+    layers: Option<u8>,
+    /// Of a folder of images: other views that depth and what is hidden are found from; 6 if absent
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=8))]
+    frames: Option<u8>,
+    /// Of a folder of images: regions made by hand instead of found ones, a PNG a layer in the order of their names, as large as the view's picture, white
+    /// where a pixel belongs
+    #[arg(long, value_name = "DIR")]
+    masks: Option<PathBuf>,
+    /// Of a folder of images: take depth from its files, too; otherwise only what is found from the pictures
+    #[arg(long)]
+    own_depth: bool,
+    #[command(flatten)]
+    pub(super) set: SetArgs,
+}
+
+impl SequenceArgs {
+    /// Refuses what is said of a sequence where there is none.
+    pub(super) fn only_for_sets(&self) -> Result<(), UsageError> {
+        self.set.only_for_sets(false)?;
+        let given = [
+            ("--view", self.view.is_some()),
+            ("--layers", self.layers.is_some()),
+            ("--frames", self.frames.is_some()),
+            ("--masks", self.masks.is_some()),
+            ("--own-depth", self.own_depth),
+        ];
+        match given.into_iter().find(|(_, is_given)| *is_given) {
+            Some((flag, _)) => Err(UsageError(format!("{flag} is for folders of images; leave it out"))),
+            None => Ok(()),
+        }
+    }
+
+    fn job(&self, set: &ImageSet) -> anyhow::Result<LayerJob> {
+        let mut job = LayerJob::suggest(set);
+        if let Some(name) = &self.view {
+            job.view = LayerJob::find_view(set, name)?;
+        }
+        job.layers = self.layers.map_or(job.layers, usize::from);
+        job.others = self.frames.map_or(job.others, usize::from);
+        job.own_depth = self.own_depth;
+        if self.own_depth && set.with_depth().next().is_none() {
+            bail!("{}: no view has depth; leave --own-depth out", set.folder.display());
+        }
+        if let Some(folder) = &self.masks {
+            job.masks = masks(folder)?;
+        }
+        Ok(job)
+    }
+}
+
+/// The PNG files of a folder in the order of their names.
+fn masks(folder: &Path) -> anyhow::Result<Vec<Mask>> {
+    let entries = std::fs::read_dir(folder).with_context(|| format!("{} cannot be read", folder.display()))?;
+    let mut paths: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
+    paths.retain(|path| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")));
+    paths.sort();
+    if paths.is_empty() {
+        bail!("{}: no PNG files; --masks takes a folder of them, one for each layer", folder.display());
+    }
+    if paths.len() > crate::capture::images::planar_layers::MOST_LAYERS {
+        bail!("{}: {} PNG files, more than layers are made", folder.display(), paths.len());
+    }
+    let read = |path: PathBuf| {
+        let picture = picture::read(&path, picture::MAX_BYTES);
+        let picture = picture.with_context(|| format!("{} could not be read as an image", path.display()))?;
+        Ok(Mask { picture: picture.to_luma8(), path })
+    };
+    paths.into_iter().map(read).collect()
+}
+
+impl SpriteCommand {
+    /// Sprites of the layers of a folder of images.
+    pub(super) fn of_sequence(&self, name: &str) -> anyhow::Result<SpriteSet> {
+        let args = &self.sequence;
+        self.refuse_flags_of_scenes()?;
+        let set = args.set.open_registered(Path::new(name))?;
+        let job = args.job(&set)?;
+        let bar = Bar::new();
+        let layers = match &self.range {
+            Some(folder) => {
+                let (report, layers) = judged(&set, &job, &bar, folder)?;
+                bar.finish();
+                print!("{report}");
+                layers
+            }
+            None => {
+                let layers = job.layers(&load(&set, &job, &bar)?)?;
+                bar.finish();
+                layers
+            }
+        };
+        if !self.json {
+            eprintln!("{} with {}", layers.used[0], layers.used[1..].join(", "));
+        }
+        let mut sprites = self.set(sprites_of_layers(&layers, self.displacement)?)?;
+        sprites.info = SpriteInfo { source: name.into(), frame: set.frame, ..SpriteInfo::default() };
+        Ok(sprites)
+    }
+
+    /// Photographs were taken from where they were, in the light that there was.
+    fn refuse_flags_of_scenes(&self) -> Result<(), UsageError> {
+        let flags = self.source.given().into_iter().chain(self.camera.given()).chain([("--unlit", self.quality.unlit)]);
+        match flags.into_iter().find(|(_, is_given)| *is_given) {
+            Some((flag, _)) => Err(UsageError(format!("{flag} has no meaning for images; leave it out"))),
+            None => Ok(()),
+        }
+    }
+}
+
+fn load(set: &ImageSet, job: &LayerJob, bar: &Bar) -> anyhow::Result<Frames> {
+    bar.begin("finding depth", "steps", job.steps(set));
+    Ok(job.load(set, &|| bar.advance(1))?)
+}
+
+/// Layers without the frames that they are judged by, and what these say.
+fn judged(set: &ImageSet, job: &LayerJob, bar: &Bar, folder: &Path) -> anyhow::Result<(String, PlanarLayers)> {
+    let (kept, job, left_out) = sequence::leave_out(set, job)?;
+    let frames = load(&kept, &job, bar)?;
+    let mut failed = None;
+    let (report, layers) = sequence::measure(&kept, &job, &frames, &left_out, &mut |name, pictures| {
+        let path = folder.join(format!("{}.png", name.replace(['/', '.'], "_")));
+        failed = failed.take().or(save_picture(&path, &super::images_report::sheet(pictures, 3)).err());
+    })?;
+    if let Some(error) = failed {
+        return Err(error);
+    }
+    write_text(&folder.join("report.json"), &(serde_json::to_string_pretty(&report)? + "\n"))?;
+    write_text(&folder.join("summary.md"), &report.summary())?;
+    Ok((report.summary(), layers))
+}
