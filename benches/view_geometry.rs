@@ -90,6 +90,7 @@ fn walk(geometry: &ViewGeometry) {
     let (mut renderer, full) = (GeometryRenderer::new(), GeometrySettings::default());
     let mut budget = TimeBudget::new(BUDGET_MS);
     let (mut times, mut most, mut used) = (Vec::new(), 0, 0);
+    let mut latest = (0.0_f64, 0.0_f64, GeometryStats::default());
     let (started, seconds) = (Instant::now(), number("HEADBOX_SECONDS", 10.0));
     while started.elapsed().as_secs_f64() < seconds {
         let frame = Instant::now();
@@ -97,7 +98,11 @@ fn walk(geometry: &ViewGeometry) {
         let camera = on_the_way(geometry, started.elapsed().as_secs_f64() / 60.0, [1024, 768]);
         let (_, stats) = renderer.render(geometry, &camera, &budget.settings(&full), Patience::Never);
         budget.took(stats.frame_ms);
-        times.push(frame.elapsed().as_secs_f64() * 1e3);
+        let ms = frame.elapsed().as_secs_f64() * 1e3;
+        times.push(ms);
+        if ms > latest.0 {
+            latest = (ms, started.elapsed().as_secs_f64(), stats);
+        }
         most = most.max(geometry.bytes());
         used += u64::from(stats.cameras_used > 0);
         std::thread::sleep(FRAME.saturating_sub(frame.elapsed()));
@@ -111,6 +116,11 @@ fn walk(geometry: &ViewGeometry) {
         of(0.99),
         of(1.0),
         most as f64 / 1e6
+    );
+    let (_, at_s, stats) = latest;
+    println!(
+        "the latest, after {at_s:.1} s: rank {:.1}, fetch {:.1}, fuse {:.1}, mesh {:.1}, texture {:.1}; {} pictures to come",
+        stats.rank_ms, stats.fetch_ms, stats.fuse_ms, stats.mesh_ms, stats.texture_ms, stats.pictures_missing
     );
 }
 
