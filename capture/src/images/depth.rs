@@ -13,6 +13,9 @@ use std::path::{Path, PathBuf};
 /// taken before the first pixel is read.
 pub(super) const MAX_PIXELS: usize = 1 << 26;
 
+/// From so many pixels on one picture is worth threads of its own, which are started for it; many smaller ones are read side by side anyhow.
+const PARALLEL_PIXELS: usize = 1 << 22;
+
 /// A depth per pixel, whatever it means.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DepthPicture {
@@ -120,17 +123,13 @@ fn read_exr(path: &Path, wanted: Option<&str>, unit: f32) -> Result<DepthPicture
         other => bad(other.to_string()),
     };
     let meta = MetaData::read_from_file(path, false).map_err(failed)?;
-    if meta.headers.iter().any(|header| header.layer_size.area() > MAX_PIXELS) {
+    let pixels = meta.headers.iter().map(|header| header.layer_size.area()).max().unwrap_or(0);
+    if pixels > MAX_PIXELS {
         return Err(bad(format!("has more than {MAX_PIXELS} pixels")));
     }
-    let image = read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .first_valid_layer()
-        .all_attributes()
-        .from_file(path)
-        .map_err(failed)?;
+    let reader = read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer().all_attributes();
+    let reader = if pixels < PARALLEL_PIXELS { reader.non_parallel() } else { reader };
+    let image = reader.from_file(path).map_err(failed)?;
     let channels = &image.layer_data.channel_data.list;
     let named = |name: &str| channels.iter().find(|channel| channel.name == *name);
     let channel = match wanted {
