@@ -5,6 +5,7 @@ use crate::capture::images::dense_depth::DenseDepthError;
 use crate::capture::images::{ImagesError, Lens, LoadedView};
 use crate::frame::Frame;
 use crate::measure::stats::{Spread, pooled_psnr_db};
+use crate::measure::table::percent;
 use crate::metrics;
 use crate::packed::PackError;
 use crate::view_geometry::GeometryError;
@@ -86,6 +87,16 @@ impl<'a> Rows<'a> {
     /// Of the mean of squared errors.
     pub(super) fn psnr_db(&self) -> f64 {
         pooled_psnr_db(self.0.iter().map(|row| row.psnr_db))
+    }
+
+    /// Cells of a table: PSNR in dB, FLIP, mean absolute difference, and the share covered.
+    pub(super) fn errors(&self) -> [String; 4] {
+        [
+            format!("{:.2}", self.psnr_db()),
+            format!("{:.4}", self.mean(|row| row.flip)),
+            format!("{:.2}", self.mean(|row| row.mad)),
+            percent(self.mean(|row| row.covered)),
+        ]
     }
 
     /// NaN where no row has the value.

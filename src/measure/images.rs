@@ -335,13 +335,7 @@ impl ImagesReport {
         let mut table = Table::new(["weights", "PSNR dB", "FLIP", "MAD", "covered"]);
         for (name, _) in WEIGHTS {
             let rows = Rows::of(&self.weights, name);
-            table.row([
-                name.into(),
-                format!("{:.2}", rows.psnr_db()),
-                format!("{:.4}", rows.mean(|row| row.flip)),
-                format!("{:.2}", rows.mean(|row| row.mad)),
-                percent(rows.mean(|row| row.covered)),
-            ]);
+            table.row([&[name.into()][..], &rows.errors()].concat());
         }
         table
     }

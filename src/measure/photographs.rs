@@ -8,7 +8,7 @@
 
 use super::held_out::{Drawn, HeldOut, HoldOutError, Judge, Rows, camera_of, photograph};
 use super::machine::{Machine, commit};
-use super::table::{Table, figure, percent};
+use super::table::{Table, figure};
 use crate::capture::Camera;
 use crate::capture::images::dense_depth::DenseDepth;
 use crate::capture::images::{ImageSet, ImagesError, LoadedView, View};
@@ -195,16 +195,12 @@ impl PhotographsReport {
         let mut table = Table::new(["variant", "PSNR dB", "FLIP", "MAD", "covered", "frame ms", "build ms", "MB"]);
         for variant in VARIANTS {
             let rows = Rows::of(&self.rows, variant);
-            table.row([
-                variant.into(),
-                format!("{:.2}", rows.psnr_db()),
-                format!("{:.4}", rows.mean(|row| row.flip)),
-                format!("{:.2}", rows.mean(|row| row.mad)),
-                percent(rows.mean(|row| row.covered)),
+            let costs = [
                 figure(rows.mean(|row| row.frame_ms)),
                 figure(rows.mean(|row| row.build_ms)),
                 figure(rows.mean(|row| row.bytes as f64 / 1e6)),
-            ]);
+            ];
+            table.row([&[variant.into()][..], &rows.errors(), &costs].concat());
         }
         format!(
             "# Photographs left out of a set\n\n{} photographs left out, one at a time, and shown by the nearest other one on a plane, \

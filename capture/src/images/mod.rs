@@ -24,6 +24,8 @@ pub mod dense_depth;
 mod depth;
 mod json;
 mod lens;
+#[cfg(test)]
+mod made;
 mod middlebury;
 mod nerfstudio;
 mod panorama;

@@ -6,7 +6,8 @@ use super::picture::MatchView;
 use super::relative::Relative;
 use super::zncc::{NEAR_PX, NOISE, PLACES, Patch, SAMPLES, SIMILAR_LEVELS, WORST};
 use super::*;
-use crate::images::{Distortion, ImageSetOptions, Lens, Pose, write_set};
+use crate::images::made::photographs;
+use crate::images::{Distortion, ImageSetOptions, Lens, Pose};
 use crate::random::Rng;
 use crate::simd;
 use fearless_simd::dispatch;
@@ -67,31 +68,9 @@ fn textured(p: DVec3) -> [u8; 4] {
     [level(p), level(p), level(p), 255]
 }
 
-/// A set of five views in a folder, without depth, in a format of other programs.
+/// A set of five photographs in a folder.
 fn written(folder: &Path, color: impl Fn(DVec3) -> [u8; 4] + Copy) -> ImageSet {
-    let pictures = folder.join("given");
-    std::fs::create_dir_all(&pictures).expect("a folder");
-    let views: Vec<View> = (0..5)
-        .map(|i| {
-            let file = pictures.join(format!("{i}.png"));
-            let view = loaded(i, color);
-            let bytes = view.color.iter().flatten().copied().collect();
-            image::RgbaImage::from_raw(SIZE[0], SIZE[1], bytes).expect("a picture").save(&file).expect("written");
-            View {
-                name: format!("{i}.png"),
-                size_px: SIZE,
-                lens: view.lens,
-                pose: view.pose,
-                color: file,
-                depth: None,
-                mask: None,
-                depth_scale: 1.0,
-                registration: None,
-            }
-        })
-        .collect();
-    write_set(&views, folder, &mut |_| {}).expect("written");
-    ImageSet::open(folder, &ImageSetOptions::default()).expect("a set")
+    photographs(folder, (0..5).map(|i| loaded(i, color)))
 }
 
 fn how() -> DenseDepth {

@@ -3,7 +3,8 @@
 use super::frames::Frame;
 use super::labels::NONE;
 use super::*;
-use crate::images::{Distortion, ImageSetOptions, Lens, LoadedView, Pinhole, Pose, write_set};
+use crate::images::made::photographs;
+use crate::images::{Distortion, Lens, LoadedView, Pinhole, Pose};
 use crate::random::Rng;
 use glam::{DMat3, dvec3};
 use image::Luma;
@@ -280,30 +281,9 @@ fn regions_made_by_hand_are_taken() {
     assert!(wrong(mask("black.png", |_, _| false)).starts_with("black.png: depth was found for 0 of its white pixels"));
 }
 
-/// A set in a folder, without depth.
+/// A set of photographs in a folder.
 fn written(folder: &Path, pose: impl Fn(usize) -> Pose, color: impl Fn(usize) -> Vec<[u8; 4]>) -> ImageSet {
-    let given = folder.join("given");
-    std::fs::create_dir_all(&given).expect("a folder");
-    let views: Vec<View> = (0..FRAMES)
-        .map(|i| {
-            let file = given.join(format!("{i}.png"));
-            let bytes = color(i).into_iter().flatten().collect();
-            RgbaImage::from_raw(SIZE[0], SIZE[1], bytes).expect("a picture").save(&file).expect("written");
-            View {
-                name: format!("{i}.png"),
-                size_px: SIZE,
-                lens: lens(),
-                pose: pose(i),
-                color: file,
-                depth: None,
-                mask: None,
-                depth_scale: 1.0,
-                registration: None,
-            }
-        })
-        .collect();
-    write_set(&views, folder, &mut |_| {}).expect("written");
-    ImageSet::open(folder, &ImageSetOptions::default()).expect("a set")
+    photographs(folder, (0..FRAMES).map(|i| LoadedView { pose: pose(i), color: color(i), ..view(i) }))
 }
 
 #[test]
