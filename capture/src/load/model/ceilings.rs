@@ -77,15 +77,15 @@ impl Home {
             walls.iter().any(|wall| distance_to_outline(&[wall.start, wall.end], p) <= wall.thickness / 2.0 + BESIDE)
                 || others.iter().any(|other| distance_to_outline(&other.outline, p) <= BESIDE)
         };
-        let (mut all, mut closed) = (0, 0);
+        let (mut all, mut closed) = (0u32, 0u32);
         for (from, to) in room.outline.iter().zip(room.outline.iter().cycle().skip(1)) {
             let steps = (from.distance(*to) / STEP).ceil().min(MOST_STEPS) as usize;
             for step in 0..steps {
                 all += 1;
-                closed += usize::from(has_beside(from.lerp(*to, (step as f64 + 0.5) / steps as f64)));
+                closed += u32::from(has_beside(from.lerp(*to, (step as f64 + 0.5) / steps as f64)));
             }
         }
-        closed as f64 >= ENCLOSED * all as f64
+        f64::from(closed) >= ENCLOSED * f64::from(all)
     }
 }
 
