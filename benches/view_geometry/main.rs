@@ -1,7 +1,8 @@
 //! View-dependent geometry over very many images: what a frame's steps take, and a walk at sixty frames a second that waits for no picture.
 //!
 //! `HEADBOX_IMAGES=DIR` names a folder of images with depth; without, a thousand small ones of `builtin:castle` are traced first.
-//! `HEADBOX_SECONDS` is how long it walks (10), `HEADBOX_MEMORY` the megabytes for pictures (200).
+//! `HEADBOX_SECONDS` is how long it walks (10), `HEADBOX_MEMORY` the megabytes for pictures (200), `HEADBOX_CACHE` a folder in which samples stay from run to
+//! run, so that memory is that of walking alone.
 
 mod delays;
 
@@ -150,10 +151,11 @@ fn main() {
     }
     let folder = folder.unwrap_or_else(|| made.path().into());
     let set = ImageSet::open(&folder, &ImageSetOptions::default()).expect("a set");
-    let cache = tempfile::tempdir().expect("a folder");
+    let kept = tempfile::tempdir().expect("a folder");
+    let cache = std::env::var_os("HEADBOX_CACHE").map_or(kept.path().into(), PathBuf::from);
     let budget = (number("HEADBOX_MEMORY", 200.0) * 1e6) as usize;
-    let resources = GeometryResources { budget, cache: Some(cache.path().into()), ..GeometryResources::default() };
-    opened(&set, &resources, &format!("{} images sampled", set.views.len()));
+    let resources = GeometryResources { budget, cache: Some(cache), ..GeometryResources::default() };
+    opened(&set, &resources, &format!("{} images opened", set.views.len()));
     let geometry = opened(&set, &resources, "opened again");
     let mut renderer = GeometryRenderer::new();
     for size in [[800, 600], [1024, 768]] {
