@@ -61,7 +61,7 @@ impl FileKind {
     /// Ray-traced frames that reports keep.
     pub const TRUTH: Self = Self { tag: *b"trth", name: "truth frame", version: 1, oldest: 1 };
     /// Samples of depth images that view-dependent geometry keeps.
-    pub const SAMPLES: Self = Self { tag: *b"smpl", name: "samples", version: 1, oldest: 1 };
+    pub const SAMPLES: Self = Self { tag: *b"smpl", name: "samples", version: 2, oldest: 2 };
     /// How views of image sets are registered, which is kept.
     pub const REGISTRATION: Self = Self { tag: *b"regi", name: "registration", version: 1, oldest: 1 };
     /// All of them.

@@ -103,6 +103,7 @@ pub mod raster;
 pub mod render;
 #[doc(hidden)]
 pub mod scene_source;
+mod shelves;
 #[doc(hidden)]
 pub mod sprite;
 mod texels;

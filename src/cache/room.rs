@@ -5,11 +5,11 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-/// Bytes of what is kept of image sets, unless what is in use takes more.
+/// Bytes of what is kept in a folder, unless what is in use takes more.
 pub const MOST_BYTES: u64 = 4_000_000_000;
 
 /// The endings of files that are removed to make room.
-const ENDINGS: [&str; 2] = ["samples", "registration"];
+const ENDINGS: [&str; 3] = ["samples", "registration", "truth"];
 
 /// A kept file that is in use: it is not removed until this is dropped, by this program or another of ours.
 #[derive(Debug)]
@@ -78,7 +78,7 @@ mod tests {
             let time = SystemTime::UNIX_EPOCH + Duration::from_secs(1_000_000 + number);
             File::open(file(number)).and_then(|file| file.set_modified(time)).expect("a time");
         }
-        let others = ["picture.png", "0123.samples", &format!("{:032x}.truth", 7)].map(|name| folder.path().join(name));
+        let others = ["picture.png", "0123.samples", &format!("{:032x}.ldi", 7)].map(|name| folder.path().join(name));
         others.iter().for_each(|other| std::fs::write(other, [0; 1000]).expect("written"));
         let left = || (0..5).filter(|number| file(*number).exists()).collect::<Vec<u64>>();
         assert_eq!((make_room(folder.path(), 500), left().len()), (0, 5), "they fit");

@@ -135,6 +135,7 @@ impl GeometryContent {
             for why in self.geometry.lost() {
                 eprintln!("warning: {why}; other pictures serve instead");
             }
+            self.geometry.mended().iter().for_each(|why| eprintln!("note: {why}"));
             return Ok(GeometryRendered { image: frame.to_rgb()?, ms, stats });
         }
     }

@@ -7,7 +7,7 @@ use std::io;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A mapped section. Its checksum is not verified, which would be to read it.
+/// A mapped section. Its checksum is not verified, which would be to read it: what is read of it may need one of its own.
 #[derive(Clone, Debug)]
 pub struct MappedSection {
     map: Arc<Mmap>,

@@ -1,6 +1,6 @@
 //! Truth for a report: ray-traced frames, kept in a cache by what they are made of.
 
-use crate::cache;
+use crate::cache::{self, InUse};
 use crate::capture::light::Lighting;
 use crate::capture::scene::UpAxis;
 use crate::capture::trace::Tracer;
@@ -51,12 +51,16 @@ impl<'a> Truths<'a> {
             .and_then(|path| read(path).ok())
             .filter(|truth| (truth.frame.width, truth.frame.height) == size);
         if let Some(truth) = kept {
+            // It was read: that it cannot be marked as used does no harm.
+            let _ = path.as_deref().map(InUse::of);
             return truth;
         }
         let truth = truth::render(self.tracer, self.lighting, self.lit, camera, samples, progress);
-        if let Some(path) = path {
+        if let (Some(path), Some(folder)) = (path, &self.folder) {
             // A cache that cannot be written costs time, and no more.
-            let _ = write(&path, &truth);
+            if write(&path, &truth).is_ok() {
+                cache::make_room(folder, cache::MOST_BYTES);
+            }
         }
         truth
     }
@@ -172,6 +176,15 @@ mod tests {
         let other = Truths::new(&tracer, &brighter, true, Some(folder.path().into())).frame(&camera(0.0), 4, &Silent);
         assert_eq!(files(), 4);
         assert_ne!(first.frame.color, other.frame.color);
+        // Frames used longest ago make room for another.
+        let large = folder.path().join(cache::file_name("truth", |_| {}));
+        let file = std::fs::File::create(&large).expect("made");
+        file.set_len(cache::MOST_BYTES).expect("nothing is written");
+        file.set_modified(std::time::SystemTime::UNIX_EPOCH).expect("a time");
+        truths.frame(&camera(0.0), 4, &Silent);
+        assert!(large.exists(), "nothing was written");
+        truths.frame(&camera(0.02), 4, &Silent);
+        assert_eq!((large.exists(), files()), (false, 5));
         // A damaged file is no file.
         let damaged = std::fs::read_dir(folder.path()).expect("there").flatten();
         damaged.for_each(|file| std::fs::write(file.path(), b"HEADBOX\0trth").expect("written"));

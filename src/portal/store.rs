@@ -3,7 +3,8 @@
 
 use super::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide};
 use super::house::House;
-use std::collections::{HashMap, HashSet, VecDeque};
+use crate::shelves::Shelves;
+use std::collections::{HashSet, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
@@ -14,21 +15,7 @@ pub type Key = (PortalSide, BackdropKind);
 #[derive(Debug)]
 pub struct Store {
     budget: u64,
-    shelves: Mutex<Shelves>,
-}
-
-#[derive(Debug, Default)]
-struct Shelves {
-    entries: HashMap<Key, Entry>,
-    bytes: u64,
-    clock: u64,
-}
-
-#[derive(Debug)]
-struct Entry {
-    backdrop: Arc<Backdrop>,
-    bytes: u64,
-    last_used: u64,
+    shelves: Mutex<Shelves<Key, Arc<Backdrop>>>,
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -44,32 +31,19 @@ impl Store {
     /// A backdrop, if it is there; it counts as used now.
     pub fn get(&self, key: Key) -> Option<Arc<Backdrop>> {
         let mut shelves = lock(&self.shelves);
-        shelves.clock += 1;
-        let now = shelves.clock;
-        let entry = shelves.entries.get_mut(&key)?;
-        entry.last_used = now;
-        Some(Arc::clone(&entry.backdrop))
+        shelves.next_moment();
+        shelves.take_down(key)
     }
 
     /// Whether a backdrop is there.
     pub fn contains(&self, key: Key) -> bool {
-        lock(&self.shelves).entries.contains_key(&key)
-    }
-
-    /// Counts a backdrop as used now, if it is there, and tells its bytes.
-    fn touch(&self, key: Key) -> Option<u64> {
-        let mut shelves = lock(&self.shelves);
-        shelves.clock += 1;
-        let now = shelves.clock;
-        let entry = shelves.entries.get_mut(&key)?;
-        entry.last_used = now;
-        Some(entry.bytes)
+        lock(&self.shelves).look_at(key).is_some()
     }
 
     /// Whether one more backdrop of middling size fits beside so many bytes.
     fn has_room_beside(&self, bytes: u64) -> bool {
         let shelves = lock(&self.shelves);
-        let one = shelves.bytes / (shelves.entries.len() as u64).max(1);
+        let one = shelves.bytes() / (shelves.len() as u64).max(1);
         bytes.saturating_add(one) <= self.budget
     }
 
@@ -81,39 +55,22 @@ impl Store {
             return false;
         }
         let mut shelves = lock(&self.shelves);
-        shelves.remove(key);
-        while shelves.bytes + bytes > self.budget {
-            let oldest =
-                shelves.entries.iter().min_by_key(|(key, entry)| (entry.last_used, **key)).map(|(key, _)| *key);
-            let Some(oldest) = oldest else { break };
-            shelves.remove(oldest);
-        }
-        shelves.clock += 1;
-        let last_used = shelves.clock;
-        shelves.bytes += bytes;
-        shelves.entries.insert(key, Entry { backdrop, bytes, last_used });
+        shelves.next_moment();
+        shelves.put(key, backdrop, bytes);
+        let gone = shelves.make_room(self.budget);
+        drop(shelves);
+        drop(gone);
         true
     }
 
     /// Bytes of all backdrops.
     pub fn bytes(&self) -> u64 {
-        lock(&self.shelves).bytes
+        lock(&self.shelves).bytes()
     }
 
     /// All backdrops, by key.
     pub fn all(&self) -> Vec<(Key, Arc<Backdrop>)> {
-        let shelves = lock(&self.shelves);
-        let mut all: Vec<_> = shelves.entries.iter().map(|(key, e)| (*key, Arc::clone(&e.backdrop))).collect();
-        all.sort_by_key(|(key, _)| *key);
-        all
-    }
-}
-
-impl Shelves {
-    fn remove(&mut self, key: Key) {
-        if let Some(entry) = self.entries.remove(&key) {
-            self.bytes -= entry.bytes;
-        }
+        lock(&self.shelves).iter().map(|(key, backdrop)| (key, Arc::clone(backdrop))).collect()
     }
 }
 
@@ -204,8 +161,8 @@ fn work(desk: &Desk, house: &House, store: &Store, quality: &BackdropQuality) {
         if orders.refused.contains(&key) {
             continue;
         }
-        if let Some(bytes) = store.touch(key) {
-            orders.kept_bytes += bytes;
+        if let Some(backdrop) = store.get(key) {
+            orders.kept_bytes += backdrop.bytes();
             continue;
         }
         if !store.has_room_beside(orders.kept_bytes) {

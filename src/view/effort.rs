@@ -13,7 +13,7 @@ const CLASSES: [[u8; 3]; 7] =
     [[68, 1, 84], [65, 68, 135], [42, 120, 142], [34, 168, 132], [122, 209, 81], [253, 231, 37], [255, 255, 255]];
 
 /// Where there are no samples.
-const NOTHING: [u8; 3] = [20, 20, 20];
+pub(super) const NOTHING: [u8; 3] = [20, 20, 20];
 
 /// The largest number of each class but the last.
 pub(super) type Tops = [f32; CLASSES.len() - 1];

@@ -104,7 +104,7 @@ impl FrameSource for GeometrySource {
             Setting::choice(
                 "overlay",
                 "Overlay",
-                "What is painted: the frame, its holes in magenta, what is covered, its pixels by camera, by how many cameras own a triangle, the mesh, or \
+                "What is painted: the frame, its holes in magenta, how many cameras see a place, its pixels by camera, by how many cameras own a triangle, the mesh, or \
                  how long pictures have been at hand.",
                 &GeometryOverlay::ALL.map(|(name, _)| name),
             ),
@@ -131,7 +131,8 @@ impl FrameSource for GeometrySource {
         if stats.cameras_valid == 0 {
             facts.push(Fact { name: "nothing", text: geometry.nothing_seen() });
         }
-        facts.extend(geometry.lost().first().map(|why| Fact { name: "lost", text: why.clone() }));
+        let told = [("lost", geometry.lost()), ("mended", geometry.mended())];
+        facts.extend(told.into_iter().filter_map(|(name, why)| Some(Fact { name, text: why.into_iter().next()? })));
         let refinement = match stats.pictures_missing {
             0 => Refinement::Done,
             _ => Refinement::Later(LOOK_AGAIN),

@@ -1,7 +1,7 @@
-//! Overlays of view-dependent geometry: whose pictures show, the mesh, and how long pictures have been at hand.
+//! Overlays of view-dependent geometry: whose pictures show, the mesh, how many cameras see a place, and how long pictures have been at hand.
 
-use super::effort::{Tops, class_color, class_legend, opaque, swatch, tinted};
-use super::overlay::{Overlay, paint_coverage, paint_holes};
+use super::effort::{NOTHING, Tops, class_color, class_legend, opaque, swatch, tinted};
+use super::overlay::{HOLE_COLOR, Overlay, paint_holes};
 use super::variation::distinct_color;
 use crate::view_geometry::{GeometryRenderer, Shown, ViewGeometry};
 use headbox_viewer::Swatch;
@@ -49,8 +49,16 @@ impl GeometryOverlay {
                 Overlay::Holes.legend()
             }
             Self::Coverage => {
-                paint_coverage(renderer.frame(), pixels);
-                [vec![swatch([255; 3], "a triangle covers the pixel")], Overlay::Holes.legend()].concat()
+                let seen = renderer.seen_by(geometry).into_iter().zip(&renderer.frame().coverage);
+                for (pixel, (seen, coverage)) in pixels.iter_mut().zip(seen) {
+                    *pixel = match seen.unwrap_or(0) {
+                        _ if coverage.is_hole() => HOLE_COLOR,
+                        0 => opaque(NOTHING),
+                        cameras => opaque(class_color(cameras as f32, &CAMERAS)),
+                    };
+                }
+                let classes = class_legend("no camera shows it there", &CAMERAS, "cameras see it");
+                [Overlay::Holes.legend(), classes].concat()
             }
             Self::Camera => {
                 let cameras = renderer.used().iter();
@@ -80,6 +88,9 @@ const RIM: [u8; 3] = [255, 230, 60];
 
 /// Cameras that own corners of a triangle: three at most.
 const OWNERS: Tops = [1.0, 2.0, 3.0, 3.0, 3.0, 3.0];
+
+/// Cameras that see a place.
+const CAMERAS: Tops = [1.0, 2.0, 3.0, 4.0, 6.0, 9.0];
 
 /// Seconds since pictures were read.
 const AGES_S: Tops = [0.1, 0.5, 2.0, 10.0, 60.0, 600.0];

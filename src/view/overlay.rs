@@ -90,7 +90,7 @@ impl Overlay {
 }
 
 const HOLE_RGB: [u8; 3] = [255, 0, 220];
-const HOLE_COLOR: [u8; 4] = [HOLE_RGB[0], HOLE_RGB[1], HOLE_RGB[2], OPAQUE];
+pub(super) const HOLE_COLOR: [u8; 4] = [HOLE_RGB[0], HOLE_RGB[1], HOLE_RGB[2], OPAQUE];
 const ENVIRONMENT_RGB: [u8; 3] = [40, 70, 130];
 const OPAQUE: u8 = 255;
 

@@ -1,5 +1,6 @@
 //! Sprites with depth in the window: tilted by orbiting.
 
+use super::overlay::{Overlay, paint_holes};
 use crate::capture::scene::FileFrame;
 use crate::compose::{ComposeSettings, Composer, Composition};
 use crate::frame::Frame;
@@ -10,6 +11,9 @@ use std::path::Path;
 
 /// Most steps of gap filling on offer.
 const MAX_FILL_STEPS: u32 = 8;
+
+/// What the pixels can show.
+const OVERLAYS: [(&str, Overlay); 2] = [("none", Overlay::None), ("holes", Overlay::Holes)];
 
 /// The orbit comes as near to its pivot as this share of the distance of the camera that took the picture.
 const NEAREST_SHARE: f64 = 0.1;
@@ -90,13 +94,23 @@ impl FrameSource for SpriteSource {
                 fill,
                 0..=MAX_FILL_STEPS,
             ),
+            Setting::choice(
+                "overlay",
+                "Overlay",
+                "What is painted: the frame, or where no sprite is, in magenta.",
+                &OVERLAYS.map(|(name, _)| name),
+            ),
         ]
     }
 
     fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
         let settings = ComposeSettings { sprites: options(&request.settings)?, ..ComposeSettings::default() };
         let stats = self.layers.render(&mut self.composer, &request.camera, &settings, &mut self.frame);
-        pixels.copy_from_slice(&self.frame.color);
+        let (_, overlay) = OVERLAYS.get(request.settings.choice("overlay")?).unwrap_or(&OVERLAYS[0]);
+        match overlay {
+            Overlay::Holes => paint_holes(&self.frame, pixels),
+            _ => pixels.copy_from_slice(&self.frame.color),
+        }
         let share = 1.0 - stats.hole_pixels as f64 / pixels.len().max(1) as f64;
         Ok(FrameReport {
             stages: vec![
@@ -108,6 +122,7 @@ impl FrameSource for SpriteSource {
                 Figure { name: "pixels covered", value: share * 100.0, unit: "%" },
             ],
             facts: vec![super::facts::simd_fact()],
+            legend: overlay.legend(),
             ..FrameReport::default()
         })
     }

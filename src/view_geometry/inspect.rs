@@ -1,7 +1,8 @@
-//! How the last frame came about, for overlays: whose pictures its pixels show, where its triangles meet, how old its textures are.
+//! How the last frame came about, for overlays: whose pictures its pixels show, where its triangles meet, how many cameras see a place.
 
-use super::GeometryRenderer;
 use super::scan::{BAND_ROWS, Described, LANES, MOST_CAMERAS, OWNER_BITS, Pixels, Scanner, UNCOVERED};
+use super::texture::TextureCamera;
+use super::{GeometryRenderer, ViewGeometry};
 use rayon::prelude::*;
 
 /// What a pixel of the last frame shows.
@@ -19,29 +20,52 @@ impl GeometryRenderer {
     /// What each pixel of the last frame shows; `None` where no triangle is, so everywhere in a frame of
     /// [`super::Texturing::Nearest`], which has none.
     pub fn shown(&self) -> Vec<Option<Shown>> {
-        let (width, height) = (self.frame.width, self.frame.height);
         // Without pictures, sides of depth edges are told by their corners.
-        let Self { grid, mesh, bins, edge, .. } = self;
-        let scanner = Scanner { grid, triangles: mesh.triangles(), bins, cameras: &[], edge };
-        let band = |number: u32| {
-            let rows = number * BAND_ROWS..((number + 1) * BAND_ROWS).min(height);
-            let mut described = Described::default();
-            scanner.describe(number, width, &rows, &mut described);
-            let row = |pixels: &[Pixels]| -> Vec<(u32, Option<Shown>)> {
-                (0..width as usize).map(|x| self.at(&pixels[x / LANES], x % LANES)).collect()
-            };
-            described.pixels.chunks(described.per_row.max(1)).flat_map(row).collect::<Vec<_>>()
-        };
-        let bands: Vec<_> = (0..height.div_ceil(BAND_ROWS)).into_par_iter().map(band).collect();
-        let pixels = bands.concat();
+        let pixels = self.each_pixel(&[], |pixels, lane, _| self.at(pixels, lane));
         let triangle = |i: usize| pixels.get(i).map(|(triangle, _)| *triangle);
-        let width = width as usize;
+        let width = self.frame.width as usize;
         let on_rim = |i: usize| {
             let is_last = (i + 1).is_multiple_of(width);
             (!is_last && triangle(i + 1) != triangle(i))
                 || triangle(i + width).is_some_and(|below| Some(below) != triangle(i))
         };
         (0..pixels.len()).map(|i| pixels[i].1.map(|shown| Shown { on_rim: on_rim(i), ..shown })).collect()
+    }
+
+    /// How many of the last frame's cameras show what a pixel of it shows: the same place as near as it is there; `None` where no triangle is.
+    pub fn seen_by(&self, geometry: &ViewGeometry) -> Vec<Option<u32>> {
+        let textured = |&number: &u32| {
+            let (real, picture) = (geometry.cameras.get(number as usize)?, geometry.pictures.at_hand(number)?);
+            Some(TextureCamera::new(real, picture, self.camera.as_ref()?, &self.edge))
+        };
+        let cameras: Vec<TextureCamera> = self.used.iter().filter_map(textured).collect();
+        self.each_pixel(&cameras, |pixels, lane, [x, y]| {
+            let at = [x, y].map(|at| at as f32 + 0.5);
+            let sees = |camera: &&TextureCamera| camera.agrees(at, pixels.inverse_depth[lane]);
+            (pixels.owners[lane] != UNCOVERED).then(|| cameras.iter().filter(sees).count() as u32)
+        })
+    }
+
+    /// Something of each pixel of the last frame: by what describes it and its neighbours, which of these it is, and its column and row.
+    fn each_pixel<T: Send>(
+        &self,
+        cameras: &[TextureCamera],
+        of: impl Fn(&Pixels, usize, [u32; 2]) -> T + Sync,
+    ) -> Vec<T> {
+        let (width, height) = (self.frame.width, self.frame.height);
+        let Self { grid, mesh, bins, edge, .. } = self;
+        let scanner = Scanner { grid, triangles: mesh.triangles(), bins, cameras, edge };
+        let band = |number: u32| {
+            let rows = number * BAND_ROWS..((number + 1) * BAND_ROWS).min(height);
+            let mut described = Described::default();
+            scanner.describe(number, width, &rows, &mut described);
+            let row = |(pixels, y): (&[Pixels], u32)| -> Vec<T> {
+                (0..width).map(|x| of(&pixels[x as usize / LANES], x as usize % LANES, [x, y])).collect()
+            };
+            described.pixels.chunks(described.per_row.max(1)).zip(rows).flat_map(row).collect::<Vec<T>>()
+        };
+        let bands: Vec<Vec<T>> = (0..height.div_ceil(BAND_ROWS)).into_par_iter().map(band).collect();
+        bands.into_iter().flatten().collect()
     }
 
     /// The triangle of a pixel, and what it shows but for its rim.
@@ -62,7 +86,7 @@ impl GeometryRenderer {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{frame_at, opened, plane_view};
+    use super::super::tests::{frame_at, opened, plane_view, view_of};
     use super::super::{GeometrySettings, Patience, SampleGrid, Texturing};
     use super::*;
     use glam::DVec3;
@@ -90,5 +114,50 @@ mod tests {
         let pasted = GeometrySettings { texturing: Texturing::Nearest, ..settings };
         renderer.render(&geometry, &camera, &pasted, Patience::Wait);
         assert!(renderer.shown().iter().all(Option::is_none), "no triangle was drawn");
+    }
+
+    #[test]
+    fn places_are_counted_by_the_cameras_that_see_them() {
+        let views = [-0.4, 0.4].map(|x| plane_view(DVec3::new(x, 0.0, 0.0), 3.0, [96, 72]));
+        let (_folder, geometry) = opened(&views, &SampleGrid::default());
+        let frame = frame_at(DVec3::ZERO, [101, 71]);
+        let mut renderer = GeometryRenderer::new();
+        assert!(renderer.seen_by(&geometry).is_empty(), "nothing was drawn");
+        renderer.render(&geometry, &frame, &GeometrySettings::default(), Patience::Wait);
+        let seen = renderer.seen_by(&geometry);
+        // Of the wall, 3 m away, each camera sees half of its width to either side of itself.
+        let half_m = 1.5 * 96.0 / (0.8 * 96.0);
+        let both = (half_m - 0.4) / 3.0 * frame.focal_px();
+        for (x, count) in (0..101).zip(&seen[35 * 101..36 * 101]) {
+            let off = (f64::from(x) + 0.5 - 50.5).abs();
+            // At a picture's rim a texel more or less.
+            if (off - both).abs() > 2.0 && off < 49.0 {
+                assert_eq!(*count, Some(if off < both { 2 } else { 1 }), "{x}");
+            }
+        }
+        let pasted = GeometrySettings { texturing: Texturing::Nearest, ..GeometrySettings::default() };
+        renderer.render(&geometry, &frame, &pasted, Patience::Wait);
+        assert!(renderer.seen_by(&geometry).iter().all(Option::is_none), "no triangle was drawn");
+    }
+
+    #[test]
+    fn cameras_whose_view_is_hidden_are_not_counted() {
+        // A post a metre away hides a part of a wall three metres away from the left camera that the right one sees.
+        let size = [96, 72];
+        let views = [-0.6, 0.0].map(|eye: f64| {
+            let ray = |column: u32| (f64::from(column) + 0.5 - 48.0) / frame_at(DVec3::ZERO, size).focal_px();
+            let depth = move |column: u32, _: u32| if (eye + ray(column)).abs() < 0.12 { 1.0 } else { 3.0 };
+            view_of(DVec3::new(eye, 0.0, 0.0), depth, |_, _| [90; 3], size)
+        });
+        let (_folder, geometry) = opened(&views, &SampleGrid { spacing_px: 2, coarsest: 3 });
+        let frame = frame_at(DVec3::ZERO, size);
+        let mut renderer = GeometryRenderer::new();
+        renderer.render(&geometry, &frame, &GeometrySettings::default(), Patience::Wait);
+        let seen = renderer.seen_by(&geometry);
+        // From the left the post hides the wall from 0.84 to 1.56 m right of the middle.
+        let column = |x_m: f64| (48.0 + x_m / 3.0 * frame.focal_px()) as usize;
+        let row = &seen[36 * 96..37 * 96];
+        assert!((column(0.84) + 2..column(1.56) - 1).all(|x| row[x] == Some(1)), "{row:?}");
+        assert!((column(0.45) + 2..column(0.84) - 2).all(|x| row[x] == Some(2)), "{row:?}");
     }
 }

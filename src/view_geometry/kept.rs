@@ -1,16 +1,18 @@
 //! Samples kept on disk, so that a thousand cameras cost no time when a set is opened again (E5): a file of ours, its points mapped.
 //!
 //! A file is named by what it is made of ([`cache::of_views`]): views, as the set and its registration describe them, the grid, and the origin. So a set that
-//! has changed has another file, and a file that is damaged is made anew.
+//! has changed has another file, and a file that is damaged is made anew. Its points are not read when it is opened: each camera's have a checksum of their own, which
+//! they are held against when its picture is read ([`check`]).
 
 use super::samples::{MAX_PROBES, Probes, Samples};
 use super::{RealCamera, SampleGrid};
 use crate::cache;
-use crate::capture::images::{Distortion, Pinhole, Pose, View};
+use crate::capture::images::{Distortion, LoadedView, Pinhole, Pose, View};
 use crate::container::{Container, ContainerWriter, FileError, FileKind};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Numbers that describe a camera: its eye, the columns of its turn, focal lengths and principal point.
 const NUMBERS: usize = 16;
@@ -48,6 +50,8 @@ pub(super) fn write(path: &Path, cameras: &[RealCamera]) -> Result<(), FileError
     writer.section("probes", || {
         Ok(bytemuck::cast_slice(&cameras.iter().flat_map(probes).collect::<Vec<f32>>()).to_vec())
     });
+    let checksums: Vec<u32> = cameras.iter().map(|camera| camera.samples.checksum()).collect();
+    writer.section("checksums", move || Ok(bytemuck::cast_slice(&checksums).to_vec()));
     for (axis, name) in AXES.into_iter().enumerate() {
         writer.section(name, move || {
             let points = cameras.iter().flat_map(|camera| camera.samples.of_level(0)[axis]);
@@ -80,17 +84,18 @@ pub(super) fn open(path: &Path, views: usize) -> Result<Vec<RealCamera>, FileErr
     let counts: Vec<u32> = info.array(total)?;
     let all: Vec<[f64; NUMBERS]> = file.section("cameras")?.array(cameras)?;
     let probes: Vec<[[f32; MAX_PROBES]; 3]> = file.section("probes")?.array(cameras)?;
+    let checksums: Vec<u32> = file.section("checksums")?.array(cameras)?;
     let axes = file.mapped(AXES)?;
     let held = axes.each_ref().map(|axis| axis.values::<f32>().len());
     let mut first = 0;
     let mut opened = Vec::with_capacity(cameras);
-    for ((numbers, probes), counts) in all.iter().zip(probes).zip(counts.chunks(levels)) {
+    for (((numbers, probes), counts), checksum) in all.iter().zip(probes).zip(counts.chunks(levels)).zip(checksums) {
         // The finest level has all.
         let count = counts.iter().copied().max().unwrap_or(0) as usize;
         if held.iter().any(|held| first + count > *held) {
             return Err(info.damaged(format!("{} points or more", first + count), format!("{held:?}")));
         }
-        let samples = Samples::mapped(&axes, first..first + count, counts.to_vec(), Probes::new(probes));
+        let samples = Samples::mapped(&axes, first..first + count, counts.to_vec(), Probes::new(probes), checksum);
         first += count;
         opened.push(camera(numbers, samples));
     }
@@ -104,7 +109,26 @@ fn camera(numbers: &[f64; NUMBERS], samples: Samples) -> RealCamera {
         pose: Pose { eye: DVec3::new(x, y, z), world_from_eye: DMat3::from_cols_array(&turn) },
         lens: Pinhole { focal_px: [fx, fy], principal_px: [px, py], distortion: Distortion::default() },
         left_out: false,
-        samples,
+        samples: Arc::new(samples),
+    }
+}
+
+/// What is done about a camera's samples whenever its picture is read: those in the `file` are read and held against their checksum, so that no frame
+/// waits for a disk or shows what is damaged. Damaged ones are made anew of the view, and the file goes, to be made anew the next time.
+pub(super) fn check(
+    cameras: &[RealCamera],
+    grid: SampleGrid,
+    origin: DVec3,
+    file: Option<PathBuf>,
+) -> impl Fn(u32, &LoadedView) + Send + Sync + use<> {
+    let samples: Vec<Arc<Samples>> = cameras.iter().map(|camera| Arc::clone(&camera.samples)).collect();
+    move |camera, view| {
+        let samples = samples.get(camera as usize);
+        let is_whole = samples.is_none_or(|samples| samples.check(|| Samples::new(view, &grid, origin)));
+        if let Some(file) = file.as_ref().filter(|_| !is_whole) {
+            // What cannot be removed is found damaged again.
+            let _ = std::fs::remove_file(file);
+        }
     }
 }
 
@@ -208,6 +232,31 @@ mod tests {
         let nowhere = cache.path().join("file");
         std::fs::write(&nowhere, b"no folder").expect("written");
         assert!(frame(&open(&views, &nowhere), &camera, &GeometrySettings::default()).0 == expected.0);
+    }
+
+    #[test]
+    fn damaged_points_are_found_when_their_camera_is_used_and_made_anew() {
+        let (pictures, cache) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let views = views(pictures.path());
+        let camera = frame_at(DVec3::new(0.05, 0.0, 0.1), SIZE);
+        let expected = frame(&open(&views, cache.path()), &camera, &GeometrySettings::default());
+        let file = files(cache.path()).pop().expect("a file");
+        let whole = std::fs::read(&file).expect("read");
+        let cameras = super::open(&file, 3).expect("whole");
+        assert!(cameras.iter().all(|camera| camera.samples.check(Samples::default)));
+        // The last byte of the second camera's last point, whichever axis is last in the file.
+        let of_one = whole.len() - 1 - 4 * cameras[2].samples.of_level(0)[2].len();
+        let damaged: Vec<u8> = whole.iter().zip(0..).map(|(byte, i)| byte ^ u8::from(i == of_one)).collect();
+        std::fs::remove_file(&file).expect("removed");
+        std::fs::write(&file, damaged).expect("written");
+        let mended = open(&views, cache.path());
+        assert!(mended.notes().is_empty() && mended.mended().is_empty(), "points are not read yet");
+        let found = frame(&mended, &camera, &GeometrySettings::default());
+        assert!(found.0 == expected.0 && found.1.samples == expected.1.samples);
+        assert!(matches!(&mended.mended()[..], [why] if why.contains("samples of b")), "{:?}", mended.mended());
+        assert!(!file.exists(), "it is made anew the next time");
+        open(&views, cache.path());
+        assert_eq!(std::fs::read(&file).expect("read"), whole);
     }
 
     #[test]

@@ -60,7 +60,8 @@ pub struct GeometryRenderer {
     /// Of bands that were drawn, for the next ones.
     pub(super) described: Mutex<Vec<Described>>,
     pub(super) frame: Frame,
-    /// Of the last frame: its cameras by rank, and when neighbours are of different surfaces.
+    /// Of the last frame: where it was seen from, its cameras by rank, and when neighbours are of different surfaces.
+    pub(super) camera: Option<Camera>,
     pub(super) used: Vec<u32>,
     pub(super) edge: EdgeRule,
 }
@@ -88,6 +89,7 @@ impl GeometryRenderer {
             bins: Bins::default(),
             described: Mutex::default(),
             frame: Frame::default(),
+            camera: None,
             used: Vec::new(),
             edge: EdgeRule::new(1.0, 0.0),
         }
@@ -127,7 +129,7 @@ impl GeometryRenderer {
         (stats.cameras_used, stats.pictures_missing) = (pictures.len() as u64, missing as u64);
         stats.fetch_ms = lap();
         let edge = EdgeRule::new(camera.focal_px() as f32, geometry.depth_noise);
-        self.edge = edge;
+        (self.edge, self.camera) = (edge, Some(*camera));
         self.used.clear();
         self.used.extend(pictures.iter().map(|(camera, _)| *camera));
         self.bins.clear();

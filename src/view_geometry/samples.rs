@@ -7,6 +7,7 @@ use crate::capture::images::LoadedView;
 use crate::container::MappedSection;
 use glam::{DVec3, Vec3};
 use std::ops::Range;
+use std::sync::OnceLock;
 
 /// What stands for a depth image while frames are drawn.
 #[derive(Clone, Debug, Default)]
@@ -22,8 +23,17 @@ pub(super) struct Samples {
 #[derive(Clone, Debug)]
 enum Held {
     Memory([Vec<f32>; 3]),
-    /// In a file, together with those of other cameras.
-    Disk([MappedSection; 3], Range<usize>),
+    Disk(Mapped),
+}
+
+/// Points in a file, together with those of other cameras.
+#[derive(Clone, Debug)]
+struct Mapped {
+    axes: [MappedSection; 3],
+    points: Range<usize>,
+    checksum: u32,
+    /// Once they were looked at: what takes their place if they are damaged.
+    checked: OnceLock<Option<Box<Samples>>>,
 }
 
 impl Default for Held {
@@ -122,9 +132,37 @@ impl Samples {
         Self { points: Held::Memory(points), counts, probes: Probes::new(spread) }
     }
 
-    /// Samples in a file: some of the points of three sections, and what [`Self::counts`] and [`Self::probes`] were.
-    pub(super) fn mapped(axes: &[MappedSection; 3], points: Range<usize>, counts: Vec<u32>, probes: Probes) -> Self {
-        Self { points: Held::Disk(axes.clone(), points), counts, probes }
+    /// Samples in a file: some of the points of three sections, and what [`Self::counts`], [`Self::probes`] and [`Self::checksum`] were.
+    pub(super) fn mapped(
+        axes: &[MappedSection; 3],
+        points: Range<usize>,
+        counts: Vec<u32>,
+        probes: Probes,
+        checksum: u32,
+    ) -> Self {
+        let mapped = Mapped { axes: axes.clone(), points, checksum, checked: OnceLock::new() };
+        Self { points: Held::Disk(mapped), counts, probes }
+    }
+
+    /// Of all points.
+    pub(super) fn checksum(&self) -> u32 {
+        let mut sum = crc32fast::Hasher::new();
+        self.of_level(0).iter().for_each(|axis| sum.update(bytemuck::cast_slice(axis)));
+        sum.finalize()
+    }
+
+    /// Reads the points of samples in a file and holds them against their checksum, if this is the first time; if they are damaged, those of `anew`
+    /// take their place. Returns whether they are whole.
+    pub(super) fn check(&self, anew: impl FnOnce() -> Self) -> bool {
+        let Held::Disk(mapped) = &self.points else { return true };
+        let replaced = || (self.checksum() != mapped.checksum).then(|| Box::new(anew()));
+        mapped.checked.get_or_init(replaced).is_none()
+    }
+
+    /// What took the place of damaged points.
+    pub(super) fn mended(&self) -> Option<&Self> {
+        let Held::Disk(mapped) = &self.points else { return None };
+        mapped.checked.get()?.as_deref()
     }
 
     /// How many samples each level of detail has, the finest first.
@@ -134,10 +172,15 @@ impl Samples {
 
     /// The samples of a level of detail, 0 the finest; beyond the coarsest that one.
     pub(super) fn of_level(&self, level: u32) -> Points<'_> {
+        if let Some(mended) = self.mended() {
+            return mended.of_level(level);
+        }
         let count = self.counts.get(level as usize).or(self.counts.last()).copied().unwrap_or(0) as usize;
         let all: Points = match &self.points {
             Held::Memory(axes) => axes.each_ref().map(Vec::as_slice),
-            Held::Disk(axes, range) => axes.each_ref().map(|axis| axis.values().get(range.clone()).unwrap_or_default()),
+            Held::Disk(Mapped { axes, points, .. }) => {
+                axes.each_ref().map(|axis| axis.values().get(points.clone()).unwrap_or_default())
+            }
         };
         all.map(|axis| axis.get(..count).unwrap_or_default())
     }
@@ -151,7 +194,7 @@ impl Samples {
     pub(super) fn bytes(&self) -> usize {
         let points = match &self.points {
             Held::Memory(axes) => axes.iter().map(|axis| size_of_val(axis.as_slice())).sum(),
-            Held::Disk(..) => 0,
+            Held::Disk(_) => self.mended().map_or(0, Self::bytes),
         };
         points + size_of::<Self>()
     }

@@ -11,6 +11,7 @@ use crate::progress::Progress;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Why there is no view-dependent geometry.
 #[derive(Debug, thiserror::Error)]
@@ -40,14 +41,15 @@ pub struct RealCamera {
     pub lens: Pinhole,
     /// Takes no part in frames: what is judged is shown without itself.
     pub left_out: bool,
-    pub(super) samples: Samples,
+    pub(super) samples: Arc<Samples>,
 }
 
 impl RealCamera {
     /// Of a view in memory; `None` for a panorama. Samples are relative to `origin`, world metres.
     pub(super) fn of_loaded(view: &LoadedView, grid: &SampleGrid, origin: DVec3) -> Option<Self> {
         let Lens::Pinhole(lens) = view.lens else { return None };
-        Some(Self { pose: view.pose, lens, left_out: false, samples: Samples::new(view, grid, origin) })
+        let samples = Arc::new(Samples::new(view, grid, origin));
+        Some(Self { pose: view.pose, lens, left_out: false, samples })
     }
 
     /// Its viewing direction.
@@ -129,9 +131,19 @@ impl ViewGeometry {
                 let sampled = sampled(&views, grid, origin, &pictures, progress)?;
                 // A cache that cannot be written costs time, and no more. What is written need not stay in memory.
                 let written = file.as_ref().is_some_and(|file| kept::write(file, &sampled).is_ok());
-                if written { kept().0.unwrap_or(sampled) } else { sampled }
+                match kept().0.filter(|_| written) {
+                    Some(mapped) => {
+                        // Of pictures that are at hand already nobody will ask for samples again.
+                        mapped.iter().zip(&sampled).for_each(|(mapped, sampled)| {
+                            mapped.samples.check(|| Samples::clone(&sampled.samples));
+                        });
+                        mapped
+                    }
+                    None => sampled,
+                }
             }
         };
+        pictures.when_read(kept::check(&cameras, *grid, origin, file.clone()));
         let in_use = file.as_deref().and_then(|file| InUse::of(file).ok());
         if let Some(folder) = cache {
             cache::make_room(folder, cache::MOST_BYTES);
@@ -183,6 +195,14 @@ impl ViewGeometry {
     /// Of pictures that cannot be read any more, why: a sentence each.
     pub fn lost(&self) -> Vec<String> {
         self.pictures.lost()
+    }
+
+    /// Of samples in the cache that were found damaged, whose they were: a sentence each.
+    pub fn mended(&self) -> Vec<String> {
+        let mended = self.cameras.iter().zip(0..).filter(|(camera, _)| camera.samples.mended().is_some());
+        let sentence =
+            |(_, number)| format!("the samples of {} in the cache are damaged; they are made anew", self.name(number));
+        mended.map(sentence).collect()
     }
 
     /// A sentence for a frame that no camera serves.

@@ -5,7 +5,8 @@
 //! picture that cannot be read any more is remembered as lost: its camera is passed over, and why is said.
 
 use super::picture::Picture;
-use crate::capture::images::View;
+use crate::capture::images::{LoadedView, View};
+use crate::shelves::Shelves;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -31,40 +32,49 @@ pub(super) struct PictureStore {
 struct Shared {
     views: Vec<View>,
     budget: usize,
+    when_read: OnceLock<WhenRead>,
     state: Mutex<State>,
 }
 
+/// What else is done with a camera's view once it is in memory.
+type WhenRead = Box<dyn Fn(u32, &LoadedView) + Send + Sync>;
+
 #[derive(Default)]
 struct State {
-    held: BTreeMap<u32, Held>,
+    /// Moments are fetches.
+    held: Shelves<u32, AtHand>,
     /// Why pictures cannot be read.
     lost: BTreeMap<u32, String>,
     /// What the thread has yet to decode.
     queued: Vec<u32>,
-    bytes: usize,
-    clock: u64,
 }
 
-struct Held {
+#[derive(Clone)]
+struct AtHand {
     picture: Arc<Picture>,
-    last_used: u64,
     since: Instant,
 }
 
 impl PictureStore {
     pub(super) fn new(views: Vec<View>, budget: usize) -> Self {
-        Self { shared: Arc::new(Shared { views, budget, state: Mutex::default() }), worker: OnceLock::new() }
+        let shared = Shared { views, budget, when_read: OnceLock::new(), state: Mutex::default() };
+        Self { shared: Arc::new(shared), worker: OnceLock::new() }
+    }
+
+    /// From now on `look` is given each camera's view before its picture is at hand. It is told so once.
+    pub(super) fn when_read(&self, look: impl Fn(u32, &LoadedView) + Send + Sync + 'static) {
+        self.shared.when_read.get_or_init(|| Box::new(look));
     }
 
     /// Keeps a picture that is at hand anyhow, if there is room.
     pub(super) fn offer(&self, camera: u32, picture: impl FnOnce() -> Picture) {
-        if self.shared.lock().bytes >= self.shared.budget {
+        if self.bytes() >= self.shared.budget {
             return;
         }
         let picture = picture();
         let mut state = self.shared.lock();
-        if state.bytes + picture.bytes() <= self.shared.budget {
-            state.hold(camera, Arc::new(picture));
+        if state.held.bytes() as usize + picture.bytes() <= self.shared.budget {
+            state.hold(camera, picture);
         }
     }
 
@@ -76,36 +86,32 @@ impl PictureStore {
         patience: Patience,
     ) -> (Vec<(u32, Arc<Picture>)>, usize) {
         let ranked: Vec<u32> = ranked.collect();
+        self.shared.lock().held.next_moment();
         if patience == Patience::Wait {
             self.decode_missing(&ranked, count);
         }
-        let mut guard = self.shared.lock();
-        let state = &mut *guard;
-        state.clock += 1;
-        let now = state.clock;
+        let mut state = self.shared.lock();
         let mut found = Vec::with_capacity(count.min(ranked.len()));
         let mut missing = Vec::new();
         for camera in ranked {
             if found.len() == count {
                 break;
             }
-            match state.held.get_mut(&camera) {
-                Some(held) => {
-                    held.last_used = now;
-                    found.push((camera, Arc::clone(&held.picture)));
-                }
+            match state.held.take_down(camera) {
+                Some(at_hand) => found.push((camera, at_hand.picture)),
                 None if state.lost.contains_key(&camera) => {}
                 None => missing.push(camera),
             }
         }
-        state.evict(self.shared.budget, now);
+        let gone = state.held.make_room(self.shared.budget as u64);
         missing.truncate(count);
         let to_come = missing.len();
-        if patience == Patience::Never && to_come > 0 {
-            missing.reverse();
-            // What was wanted before and is not any more need not be decoded.
-            state.queued = missing;
-            drop(guard);
+        missing.reverse();
+        // What was wanted before and is not any more need not be decoded.
+        state.queued = missing;
+        drop(state);
+        drop(gone);
+        if to_come > 0 {
             let worker = self.worker.get_or_init(|| Shared::start(Arc::clone(&self.shared)));
             // The thread ends with the store alone.
             let _ = worker.send(());
@@ -117,9 +123,10 @@ impl PictureStore {
     fn decode_missing(&self, ranked: &[u32], count: usize) {
         loop {
             let missing: Vec<u32> = {
-                let state = self.shared.lock();
-                let readable = ranked.iter().copied().filter(|camera| !state.lost.contains_key(camera)).take(count);
-                readable.filter(|camera| !state.held.contains_key(camera)).collect()
+                let mut state = self.shared.lock();
+                let State { held, lost, .. } = &mut *state;
+                let readable = ranked.iter().copied().filter(|camera| !lost.contains_key(camera)).take(count);
+                readable.filter(|camera| held.take_down(*camera).is_none()).collect()
             };
             if missing.is_empty() {
                 return;
@@ -133,9 +140,14 @@ impl PictureStore {
         self.shared.views.get(camera as usize).map_or_else(String::new, |view| view.name.clone())
     }
 
+    /// A picture, if it is at hand; to look at it is no use of it.
+    pub(super) fn at_hand(&self, camera: u32) -> Option<Arc<Picture>> {
+        self.shared.lock().held.look_at(camera).map(|at_hand| Arc::clone(&at_hand.picture))
+    }
+
     /// How long a picture has been at hand, seconds.
     pub(super) fn age_s(&self, camera: u32) -> Option<f32> {
-        self.shared.lock().held.get(&camera).map(|held| held.since.elapsed().as_secs_f32())
+        self.shared.lock().held.look_at(camera).map(|at_hand| at_hand.since.elapsed().as_secs_f32())
     }
 
     /// What could not be read any more: a sentence each.
@@ -145,7 +157,7 @@ impl PictureStore {
 
     /// Bytes of the pictures at hand.
     pub(super) fn bytes(&self) -> usize {
-        self.shared.lock().bytes
+        self.shared.lock().held.bytes() as usize
     }
 }
 
@@ -155,24 +167,28 @@ impl Shared {
         self.state.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 
+    /// Reads a camera's picture, and lets go of what it takes the room of.
     fn decode(&self, camera: u32) {
-        let loaded = self.views.get(camera as usize).map(View::load);
-        let mut state = self.lock();
-        match loaded {
+        let picture = match self.views.get(camera as usize).map(View::load) {
             Some(Ok(view)) => {
-                drop(state);
-                let picture = Arc::new(Picture::new(&view));
-                state = self.lock();
-                state.clock += 1;
-                state.hold(camera, picture);
+                if let Some(look) = self.when_read.get() {
+                    look(camera, &view);
+                }
+                Ok(Picture::new(&view))
             }
-            Some(Err(error)) => {
-                state.lost.insert(camera, error.to_string());
-            }
-            None => {
-                state.lost.insert(camera, format!("there is no view {camera}"));
+            Some(Err(error)) => Err(error.to_string()),
+            None => Err(format!("there is no view {camera}")),
+        };
+        let mut state = self.lock();
+        match picture {
+            Ok(picture) => state.hold(camera, picture),
+            Err(why) => {
+                state.lost.insert(camera, why);
             }
         }
+        let gone = state.held.make_room(self.budget as u64);
+        drop(state);
+        drop(gone);
     }
 
     /// Starts the thread that decodes what is queued whenever it is told to look.
@@ -182,9 +198,6 @@ impl Shared {
             while receiver.recv().is_ok() {
                 while let Some(camera) = { shared.lock().next_queued() } {
                     shared.decode(camera);
-                    let mut state = shared.lock();
-                    let now = state.clock;
-                    state.evict(shared.budget, now);
                 }
             }
         };
@@ -195,31 +208,18 @@ impl Shared {
 }
 
 impl State {
-    fn hold(&mut self, camera: u32, picture: Arc<Picture>) {
-        self.bytes += picture.bytes();
-        if let Some(before) = self.held.insert(camera, Held { picture, last_used: self.clock, since: Instant::now() }) {
-            self.bytes -= before.picture.bytes();
-        }
+    fn hold(&mut self, camera: u32, picture: Picture) {
+        let bytes = picture.bytes() as u64;
+        self.held.put(camera, AtHand { picture: Arc::new(picture), since: Instant::now() }, bytes);
     }
 
     fn next_queued(&mut self) -> Option<u32> {
         while let Some(camera) = self.queued.pop() {
-            if !self.held.contains_key(&camera) && !self.lost.contains_key(&camera) {
+            if self.held.look_at(camera).is_none() && !self.lost.contains_key(&camera) {
                 return Some(camera);
             }
         }
         None
-    }
-
-    /// Lets pictures go, those used longest ago first, but none that is used `now`.
-    fn evict(&mut self, budget: usize, now: u64) {
-        while self.bytes > budget {
-            let oldest = self.held.iter().filter(|(_, held)| held.last_used < now);
-            let Some((&camera, _)) = oldest.min_by_key(|(camera, held)| (held.last_used, **camera)) else { return };
-            if let Some(held) = self.held.remove(&camera) {
-                self.bytes -= held.picture.bytes();
-            }
-        }
     }
 }
 
@@ -249,7 +249,7 @@ mod tests {
         assert_eq!(fetch(&[2, 0]), [2, 0]);
         assert_eq!(fetch(&[3, 4]), [3, 4]);
         assert_eq!(store.bytes(), 3 * one);
-        let held: Vec<u32> = store.shared.lock().held.keys().copied().collect();
+        let held: Vec<u32> = store.shared.lock().held.iter().map(|(camera, _)| camera).collect();
         assert_eq!(held, [2, 3, 4], "1 was used before 0 and 2; of these the lower number went");
     }
 

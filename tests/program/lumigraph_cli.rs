@@ -41,6 +41,9 @@ fn a_scene_becomes_a_lumigraph_that_shows_it() {
     let (whole, _) = render(&["--variant", "whole"]);
     assert_eq!(whole["variant"], "whole");
 
+    #[cfg(feature = "viewer")]
+    super::run::overlays_are_painted(dir.path(), "a.lumi", &["layer", "merged layers", "camera"], &view[..6]);
+
     // Where nothing is said, as a camera amid the others sees it.
     assert!(succeeds(dir.path(), &["render", "a.lumi", "-o", "d.png"]).contains("layers of"));
     let path = r#"{"poses": [{"eye": [0, 0, 3], "look_at": [0, 0, 0], "fov": 50}], "size": [16, 12]}"#;

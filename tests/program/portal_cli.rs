@@ -44,6 +44,8 @@ fn a_house_is_written_described_and_walked() {
     let one = json(at, "render a.house -o one.png --size 64x48 --variant image --repeat 2 --json");
     assert_eq!((&one["variant"], one["ms"].as_array().map(Vec::len)), (&Value::from("image"), Some(2)));
     assert!(one["statistics"]["cell"].is_number() && one["stages"]["geometry_ms"].is_number());
+    #[cfg(feature = "viewer")]
+    run::overlays_are_painted(at, "a.house", &["holes", "backdrops"], &[]);
     let geometry = json(at, "render a.house -o two.png --size 64x48 --variant geometry --json");
     assert_eq!(geometry["statistics"]["portals"], 0);
 

@@ -37,3 +37,23 @@ pub(crate) fn succeeds(folder: &Path, arguments: &[&str]) -> String {
 pub(crate) fn json(folder: &Path, arguments: &[&str]) -> serde_json::Value {
     serde_json::from_str(&succeeds(folder, arguments)).unwrap()
 }
+
+/// Paints overlays of a file by `render`, each of which must differ from the frame without and from the others; what is no overlay of the file's is refused
+/// with the names of those that are.
+#[cfg(feature = "viewer")]
+pub(crate) fn overlays_are_painted(folder: &Path, file: &str, overlays: &[&str], more: &[&str]) {
+    let base = ["render", file, "-o", "overlay.png", "--size", "96x72"];
+    let painted = |overlay: &str| {
+        let said = json(folder, &[base.as_slice(), more, &["--overlay", overlay, "--json"]].concat());
+        assert_eq!((said["overlay"].as_str(), &said["size"]), (Some(overlay), &serde_json::json!([96, 72])));
+        std::fs::read(folder.join("overlay.png")).unwrap()
+    };
+    let mut pictures = vec![painted("none")];
+    for overlay in overlays {
+        let picture = painted(overlay);
+        assert!(!pictures.contains(&picture), "{file}: {overlay}");
+        pictures.push(picture);
+    }
+    let known = ["none"].iter().chain(overlays).copied().collect::<Vec<_>>().join(", ");
+    fails(folder, 2, &[base.as_slice(), more, &["--overlay", "rainbow"]].concat(), &known);
+}

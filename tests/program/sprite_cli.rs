@@ -42,6 +42,8 @@ fn a_scene_becomes_sprites_that_every_variant_renders() {
             assert!(rendered["stages"].is_object() && rendered["hole_fraction"].is_number());
         }
     }
+    #[cfg(feature = "viewer")]
+    super::run::overlays_are_painted(dir.path(), "a.sprite", &["holes"], &view[..4]);
     render("homography", "flat.png", &[]);
     render("two-pass", "deep.png", &[]);
     let (flat, deep) = (flip(dir.path(), "t.png", "flat.png"), flip(dir.path(), "t.png", "deep.png"));

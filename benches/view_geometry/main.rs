@@ -1,8 +1,12 @@
 //! View-dependent geometry over very many images: what a frame's steps take, and a walk at sixty frames a second that waits for no picture.
 //!
 //! `HEADBOX_IMAGES=DIR` names a folder of images with depth; without, a thousand small ones of `builtin:castle` are traced first.
-//! `HEADBOX_SECONDS` is how long it walks (10), `HEADBOX_MEMORY` the megabytes for pictures (200).
+//! `HEADBOX_SECONDS` is how long it walks (10), `HEADBOX_MEMORY` the megabytes for pictures (200), `HEADBOX_CACHE` a folder in which samples stay from run to
+//! run, so that memory is that of walking alone.
 
+mod delays;
+
+use delays::{Delays, resident_bytes};
 use glam::DVec3;
 use headbox::capture::Camera;
 use headbox::capture::images::{ImageSet, ImageSetOptions, SetWriter, View};
@@ -23,6 +27,9 @@ const TRACED: [u32; 2] = [160, 120];
 
 /// Time for a frame of the walk, ms, as in the window: cameras, grid and detail keep to it.
 const BUDGET_MS: f64 = 33.0;
+
+/// Frames of which it is told what kept them.
+const LATEST: usize = 8;
 
 /// Between frames of the walk.
 const FRAME: Duration = Duration::from_micros(16_667);
@@ -86,42 +93,51 @@ fn best(renderer: &mut GeometryRenderer, geometry: &ViewGeometry, camera: &Camer
     best.unwrap_or_default()
 }
 
+/// A frame of the walk.
+struct Walked {
+    ms: f64,
+    at_s: f64,
+    stats: GeometryStats,
+    delays: Delays,
+}
+
 fn walk(geometry: &ViewGeometry) {
     let (mut renderer, full) = (GeometryRenderer::new(), GeometrySettings::default());
     let mut budget = TimeBudget::new(BUDGET_MS);
-    let (mut times, mut most, mut used) = (Vec::new(), 0, 0);
-    let mut latest = (0.0_f64, 0.0_f64, GeometryStats::default());
+    let (mut frames, mut most, mut resident, mut used) = (Vec::new(), 0, 0, 0);
     let (started, seconds) = (Instant::now(), number("HEADBOX_SECONDS", 10.0));
     while started.elapsed().as_secs_f64() < seconds {
+        let (before, at_s) = (Delays::now(), started.elapsed().as_secs_f64());
         let frame = Instant::now();
         // Past all cameras in a minute, back and forth.
-        let camera = on_the_way(geometry, started.elapsed().as_secs_f64() / 60.0, [1024, 768]);
+        let camera = on_the_way(geometry, at_s / 60.0, [1024, 768]);
         let (_, stats) = renderer.render(geometry, &camera, &budget.settings(&full), Patience::Never);
         budget.took(stats.frame_ms);
         let ms = frame.elapsed().as_secs_f64() * 1e3;
-        times.push(ms);
-        if ms > latest.0 {
-            latest = (ms, started.elapsed().as_secs_f64(), stats);
-        }
-        most = most.max(geometry.bytes());
+        frames.push(Walked { ms, at_s, stats, delays: Delays::now().since(&before) });
+        (most, resident) = (most.max(geometry.bytes()), resident.max(resident_bytes()));
         used += u64::from(stats.cameras_used > 0);
         std::thread::sleep(FRAME.saturating_sub(frame.elapsed()));
     }
-    times.sort_by(f64::total_cmp);
-    let of = |share: f64| times.get(((times.len() - 1) as f64 * share) as usize).copied().unwrap_or(f64::NAN);
+    frames.sort_by(|a, b| a.ms.total_cmp(&b.ms));
+    let of = |share: f64| frames.get(((frames.len() - 1) as f64 * share) as usize).map_or(f64::NAN, |frame| frame.ms);
     println!(
-        "walk: {} frames in {seconds:.0} s, {used} with a camera; ms: median {:.1}, 99 % {:.1}, latest {:.1}; {:.0} MB at most",
-        times.len(),
+        "walk: {} frames in {seconds:.0} s, {used} with a camera; ms: median {:.1}, 99 % {:.1}, latest {:.1}, {} over 100; {:.0} MB of pictures \
+         and samples at most, {:.0} of the program",
+        frames.len(),
         of(0.5),
         of(0.99),
         of(1.0),
-        most as f64 / 1e6
+        frames.iter().filter(|frame| frame.ms > 100.0).count(),
+        most as f64 / 1e6,
+        resident as f64 / 1e6
     );
-    let (_, at_s, stats) = latest;
-    println!(
-        "the latest, after {at_s:.1} s: rank {:.1}, fetch {:.1}, fuse {:.1}, mesh {:.1}, texture {:.1}; {} pictures to come",
-        stats.rank_ms, stats.fetch_ms, stats.fuse_ms, stats.mesh_ms, stats.texture_ms, stats.pictures_missing
-    );
+    for Walked { ms, at_s, stats, delays } in frames.iter().rev().take(LATEST) {
+        println!(
+            "{ms:.1} ms after {at_s:.1} s: rank {:.1}, fetch {:.1}, fuse {:.1}, mesh {:.1}, texture {:.1}; {} pictures to come; {delays}",
+            stats.rank_ms, stats.fetch_ms, stats.fuse_ms, stats.mesh_ms, stats.texture_ms, stats.pictures_missing
+        );
+    }
 }
 
 fn main() {
@@ -135,10 +151,11 @@ fn main() {
     }
     let folder = folder.unwrap_or_else(|| made.path().into());
     let set = ImageSet::open(&folder, &ImageSetOptions::default()).expect("a set");
-    let cache = tempfile::tempdir().expect("a folder");
+    let kept = tempfile::tempdir().expect("a folder");
+    let cache = std::env::var_os("HEADBOX_CACHE").map_or(kept.path().into(), PathBuf::from);
     let budget = (number("HEADBOX_MEMORY", 200.0) * 1e6) as usize;
-    let resources = GeometryResources { budget, cache: Some(cache.path().into()), ..GeometryResources::default() };
-    opened(&set, &resources, &format!("{} images sampled", set.views.len()));
+    let resources = GeometryResources { budget, cache: Some(cache), ..GeometryResources::default() };
+    opened(&set, &resources, &format!("{} images opened", set.views.len()));
     let geometry = opened(&set, &resources, "opened again");
     let mut renderer = GeometryRenderer::new();
     for size in [[800, 600], [1024, 768]] {
