@@ -133,7 +133,7 @@ mod tests {
             match expected {
                 // What f32 matrices round, seen at a focal length of 32 px.
                 Some(expected) => {
-                    (0..3).for_each(|i| assert!((found[i] - expected[i]).abs() < 2e-4, "{found:?} {expected:?}"))
+                    (0..3).for_each(|i| assert!((found[i] - expected[i]).abs() < 2e-4, "{found:?} {expected:?}"));
                 }
                 None => assert!(found[2] <= 1e-6, "{found:?}"),
             }
