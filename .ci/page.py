@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """Opens pages in headless Chromium and takes their pictures.
 
-    page.py WIDTHxHEIGHT [--before SCRIPT.js] [--click ID] URL PICTURE.png [URL PICTURE.png ...]
+    page.py WIDTHxHEIGHT [--before SCRIPT.js] [--click ID] [--then EXPRESSION] [--eyes] URL PICTURE.png [URL PICTURE.png ...]
 
 A page is done when its title is `ready`, or when its body has the class `failed`; what it says then is printed, a line a page.
-`--before` runs a script before the page's own, `--click` clicks on an element (and does not wait for the title). Talks to Chromium
-through its debugging pipe, for which Python's standard library suffices.
+`--before` runs a script before the page's own, `--click` clicks on an element (and does not wait for the title), `--then` evaluates
+something before the picture is taken, and `--eyes` takes the halves besides, as PICTURE.left.png and PICTURE.right.png. Talks to Chromium through its debugging pipe, for which Python's standard library suffices.
 """
 import argparse
 import base64
@@ -68,6 +68,11 @@ class Chromium:
     def evaluate(self, expression, **more):
         return self.call("Runtime.evaluate", expression=expression, returnByValue=True, **more)["result"].get("value")
 
+    def shoot(self, picture, **more):
+        data = self.call("Page.captureScreenshot", format="png", **more)["data"]
+        with open(picture, "wb") as file:
+            file.write(base64.b64decode(data))
+
     def close(self):
         self.process.terminate()
         self.process.wait()
@@ -82,6 +87,8 @@ def main():
     arguments.add_argument("size")
     arguments.add_argument("--before")
     arguments.add_argument("--click")
+    arguments.add_argument("--then")
+    arguments.add_argument("--eyes", action="store_true")
     arguments.add_argument("jobs", nargs="+")
     arguments = arguments.parse_args()
     width, height = map(int, arguments.size.split("x"))
@@ -99,15 +106,20 @@ def main():
                 state = chromium.evaluate(STATE) or ["", "", "", {}]
                 if state[0] == "ready" or "failed" in (state[1] or ""):
                     break
-                if arguments.click and "is loaded" in (state[2] or "") and not clicked:
+                is_shown = "is loaded" in (state[2] or "") and "drawn" in (state[1] or "")
+                if arguments.click and is_shown and not clicked:
                     clicked = True
                     chromium.evaluate(f"document.getElementById('{arguments.click}').click()", userGesture=True)
                 if clicked and state[3].get("headsetEyes"):
                     time.sleep(1)
                     break
-            data = chromium.call("Page.captureScreenshot", format="png")["data"]
-            with open(picture, "wb") as file:
-                file.write(base64.b64decode(data))
+            if arguments.then:
+                chromium.evaluate(arguments.then)
+                time.sleep(0.5)
+            chromium.shoot(picture)
+            for half, x in (("left", 0), ("right", width // 2)) if arguments.eyes else ():
+                clip = {"x": x, "y": 0, "width": width // 2, "height": height, "scale": 1}
+                chromium.shoot(f"{picture.removesuffix('.png')}.{half}.png", clip=clip)
             print(json.dumps({"seconds": round(time.time() - started, 2), "title": state[0], "status": state[2], **state[3]}))
             chromium.call("Page.navigate", url="about:blank")
     finally:

@@ -22,16 +22,18 @@ here=$(cd "$out" && pwd)
 # The most that FLIP may say of the page against the CPU.
 most=0.05
 
+# near A.png B.png MOST WORDS: what FLIP says of two pictures, and whether it is at most MOST.
+near() {
+    "$headbox" compare "$1" "$2" --json >"$2.json"
+    python3 -c "import json, sys; flip = json.load(open('$2.json'))['flip']
+print(f'page: $4: FLIP {flip:.4f}'); sys.exit(flip > $3)"
+}
+
 # hold FILE EYE LOOK_AT: the page against the CPU, seen from an eye.
 hold() {
-    holes=--keep-holes
-    case $1 in *.house | *.lumi) holes= ;; esac
-    # shellcheck disable=SC2086 # nothing, or a word
-    "$headbox" render "$out/$1" -o "$out/$1.cpu.png" --size 320x240 $holes --fov 60 --eye "$2" --look-at "$3" >/dev/null
+    "$headbox" render "$out/$1" -o "$out/$1.cpu.png" --size 320x240 --fov 60 --eye "$2" --look-at "$3" >/dev/null
     .ci/page.py 320x240 "file://$here/$1.html#eye=$2&look-at=$3&fov=60&ui=0" "$out/$1.page.png"
-    "$headbox" compare "$out/$1.cpu.png" "$out/$1.page.png" --json >"$out/$1.json"
-    python3 -c "import json, sys; flip = json.load(open('$out/$1.json'))['flip']
-print(f'page: $1 from $2: FLIP {flip:.4f}'); sys.exit(flip > $most)"
+    near "$out/$1.cpu.png" "$out/$1.page.png" $most "$1 from $2"
 }
 
 capture="--face-size 96 --strata 10 --rays 4 --light-samples 2"
@@ -56,6 +58,10 @@ hold home.house 7.63,1.55,3.62 6.7,1.41,3.96
 hold statue.lumi 0,0,0 0,0,-1
 hold statue.lumi 1.2,0.9,0.2 0,0,-3.5
 hold statue.lumi -0.5,-0.6,-0.6 0,0,-3.5
+# What is shown while images come: those of the corner cameras alone, which leave some of what is hidden from them open.
+.ci/page.py 320x240 --then "headbox.renderer.show(headbox.header.parts.find((part) => part.shows).shows); headbox.draw(1)" \
+    "file://$here/statue.lumi.html#eye=-0.5,-0.6,-0.6&look-at=0,0,-3.5&fov=60&ui=0" "$out/corners.png"
+near "$out/statue.lumi.cpu.png" "$out/corners.png" 0.08 "statue.lumi by its corner cameras"
 
 echo "page: damaged data and an old browser are told, and the poster stays"
 python3 - "$out" <<'PY'
@@ -78,8 +84,15 @@ if command -v npm >/dev/null && timeout 120 npm install --silent --no-save --pre
         echo
         echo 'const headset = new IWER.XRDevice(IWER.metaQuest3); headset.installRuntime({ forceInstall: true }); headset.stereoEnabled = true;'
     } >"$out/headset.js"
-    .ci/page.py 320x160 --before "$out/headset.js" --click headset "file://$here/samples.ldi.html" "$out/headset.png" | tee "$out/headset.txt"
+    # The head goes 100 mm to the right and 50 mm up from the middle of the headbox; eyes are 63 mm apart and see 90 degrees each.
+    .ci/page.py 320x160 --before "$out/headset.js" --click headset --eyes --then "headset.position.x += 0.1; headset.position.y += 0.05" \
+        "file://$here/samples.ldi.html#eye=0.2,1.45,0.9&look-at=0.2,1.45,-1" "$out/headset.png" | tee "$out/headset.txt"
     grep -q '"headsetEyes": "2"' "$out/headset.txt"
+    for eye in left:0.2685 right:0.3315; do
+        at=${eye#*:},1.5
+        "$headbox" render "$out/samples.ldi" -o "$out/eye.cpu.png" --size 160x160 --fov 90 --eye "$at,0.9" --look-at "$at,-1" >/dev/null
+        near "$out/eye.cpu.png" "$out/headset.${eye%:*}.png" $most "the ${eye%:*} eye of a headset"
+    done
 else
     echo "page: headset skipped, npm could not fetch its emulator"
 fi

@@ -66,6 +66,13 @@ pub(super) struct CaptureCommand {
     /// none, or a level of 255
     #[arg(long, value_name = "LEVEL", default_value = "auto", value_parser = parse_backdrop)]
     pub(super) backdrop: Backdrop,
+    /// Of a deep picture (.exr) of a camera that its header does not tell: degrees between its top and its bottom edge; it stands at
+    /// --center, or the origin
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
+    pub(super) fov: Option<f64>,
+    /// Of such a picture: where its camera looked; along -Z if absent
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
+    pub(super) look_at: Option<DVec3>,
     /// Print one JSON object on standard output
     #[arg(long)]
     pub(super) json: bool,
@@ -261,6 +268,14 @@ pub(super) fn what_is_kept(cube: &PackedCube) -> String {
     }
 }
 
+/// Refuses the first of some flags that is given.
+fn refuse_given(kind: &str, flags: &[(&str, bool)]) -> Result<(), UsageError> {
+    match flags.iter().find(|(_, is_given)| *is_given) {
+        Some((flag, _)) => Err(UsageError(format!("{flag} has no meaning for {kind}; leave it out"))),
+        None => Ok(()),
+    }
+}
+
 /// Warns if geometry hides part of the headbox from its centre.
 pub(super) fn warn_if_blocked(blocked_share: f64) {
     if blocked_share > 0.0 {
@@ -279,9 +294,16 @@ impl CaptureCommand {
         }
         if is_deep_picture(self.scene.name()) {
             self.refuse("a deep picture", &self.flags_of_images())?;
-            let place = DeepPlace { centre: self.center, half_size_m: self.half_size, ..DeepPlace::default() };
+            let place = DeepPlace {
+                centre: self.center,
+                look_at: self.look_at,
+                fov_y_deg: self.fov,
+                half_size_m: self.half_size,
+                name: self.scene.name().into(),
+            };
             return capture_deep::run(self.scene.name(), &self.output, place, &self.packing, self.json);
         }
+        refuse_given("a scene", &self.flags_of_deep())?;
         let start = Instant::now();
         let source = self.scene.source();
         let endings = if self.shard.is_some() { &SHARD } else { &CUBE };
@@ -324,8 +346,13 @@ impl CaptureCommand {
     }
 
     /// What is said about image sets alone.
-    fn flags_of_images(&self) -> [(&str, bool); 2] {
+    fn flags_of_images(&self) -> [(&'static str, bool); 2] {
         [("--depth-noise", self.depth_noise.is_some()), ("--agreement", self.agreement.is_some())]
+    }
+
+    /// What is said about deep pictures alone.
+    pub(super) fn flags_of_deep(&self) -> [(&'static str, bool); 2] {
+        [("--fov", self.fov.is_some()), ("--look-at", self.look_at.is_some())]
     }
 
     /// Refuses what has no meaning for what is no scene: how rays are traced, and `more`.
@@ -336,10 +363,8 @@ impl CaptureCommand {
             ("--quality", self.quality.quality.is_some()),
         ];
         let of_scenes = self.quality.given().into_iter().chain(self.scene.given());
-        match of_rays.into_iter().chain(of_scenes).chain(more.iter().copied()).find(|(_, is_given)| *is_given) {
-            Some((flag, _)) => Err(UsageError(format!("{flag} has no meaning for {kind}; leave it out"))),
-            None => Ok(()),
-        }
+        let all: Vec<_> = of_rays.into_iter().chain(of_scenes).chain(more.iter().copied()).collect();
+        refuse_given(kind, &all)
     }
 
     fn run_shard(

@@ -27,7 +27,6 @@ pub(super) fn run(
     Outputs::new(as_json, [name]).file(output, &CUBE)?;
     let image = DeepImage::read(Path::new(name))?;
     let samples = image.offsets.last().copied().unwrap_or_default();
-    let place = DeepPlace { name: name.into(), ..place };
     let packed = packing.pack(cube(&image, place).with_context(|| name.to_owned())?)?;
     if packed.depth_pixel_count() == 0 && packed.planes.tiles.is_empty() {
         bail!("{name}: all of it is so far that nothing moves within the headbox; give a larger --half-size");

@@ -13,7 +13,7 @@ impl CaptureCommand {
     /// Warps the depth images of a set into one cube, or colours what its photographs agree on.
     pub(super) fn run_images(&self) -> anyhow::Result<()> {
         let start = Instant::now();
-        self.refuse("images", &[])?;
+        self.refuse("images", &self.flags_of_deep())?;
         Outputs::new(self.json, [self.scene.name()]).file(&self.output, &CUBE)?;
         let set = self.images.open_registered(Path::new(self.scene.name()))?;
         let mut job = SetJob::suggest(&set);

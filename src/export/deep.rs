@@ -2,19 +2,20 @@
 //!
 //! The six faces of the cube stand one above another as OpenEXR's cubic environment maps have them (`ImfEnvmap.h`), which are the faces of a
 //! cube LDI; a single face is the picture of a camera at the centre of the headbox that sees 90 degrees. Colours are linear, of sRGB's
-//! primaries, times alpha; `Z` is eye depth of the face's camera, metres. Cameras are in the world's axes, Y up, and look along -Z.
+//! primaries, times alpha; `Z` is eye depth of the face's camera, metres. The world has Y up; cameras are told as OpenEXR has them
+//! ([`DeepView::of_camera`]).
 
 use super::ExportError;
 use super::pieces;
 use super::stacks::{Deep, Stacks};
 use crate::capture::deep_exr::{DeepChannel, DeepCompression, DeepImage, DeepKind, DeepView};
 use crate::capture::rig::Face;
+use crate::capture::{Camera, CameraError};
 use crate::packed::PackedCube;
 use exr::prelude::{
     AnyChannel, AnyChannels, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds, Layer, LayerAttributes,
     SmallVec, Text, WritableImage, f16,
 };
-use glam::{DMat4, DVec4};
 use rayon::prelude::*;
 use std::io::{self, Write};
 
@@ -35,21 +36,11 @@ impl Faces {
         }
     }
 
-    fn view(self, cube: &PackedCube) -> DeepView {
-        match self {
-            Self::All => DeepView { cube: true, ..DeepView::default() },
-            Self::One(face) => {
-                let camera_from_world =
-                    DMat4::from_mat3(face.world_from_eye().transpose()) * DMat4::from_translation(-cube.info.centre);
-                // x and y from -1 to 1 over the picture, times eye depth, and eye depth.
-                let ndc_from_camera = DMat4::from_cols(DVec4::X, DVec4::Y, DVec4::NEG_Z - DVec4::W, DVec4::ZERO);
-                DeepView {
-                    cube: false,
-                    world_to_camera: Some(camera_from_world.as_mat4().to_cols_array()),
-                    world_to_ndc: Some((ndc_from_camera * camera_from_world).as_mat4().to_cols_array()),
-                }
-            }
-        }
+    fn view(self, cube: &PackedCube) -> Result<DeepView, CameraError> {
+        let Self::One(face) = self else { return Ok(DeepView { cube: true, ..DeepView::default() }) };
+        let px = cube.face_size_px;
+        let camera = Camera::from_parts(cube.info.centre, face.world_from_eye(), f64::from(px) / 2.0, px, px)?;
+        Ok(DeepView::of_camera(&camera))
     }
 }
 
@@ -84,7 +75,8 @@ pub fn write(cube: &PackedCube, faces: Faces, to: &mut dyn Write) -> Result<Deep
     channels.push(DeepChannel { name: "Z".into(), kind: DeepKind::Float, values: values(&|s| s.depth_m) });
     let size_px = [cube.face_size_px, cube.face_size_px * stacks.len() as u32];
     let samples = u64::from(offsets[offsets.len() - 1]);
-    let image = DeepImage { size_px, origin_px: [0, 0], stored_px: size_px, offsets, channels, view: faces.view(cube) };
+    let image =
+        DeepImage { size_px, origin_px: [0, 0], stored_px: size_px, offsets, channels, view: faces.view(cube)? };
     let bytes = image
         .to_bytes(DeepCompression::Zips)
         .map_err(|(field, cause)| io::Error::other(format!("{field}: {cause}")))?;
@@ -106,7 +98,7 @@ pub fn write_layers(
     let stacks = stacks(cube, faces)?;
     let size_px = [cube.face_size_px, cube.face_size_px * stacks.len() as u32];
     let size = exr::math::Vec2(size_px[0] as usize, size_px[1] as usize);
-    let view = faces.view(cube);
+    let view = faces.view(cube)?;
     let parts: SmallVec<[Layer<AnyChannels<FlatSamples>>; 2]> = (0..layers)
         .map(|i| {
             let mut attributes = LayerAttributes::named(Text::new_or_panic(format!("layer{}", i + 1)));
@@ -125,6 +117,7 @@ pub fn write_layers(
 }
 
 fn stacks(cube: &PackedCube, faces: Faces) -> Result<Vec<Stacks>, ExportError> {
+    super::check_held(cube)?;
     let cube = &pieces::with_whole_rims(cube);
     let stacks: Vec<Stacks> = faces.list().into_par_iter().map(|face| Stacks::of_face(cube, face)).collect();
     if stacks.iter().all(|of_face| of_face.samples.is_empty()) { Err(ExportError::Empty) } else { Ok(stacks) }

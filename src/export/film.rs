@@ -25,7 +25,7 @@ fn has_ending(path: &Path, wanted: &str) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case(wanted))
 }
 
-/// Writes a film of `count` frames of one size, whole or not at all. An `.mp4` says what of its surroundings a `view` shows.
+/// Writes a film of `count` frames of one size, whole or not at all. `.mp4` and `.webm` say what of its surroundings a `view` shows.
 ///
 /// # Errors
 /// What making a frame, encoding or writing reports; a sentence that names ffmpeg where it is missing.
@@ -50,47 +50,74 @@ pub fn write(
     if has_ending(path, "apng") {
         return write_whole(path, |mut to| apng(&mut to, [width, height], fps, count, checked));
     }
-    if has_ending(path, "webm") {
-        let film = encode([width, height], fps, WEBM, checked)?;
-        return write_whole(path, |mut to| io::copy(&mut film.reopen()?, &mut to).map(drop));
+    let told = spherical::is_told(view);
+    let codec: &[&[&str]] = match has_ending(path, "webm") {
+        true if told => &[VP9, &["-f", "mp4"]],
+        true => &[VP9, &["-f", "webm"]],
+        false => &[H264, &["-movflags", "+faststart", "-f", "mp4"]],
+    };
+    let mut film = encode([width, height], fps, &codec.concat(), checked)?;
+    if told {
+        let tagged = spherical::tagged(std::fs::read(film.path())?, view)?;
+        film = NamedTempFile::new()?;
+        film.write_all(&tagged)?;
+        if has_ending(path, "webm") {
+            film = webm_of(&film)?;
+        }
     }
-    let film = encode([width, height], fps, MP4, checked)?;
-    let tagged = spherical::tagged(std::fs::read(film.path())?, view)?;
-    write_whole(path, |to| to.write_all(&tagged))
+    write_whole(path, |mut to| io::copy(&mut film.reopen()?, &mut to).map(drop))
 }
 
 /// Browsers and phones play this; `yuv420p` and even sides are what they all can.
-const MP4: &[&str] = &["-c:v", "libx264", "-crf", "18", "-preset", "medium", "-movflags", "+faststart", "-f", "mp4"];
-const WEBM: &[&str] = &["-c:v", "libvpx-vp9", "-crf", "28", "-b:v", "0", "-row-mt", "1", "-f", "webm"];
+const H264: &[&str] = &["-c:v", "libx264", "-crf", "18", "-preset", "medium"];
+const VP9: &[&str] = &["-c:v", "libvpx-vp9", "-crf", "28", "-b:v", "0", "-row-mt", "1"];
 
-/// The file that ffmpeg makes.
-fn encode([width, height]: [u32; 2], fps: u32, codec: &[&str], frames: Frames) -> io::Result<NamedTempFile> {
-    let film = NamedTempFile::new()?;
+/// ffmpeg with what it is to do besides; it says only what goes wrong, and writes to `film`.
+fn ffmpeg(arguments: &[&str], film: &NamedTempFile) -> io::Result<Child> {
     let started = Command::new("ffmpeg")
-        .args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"])
-        .args(["-s", &format!("{width}x{height}"), "-r", &fps.to_string(), "-i", "-"])
-        .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"])
-        .args(codec)
+        .args(["-loglevel", "error", "-y"])
+        .args(arguments)
         .arg(film.path())
         .stdin(Stdio::piped())
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
         .spawn();
-    let mut ffmpeg = started.map_err(|error| match error.kind() {
+    started.map_err(|error| match error.kind() {
         io::ErrorKind::NotFound => io::Error::other(
             "ffmpeg is not installed, which encodes .mp4 and .webm; install it, or write .apng or .gif",
         ),
         _ => error,
-    })?;
-    let fed = feed(&mut ffmpeg, frames);
+    })
+}
+
+/// Waits for it; what it says is the error if it fails, else what came of feeding it.
+fn finished(mut ffmpeg: Child, fed: io::Result<()>) -> io::Result<()> {
     let mut words = String::new();
     ffmpeg.stderr.take().map(|mut stderr| stderr.read_to_string(&mut words)).transpose()?;
-    let status = ffmpeg.wait()?;
-    match (status.success(), fed) {
-        (true, fed) => fed?,
+    match ffmpeg.wait()?.success() {
+        true => fed,
         // A pipe that broke says less than who broke it.
-        (false, _) => return Err(io::Error::other(format!("ffmpeg failed: {}", words.trim()))),
+        false => Err(io::Error::other(format!("ffmpeg failed: {}", words.trim()))),
     }
+}
+
+/// The same film in WebM. Its muxer writes what a film surrounds the eye with (`Projection`, `StereoMode`) only if it read so.
+fn webm_of(film: &NamedTempFile) -> io::Result<NamedTempFile> {
+    let webm = NamedTempFile::new()?;
+    let from = film.path().to_string_lossy();
+    finished(ffmpeg(&["-f", "mp4", "-i", &from, "-c", "copy", "-f", "webm"], &webm)?, Ok(()))?;
+    Ok(webm)
+}
+
+/// The file that ffmpeg makes of frames.
+fn encode([width, height]: [u32; 2], fps: u32, codec: &[&str], frames: Frames) -> io::Result<NamedTempFile> {
+    let film = NamedTempFile::new()?;
+    let (size, rate) = (format!("{width}x{height}"), fps.to_string());
+    let raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", &size, "-r", &rate, "-i", "-"];
+    let even = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"];
+    let mut ffmpeg = ffmpeg(&[&raw, even.as_slice(), codec].concat(), &film)?;
+    let fed = feed(&mut ffmpeg, frames);
+    finished(ffmpeg, fed)?;
     Ok(film)
 }
 
@@ -157,5 +184,36 @@ mod tests {
         let path = folder.path().join("a.gif");
         let error = write(&path, [6, 4], 10, 3, View::Frame, &mut frames([5, 4])).unwrap_err();
         assert!(error.to_string().contains("one --size") && !path.exists());
+    }
+
+    /// What a `.webm` says by Matroska's own numbers: the projection, and which half each eye sees.
+    #[test]
+    fn films_in_webm_say_what_surrounds_the_eye() {
+        let folder = tempfile::tempdir().unwrap();
+        for (view, size, stereo, beside) in [
+            (View::Panorama, [64, 32], None, 0u32),
+            (View::StereoPanorama(0.06), [64, 64], Some(3), 0),
+            (View::HalfSpheres(0.06), [64, 32], Some(1), 1 << 30),
+            (View::Frame, [64, 32], None, 0),
+        ] {
+            let path = folder.path().join("a.webm");
+            match write(&path, size, 10, 3, view, &mut frames(size)) {
+                Err(error) if error.to_string().contains("ffmpeg is not installed") => {
+                    return println!("skipped: {error}");
+                }
+                written => written.unwrap(),
+            }
+            let film = std::fs::read(&path).unwrap();
+            assert!(film.starts_with(&[0x1a, 0x45, 0xdf, 0xa3]));
+            let find = |bytes: &[u8]| film.windows(bytes.len()).position(|found| found == bytes);
+            // Elements ProjectionType (1: equirectangular), ProjectionPrivate (the box `equi` without its head), StereoMode (1: side by
+            // side, 3: one above the other, the left eye first).
+            let private: Vec<u8> = [0, 0, 0, beside, beside].into_iter().flat_map(u32::to_be_bytes).collect();
+            let projection = find(&[&[0x76, 0x72, 0x94], private.as_slice()].concat());
+            assert_eq!(find(&[0x76, 0x71, 0x81, 1]).is_some(), view != View::Frame, "{view:?}");
+            assert_eq!(projection.is_some(), view != View::Frame, "{view:?}");
+            let modes = [1, 3].map(|mode| find(&[0x53, 0xb8, 0x81, mode]).is_some());
+            assert_eq!(modes, [stereo == Some(1), stereo == Some(3)], "{view:?}");
+        }
     }
 }

@@ -1,5 +1,5 @@
 //! What an MP4 file says of a film in all directions: Google's *Spherical Video V2* (boxes `st3d` and `sv3d` in the video's sample
-//! entry), by which players know that it surrounds them, and which half each eye sees.
+//! entry), by which players know that it surrounds them, and which half each eye sees. ffmpeg makes WebM's words for it of these.
 
 use super::stereo::View;
 use std::io;
@@ -38,9 +38,21 @@ fn boxed(name: &[u8; 4], content: &[u8]) -> Vec<u8> {
     [(content.len() as u32 + 8).to_be_bytes().as_slice(), name, content].concat()
 }
 
-/// Boxes on the way to the video's sample entry, and bytes of each before its first child.
-const WAY: [(&[u8; 4], usize); 7] =
-    [(b"moov", 8), (b"trak", 8), (b"mdia", 8), (b"minf", 8), (b"stbl", 8), (b"stsd", 16), (b"avc1", 86)];
+/// Boxes on the way to the video's sample entry, of H.264 or VP9, and bytes of each before its first child.
+const WAY: [(&[&[u8; 4]], usize); 7] = [
+    (&[b"moov"], 8),
+    (&[b"trak"], 8),
+    (&[b"mdia"], 8),
+    (&[b"minf"], 8),
+    (&[b"stbl"], 8),
+    (&[b"stsd"], 16),
+    (&[b"avc1", b"vp09"], 86),
+];
+
+/// Whether there is something to be told of a view.
+pub(super) fn is_told(view: View) -> bool {
+    Spherical::of(view).is_some()
+}
 
 /// An MP4 file with one video track that says what a view surrounds the eye with; of other views as it is.
 ///
@@ -52,8 +64,8 @@ pub(super) fn tagged(mut film: Vec<u8>, view: View) -> io::Result<Vec<u8>> {
     let more = spherical.boxes();
     let mut within = 0..film.len();
     let mut way = Vec::new();
-    for (name, head) in WAY {
-        let found = find(&film, within, name).ok_or_else(wrong)?;
+    for (names, head) in WAY {
+        let found = find(&film, within, names).ok_or_else(wrong)?;
         way.push(found.start);
         within = found.start + head..found.end;
     }
@@ -71,8 +83,8 @@ fn word(film: &[u8], at: usize) -> Option<u32> {
     Some(u32::from_be_bytes(film.get(at..at + 4)?.try_into().ok()?))
 }
 
-/// Where a box of a name is among those that lie one after the other.
-fn find(film: &[u8], within: std::ops::Range<usize>, name: &[u8; 4]) -> Option<std::ops::Range<usize>> {
+/// Where the first box of some names is among those that lie one after the other.
+fn find(film: &[u8], within: std::ops::Range<usize>, names: &[&[u8; 4]]) -> Option<std::ops::Range<usize>> {
     let mut at = within.start;
     while at + 8 <= within.end {
         // A size of 0 or 1 (to the end, 64 bits) is that of media alone, which comes last.
@@ -80,7 +92,7 @@ fn find(film: &[u8], within: std::ops::Range<usize>, name: &[u8; 4]) -> Option<s
         if end < at + 8 || end > within.end {
             return None;
         }
-        if film.get(at + 4..at + 8)? == name {
+        if names.contains(&film.get(at + 4..at + 8)?.as_array()?) {
             return Some(at..end);
         }
         at = end;
@@ -91,7 +103,7 @@ fn find(film: &[u8], within: std::ops::Range<usize>, name: &[u8; 4]) -> Option<s
 /// Moves the places of chunks of media that lie behind the box that grows; `table`: where `stbl` begins.
 fn shift_chunks(film: &mut [u8], table: usize, moov: usize, by: u32) -> Option<()> {
     let end = table + word(film, table)? as usize;
-    let chunks = find(film, table + 8..end, b"stco")?;
+    let chunks = find(film, table + 8..end, &[b"stco"])?;
     let count = word(film, chunks.start + 12)? as usize;
     for at in (0..count).map(|i| chunks.start + 16 + 4 * i) {
         let place = word(film, at)?;
@@ -107,9 +119,9 @@ mod tests {
     use super::*;
 
     /// A file as ffmpeg writes it with its index first: one chunk of media, `MEDIA`, and where it says that it is.
-    fn film() -> Vec<u8> {
+    fn film(codec: &[u8; 4]) -> Vec<u8> {
         let file = |place: u32| {
-            let stsd = boxed(b"stsd", &[vec![0, 0, 0, 0, 0, 0, 0, 1], boxed(b"avc1", &[7; 90])].concat());
+            let stsd = boxed(b"stsd", &[vec![0, 0, 0, 0, 0, 0, 0, 1], boxed(codec, &[7; 90])].concat());
             let stco = boxed(b"stco", &[[0, 0, 0, 0], [0, 0, 0, 1], place.to_be_bytes()].concat());
             let nested = [b"stbl", b"minf", b"mdia", b"trak", b"moov"];
             let moov = nested.iter().fold([stsd, stco].concat(), |content, name| boxed(name, &content));
@@ -121,33 +133,35 @@ mod tests {
 
     #[test]
     fn a_panorama_says_so_and_its_media_is_still_found() {
-        let plain = film();
-        for (view, stereo, beside) in
-            [(View::Panorama, 0, 0), (View::StereoPanorama(0.06), 1, 0), (View::HalfSpheres(0.06), 2, 1 << 30)]
-        {
-            let tagged = tagged(plain.clone(), view).unwrap();
+        for (view, stereo, beside, codec) in [
+            (View::Panorama, 0, 0, b"avc1"),
+            (View::StereoPanorama(0.06), 1, 0, b"vp09"),
+            (View::HalfSpheres(0.06), 2, 1 << 30, b"avc1"),
+        ] {
+            let plain = film(codec);
+            assert_eq!(tagged(plain.clone(), View::Frame).unwrap(), plain);
+            let tagged = tagged(plain, view).unwrap();
             let mut within = 0..tagged.len();
-            for (name, head) in WAY {
-                let found = find(&tagged, within, name).unwrap();
+            for (names, head) in WAY {
+                let found = find(&tagged, within, names).unwrap();
                 within = found.start + head..found.end;
             }
             // Children of the sample entry: what it had, which is no box here, and ours.
             let ours = within.end - Spherical::of(view).unwrap().boxes().len()..within.end;
-            let st3d = find(&tagged, ours.clone(), b"st3d").unwrap();
-            let sv3d = find(&tagged, ours, b"sv3d").unwrap();
-            let proj = find(&tagged, sv3d.start + 8..sv3d.end, b"proj").unwrap();
-            let equi = find(&tagged, proj.start + 8..proj.end, b"equi").unwrap();
+            let st3d = find(&tagged, ours.clone(), &[b"st3d"]).unwrap();
+            let sv3d = find(&tagged, ours, &[b"sv3d"]).unwrap();
+            let proj = find(&tagged, sv3d.start + 8..sv3d.end, &[b"proj"]).unwrap();
+            let equi = find(&tagged, proj.start + 8..proj.end, &[b"equi"]).unwrap();
             assert_eq!((tagged[st3d.start + 12], word(&tagged, equi.end - 4)), (stereo, Some(beside)));
             let stco = tagged.windows(4).position(|name| name == b"stco").unwrap();
             let place = word(&tagged, stco + 12).unwrap() as usize;
             assert_eq!(&tagged[place..], b"MEDIA");
         }
-        assert_eq!(tagged(plain.clone(), View::Frame).unwrap(), plain);
     }
 
     #[test]
     fn what_is_no_film_is_told() {
-        let mut short = film();
+        let mut short = film(b"avc1");
         short.truncate(60);
         for film in [Vec::new(), vec![0; 40], short] {
             assert!(tagged(film, View::Panorama).unwrap_err().to_string().contains("no video track"));

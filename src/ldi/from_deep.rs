@@ -4,12 +4,15 @@
 //! but no surface: normals are those of planes through neighbouring samples. What is so far that no eye in the headbox sees it elsewhere
 //! becomes environment.
 
+mod lens;
+
 use super::{CaptureInfo, CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage, MAX_FACE_SIZE_PX};
 use crate::capture::deep_exr::DeepImage;
 use crate::capture::rig::Face;
-use crate::capture::srgb8_from_linear;
+use crate::capture::{CameraError, srgb8_from_linear};
 use crate::environment::Environment;
-use glam::{DMat4, DVec3};
+use glam::DVec3;
+use lens::Lens;
 use rayon::prelude::*;
 
 /// Half of the headbox's edge over the distance of what is nearest, if nobody says more: one eye has seen it all.
@@ -32,9 +35,16 @@ pub enum FromDeepError {
     Faces(u32, u32),
     /// Nothing says where the camera stands.
     #[error(
-        "its header says neither that it is a cubic environment map (envmap) nor where its camera stands (worldToCamera, worldToNDC)"
+        "its header says neither that it is a cubic environment map (envmap) nor where its camera stands and what it sees (worldToCamera, \
+         worldToNDC); give --fov, and --center and --look-at where the camera is not at the origin looking along -Z"
     )]
     View,
+    /// What a header says is said once more.
+    #[error("{0} has no meaning for it, as its header {1}; leave it out")]
+    Told(&'static str, &'static str),
+    /// There is no such camera.
+    #[error(transparent)]
+    Lens(#[from] CameraError),
     /// The matrices are no camera's.
     #[error("its worldToCamera and worldToNDC are not those of a camera that looks at its picture")]
     Camera,
@@ -48,6 +58,10 @@ pub enum FromDeepError {
 pub struct DeepPlace {
     /// Where it was taken, world metres, if it does not say so itself; the origin if absent.
     pub centre: Option<DVec3>,
+    /// Where its camera looked, world metres, if it does not say so itself; along -Z if absent.
+    pub look_at: Option<DVec3>,
+    /// Degrees between the top and the bottom edge of a camera's picture that does not say so itself.
+    pub fov_y_deg: Option<f64>,
     /// Half of the headbox's edge, metres; by the nearest sample if absent.
     pub half_size_m: Option<f64>,
     /// What it is called.
@@ -59,7 +73,7 @@ pub struct DeepPlace {
 /// # Errors
 /// [`FromDeepError`].
 pub fn cube(image: &DeepImage, place: DeepPlace) -> Result<CubeLdi, FromDeepError> {
-    let picture = Picture::new(image)?;
+    let picture = Picture::new(image, &place)?;
     let nearest = picture.nearest().ok_or(FromDeepError::Empty)?;
     let half_size_m = place.half_size_m.unwrap_or(HEADBOX_SHARE * nearest);
     let face_px = picture.face_px;
@@ -68,10 +82,10 @@ pub fn cube(image: &DeepImage, place: DeepPlace) -> Result<CubeLdi, FromDeepErro
     let faces = Face::ALL.into_par_iter().map(|face| face_of(&picture, face, still)).collect();
     let info = CaptureInfo {
         scene: place.name,
-        centre: picture.eye.or(place.centre).unwrap_or_default(),
+        centre: picture.lens.map(|lens| lens.eye).or(place.centre).unwrap_or_default(),
         half_size_m,
         exposure: 1.0,
-        ahead: picture.ahead(),
+        ahead: picture.lens.map(|lens| lens.ahead),
         ..CaptureInfo::default()
     };
     Ok(CubeLdi { info, faces, environment: sky(&picture, still) })
@@ -85,14 +99,6 @@ struct Sample {
     color_srgb: [u8; 4],
 }
 
-/// How points lead to pixels of a camera's picture.
-struct Lens {
-    /// World to picture.
-    ndc: DMat4,
-    /// World to the camera's axes.
-    camera: DMat4,
-}
-
 /// A deep picture as it is asked.
 struct Picture<'a> {
     image: &'a DeepImage,
@@ -101,60 +107,39 @@ struct Picture<'a> {
     alpha: Option<&'a [f32]>,
     /// Of a camera; none for six faces.
     lens: Option<Lens>,
-    /// World metres, where the picture says so.
-    eye: Option<DVec3>,
     face_px: u32,
 }
 
 impl<'a> Picture<'a> {
-    fn new(image: &'a DeepImage) -> Result<Self, FromDeepError> {
+    fn new(image: &'a DeepImage, place: &DeepPlace) -> Result<Self, FromDeepError> {
         let channel = |name| image.channel(name).ok_or(FromDeepError::Channel(name));
         let channels = [channel("R")?, channel("G")?, channel("B")?, channel("Z")?];
         let alpha = image.channel("A");
         let [width, height] = image.size_px;
-        if image.view.cube {
-            if u64::from(height) != 6 * u64::from(width) || width == 0 || width > MAX_FACE_SIZE_PX {
+        let lens = Lens::of(image, place)?;
+        let face_px = match &lens {
+            // A face pixel in the middle is as wide as one of the picture's.
+            Some(lens) => {
+                let focal_px = lens.focal_px(image.size_px.map(f64::from)).ok_or(FromDeepError::Camera)?;
+                ((2.0 * focal_px).round() as u32).clamp(16, MAX_PICTURE_FACE_PX)
+            }
+            None if u64::from(height) != 6 * u64::from(width) || width == 0 || width > MAX_FACE_SIZE_PX => {
                 return Err(FromDeepError::Faces(width, height));
             }
-            return Ok(Self { image, channels, alpha, lens: None, eye: None, face_px: width });
-        }
-        let matrix = |m: Option<[f32; 16]>| Some(DMat4::from_cols_array(&m?.map(f64::from)));
-        let view = matrix(image.view.world_to_ndc).zip(matrix(image.view.world_to_camera));
-        let (ndc, camera) = view.ok_or(FromDeepError::View)?;
-        let world = camera.inverse();
-        let eye = world.project_point3(DVec3::ZERO);
-        let mut picture = Self { image, channels, alpha, lens: Some(Lens { ndc, camera }), eye: Some(eye), face_px: 0 };
-        // A face pixel in the middle is as wide as one of the picture's.
-        let [ahead, aside] =
-            [DVec3::NEG_Z, DVec3::new(1e-3, 0.0, -1.0)].map(|v| picture.place(world.transform_vector3(v)));
-        let (Some([x0, y0, _]), Some([x1, y1, _])) = (ahead, aside) else { return Err(FromDeepError::Camera) };
-        let focal_px = (x1 - x0).hypot(y1 - y0) * 1e3;
-        if !focal_px.is_finite() || focal_px <= 0.0 || !eye.is_finite() {
-            return Err(FromDeepError::Camera);
-        }
-        picture.face_px = ((2.0 * focal_px).round() as u32).clamp(16, MAX_PICTURE_FACE_PX);
-        Ok(picture)
-    }
-
-    /// Where the camera looks.
-    fn ahead(&self) -> Option<DVec3> {
-        self.lens.as_ref()?.camera.inverse().transform_vector3(DVec3::NEG_Z).try_normalize()
+            None => width,
+        };
+        Ok(Self { image, channels, alpha, lens, face_px })
     }
 
     /// Position in the picture, px, of a direction from the eye, and how deep it goes in the camera's axes.
     fn place(&self, direction: DVec3) -> Option<[f64; 3]> {
-        let [width, height] = self.image.size_px.map(f64::from);
         let [x, y, depth] = match &self.lens {
             None => {
                 let face = Face::containing(direction);
                 let [x, y, depth] = face.project(direction, self.face_px);
-                [x, y + width * face.index() as f64, depth]
+                [x, y + f64::from(self.face_px) * face.index() as f64, depth]
             }
-            Some(Lens { ndc, camera }) => {
-                let at = *ndc * (self.eye? + direction).extend(1.0);
-                let depth = -camera.transform_vector3(direction).z;
-                [(at.x / at.w + 1.0) / 2.0 * width, (1.0 - at.y / at.w) / 2.0 * height, depth]
-            }
+            Some(lens) => lens.place(direction, self.image.size_px.map(f64::from)),
         };
         (depth > 0.0 && x.is_finite() && y.is_finite()).then_some([x, y, depth])
     }

@@ -76,7 +76,7 @@ fn a_model_is_put_beside_its_photographs_and_read() {
     assert!(words.contains("3 of 3 photographs"), "{words}");
     let told = String::from_utf8(output.stdout).unwrap();
     assert!(told.contains("COLMAP model (binary), 3 views") && told.contains("16x12"), "{told}");
-    assert!(!words.contains("pictures are not in"), "the photographs themselves are its pictures: {words}");
+    assert!(!words.contains("pictures are not there"), "the photographs themselves are its pictures: {words}");
     assert_eq!(left(dir.path()), ["sparse"]);
     let (again, words) = align(dir.path(), &with_bin(dir.path()));
     assert_eq!(again.status.code(), Some(1));

@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
 
 use crate::run::{fails, json, succeeds};
-use headbox::capture::deep_exr::DeepImage;
+use headbox::capture::deep_exr::{DeepCompression, DeepImage, DeepView};
 use headbox::capture::linear_from_srgb8;
 use std::path::Path;
 
@@ -192,6 +192,20 @@ fn deep_pictures_come_back() {
     let place = ["--center", &text([x, y, z]), "--half-size", &half];
     succeeds(dir.path(), &[["capture", "all.exr", "-o", "all.ldi"].as_slice(), &place].concat());
     succeeds(dir.path(), &["capture", "face.exr", "-o", "face.ldi", "--half-size", &half]);
+    // The same without a word of its camera, as many renderers write it.
+    let bare = DeepImage { view: DeepView::default(), ..DeepImage::read(&dir.path().join("face.exr")).unwrap() };
+    bare.write(&dir.path().join("bare.exr"), DeepCompression::Rle).unwrap();
+    fails(dir.path(), 1, &["capture", "bare.exr", "-o", "x.ldi"], "give --fov, and --center and --look-at");
+    succeeds(dir.path(), &[["capture", "bare.exr", "-o", "bare.ldi", "--fov", "90"].as_slice(), &place].concat());
+    let twice = "--fov has no meaning for it, as its header says what its camera sees; leave it out";
+    fails(dir.path(), 1, &["capture", "face.exr", "-o", "x.ldi", "--fov", "90"], twice);
+    fails(dir.path(), 1, &["capture", "bare.exr", "-o", "x.ldi", "--fov", "180"], "a vertical field of view of 180");
+    fails(
+        dir.path(),
+        2,
+        &["capture", "builtin:bump", "-o", "x.ldi", "--fov", "90"],
+        "--fov has no meaning for a scene",
+    );
     let frame = |file: &str, eye: [f64; 3]| {
         let at = text([eye[0], eye[1], eye[2] - 1.0]);
         let camera = ["--eye", &text(eye), "--look-at", &at, "--fov", "60", "--size", "64x48"];
@@ -201,7 +215,7 @@ fn deep_pictures_come_back() {
     };
     for eye in [[x, y, z], [x + 0.05, y, z - 0.05]] {
         let expected = frame("a.ldi", eye);
-        for file in ["all.ldi", "face.ldi"] {
+        for file in ["all.ldi", "face.ldi", "bare.ldi"] {
             let found = json(dir.path(), &["compare", &expected, &frame(file, eye), "--json"]);
             let flip = found["flip"].as_f64().unwrap();
             assert!(flip < 0.05, "{file} from {eye:?}: FLIP {flip}");
@@ -211,6 +225,37 @@ fn deep_pictures_come_back() {
     let found: Vec<f64> = told["capture"]["centre"].as_array().unwrap().iter().map(|c| c.as_f64().unwrap()).collect();
     assert!(found.iter().zip(&centre).all(|(a, b)| (a - b).abs() < 1e-5), "{found:?} {centre:?}");
     fails(dir.path(), 1, &["capture", "face.ldi.exr", "-o", "b.ldi"], "face.ldi.exr");
+}
+
+/// Deep pictures that nobody here wrote, of a camera that their headers do not tell, show from its place what they are.
+#[test]
+fn deep_pictures_of_a_film_studio_are_captured() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/openexr_deep/LowResLeftView");
+    if !folder.exists() {
+        return println!("skipped: there is no {}", folder.display());
+    }
+    let dir = tempfile::tempdir().unwrap();
+    for name in ["Balls.exr", "Leaves.exr", "Trunks.exr"] {
+        let deep = DeepImage::read(&folder.join(name)).unwrap();
+        let [width, height] = deep.size_px;
+        let file = folder.join(name).display().to_string();
+        succeeds(dir.path(), &["capture", &file, "-o", "a.ldi", "--fov", "40", "--error-px", "0"]);
+        let size = format!("{width}x{height}");
+        let camera = ["--eye", "0,0,0", "--look-at", "0,0,-1", "--fov", "40", "--size", &size];
+        succeeds(dir.path(), &[["render", "a.ldi", "-o", "a.png"].as_slice(), &camera].concat());
+        let frame = image::open(dir.path().join("a.png")).unwrap().to_rgb8();
+        // Only where nothing shows through: the renderer takes what is behind a rim for what fills it.
+        let (mut count, mut sum) = (0, 0.0);
+        for (x, y, found) in frame.enumerate_pixels() {
+            let expected = DeepImage::composite(&[&deep], x, y);
+            if expected[3] > 0.98 {
+                count += 1;
+                sum += (0..3).map(|i| (linear_from_srgb8(found[i]) - expected[i].min(1.0)).abs()).sum::<f32>() / 3.0;
+            }
+        }
+        let mean = sum / count as f32;
+        assert!(count > 1000 && mean < 0.02, "{name}: {mean} over {count} pixels");
+    }
 }
 
 /// Homes and lumigraphs become pages, the same each time, and nothing else.

@@ -8,7 +8,8 @@ mod header;
 
 pub use compress::DeepCompression;
 
-use crate::files;
+use crate::{Camera, files};
+use glam::{DMat4, DVec3};
 use header::{Cursor, Header};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -84,6 +85,20 @@ pub struct DeepView {
     pub world_to_camera: Option<[f32; 16]>,
     /// `worldToNDC`, likewise.
     pub world_to_ndc: Option<[f32; 16]>,
+}
+
+impl DeepView {
+    /// What a camera's picture says of it, by OpenEXR's *Standard Attributes*: camera space is left-handed, x right, y up, z forward; NDC
+    /// go from 0 to 1 over the picture, y down.
+    pub fn of_camera(camera: &Camera) -> Self {
+        let forward = DMat4::from_scale(DVec3::new(1.0, 1.0, -1.0));
+        let rotation = DMat4::from_mat3(camera.world_from_eye().transpose());
+        let camera_from_world = forward * rotation * DMat4::from_translation(-camera.eye());
+        let size = DVec3::new(f64::from(camera.width()), f64::from(camera.height()), 1.0);
+        let ndc_from_world = DMat4::from_scale(size.recip()) * camera.image_from_world();
+        let array = |matrix: DMat4| Some(matrix.as_mat4().to_cols_array());
+        Self { cube: false, world_to_camera: array(camera_from_world), world_to_ndc: array(ndc_from_world) }
+    }
 }
 
 /// A file may unpack to no more than this many bytes: what it says of its size is not to be trusted.

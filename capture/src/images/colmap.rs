@@ -39,7 +39,7 @@ pub(super) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     if images.is_empty() {
         return Err(ImagesError::field(&images_file, "the file", "holds no image"));
     }
-    let (mut views, mut notes, mut missing) = (Vec::new(), Vec::new(), 0);
+    let mut views = Vec::new();
     let pictures = picture_folder(folder, &place, &images[0].name);
     for image in images {
         let camera = cameras.get(&image.camera).ok_or_else(|| {
@@ -47,7 +47,6 @@ pub(super) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
             ImagesError::field(&images_file, format!("image {}", image.name), cause)
         })?;
         let color = pictures.join(&image.name);
-        missing += usize::from(!color.is_file());
         let depth = ["geometric", "photometric"].into_iter().find_map(|kind| {
             let path = folder.join("stereo/depth_maps").join(format!("{}.{kind}.bin", image.name));
             path.is_file().then(|| DepthSource::metres(path, DepthKind::EyeDepth, 1.0))
@@ -65,13 +64,10 @@ pub(super) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
             registration: None,
         });
     }
-    if missing > 0 {
-        notes.push(format!("{missing} of {} pictures are not in {}", views.len(), pictures.display()));
-    }
     views.sort_by(|a, b| a.name.cmp(&b.name));
     let format = if ending == "bin" { "COLMAP model (binary)" } else { "COLMAP model (text)" };
     let frame = FileFrame::default();
-    Ok(Some(ImageSet { folder: folder.into(), format, frame, views, headbox_centre: None, notes }))
+    Ok(Some(ImageSet { folder: folder.into(), format, frame, views, headbox_centre: None, notes: Vec::new() }))
 }
 
 /// The folder of a model's pictures, of which one is called `first`: `images`, or where the model was made among them.

@@ -158,8 +158,30 @@ impl ImageSet {
     /// See [`ImagesError`].
     pub fn open(path: &Path, options: &ImageSetOptions) -> Result<Self, ImagesError> {
         let mut set = Self::read(path, options)?;
+        set.leave_out_missing()?;
         dense_depth::attach(&mut set)?;
         Ok(set)
+    }
+
+    /// Leaves out photographs that are not there: models and manifests often know more than were kept. Where depth comes with them, that
+    /// is damage, which loading names.
+    fn leave_out_missing(&mut self) -> Result<(), ImagesError> {
+        let is_missing = |view: &View| view.depth.is_none() && !view.color.is_file();
+        let all = self.views.len();
+        let Some(first) = self.views.iter().find(|view| is_missing(view)).map(|view| view.color.clone()) else {
+            return Ok(());
+        };
+        self.views.retain(|view| !is_missing(view));
+        let left_out = all - self.views.len();
+        if self.views.is_empty() {
+            let cause = format!("there is no such file, nor any other of the {all} pictures");
+            return Err(ImagesError::Picture { path: first, cause });
+        }
+        self.notes.push(format!(
+            "{left_out} of {all} pictures are not there, such as {}; their views are left out",
+            first.display()
+        ));
+        Ok(())
     }
 
     /// The set without depth that was found from its pictures.

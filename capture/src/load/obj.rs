@@ -20,6 +20,7 @@ use super::{LoadError, LoadOptions, folder_of};
 use crate::material::{Cutout, Material, linear_from_srgb};
 use crate::scene::FileFrame;
 use glam::{Affine2, DVec3, Vec2, Vec3};
+use std::collections::HashMap;
 use std::path::Path;
 
 /// Alpha below this is a hole; OBJ has no statement for it.
@@ -31,54 +32,58 @@ pub(super) fn load(path: &Path, bytes: &[u8], options: &LoadOptions, groups: boo
     let survey = Survey::of(&text);
     let mut notes = Notes::default();
     let mtl_materials = read_libraries(&survey, folder_of(path), &mut notes);
-    build(path, &text, &survey, mtl_materials, Builder::to_be_oriented(hints, notes), groups)
+    let source = Source { path, text: &text, survey: &survey, materials: &mtl_materials, pictures: &Pictures::new() };
+    build(&source, Builder::to_be_oriented(hints, notes), groups)
 }
 
-/// As [`load`], from a text and materials at hand; `path` is for messages.
+/// Pictures at hand, by the names that maps have for them.
+pub(super) type Pictures = HashMap<String, Vec<u8>>;
+
+/// As [`load`], from a text, materials and pictures at hand; `path` is for messages.
 pub(super) fn load_text(
     path: &Path,
     text: &str,
-    materials: Vec<MtlMaterial>,
+    materials: &[MtlMaterial],
+    pictures: &Pictures,
     frame: FileFrame,
 ) -> Result<GroupedScene, LoadError> {
-    build(path, text, &Survey::of(text), materials, Builder::new(frame, Notes::default()), true)
+    let source = Source { path, text, survey: &Survey::of(text), materials, pictures };
+    build(&source, Builder::new(frame, Notes::default()), true)
 }
 
-fn build(
-    path: &Path,
-    text: &str,
-    survey: &Survey,
-    mtl_materials: Vec<MtlMaterial>,
-    mut builder: Builder,
-    groups: bool,
-) -> Result<GroupedScene, LoadError> {
-    let (models, mended_notes) = parse(path, text, survey, &mtl_materials, groups)?;
+/// What a scene is made of.
+struct Source<'a> {
+    path: &'a Path,
+    text: &'a str,
+    survey: &'a Survey,
+    materials: &'a [MtlMaterial],
+    pictures: &'a Pictures,
+}
+
+fn build(source: &Source, mut builder: Builder, groups: bool) -> Result<GroupedScene, LoadError> {
+    let (models, mended_notes) = parse(source, groups)?;
     let notes = &mut builder.notes;
     notes.merge(mended_notes);
-    let undefined = survey.used_materials.iter().filter(|&name| mtl_materials.iter().all(|m| m.name != *name));
+    let is_undefined = |name: &&String| source.materials.iter().all(|m| m.name != **name);
+    let undefined = source.survey.used_materials.iter().filter(is_undefined);
     undefined.for_each(|name| notes.add_named(Note::MaterialUndefined, name));
 
-    let surfaces = ObjMaterials::new(&mtl_materials, &models, folder_of(path), notes);
+    let surfaces = ObjMaterials::new(source, &models, notes);
     for model in &models {
         if groups {
             builder.begin_group(&model.name);
         }
         surfaces.push_mesh(&model.mesh, &mut builder).map_err(|TooManyVertices| LoadError::Malformed {
-            path: path.to_path_buf(),
+            path: source.path.to_path_buf(),
             cause: "it has more than 2^32 vertices".into(),
         })?;
     }
-    builder.finish(path, surfaces.materials, surfaces.textures.textures)
+    builder.finish(source.path, surfaces.materials, surfaces.textures.textures)
 }
 
 /// Runs `tobj` over the mended text.
-fn parse(
-    path: &Path,
-    text: &str,
-    survey: &Survey,
-    materials: &[MtlMaterial],
-    groups: bool,
-) -> Result<(Vec<tobj::Model>, Notes), LoadError> {
+fn parse(source: &Source, groups: bool) -> Result<(Vec<tobj::Model>, Notes), LoadError> {
+    let Source { path, text, survey, materials, .. } = *source;
     let options =
         tobj::LoadOptions { single_index: true, ignore_points: true, ignore_lines: true, ..Default::default() };
     let mut mended = MendedObj::new(text, survey, groups);
@@ -154,7 +159,8 @@ struct Maps {
 
 impl ObjMaterials {
     /// Converts the materials that the models use, and decodes their textures.
-    fn new(mtl: &[MtlMaterial], models: &[tobj::Model], folder: &Path, notes: &mut Notes) -> Self {
+    fn new(source: &Source, models: &[tobj::Model], notes: &mut Notes) -> Self {
+        let (mtl, folder) = (source.materials, folder_of(source.path));
         let mut used = vec![false; mtl.len() + 1];
         for model in models.iter().filter(|model| !model.mesh.indices.is_empty()) {
             used[model.mesh.material_id.unwrap_or(mtl.len())] = true;
@@ -164,7 +170,11 @@ impl ObjMaterials {
 
         let mut set = TextureTable::default();
         let maps: Vec<Maps> = all()
-            .map(|(m, &used)| if used { request_maps(m, folder, &mut set, notes) } else { Maps::default() })
+            .map(
+                |(m, &used)| {
+                    if used { request_maps(m, (folder, source.pictures), &mut set, notes) } else { Maps::default() }
+                },
+            )
             .collect();
         let textures = set.decode(notes);
 
@@ -231,9 +241,19 @@ impl ObjMaterials {
     }
 }
 
-fn request_maps(m: &MtlMaterial, folder: &Path, set: &mut TextureTable, notes: &mut Notes) -> Maps {
+fn request_maps(
+    m: &MtlMaterial,
+    (folder, pictures): (&Path, &Pictures),
+    set: &mut TextureTable,
+    notes: &mut Notes,
+) -> Maps {
     let folders = [m.folder.as_path(), folder];
-    let mut request = |map: &Option<Map>, role| map.as_ref().map(|map| set.file(&map.file, &folders, role, notes));
+    let mut request = |map: &Option<Map>, role| {
+        map.as_ref().map(|map| match pictures.get(&map.file) {
+            Some(bytes) => set.embedded(&map.file, Ok(bytes), role),
+            None => set.file(&map.file, &folders, role, notes),
+        })
+    };
     let diffuse = request(&m.diffuse_map, Role::Color);
     let same_file = |a: &Map, b: &Map| a.file == b.file;
     let dissolve = match (&m.dissolve_map, &m.diffuse_map) {

@@ -308,6 +308,20 @@ fn what_is_wrong_is_said_with_file_and_field() {
 }
 
 #[test]
+fn photographs_that_are_not_there_are_left_out_and_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    colmap_text(folder.path());
+    fs::remove_file(folder.path().join("images/0.png")).expect("removed");
+    let set = open(folder.path()).expect("a set");
+    assert!(set.views.iter().map(|view| view.name.as_str()).eq(["1.png"]));
+    let [note] = &set.notes[..] else { panic!("{:?}", set.notes) };
+    assert!(note.starts_with("1 of 2 pictures are not there, such as ") && note.contains("0.png;"), "{note}");
+    fs::remove_file(folder.path().join("images/1.png")).expect("removed");
+    let error = open(folder.path()).expect_err("no picture").to_string();
+    assert!(error.contains("0.png: there is no such file, nor any other of the 2 pictures"), "{error}");
+}
+
+#[test]
 fn truncated_models_of_colmap_are_refused_wherever_they_end() {
     for name in ["cameras.bin", "images.bin"] {
         let folder = tempfile::tempdir().expect("a folder");

@@ -2,6 +2,7 @@
 
 mod bake;
 mod folder;
+mod home_details;
 mod homes;
 mod images;
 mod light;

@@ -92,6 +92,7 @@ class Page {
       }
     }
     this.complete = true;
+    document.body.dataset.loadedMs = Math.round(performance.now());
     byId('progress').hidden = true;
     say(`${this.header.name} is loaded.`);
     this.dirty = true;

@@ -15,15 +15,13 @@ pub(crate) use lumigraph::poster as lumigraph_poster;
 
 use super::{ExportError, poster};
 use crate::capture::Camera;
-use crate::capture::picture::PictureError;
 use crate::environment::Environment;
 use crate::lumigraph::Lumigraph;
 use crate::packed::PackedCube;
 use crate::portal::house::House;
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder};
+use image::codecs::png::CompressionType;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use std::io::{self, Write};
@@ -174,13 +172,9 @@ fn environment(environment: &Environment) -> Part {
     Part { header: json!({"kind": "environment", "size": environment.size_px}), bytes }
 }
 
-/// A small PNG file of some texels.
-fn png(texels: &[[u8; 4]], [width, height]: [u32; 2]) -> Result<Vec<u8>, ExportError> {
-    let mut file = Vec::new();
-    let encoder = PngEncoder::new_with_quality(&mut file, CompressionType::Best, FilterType::Adaptive);
-    let written = encoder.write_image(texels.as_flattened(), width, height, ExtendedColorType::Rgba8);
-    written.map_err(PictureError::from)?;
-    Ok(file)
+/// The smallest PNG file of some texels.
+fn png(texels: &[[u8; 4]], size_px: [u32; 2]) -> Result<Vec<u8>, ExportError> {
+    super::png(texels, size_px, CompressionType::Best)
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! Dealing out the triangles of a scene to cells.
 
-use super::split::{Corner, split_by_line};
+use super::split::{Corner, split_by_plane};
 use crate::load::Group;
-use crate::portal_model::{PortalModel, distance_to_outline};
+use crate::portal_model::{PortalModel, Prism, distance_to_outline};
 use crate::scene::{Scene, Triangle};
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use std::collections::HashMap;
@@ -124,9 +124,11 @@ fn facing(model: &PortalModel, scene: &mut Scene, triangle: Triangle) -> Vec<(Op
     };
     let mut pieces = vec![corners.to_vec()];
     for [from, to] in borders_near(model, [a, b, c], normal) {
-        let across = (to - from).perp();
-        pieces = pieces.into_iter().flat_map(|piece| split_by_line(piece, from, across)).collect();
+        let [from, across] = [from, (to - from).perp()].map(|v| DVec3::new(v.x, 0.0, v.y));
+        pieces = pieces.into_iter().flat_map(|piece| split_by_plane(piece, from, across)).collect();
     }
+    // Walls may be higher than a room's ceiling, and go through several storeys.
+    pieces = pieces.into_iter().flat_map(|piece| split_by_storeys(model, piece, normal)).collect();
     let cells: Vec<Option<u32>> = pieces.iter().map(|piece| faced(piece)).collect();
     if cells.iter().all(|cell| *cell == cells[0]) {
         return vec![(cells[0], triangle)];
@@ -138,6 +140,22 @@ fn facing(model: &PortalModel, scene: &mut Scene, triangle: Triangle) -> Vec<(Op
         out.extend(fan.map(|vertices| (cell, Triangle { vertices, material: triangle.material })));
     }
     out
+}
+
+/// The pieces of a polygon that lies before one room, in plan, below, between and above the floors and ceilings there.
+fn split_by_storeys(model: &PortalModel, piece: Vec<Corner>, normal: DVec3) -> Vec<Vec<Corner>> {
+    let middle = piece.iter().map(|corner| corner.position).sum::<DVec3>() / piece.len() as f64 + normal * BEFORE_M;
+    let place = DVec2::new(middle.x, middle.z);
+    let is_before = |prism: &&Prism| {
+        prism.contains(DVec3::new(middle.x, prism.floor_y, middle.z))
+            || distance_to_outline(&prism.outline, place) <= BESIDE_M
+    };
+    let prisms = model.cells.iter().flat_map(|cell| &cell.space).filter(is_before);
+    let heights = prisms.flat_map(|prism| [prism.floor_y, prism.ceiling_y]);
+    heights.fold(vec![piece], |pieces, height| {
+        let split = |piece| split_by_plane(piece, DVec3::Y * height, DVec3::Y);
+        pieces.into_iter().flat_map(split).collect()
+    })
 }
 
 /// The room that ends nearest to a point in no room, at most [`BESIDE_M`] from it.
@@ -206,7 +224,7 @@ impl Corner {
 mod tests {
     use super::*;
     use crate::Material;
-    use crate::portal_model::{Cell, Prism};
+    use crate::portal_model::Cell;
     use glam::dvec3;
 
     /// A wall of 4 m before a room that is drawn 1 cm shorter; its outer face; and a wall 10 cm beyond the room.

@@ -1,15 +1,18 @@
 //! The plan of a Sweet Home 3D home, as its `Home.xml` says: x to the right and y down in plan (x and z of the export),
 //! centimetres, angles clockwise in plan.
 
+use super::finish::{Finish, color, finish};
 use glam::{DMat3, DVec2, DVec3};
 use roxmltree::{Document, Node};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
+use std::f64::consts::{PI, TAU};
 
 /// A storey.
 #[derive(Clone, Copy, Debug)]
 struct Level {
     elevation: f64,
     height: f64,
+    is_topmost: bool,
 }
 
 /// A room.
@@ -19,12 +22,29 @@ pub(super) struct Room {
     pub(super) name: String,
     pub(super) outline: Vec<DVec2>,
     pub(super) floor: f64,
-    pub(super) ceiling: f64,
+    /// Height of the ceiling over each corner.
+    pub(super) ceilings: Vec<f64>,
     /// Whether it has a ceiling, and so is a room and not a terrace.
     pub(super) covered: bool,
+    /// Whether the home says that it has none.
+    pub(super) ceiling_is_new: bool,
+    /// Whether no storey lies above its own.
+    pub(super) is_topmost: bool,
     pub(super) has_floor: bool,
-    pub(super) floor_color: Option<[f32; 3]>,
-    pub(super) ceiling_color: Option<[f32; 3]>,
+    pub(super) floor_finish: Finish,
+    pub(super) ceiling_finish: Finish,
+}
+
+impl Room {
+    /// The height of the ceiling where it is highest.
+    pub(super) fn ceiling(&self) -> f64 {
+        self.ceilings.iter().copied().fold(self.floor, f64::max)
+    }
+
+    /// The corners of its ceiling: x, height, y in plan.
+    pub(super) fn ceiling_corners(&self) -> Vec<DVec3> {
+        self.outline.iter().zip(&self.ceilings).map(|(p, &height)| DVec3::new(p.x, height, p.y)).collect()
+    }
 }
 
 /// A wall, upright on its level.
@@ -37,8 +57,8 @@ pub(super) struct Wall {
     pub(super) bottom: f64,
     /// Above its bottom, at its start and end.
     pub(super) heights: [f64; 2],
-    /// Colours of its sides to the left and right of the way from start to end, in a plan with y down.
-    pub(super) colors: [Option<[f32; 3]>; 2],
+    /// Of its sides to the left and right of the way from start to end, in a plan with y down.
+    pub(super) finishes: [Finish; 2],
     /// How far it runs on beyond its start and end, into the walls that it is joined to.
     pub(super) extension: [f64; 2],
 }
@@ -60,8 +80,8 @@ pub(super) struct Piece {
     /// Turns the model before it is brought to its size.
     pub(super) rotation: Option<DMat3>,
     /// Of all of it, and of some of its materials.
-    pub(super) color: Option<[f32; 3]>,
-    pub(super) materials: Vec<(String, [f32; 3])>,
+    pub(super) finish: Finish,
+    pub(super) materials: Vec<(String, Finish)>,
 }
 
 /// A door or window.
@@ -111,6 +131,9 @@ pub(super) struct Home {
 /// A wall thicker than this is no wall, centimetres.
 const THICKEST_WALL: f64 = 2_000.0;
 
+/// Bent walls are made of straight ones that turn by at most this, radians.
+const ARC_STEP: f64 = PI / 18.0;
+
 /// Height of walls where the home does not say, centimetres: Sweet Home 3D's own.
 const WALL_HEIGHT: f64 = 250.0;
 
@@ -127,34 +150,40 @@ impl Home {
             return Err(format!("it is XML, but no Sweet Home 3D home: its root is <{found}>, not <home>"));
         }
         let wall_height = number(root, "wallHeight").unwrap_or(WALL_HEIGHT);
-        let ground = Level { elevation: 0.0, height: wall_height };
+        let ground = Level { elevation: 0.0, height: wall_height, is_topmost: true };
+        let elevation = |node: Node| number(node, "elevation").unwrap_or(0.0);
+        let topmost = elements(root, "level").filter(is_viewable).map(elevation).fold(f64::NEG_INFINITY, f64::max);
         let levels: HashMap<&str, Level> = elements(root, "level")
             .filter_map(|node| {
-                let height = number(node, "height").unwrap_or(wall_height);
-                Some((node.attribute("id")?, Level { elevation: number(node, "elevation").unwrap_or(0.0), height }))
+                let (elevation, height) = (elevation(node), number(node, "height").unwrap_or(wall_height));
+                Some((node.attribute("id")?, Level { elevation, height, is_topmost: elevation >= topmost }))
             })
             .collect();
+        let hidden: HashSet<&str> =
+            elements(root, "level").filter(|node| !is_viewable(node)).filter_map(|node| node.attribute("id")).collect();
         let level_of = |node: Node| node.attribute("level").and_then(|id| levels.get(id)).copied().unwrap_or(ground);
-        let around = |attribute| elements(root, "environment").find_map(|node| color(node, attribute));
+        let elements =
+            |name| elements(root, name).filter(|node| node.attribute("level").is_none_or(|id| !hidden.contains(id)));
+        let around = |attribute| elements("environment").find_map(|node| color(node, attribute));
         let mut home = Self { sky_color: around("skyColor"), ground_color: around("groundColor"), ..Self::default() };
-        for node in elements(root, "room") {
+        for node in elements("room") {
             match room(node, level_of(node)) {
                 Some(room) => home.rooms.push(room),
                 None => home.unreadable += 1,
             }
         }
         let by_id: HashMap<&str, Node> =
-            elements(root, "wall").filter_map(|node| Some((node.attribute("id")?, node))).collect();
-        for node in elements(root, "wall") {
+            elements("wall").filter_map(|node| Some((node.attribute("id")?, node))).collect();
+        for node in elements("wall") {
             match wall(node, level_of(node), wall_height, &by_id) {
-                Some(wall) => home.walls.push(wall),
+                Some(wall) => home.walls.extend(wall.bent(number(node, "arcExtent").unwrap_or(0.0))),
                 None => home.unreadable += 1,
             }
         }
         // A door that is not shown is not cut out of its wall.
         let is_shown = |node: &Node| node.attribute("visible") != Some("false");
         for kind in ["doorOrWindow", "pieceOfFurniture", "light", "shelfUnit"] {
-            for node in elements(root, kind).filter(is_shown) {
+            for node in elements(kind).filter(is_shown) {
                 let level = level_of(node);
                 let opening = (kind == "doorOrWindow").then(|| opening(node, level));
                 match (piece(node, level, opening.is_some()), opening) {
@@ -175,8 +204,13 @@ fn elements<'a>(root: Node<'a, 'a>, name: &'static str) -> impl Iterator<Item = 
     root.descendants().filter(move |node| node.has_tag_name(name))
 }
 
+/// Whether a storey is not hidden with all that stands on it. (`visible` says which storeys the user's window showed last.)
+fn is_viewable(level: &Node) -> bool {
+    level.attribute("viewable") != Some("false")
+}
+
 /// A finite number in an attribute.
-fn number(node: Node, attribute: &str) -> Option<f64> {
+pub(super) fn number(node: Node, attribute: &str) -> Option<f64> {
     node.attribute(attribute)?.parse().ok().filter(|value: &f64| value.is_finite())
 }
 
@@ -185,20 +219,16 @@ fn room(node: Node, level: Level) -> Option<Room> {
     let outline: Vec<DVec2> = elements(node, "point").map(corner).collect::<Option<_>>()?;
     (outline.len() >= 3).then(|| Room {
         name: node.attribute("name").unwrap_or_default().trim().to_owned(),
-        outline,
         floor: level.elevation,
-        ceiling: level.elevation + level.height,
+        ceilings: vec![level.elevation + level.height; outline.len()],
+        outline,
         covered: node.attribute("ceilingVisible") != Some("false"),
+        ceiling_is_new: false,
+        is_topmost: level.is_topmost,
         has_floor: node.attribute("floorVisible") != Some("false"),
-        floor_color: color(node, "floorColor"),
-        ceiling_color: color(node, "ceilingColor"),
+        floor_finish: finish(node, "floorColor", Some("floorTexture")),
+        ceiling_finish: finish(node, "ceilingColor", Some("ceilingTexture")),
     })
-}
-
-/// A colour written as alpha, red, green and blue in hexadecimal; taken as linear, as the export does.
-fn color(node: Node, attribute: &str) -> Option<[f32; 3]> {
-    let argb = u32::from_str_radix(node.attribute(attribute)?, 16).ok()?;
-    Some([16, 8, 0].map(|shift| f32::from((argb >> shift) as u8) / 255.0))
 }
 
 fn wall(node: Node, level: Level, wall_height: f64, by_id: &HashMap<&str, Node>) -> Option<Wall> {
@@ -214,9 +244,43 @@ fn wall(node: Node, level: Level, wall_height: f64, by_id: &HashMap<&str, Node>)
         thickness,
         bottom: level.elevation,
         heights: [height, number(node, "heightAtEnd").unwrap_or(height)],
-        colors: ["leftSideColor", "rightSideColor"].map(|side| color(node, side)),
+        finishes: ["left", "right"]
+            .map(|side| finish(node, &format!("{side}SideColor"), Some(&format!("{side}SideTexture")))),
         extension: ["wallAtStart", "wallAtEnd"].map(into),
     })
+}
+
+impl Wall {
+    /// The wall as it is bent: by an arc of `extent` radians from start to end, clockwise in plan if that is positive, in pieces of
+    /// at most [`ARC_STEP`].
+    fn bent(self, extent: f64) -> Vec<Self> {
+        let chord = self.end - self.start;
+        if extent == 0.0 || extent.abs() >= TAU || chord == DVec2::ZERO {
+            return vec![self];
+        }
+        let aside = chord.perp() * (((PI - extent) / 2.0).tan() / 2.0);
+        let centre = (self.start + self.end) / 2.0 + aside;
+        let count = (extent.abs() / ARC_STEP).ceil().max(1.0);
+        // Outer faces of neighbours meet; inner ones pass through each other.
+        let joint = self.thickness / 2.0 * (extent / count / 2.0).abs().tan();
+        let at = |share: f64| centre + DVec2::from_angle(extent * share).rotate(self.start - centre);
+        let height = |share: f64| self.heights[0] + (self.heights[1] - self.heights[0]) * share;
+        let count = count as usize;
+        let piece = |i: usize| {
+            let [from, to] = [i, i + 1].map(|end| end as f64 / count as f64);
+            Self {
+                start: at(from),
+                end: at(to),
+                heights: [height(from), height(to)],
+                extension: [
+                    if i == 0 { self.extension[0] } else { joint },
+                    if i + 1 == count { self.extension[1] } else { joint },
+                ],
+                ..self.clone()
+            }
+        };
+        (0..count).map(piece).collect()
+    }
 }
 
 fn piece(node: Node, level: Level, is_opening: bool) -> Option<Piece> {
@@ -227,6 +291,7 @@ fn piece(node: Node, level: Level, is_opening: bool) -> Option<Piece> {
         Some(DMat3::from_cols_array(numbers.as_slice().try_into().ok()?).transpose())
     });
     let materials = elements(node, "material");
+    let material = |m: Node| Some((m.attribute("name")?.to_owned(), finish(m, "color", None)));
     Some(Piece {
         model: node.attribute("model").map(str::to_owned),
         is_opening,
@@ -236,8 +301,8 @@ fn piece(node: Node, level: Level, is_opening: bool) -> Option<Piece> {
         angle: number(node, "angle").unwrap_or(0.0),
         mirrored: node.attribute("modelMirrored") == Some("true"),
         rotation,
-        color: color(node, "color"),
-        materials: materials.filter_map(|m| Some((m.attribute("name")?.to_owned(), color(m, "color")?))).collect(),
+        finish: finish(node, "color", None),
+        materials: materials.filter_map(material).filter(|(_, finish)| finish.is_said()).collect(),
     })
 }
 

@@ -1,12 +1,15 @@
 //! Portal models from files: Sweet Home 3D homes, and TOML models that point at scene files.
 
+mod additions;
+mod archive;
 mod assign;
+mod ceilings;
+mod finish;
 mod home;
 mod leaves;
 mod plain;
 mod split;
 mod sweethome;
-mod threshold;
 mod toml;
 
 use super::{LoadError, extension_of};
@@ -61,8 +64,10 @@ pub const HOMES: [&str; 3] = ["xml", "sh3d", "toml"];
 ///
 /// # Sweet Home 3D
 /// The geometry is the home's OBJ export in the same folder: `home.obj`, an OBJ of the plan's own name, or the only OBJ
-/// there is. Of an archive without one it is made from the plan and the models in the archive: walls with their openings,
-/// floors, ceilings and furniture, without textures; corners of walls overlap, and what is no OBJ becomes a box. Each room with a ceiling becomes a cell; a balcony or terrace open to the sky is outside. Each door and
+/// there is. Of an archive without one it is made from the plan and the models and pictures in the archive: walls with their openings,
+/// floors, ceilings and furniture; corners of walls overlap, and what is no OBJ becomes a box. Each room with a ceiling becomes a
+/// cell; a balcony or terrace open to the sky is outside. If no room has a ceiling, they were switched off to look in from above: those
+/// that walls enclose are given one. What stands on a hidden storey is left out. Each door and
 /// window becomes a portal in the middle of its wall, between the rooms on its two sides or a room and the outside; the
 /// space in the wall belongs to the room on its side, and has a threshold just below its floor: floors that are drawn by hand leave
 /// slits there. Where no wall stands at the border of a room there is a portal too. Leaves and panes that close an opening are left out with their

@@ -1,18 +1,18 @@
-//! The geometry of a home that comes without its OBJ export, made from the plan and from the models in its archive: walls with
-//! their openings, floors and ceilings, furniture in its place. It is written as the OBJ that Sweet Home 3D exports, groups
-//! and all, so that everything after it is the same.
+//! The geometry of a home that comes without its OBJ export, made from the plan and from the models and pictures in its archive:
+//! walls with their openings, floors and ceilings, furniture in its place. It is written as the OBJ that Sweet Home 3D exports,
+//! groups and all, so that everything after it is the same.
 //!
-//! What differs from an export: joined walls run through each other instead of being mitred, curved ones are straight,
-//! textures and normals are left out, and furniture whose model is no OBJ is a box of its size. Pitch and roll are not
-//! applied.
+//! What differs from an export: joined walls run through each other instead of being mitred, bent ones are made of straight pieces,
+//! normals and baseboards are left out, and furniture whose model is no OBJ is a box of its size. Pitch and roll are not applied.
 
+use super::archive::{Archive, Corner, FaceGroup, Model};
+use super::finish::{Finish, Repeated};
 use super::home::{Home, Opening, Piece, Room, Wall};
-use crate::load::lines::{decode, keyword, lines};
-use crate::load::mtl::MtlMaterial;
-use glam::{DMat3, DVec2, DVec3};
-use std::collections::HashMap;
+use crate::load::mtl::{Map, MtlMaterial};
+use crate::load::obj::Pictures;
+use glam::{Affine2, DMat3, DVec2, DVec3};
+use std::collections::HashSet;
 use std::fmt::Write as _;
-use std::io::{Cursor, Read};
 
 /// Linear colours that models in archives refer to without saying what they are, as Sweet Home 3D exports them.
 const KNOWN_COLORS: [(&str, [f32; 3]); 18] = [
@@ -39,9 +39,6 @@ const KNOWN_COLORS: [(&str, [f32; 3]); 18] = [
 /// Of surfaces of which nothing is known.
 const NEUTRAL: [f32; 3] = [0.7; 3];
 
-/// A model in an archive longer than this is taken for damage, bytes.
-const LONGEST_MODEL: u64 = 1 << 28;
-
 /// Walls and openings are parallel if the sine between them is less than this.
 const PARALLEL: f64 = 0.1;
 
@@ -49,26 +46,38 @@ const PARALLEL: f64 = 0.1;
 const BESIDE: f64 = 5.0;
 
 /// A home as an OBJ.
-pub(super) struct PlainHome {
+pub(super) struct PlainHome<'a> {
     /// Its text, in centimetres, Y up.
     pub(super) text: String,
     /// Its materials.
     pub(super) materials: Vec<MtlMaterial>,
+    /// The pictures of its materials by the names of their maps.
+    pub(super) pictures: Pictures,
     /// How many pieces of furniture are boxes.
     pub(super) boxes: usize,
+    archive: Archive<'a>,
     vertices: usize,
-    by_color: HashMap<[u32; 3], usize>,
+    texcoords: usize,
+    /// Names of materials that are there.
+    known: HashSet<String>,
 }
 
-impl PlainHome {
-    /// Builds up a home; `archive` holds the models.
-    pub(super) fn new(home: &Home, archive: &[u8]) -> Self {
-        let mut plain =
-            Self { text: String::new(), materials: Vec::new(), boxes: 0, vertices: 0, by_color: HashMap::new() };
+impl<'a> PlainHome<'a> {
+    /// Builds up a home; `archive` holds models and pictures.
+    pub(super) fn new(home: &Home, archive: &'a [u8]) -> Self {
+        let mut plain = Self {
+            text: String::new(),
+            materials: Vec::new(),
+            pictures: Pictures::new(),
+            boxes: 0,
+            archive: Archive::new(archive),
+            vertices: 0,
+            texcoords: 0,
+            known: HashSet::new(),
+        };
         home.rooms.iter().enumerate().for_each(|(i, room)| plain.room(i, room));
         home.walls.iter().enumerate().for_each(|(i, wall)| plain.wall(i, wall, &home.openings));
-        let mut models = Models { archive, known: HashMap::new() };
-        home.pieces.iter().enumerate().for_each(|(i, piece)| plain.piece(i, piece, &mut models));
+        home.pieces.iter().enumerate().for_each(|(i, piece)| plain.piece(i, piece));
         plain
     }
 
@@ -77,14 +86,35 @@ impl PlainHome {
         let _ = writeln!(self.text, "g {name}");
     }
 
-    fn paint(&mut self, color: [f32; 3]) {
-        let next = self.materials.len();
-        let number = *self.by_color.entry(color.map(f32::to_bits)).or_insert(next);
-        if number == next {
-            let name = format!("color_{number}");
-            self.materials.push(MtlMaterial { name, diffuse: Some(color), ..MtlMaterial::default() });
+    /// What follows has this material, which is made if it is new.
+    fn paint(&mut self, name: String, material: impl FnOnce() -> MtlMaterial) {
+        let _ = writeln!(self.text, "usemtl {name}");
+        if self.known.insert(name.clone()) {
+            let material = MtlMaterial { name, ..material() };
+            for map in [&material.diffuse_map, &material.emissive_map, &material.dissolve_map].into_iter().flatten() {
+                if !self.pictures.contains_key(&map.file)
+                    && let Some(bytes) = self.archive.file(&map.file)
+                {
+                    self.pictures.insert(map.file.clone(), bytes);
+                }
+            }
+            self.materials.push(material);
         }
-        let _ = writeln!(self.text, "usemtl color_{number}");
+    }
+
+    fn paint_color(&mut self, color: [f32; 3]) {
+        let [r, g, b] = color.map(f32::to_bits);
+        self.paint(format!("color_{r:x}_{g:x}_{b:x}"), || MtlMaterial {
+            diffuse: Some(color),
+            ..MtlMaterial::default()
+        });
+    }
+
+    fn paint_picture(&mut self, picture: &Repeated) {
+        self.paint(format!("picture_{}", picture.image), || MtlMaterial {
+            diffuse_map: Some(Map { file: picture.image.clone(), image_from_vertex: Affine2::IDENTITY }),
+            ..MtlMaterial::default()
+        });
     }
 
     fn vertex(&mut self, p: DVec3) {
@@ -92,33 +122,54 @@ impl PlainHome {
         let _ = writeln!(self.text, "v {} {} {}", p.x, p.y, p.z);
     }
 
+    /// Returns the number of the new texture coordinate, from 0.
+    fn texcoord(&mut self, t: DVec2) -> usize {
+        self.texcoords += 1;
+        let _ = writeln!(self.text, "vt {} {}", t.x, t.y);
+        self.texcoords - 1
+    }
+
     /// A polygon of vertices by number, from 0.
-    fn face(&mut self, corners: impl Iterator<Item = usize>) {
+    fn face(&mut self, corners: impl Iterator<Item = Corner>) {
         self.text.push('f');
-        corners.for_each(|corner| _ = write!(self.text, " {}", corner + 1));
+        for (position, texcoord) in corners {
+            let _ = match texcoord {
+                Some(texcoord) => write!(self.text, " {}/{}", position + 1, texcoord + 1),
+                None => write!(self.text, " {}", position + 1),
+            };
+        }
         self.text.push('\n');
     }
 
-    /// A polygon whose front is where `normal` points.
-    fn polygon(&mut self, corners: &[DVec3], normal: DVec3) {
+    /// A polygon whose front is where `normal` points; `place` says where on the finish each corner lies, centimetres to the right and
+    /// up.
+    fn polygon(&mut self, finish: &Finish, corners: &[DVec3], normal: DVec3, place: impl Fn(DVec3) -> DVec2) {
+        match &finish.picture {
+            Some(picture) => self.paint_picture(picture),
+            None => self.paint_color(finish.color.unwrap_or(NEUTRAL)),
+        }
         let first = self.vertices;
         corners.iter().for_each(|&corner| self.vertex(corner));
+        let texcoords: Option<Vec<usize>> = finish
+            .picture
+            .as_ref()
+            .map(|picture| corners.iter().map(|&corner| self.texcoord(picture.at(place(corner)))).collect());
         let next = corners.iter().cycle().skip(1);
         let found: DVec3 = corners.iter().zip(next).map(|(a, b)| (*a - corners[0]).cross(*b - corners[0])).sum();
-        let numbers = first..self.vertices;
-        if found.dot(normal) < 0.0 { self.face(numbers.rev()) } else { self.face(numbers) }
+        let corner = |i: usize| (first + i, texcoords.as_ref().map(|texcoords| texcoords[i]));
+        let numbers = 0..corners.len();
+        if found.dot(normal) < 0.0 { self.face(numbers.rev().map(corner)) } else { self.face(numbers.map(corner)) }
     }
 
     fn room(&mut self, index: usize, room: &Room) {
-        let at = |y: f64| room.outline.iter().map(|p| DVec3::new(p.x, y, p.y)).collect::<Vec<_>>();
-        let [floor, ceiling] = [at(room.floor), at(room.ceiling)];
-        for (part, color, corners, up) in [(1, room.floor_color, floor, 1.0), (2, room.ceiling_color, ceiling, -1.0)] {
-            let shown = if part == 1 { room.has_floor } else { room.covered };
-            if shown {
-                self.group(format_args!("room_{}_{part}", index + 1));
-                self.paint(color.unwrap_or(NEUTRAL));
-                self.polygon(&corners, DVec3::Y * up);
-            }
+        let floor: Vec<DVec3> = room.outline.iter().map(|p| DVec3::new(p.x, room.floor, p.y)).collect();
+        if room.has_floor {
+            self.group(format_args!("room_{}_1", index + 1));
+            self.polygon(&room.floor_finish, &floor, DVec3::Y, |p| DVec2::new(p.x, -p.z));
+        }
+        if room.covered {
+            self.group(format_args!("room_{}_2", index + 1));
+            self.polygon(&room.ceiling_finish, &room.ceiling_corners(), DVec3::NEG_Y, |p| DVec2::new(p.x, p.z));
         }
     }
 
@@ -148,7 +199,11 @@ impl PlainHome {
             })
             .collect();
         self.group(format_args!("wall_{}_1", index + 1));
-        let sides = [(half, wall.colors[0]), (-half, wall.colors[1])];
+        // Seen from the left, the way from start to end goes to the left.
+        let sides = [(half, &wall.finishes[0], -1.0), (-half, &wall.finishes[1], 1.0)];
+        let along_side = |p: DVec3, sign: f64| DVec2::new((DVec2::new(p.x, p.z) - wall.start).dot(along) * sign, p.y);
+        let plain = Finish { picture: None, ..wall.finishes[0].clone() };
+        let nowhere = |_| DVec2::ZERO;
         let mut cuts: Vec<f64> = gaps.iter().flat_map(|[span, _]| *span).chain([from, to]).collect();
         cuts.sort_by(f64::total_cmp);
         for ends in cuts.windows(2).filter(|ends| ends[1] - ends[0] > 1e-6) {
@@ -157,30 +212,26 @@ impl PlainHome {
             let solid = solid_parts([wall.bottom, f64::INFINITY], here);
             let across = |y: f64| [at(a, half, y), at(b, half, y), at(b, -half, y), at(a, -half, y)];
             if solid.first().is_none_or(|[low, _]| *low > wall.bottom) {
-                self.paint(wall.colors[0].unwrap_or(NEUTRAL));
                 // The floor of a door, which is in no room.
-                self.polygon(&across(wall.bottom), DVec3::Y);
+                self.polygon(&plain, &across(wall.bottom), DVec3::Y, nowhere);
             }
             for [low, high] in solid {
                 if low >= top(a).max(top(b)) {
                     continue;
                 }
-                for (aside, color) in sides {
-                    self.paint(color.unwrap_or(NEUTRAL));
+                for (aside, finish, sign) in sides {
                     let corners = [at(a, aside, low), at(b, aside, low), at(b, aside, high), at(a, aside, high)];
-                    self.polygon(&corners, lift(left * aside));
+                    self.polygon(finish, &corners, lift(left * aside), |p| along_side(p, sign));
                 }
-                self.paint(wall.colors[0].unwrap_or(NEUTRAL));
-                self.polygon(&across(high), DVec3::Y);
+                self.polygon(&plain, &across(high), DVec3::Y, nowhere);
                 if low > wall.bottom {
-                    self.polygon(&across(low), DVec3::NEG_Y);
+                    self.polygon(&plain, &across(low), DVec3::NEG_Y, nowhere);
                 }
             }
         }
-        self.paint(wall.colors[0].unwrap_or(NEUTRAL));
         let mut upright = |s: f64, [low, high]: [f64; 2], toward: f64| {
             let corners = [at(s, half, low), at(s, -half, low), at(s, -half, high), at(s, half, high)];
-            self.polygon(&corners, lift(along * toward));
+            self.polygon(&plain, &corners, lift(along * toward), nowhere);
         };
         for [span, heights] in gaps {
             if span[0] > from {
@@ -197,19 +248,18 @@ impl PlainHome {
         }
     }
 
-    fn piece(&mut self, index: usize, piece: &Piece, models: &mut Models) {
+    fn piece(&mut self, index: usize, piece: &Piece) {
         let kind = if piece.is_opening { "door" } else { "piece" };
-        let model = piece.model.as_deref().and_then(|name| models.get(name));
         let turn = DMat3::from_rotation_y(-piece.angle);
         let place =
             |p: DVec3| turn * p + DVec3::new(piece.centre.x, piece.elevation + piece.size.y / 2.0, piece.centre.y);
-        let Some(model) = model else {
+        let model = piece.model.as_deref().and_then(|name| Some((name, self.archive.model(name)?)));
+        let Some((name, model)) = model else {
             // A door without a model is a hole in its wall.
             if !piece.is_opening {
                 self.boxes += 1;
                 self.group(format_args!("{kind}_{}_box_1", index + 1));
-                self.paint(piece.color.unwrap_or(NEUTRAL));
-                self.cuboid(piece.size / 2.0, place, turn);
+                self.cuboid(piece, place, turn);
             }
             return;
         };
@@ -219,29 +269,63 @@ impl PlainHome {
         let high = turned.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
         let extent = (high - low).max(DVec3::splat(f64::MIN_POSITIVE));
         let mirror = if piece.mirrored { DVec3::new(-1.0, 1.0, 1.0) } else { DVec3::ONE };
-        let first = self.vertices;
-        for p in turned {
-            self.vertex(place((p - (low + high) / 2.0) / extent * piece.size * mirror));
-        }
+        let sized: Vec<DVec3> =
+            turned.into_iter().map(|p| (p - (low + high) / 2.0) / extent * piece.size * mirror).collect();
+        let first = [self.vertices, self.texcoords];
+        sized.iter().for_each(|&p| self.vertex(place(p)));
+        model.texcoords.iter().for_each(|&t| _ = self.texcoord(t));
         for (part, faces) in model.parts.iter().enumerate() {
             self.group(format_args!("{kind}_{}_{}_{}", index + 1, faces.group, part + 1));
-            let said = piece.materials.iter().find(|(name, _)| *name == faces.material).map(|(_, color)| *color);
-            let known = || KNOWN_COLORS.iter().find(|(name, _)| *name == faces.material).map(|(_, color)| *color);
-            self.paint(said.or(piece.color).or_else(known).unwrap_or(NEUTRAL));
+            let finish = self.paint_part(piece, name, &model, faces);
             for polygon in &faces.polygons {
-                let corners = polygon.iter().map(|&corner| first + corner);
+                let corners: Vec<Corner> = polygon
+                    .iter()
+                    .map(|&(position, texcoord)| {
+                        let own = texcoord.map(|texcoord| first[1] + texcoord);
+                        // What the home puts on a model that has no texture coordinates lies on its front and its top.
+                        let projected = |picture: &Repeated| {
+                            let p = sized[position];
+                            picture.at(DVec2::new(p.x, p.y - p.z))
+                        };
+                        let picture = finish.as_ref().and_then(|finish| finish.picture.as_ref());
+                        let texcoord = own.or_else(|| Some(self.texcoord(projected(picture?))));
+                        (first[0] + position, texcoord)
+                    })
+                    .collect();
+                let corners = corners.into_iter();
                 if piece.mirrored { self.face(corners.rev()) } else { self.face(corners) }
             }
         }
     }
 
-    fn cuboid(&mut self, half: DVec3, place: impl Fn(DVec3) -> DVec3, turn: DMat3) {
+    /// Paints what follows as the home says a part of a model looks, which is returned; where it says nothing, as the model does.
+    fn paint_part(&mut self, piece: &Piece, name: &str, model: &Model, faces: &FaceGroup) -> Option<Finish> {
+        let of_part = piece.materials.iter().find(|(name, _)| *name == faces.material).map(|(_, finish)| finish);
+        if let Some(finish) = of_part.or(Some(&piece.finish).filter(|finish| finish.is_said())) {
+            match (&finish.picture, finish.color) {
+                (Some(picture), _) => self.paint_picture(picture),
+                (None, color) => self.paint_color(color.unwrap_or(NEUTRAL)),
+            }
+            return Some(finish.clone());
+        }
+        // Of two materials of one name the later wins, as in exports.
+        if let Some(material) = model.materials.iter().rev().find(|material| material.name == faces.material) {
+            self.paint(format!("model_{name}_{}", material.name), || material.clone());
+            return None;
+        }
+        let known = KNOWN_COLORS.iter().find(|(name, _)| *name == faces.material).map(|(_, color)| *color);
+        self.paint_color(known.unwrap_or(NEUTRAL));
+        None
+    }
+
+    fn cuboid(&mut self, piece: &Piece, place: impl Fn(DVec3) -> DVec3, turn: DMat3) {
+        let half = piece.size / 2.0;
         for axis in 0..3 {
             let [u, v] = [DVec3::AXES[(axis + 1) % 3] * half, DVec3::AXES[(axis + 2) % 3] * half];
             for side in [-1.0, 1.0] {
                 let middle = DVec3::AXES[axis] * half * side;
                 let corners = [middle - u - v, middle + u - v, middle + u + v, middle - u + v].map(&place);
-                self.polygon(&corners, turn * DVec3::AXES[axis] * side);
+                self.polygon(&piece.finish, &corners, turn * DVec3::AXES[axis] * side, |p| DVec2::new(p.x, p.y - p.z));
             }
         }
     }
@@ -253,83 +337,6 @@ fn solid_parts(whole: [f64; 2], gaps: impl Iterator<Item = [f64; 2]>) -> Vec<[f6
         let cut = |[from, to]: [f64; 2]| [[from, to.min(low)], [from.max(high), to]];
         parts.into_iter().flat_map(cut).filter(|[from, to]| from < to).collect()
     })
-}
-
-/// The faces of one group and material.
-struct FaceGroup {
-    group: String,
-    material: String,
-    /// Corners by number, from 0.
-    polygons: Vec<Vec<usize>>,
-}
-
-/// A model from an archive.
-struct Model {
-    positions: Vec<DVec3>,
-    parts: Vec<FaceGroup>,
-}
-
-/// The models of an archive, each read once.
-struct Models<'a> {
-    archive: &'a [u8],
-    known: HashMap<String, Option<Model>>,
-}
-
-impl Models<'_> {
-    /// A model by its name in the archive, if it is there and an OBJ.
-    fn get(&mut self, name: &str) -> Option<&Model> {
-        let archive = self.archive;
-        let read = || {
-            let mut archive = zip::ZipArchive::new(Cursor::new(archive)).ok()?;
-            let mut bytes = Vec::new();
-            archive.by_name(name).ok()?.take(LONGEST_MODEL).read_to_end(&mut bytes).ok()?;
-            Model::parse(&decode(&bytes))
-        };
-        self.known.entry(name.to_owned()).or_insert_with(read).as_ref()
-    }
-}
-
-impl Model {
-    /// The faces of an OBJ; `None` if there are none, or one refers to a vertex that is not there.
-    fn parse(text: &str) -> Option<Self> {
-        let mut model = Self { positions: Vec::new(), parts: Vec::new() };
-        let (mut group, mut material) = (String::new(), String::new());
-        for (_, line) in lines(text) {
-            let (word, rest) = keyword(&line);
-            match word {
-                "v" => {
-                    let mut numbers =
-                        rest.split_whitespace().map(|word| word.parse().ok().filter(|v: &f64| v.is_finite()));
-                    let mut next = || numbers.next().flatten();
-                    model.positions.push(DVec3::new(next()?, next()?, next()?));
-                }
-                "g" | "o" => group = rest.replace(char::is_whitespace, "_"),
-                "usemtl" => material = rest.to_owned(),
-                "f" => {
-                    let count = model.positions.len() as i64;
-                    let corner = |word: &str| {
-                        let number: i64 = word.split('/').next()?.parse().ok()?;
-                        let index = if number < 0 { count + number } else { number - 1 };
-                        usize::try_from(index).ok().filter(|&index| (index as i64) < count)
-                    };
-                    let polygon: Vec<usize> = rest.split_whitespace().map(corner).collect::<Option<_>>()?;
-                    if polygon.len() < 3 {
-                        continue;
-                    }
-                    match model.parts.iter_mut().find(|part| part.group == group && part.material == material) {
-                        Some(part) => part.polygons.push(polygon),
-                        None => model.parts.push(FaceGroup {
-                            group: group.clone(),
-                            material: material.clone(),
-                            polygons: vec![polygon],
-                        }),
-                    }
-                }
-                _ => {}
-            }
-        }
-        (!model.parts.is_empty()).then_some(model)
-    }
 }
 
 #[cfg(test)]
@@ -344,18 +351,5 @@ mod tests {
         assert_eq!(parts(&[[1.0, 2.0], [5.0, 6.0]]), [[0.0, 1.0], [2.0, 5.0], [6.0, 9.0]]);
         assert_eq!(parts(&[[1.0, 5.0], [3.0, 6.0]]), [[0.0, 1.0], [6.0, 9.0]]);
         assert!(parts(&[[-1.0, 10.0]]).is_empty());
-    }
-
-    #[test]
-    fn a_model_is_read_by_group_and_material() {
-        let model =
-            Model::parse("v 0 0 0\nv 1 0 0\nv 1 1 0\ng a b\nusemtl red\nf 1/4/5 2//7 3\nusemtl blue\nf -3 -2 -1\n");
-        let model = model.expect("two faces");
-        let parts: Vec<_> =
-            model.parts.iter().map(|p| (p.group.as_str(), p.material.as_str(), &p.polygons[0][..])).collect();
-        assert_eq!(parts, [("a_b", "red", &[0, 1, 2][..]), ("a_b", "blue", &[0, 1, 2][..])]);
-        for bad in ["", "v 0 0 0\n", "v 0 0\nf 1 1 1\n", "v 0 0 0\nf 1 1 2\n", "v 0 0 0\nf 0 1 1\n", "f 1 2 x"] {
-            assert!(Model::parse(bad).is_none(), "{bad}");
-        }
     }
 }

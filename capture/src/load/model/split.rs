@@ -1,6 +1,6 @@
-//! Cutting polygons with vertical planes.
+//! Cutting polygons with planes.
 
-use glam::{DVec2, DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 /// A corner of a polygon with everything that is interpolated.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,11 +30,11 @@ impl Corner {
     }
 }
 
-/// The pieces of a convex polygon on both sides of the vertical plane through `from` (in plan) that is perpendicular to
-/// `across`; the polygon itself if it lies on one side.
-pub(super) fn split_by_line(polygon: Vec<Corner>, from: DVec2, across: DVec2) -> Vec<Vec<Corner>> {
+/// The pieces of a convex polygon on both sides of the plane through `from` that is perpendicular to `across`; the polygon itself if
+/// it lies on one side.
+pub(super) fn split_by_plane(polygon: Vec<Corner>, from: DVec3, across: DVec3) -> Vec<Vec<Corner>> {
     let Some(across) = across.try_normalize() else { return vec![polygon] };
-    let distance = |corner: &Corner| (DVec2::new(corner.position.x, corner.position.z) - from).dot(across);
+    let distance = |corner: &Corner| (corner.position - from).dot(across);
     let distances: Vec<f64> = polygon.iter().map(distance).collect();
     let lies_beyond = |sign: f64| distances.iter().any(|d| d * sign > ON_PLANE_M);
     if !(lies_beyond(1.0) && lies_beyond(-1.0)) {

@@ -4,7 +4,7 @@ use super::assign::{Assignment, Portion};
 use super::home::{Home, Opening, Room};
 use super::leaves::closing_groups;
 use super::plain::PlainHome;
-use super::{LoadedModel, ModelOptions, threshold};
+use super::{LoadedModel, ModelOptions, additions};
 use crate::linear_from_srgb;
 use crate::load::obj::load_text as load_obj_text;
 use crate::load::{Group, GroupedScene, LoadError, LoadOptions, folder_of, load_grouped, read};
@@ -33,9 +33,19 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
     let bytes = read(path)?;
     let is_archive = bytes.starts_with(b"PK");
     let unpacked = if is_archive { Some(unpack(&bytes).map_err(malformed)?) } else { None };
-    let home = Home::parse(&String::from_utf8_lossy(unpacked.as_ref().unwrap_or(&bytes))).map_err(malformed)?;
+    let mut home = Home::parse(&String::from_utf8_lossy(unpacked.as_ref().unwrap_or(&bytes))).map_err(malformed)?;
     let mut notes = Vec::new();
-    let grouped = match find_export(path) {
+    home.hang_ceilings();
+    match home.put_ceilings_on() {
+        0 => {}
+        count => notes.push(format!(
+            "no room has a ceiling: the {count} with walls around are given one (in Sweet Home 3D: Plan > Modify rooms > Display \
+             ceiling)"
+        )),
+    }
+    let export = find_export(path);
+    let has_export = matches!(export, Ok(Some(_)));
+    let grouped = match export {
         Ok(Some(obj)) => load_grouped(&obj, &LoadOptions { up: Some(UpAxis::Y), unit_m: Some(UNIT_M) })?,
         Ok(None) => without_export(path, &home, &bytes, &mut notes)?,
         Err(_) if is_archive => without_export(path, &home, &bytes, &mut notes)?,
@@ -43,6 +53,12 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
     };
 
     let mut scene = grouped.scene;
+    if has_export {
+        for room in home.rooms.iter().filter(|room| room.ceiling_is_new) {
+            let corners: Vec<DVec3> = room.ceiling_corners().into_iter().map(|corner| corner * UNIT_M).collect();
+            additions::ceiling(&mut scene, &corners);
+        }
+    }
     scene.sky = Some(surroundings(&home));
     let mut cells = cells_of(&home, &mut notes);
     let outside = cells.len() as u32;
@@ -92,14 +108,20 @@ fn without_export(
 ) -> Result<GroupedScene, LoadError> {
     let plain = PlainHome::new(home, archive);
     notes.push(
-        "there is no OBJ beside it: walls are made from the plan, without textures (for all of it, choose 3D view > Export to \
+        "there is no OBJ beside it: walls are made from the plan (for all of it, choose 3D view > Export to \
          OBJ format in Sweet Home 3D and save into the same folder)"
             .into(),
     );
     if plain.boxes > 0 {
         notes.push(format!("{} pieces of furniture are boxes, as their models are no OBJ", plain.boxes));
     }
-    load_obj_text(path, &plain.text, plain.materials, FileFrame { unit_m: UNIT_M, ..FileFrame::default() })
+    load_obj_text(
+        path,
+        &plain.text,
+        &plain.materials,
+        &plain.pictures,
+        FileFrame { unit_m: UNIT_M, ..FileFrame::default() },
+    )
 }
 
 /// The `Home.xml` of an archive.
@@ -144,7 +166,7 @@ fn cells_of(home: &Home, notes: &mut Vec<String>) -> Vec<Cell> {
         let prism = Prism {
             outline: room.outline.iter().map(|&corner| corner * UNIT_M).collect(),
             floor_y: room.floor * UNIT_M,
-            ceiling_y: room.ceiling * UNIT_M,
+            ceiling_y: room.ceiling() * UNIT_M,
         };
         Some(Cell { name: room_name(index, room), space: vec![prism], triangles: 0..0 })
     };
@@ -169,7 +191,7 @@ fn add_portal(model: &mut PortalModel, opening: &Opening) {
             let prism = Prism { outline: outline.to_vec(), floor_y: bottom * UNIT_M, ceiling_y: top * UNIT_M };
             let floor_y = model.cells[cell as usize].space[0].floor_y;
             if (prism.floor_y - floor_y).abs() < AT_FLOOR_M {
-                threshold::add(&mut model.scene, outline, floor_y);
+                additions::threshold(&mut model.scene, outline, floor_y);
             }
             model.cells[cell as usize].space.push(prism);
         }

@@ -5,7 +5,7 @@ import { WHOLE_VERTEX } from '../glsl.js';
 import { raysOf, readSurroundings } from '../surroundings.js';
 import { ATLAS_PX, readPlanes, TILE_BYTES } from './planes.js';
 import { readSamples, SAMPLE_BYTES } from './samples.js';
-import { finishFragment, LAID_FRAGMENT, SAMPLE_FRAGMENT, SAMPLE_VERTEX, TILE_FRAGMENT, TILE_VERTEX } from './shaders.js';
+import { FILL_FRAGMENT, finishFragment, LAID_FRAGMENT, SAMPLE_FRAGMENT, SAMPLE_VERTEX, TILE_FRAGMENT, TILE_VERTEX } from './shaders.js';
 
 /** Pixels around a frame in which samples are drawn whose tents may reach into it. */
 const MARGIN_PX = 16;
@@ -43,6 +43,7 @@ export class Renderer {
     this.tileProgram = new Program(gl, TILE_VERTEX, TILE_FRAGMENT);
     this.laidProgram = new Program(gl, WHOLE_VERTEX, LAID_FRAGMENT);
     this.finishProgram = new Program(gl, WHOLE_VERTEX, finishFragment(LAYERS));
+    this.fillProgram = new Program(gl, WHOLE_VERTEX, FILL_FRAGMENT);
     // For what has no texture (yet).
     this.noTexture = texture(gl, gl.RGBA8, [1, 1]);
     this.noCube = gl.createTexture();
@@ -120,17 +121,19 @@ export class Renderer {
       return { color, depth, toDepth: target(gl, null, depth), toColor: target(gl, color, null) };
     };
     const planes = pair();
+    const frame = texture(gl, gl.RGBA8, size);
     this.targets = {
       width,
       height,
       layers: LAYERS.map(layer),
       planes: { ...planes, to: target(gl, planes.color, planes.depth) },
+      frame: { color: frame, depth: null, to: target(gl, frame, null) },
     };
   }
 
   freeTargets() {
     const { gl } = this;
-    for (const { color, depth, toDepth, toColor, to } of [...this.targets.layers, this.targets.planes]) {
+    for (const { color, depth, toDepth, toColor, to } of [...this.targets.layers, this.targets.planes, this.targets.frame]) {
       gl.deleteTexture(color);
       gl.deleteTexture(depth);
       for (const made of [toDepth, toColor, to]) if (made) gl.deleteFramebuffer(made);
@@ -250,18 +253,28 @@ export class Renderer {
     drawAll(true);
   }
 
-  /** Puts surfaces and environment together. */
+  /** Puts surfaces and environment together, and fills small holes. */
   finish(camera, framebuffer, origin, shade) {
-    const { gl, header } = this;
-    const sums = this.targets.layers.map(({ color }, i) => [`sum${i}`, color]);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
-    gl.viewport(...origin, ...camera.size);
+    const { gl, header, targets } = this;
+    const sums = targets.layers.map(({ color }, i) => [`sum${i}`, color]);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, targets.frame.to);
+    gl.viewport(0, 0, ...camera.size);
     gl.disable(gl.BLEND);
     gl.bindVertexArray(this.nothing);
     this.finishProgram.use({
       ...header.rules,
       ...Object.fromEntries(sums),
-      ...raysOf(camera, origin, this.environment, this.noCube),
+      ...raysOf(camera, [0, 0], this.environment, this.noCube),
+      margin: MARGIN_PX,
+    });
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
+    gl.viewport(...origin, ...camera.size);
+    this.fillProgram.use({
+      frame: targets.frame.color,
+      nearest: targets.layers[0].depth,
+      size: camera.size,
+      origin,
       margin: MARGIN_PX,
       hole: [0, 0, 0],
       shade,

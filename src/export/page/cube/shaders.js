@@ -153,9 +153,8 @@ void main() {
 /** Surfaces over one another and over the environment, in linear light (surface.rs, finish.rs). */
 export const finishFragment = (layers) => `${HEAD}${CURVES}${SURROUNDINGS}
 ${layers.map((i) => `uniform sampler2D sum${i};`).join('\n')}
-uniform vec3 hole;
-uniform float margin, opaque, minShare, shade;
-out vec4 color;
+uniform float margin, opaque, minShare;
+out vec4 color;                          // alpha: whether anything is known
 /** A surface over what is behind it, which fills what it leaves open as it fills the pixel. */
 vec4 over(vec4 sum, vec4 behind) {
   if (sum.a <= 0.0) return behind;
@@ -168,10 +167,48 @@ void main() {
   ivec2 at = ivec2(pixel + margin);
   vec4 seen = vec4(0.0);
 ${layers.map((i) => `  seen = over(texelFetch(sum${i}, at, 0), seen);`).reverse().join('\n')}
+  bool known = seen.a > 0.0;
   if (seen.a < 1.0) {
     vec4 far = surroundings(directionAt(pixel));
     if (far.a > 0.0) seen.rgb = linear(far.rgb) * (1.0 - seen.a) + seen.rgb * seen.a;
-    else if (seen.a <= 0.0) seen.rgb = hole;
+    known = known || far.a > 0.0;
   }
-  color = vec4(srgb(seen.rgb) * shade, 1.0);
+  color = vec4(srgb(seen.rgb), known ? 1.0 : 0.0);
+}`;
+
+/** Holes of a few pixels take the colour of the farthest of the pixels beside them, and grow shut from their rims (fill.rs). */
+export const FILL_FRAGMENT = `${HEAD}
+uniform sampler2D frame;
+uniform sampler2D nearest;               // surface of each pixel; rows downward, with a margin
+uniform vec2 size, origin;
+uniform float margin, shade;
+uniform vec3 hole;
+out vec4 color;
+const ivec2 BESIDE[4] = ivec2[4](ivec2(-1, 0), ivec2(1, 0), ivec2(0, 1), ivec2(0, -1));
+/** Colour of a pixel, and how far it is: -1 where nothing is known, 1 at infinity. */
+vec4 at(ivec2 p) {
+  if (any(lessThan(p, ivec2(0))) || any(greaterThanEqual(p, ivec2(size)))) return vec4(hole, -1.0);
+  vec4 found = texelFetch(frame, p, 0);
+  ivec2 downward = ivec2(p.x, int(size.y) - 1 - p.y) + int(margin);
+  return found.a > 0.5 ? vec4(found.rgb, texelFetch(nearest, downward, 0).r) : vec4(hole, -1.0);
+}
+vec4 grown(ivec2 p) {
+  vec4 found = at(p);
+  if (found.a >= 0.0) return found;
+  for (int i = 0; i < 4; i++) {
+    vec4 beside = at(p + BESIDE[i]);
+    if (beside.a > found.a) found = beside;
+  }
+  return found;
+}
+void main() {
+  ivec2 p = ivec2(gl_FragCoord.xy - origin);
+  vec4 found = grown(p);
+  if (found.a < 0.0) {
+    for (int i = 0; i < 4; i++) {
+      vec4 beside = grown(p + BESIDE[i]);
+      if (beside.a > found.a) found = beside;
+    }
+  }
+  color = vec4(found.rgb * shade, 1.0);
 }`;

@@ -29,12 +29,18 @@ pub(super) fn content(lumigraph: &Lumigraph) -> Result<Content, ExportError> {
     }
     let ends = lumigraph.layers().iter().flat_map(|layer| [layer.min, layer.max]);
     parts.push(Part { header: json!({"kind": "layers"}), bytes: ends.flat_map(f64::to_le_bytes).collect() });
-    for (camera, picture) in lumigraph.pictures().iter().enumerate() {
-        parts.push(Part { header: json!({"kind": "indices", "camera": camera}), bytes: indices(picture) });
-        let texels: Vec<[u8; 4]> = picture.color.iter().map(|[r, g, b]| [*r, *g, *b, 255]).collect();
-        let last = camera + 1 == grid.camera_count();
-        let header = json!({"kind": "colors", "camera": camera, "last": last});
-        parts.push(Part { header, bytes: png(&texels, grid.size_px())? });
+    for (round, shown) in rounds([grid.columns().len(), grid.rows().len()]).into_iter().enumerate() {
+        for camera in &shown.new {
+            let (picture, later) = (&lumigraph.pictures()[*camera], round > 0);
+            let header = json!({"kind": "indices", "camera": camera, "later": later});
+            parts.push(Part { header, bytes: indices(picture) });
+            let texels: Vec<[u8; 4]> = picture.color.iter().map(|[r, g, b]| [*r, *g, *b, 255]).collect();
+            let mut header = json!({"kind": "colors", "camera": camera, "later": later});
+            if Some(camera) == shown.new.last() {
+                header["shows"] = json!({"columns": shown.places[0], "rows": shown.places[1]});
+            }
+            parts.push(Part { header, bytes: png(&texels, grid.size_px())? });
+        }
     }
     let axes = grid.world_from_eye();
     let frame = lumigraph.info.frame;
@@ -52,6 +58,40 @@ pub(super) fn content(lumigraph: &Lumigraph) -> Result<Content, ExportError> {
     Ok(Content { header, parts, poster: poster(lumigraph)?, modules: MODULES })
 }
 
+/// Cameras that a page shows from a time on: a grid of their own.
+struct Shown {
+    /// Numbers of its columns and rows.
+    places: [Vec<usize>; 2],
+    /// Those of its cameras that come with it.
+    new: Vec<usize>,
+}
+
+/// How a grid of so many columns and rows comes: its corners first, then with each round what halves the gaps.
+fn rounds([columns, rows]: [usize; 2]) -> Vec<Shown> {
+    let mut places = [columns, rows].map(|count| if count == 1 { vec![0] } else { vec![0, count - 1] });
+    let mut known = vec![false; columns * rows];
+    let mut rounds = Vec::new();
+    loop {
+        let of_row = |row: &usize| places[0].iter().map(move |column| row * columns + column).collect::<Vec<_>>();
+        let cameras = places[1].iter().flat_map(of_row);
+        let new = cameras.filter(|camera| !std::mem::replace(&mut known[*camera], true)).collect();
+        rounds.push(Shown { places: places.clone(), new });
+        if places[0].len() == columns && places[1].len() == rows {
+            return rounds;
+        }
+        places = places.map(|places| halved(&places));
+    }
+}
+
+/// Ascending numbers, and the middles of their gaps.
+fn halved(numbers: &[usize]) -> Vec<usize> {
+    let middles = numbers.windows(2).map(|pair| usize::midpoint(pair[0], pair[1]));
+    let mut all: Vec<usize> = numbers.iter().copied().chain(middles).collect();
+    all.sort_unstable();
+    all.dedup();
+    all
+}
+
 /// The layers of an image's pixels, each less the one before: low bytes, then high ones.
 fn indices(picture: &Picture) -> Vec<u8> {
     let before = std::iter::once(&0).chain(&picture.index);
@@ -67,4 +107,30 @@ pub(crate) fn poster(lumigraph: &Lumigraph) -> Result<Vec<u8>, ExportError> {
     let (eye, up): (DVec3, DVec3) = (grid.origin(), axes.y_axis);
     let camera = Camera::look_at(eye, eye - axes.z_axis, up, fov_y_deg, POSTER_PX)?;
     jpeg(LumigraphRenderer::new().render(lumigraph, &camera, &LumigraphSettings::default()).0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn corners_come_first_and_every_camera_once() {
+        for [columns, rows] in [[1, 1], [1, 5], [2, 2], [4, 4], [8, 3], [7, 9]] {
+            let (mut known, rounds) = (Vec::new(), rounds([columns, rows]));
+            for Shown { places, new } in &rounds {
+                known.extend(new);
+                assert!(!new.is_empty() && places.iter().all(|places| places.is_sorted_by(|a, b| a < b)));
+                // All that it shows is there.
+                for (row, column) in places[1].iter().flat_map(|row| places[0].iter().map(move |column| (row, column)))
+                {
+                    assert!(known.contains(&(row * columns + column)), "{row} {column}");
+                }
+            }
+            assert_eq!(rounds[0].new.len(), columns.min(2) * rows.min(2));
+            known.sort_unstable();
+            assert!(known.into_iter().eq(0..columns * rows), "{columns} {rows}");
+        }
+        let columns: Vec<Vec<usize>> = rounds([8, 1]).into_iter().map(|shown| shown.places[0].clone()).collect();
+        assert_eq!(columns, [vec![0, 7], vec![0, 3, 7], vec![0, 1, 3, 5, 7], (0..8).collect()]);
+    }
 }

@@ -24,11 +24,25 @@ export class Renderer {
     this.colors = this.pictures(gl.SRGB8_ALPHA8, cameras);
     this.indices = this.pictures(gl.R16UI, cameras);
     this.places = this.numbers(Math.max(grid.columns.length, grid.rows.length), 2);
-    const places = new Float32Array(this.places.width * 8);
-    grid.columns.forEach((place, i) => (places[i * 4] = place));
-    grid.rows.forEach((place, i) => (places[(this.places.width + i) * 4] = place));
+    /** The cameras that are shown, a grid of their own; none until the first of them have come. */
+    this.grid = null;
+  }
+
+  /** Shows the cameras of some columns and rows from now on; their images are there. */
+  show({ columns, rows }) {
+    const { gl, header: { grid } } = this;
+    const { width } = this.places;
+    const places = new Float32Array(width * 8);
+    [[columns, grid.columns], [rows, grid.rows]].forEach(([shown, all], axis) =>
+      shown.forEach((number, i) => places.set([all[number], number], (axis * width + i) * 4)),
+    );
     this.fill(this.places, 2, places);
-    this.steps = stepsOf(grid);
+    this.grid = { ...grid, columns: columns.map((i) => grid.columns[i]), rows: rows.map((i) => grid.rows[i]) };
+    this.steps = stepsOf(this.grid);
+    this.whole = columns.length === grid.columns.length && rows.length === grid.rows.length;
+    if (!this.whole) return;
+    gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.colors);
+    gl.generateMipmap(gl.TEXTURE_2D_ARRAY);
   }
 
   /** A texture of one image for each camera. */
@@ -65,13 +79,13 @@ export class Renderer {
     else await this.addColors(part, bytes);
   }
 
-  async addColors({ camera, last }, bytes) {
+  async addColors({ camera, shows }, bytes) {
     const { gl } = this;
     const picture = await pictureOf(bytes, Infinity);
     gl.bindTexture(gl.TEXTURE_2D_ARRAY, this.colors);
     gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, camera, picture.width, picture.height, 1, gl.RGBA, gl.UNSIGNED_BYTE, picture);
     picture.close();
-    if (last) gl.generateMipmap(gl.TEXTURE_2D_ARRAY);
+    if (shows) this.show(shows);
   }
 
   /** Layers of an image's pixels: each less the one before, low bytes, then high ones; smaller ones by vote (pyramid.rs). */
@@ -92,8 +106,10 @@ export class Renderer {
 
   /** Draws what a camera sees to a part of a framebuffer that begins at `origin`. `shade`: 1 for full light. */
   draw(camera, framebuffer = null, origin = [0, 0], shade = 1) {
-    const { gl, header: { grid } } = this;
-    const { view, count, numbers } = planOf(grid, this.layers, camera, this.levels);
+    const { gl, grid } = this;
+    if (!grid) return;
+    // Smaller images are made once, when all are there.
+    const { view, count, numbers } = planOf(grid, this.layers, camera, this.whole ? this.levels : 1);
     this.fill(this.plan, count, numbers);
     gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
     gl.viewport(...origin, ...camera.size);
@@ -106,6 +122,7 @@ export class Renderer {
       layers: this.plan.texture,
       places: this.places.texture,
       counts: [count, grid.columns.length, grid.rows.length],
+      inRow: this.header.grid.columns.length,
       picture: grid.size,
       eye: view.eye,
       start: view.start,

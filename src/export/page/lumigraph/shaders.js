@@ -5,8 +5,9 @@ export const RAY_FRAGMENT = `${HEAD}${CURVES}${SURROUNDINGS}
 uniform sampler2DArray colors;           // of each camera
 uniform usampler2DArray indices;         // of layers: 0 at infinity
 uniform sampler2D layers;                // three texels each, near ones first
-uniform sampler2D places;                // of the cameras: columns, then rows
+uniform sampler2D places;                // of the cameras that are shown, and their numbers: columns, then rows
 uniform ivec3 counts;                    // layers, columns, rows
+uniform int inRow;                       // cameras, shown or not
 uniform ivec2 picture;                   // pixels of an image
 uniform vec3 eye, start, right1, down1;  // in plane space: the eye, and the directions of pixels
 uniform vec2 steps[24];                  // cells beside
@@ -27,9 +28,10 @@ Sides sidesOf(int axis, float crossing, int shift) {
   int most = max(count - 2, 0);
   int low = clamp(cell + shift, 0, most);
   int high = min(low + 1, count - 1);
-  vec2 at = vec2(texelFetch(places, ivec2(low, axis), 0).r, texelFetch(places, ivec2(high, axis), 0).r);
+  vec2 first = texelFetch(places, ivec2(low, axis), 0).rg, second = texelFetch(places, ivec2(high, axis), 0).rg;
+  vec2 at = vec2(first.x, second.x);
   float weight = clamp((crossing - at.x) / max(at.y - at.x, 1e-30), LEAST_WEIGHT, 1.0 - LEAST_WEIGHT);
-  return Sides(ivec2(low, high), at, weight, cell + shift < 0 || cell + shift > most);
+  return Sides(ivec2(first.y, second.y), at, weight, cell + shift < 0 || cell + shift > most);
 }
 
 /** Adds what shows one of some layers among the four texels around a position, times a weight. */
@@ -64,7 +66,7 @@ void look(vec2 slopes, Sides across, Sides up, bool loose, inout vec3 color, ino
       bool second = (k & 1) == 1, upper = k > 1;
       vec2 at = vec2(second ? u.y : u.x, upper ? v.y : v.x);
       if (!isInside(at, size)) continue;
-      int camera = (upper ? up.number.y : up.number.x) * counts.y + (second ? across.number.y : across.number.x);
+      int camera = (upper ? up.number.y : up.number.x) * inRow + (second ? across.number.y : across.number.x);
       float weight = (second ? across.weight : 1.0 - across.weight) * (upper ? up.weight : 1.0 - up.weight);
       int index = int(texelFetch(indices, ivec3(ivec2(at), camera), level).r);
       if (index < range.x) passing += weight;
@@ -90,7 +92,7 @@ bool isHidden(vec2 slopes, Sides across, Sides up) {
   vec2 v = -slopes.y * place.x + place.z + up.place * place.w;
   for (int k = 0; k < 4; k++) {
     vec2 at = vec2((k & 1) == 1 ? u.y : u.x, k > 1 ? v.y : v.x);
-    int camera = (k > 1 ? up.number.y : up.number.x) * counts.y + ((k & 1) == 1 ? across.number.y : across.number.x);
+    int camera = (k > 1 ? up.number.y : up.number.x) * inRow + ((k & 1) == 1 ? across.number.y : across.number.x);
     if (isInside(at, size) && texelFetch(indices, ivec3(ivec2(at), camera), level).r > 0u) return true;
   }
   return false;
