@@ -15,7 +15,7 @@ for program in chromium python3 node npm; do
         exit 0
     fi
 done
-if ! timeout 300 npm install --silent --no-save --prefix "$out/npm" three@0.187 gltf-validator@2.0.0-dev.3.10 playcanvas@2.23 \
+if ! timeout 90 npm install --silent --no-save --prefix "$out/npm" three@0.187 gltf-validator@2.0.0-dev.3.10 playcanvas@2.23 \
     @playcanvas/splat-transform@2.7 >/dev/null 2>&1; then
     echo "outside: skipped, npm could not fetch the programs"
     exit 0

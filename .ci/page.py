@@ -126,4 +126,5 @@ def main():
         chromium.close()
 
 
-main()
+if __name__ == "__main__":
+    main()

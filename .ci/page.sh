@@ -76,6 +76,7 @@ PY
 grep -q 'of this page is damaged' "$out/damaged.txt"
 .ci/page.py 320x240 --before "$out/old.js" "file://$here/samples.ldi.html" "$out/old.png" | tee "$out/old.txt"
 grep -q 'no WebGL 2' "$out/old.txt"
+.ci/controls.py "file://$here/samples.ldi.html"
 # A headset, emulated by iwer, where npm can fetch it.
 if command -v npm >/dev/null && timeout 120 npm install --silent --no-save --prefix "$out/npm" iwer@2 >/dev/null 2>&1; then
     emulator="$out/npm/node_modules/iwer/build/iwer.min.js"
@@ -96,4 +97,26 @@ if command -v npm >/dev/null && timeout 120 npm install --silent --no-save --pre
 else
     echo "page: headset skipped, npm could not fetch its emulator"
 fi
+# Other engines, where they are installed: Gecko, and Safari's WebKit.
+for browser in firefox webkit; do
+    program=WebKitWebDriver
+    [ $browser = webkit ] || program=firefox-esr
+    if ! command -v $program >/dev/null || ! command -v xvfb-run >/dev/null; then
+        echo "page: $browser skipped, $program or xvfb-run is not installed"
+        continue
+    fi
+    set --
+    for file in planes.ldi:0.4,1.55,0.7:1.0,1.30,-1.0 home.house:7.63,1.55,3.62:6.7,1.41,3.96 statue.lumi:-0.5,-0.6,-0.6:0,0,-3.5; do
+        name=${file%%:*} at=${file##*:} eye=${file#*:}
+        eye=${eye%:*}
+        "$headbox" render "$out/$name" -o "$out/$name.wide.png" --size 512x240 --fov 60 --eye "$eye" --look-at "$at" >/dev/null
+        set -- "$@" "file://$here/$name.html#eye=$eye&look-at=$at&fov=60&ui=0" "$out/$name.$browser.png"
+    done
+    LIBGL_ALWAYS_SOFTWARE=1 xvfb-run -a -s "-screen 0 1280x1024x24" .ci/browsers.py $browser 512x240 "$@" "file://$here/damaged.html" \
+        "$out/damaged.$browser.png" | tee "$out/$browser.txt"
+    grep -q 'of this page is damaged' "$out/$browser.txt"
+    for name in planes.ldi home.house statue.lumi; do
+        near "$out/$name.wide.png" "$out/$name.$browser.png" $most "$name in $browser"
+    done
+done
 echo "page: all is well; pictures are in $out"

@@ -217,6 +217,19 @@ impl CameraArgs {
         ]
     }
 
+    /// The cameras of a path, whose frames have the size that is said; what else is said of cameras is refused.
+    pub(super) fn of_path(&self, cameras: Vec<Camera>) -> anyhow::Result<Vec<Camera>> {
+        if let Some((flag, _)) = self.given().into_iter().find(|(flag, is_given)| *is_given && *flag != "--size") {
+            return Err(UsageError(format!("{flag} has no meaning with --path, which says it; leave it out")).into());
+        }
+        let Some((width, height)) = self.size else { return Ok(cameras) };
+        let resized = |camera: Camera| {
+            let focal_px = camera.focal_px() * f64::from(height) / f64::from(camera.height());
+            Camera::from_parts(camera.eye(), camera.world_from_eye(), focal_px, width, height)
+        };
+        Ok(cameras.into_iter().map(resized).collect::<Result<_, _>>()?)
+    }
+
     /// The camera in a scene, from free space where nothing is said, and a tracer about its eye.
     pub(super) fn aim(&self, scene: &Arc<Scene>) -> anyhow::Result<(Camera, Tracer)> {
         let placed = viewpoint::place_headbox(scene, None, None);

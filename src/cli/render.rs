@@ -138,7 +138,7 @@ impl RenderCommand {
         let (mut content, frame, default_camera) = self.open()?;
         match &self.path {
             Some(path) => {
-                let cameras = path::read(path, &frame, f64::from(self.fps()))?;
+                let cameras = self.camera.of_path(path::read(path, &frame, f64::from(self.fps()))?)?;
                 content.warn_if_outside(&cameras, &frame);
                 match film::is_film(&self.output) {
                     true => self.render_film(&mut content, &cameras),

@@ -1,7 +1,7 @@
 //! A camera's picture as a texture: linear light, minified copies, and with every texel how near what it shows is.
 
 use super::fuse::NOBODY;
-use crate::capture::images::LoadedView;
+use crate::capture::images::{FARTHEST_M, LoadedView};
 use crate::capture::linear_from_srgb8;
 use glam::Vec4;
 
@@ -43,7 +43,8 @@ const HALVINGS: usize = 4;
 impl Picture {
     /// Of a view in memory.
     pub(super) fn new(view: &LoadedView) -> Self {
-        let inverse = |i: usize| view.depth.get(i).filter(|depth| **depth > 0.0).map(|depth| 1.0 / depth);
+        let inverse =
+            |i: usize| view.depth.get(i).filter(|depth| **depth > 0.0).map(|depth| 1.0 / depth.min(FARTHEST_M));
         let nearest = (0..view.depth.len()).filter_map(inverse).fold(0.0, f32::max);
         let step = if nearest > 0.0 { nearest / f32::from(NOBODY - LEAST_DEPTH) } else { 1.0 };
         let [width, height] = view.size_px.map(|side| side as usize);
@@ -53,7 +54,10 @@ impl Picture {
             let [r, g, b] = [r, g, b].map(|c| (linear_from_srgb8(c) * FULL + 0.5) as u16);
             let depth = match inverse(i) {
                 _ if a == 0 => MASKED,
-                Some(inverse) => LEAST_DEPTH + (inverse / step + 0.5).min(f32::from(NOBODY - LEAST_DEPTH)) as u16,
+                // What is far is known to be, though it seem nearer by a step.
+                Some(inverse) => {
+                    LEAST_DEPTH + (inverse / step + 0.5).clamp(1.0, f32::from(NOBODY - LEAST_DEPTH)) as u16
+                }
                 None => UNKNOWN,
             };
             [r, g, b, depth]
@@ -206,6 +210,15 @@ mod tests {
         assert_eq!(color(&picture, 0, 5.5, 3.5), None);
         let beside = color(&picture, 0, 5.9, 3.5).expect("its neighbour");
         assert!((beside[0] - linear_from_srgb8(60) * FULL).abs() < 1.0);
+    }
+
+    #[test]
+    fn what_is_infinitely_far_is_known() {
+        let depth = |x: u32, _| [f32::NAN, 1.0, f32::INFINITY, 1e5][x as usize % 4];
+        let picture = Picture::new(&view_of(DVec3::ZERO, depth, |_, _| [90; 3], [8, 4]));
+        let found = [0, 1, 2, 3].map(|x| shown(&picture, x as f32 + 0.5, 1.5));
+        let step = picture.inverse_depth_step;
+        assert!(found[0] == 0.0 && (found[1] - 1.0).abs() < step && found[2] == step && found[3] == step, "{found:?}");
     }
 
     #[test]

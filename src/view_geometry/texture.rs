@@ -54,7 +54,9 @@ impl TextureCamera {
         let eye_from_world = camera.pose.world_from_eye.transpose();
         let shift = camera.homogeneous(eye_from_world * (frame.eye() - camera.pose.eye));
         let turned = Self::turned(camera, picture, frame, eye_from_world * frame.world_from_eye());
-        Self { shift: shift.as_vec3(), slack: edge.least(), ..turned }
+        // What the picture shows is known to a step.
+        let slack = edge.least() + turned.picture.inverse_depth_step;
+        Self { shift: shift.as_vec3(), slack, ..turned }
     }
 
     /// As if the camera stood where the frame's does, and looked the same way: the picture alone, without depth.

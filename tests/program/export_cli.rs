@@ -171,6 +171,17 @@ fn both_eyes_see_all_directions_or_half_of_them() {
     std::fs::write(dir.path().join("nerfstudio.json"), path).unwrap();
     succeeds(dir.path(), &["render", "a.ldi", "--path", "nerfstudio.json", "-o", "frames"]);
     assert_eq!(image::image_dimensions(dir.path().join("frames/frame_0000.png")).unwrap(), (30, 20));
+    // The same view, smaller.
+    succeeds(dir.path(), &["render", "a.ldi", "--path", "nerfstudio.json", "-o", "small", "--size", "15x10"]);
+    let mean = |name: &str| {
+        let frame = image::open(dir.path().join(name)).unwrap().to_rgb8();
+        let (size, sum) = (frame.dimensions(), frame.iter().map(|c| f64::from(*c)).sum::<f64>());
+        (size, sum / f64::from(3 * size.0 * size.1))
+    };
+    let [(_, large), (size, small)] = ["frames/frame_0000.png", "small/frame_0000.png"].map(mean);
+    assert!(size == (15, 10) && (large - small).abs() < 6.0, "{size:?} {large} {small}");
+    let refused = "--fov has no meaning with --path, which says it; leave it out";
+    fails(dir.path(), 2, &["render", "a.ldi", "--path", "nerfstudio.json", "-o", "x", "--fov", "50"], refused);
     let film = json(dir.path(), &["render", "a.ldi", "--path", "nerfstudio.json", "-o", "f.gif", "--vr180", "--json"]);
     assert_eq!(film["size"], serde_json::json!([40, 20]));
     fails(dir.path(), 1, &["render", "a.ldi", "--path", "a.glb", "-o", "none"], "a.glb");
