@@ -46,7 +46,7 @@ pub(super) struct ReportCommand {
     /// Small sizes: less than two minutes a scene on two cores
     #[arg(long)]
     quick: bool,
-    /// Frames of 1024x768 and faces of 1024 px, from few eyes and of one capture: five to fifteen minutes a scene on two cores
+    /// Frames of 1024x768 and faces of 1024 px, from few eyes and of one capture: four minutes to three quarters of an hour a scene on two cores, most of it for truth, which is kept
     #[arg(long, conflicts_with = "quick")]
     real: bool,
     /// Leave out the scenes that OUTPUT/report.json, of the same commit, sizes and seed, has already

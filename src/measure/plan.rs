@@ -79,8 +79,8 @@ impl Quality {
         wall_samples: 2,
         variations: true,
     };
-    /// What `headbox report --real` measures: frames and faces as people use them. Few eyes and one capture, so that five scenes
-    /// take a quarter of an hour on two cores.
+    /// What `headbox report --real` measures: frames and faces as people use them. Few eyes and one capture, as truth of a room that is
+    /// lit indirectly takes two minutes a frame on two cores.
     pub const REAL: Self = Self {
         face_size_px: 1024,
         strata: 32,

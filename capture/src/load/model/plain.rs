@@ -110,7 +110,8 @@ impl<'a> PlainHome<'a> {
         });
     }
 
-    fn paint_picture(&mut self, picture: &Repeated) {
+    fn paint_finish(&mut self, finish: &Finish) {
+        let Some(picture) = &finish.picture else { return self.paint_color(finish.color.unwrap_or(NEUTRAL)) };
         self.paint(format!("picture_{}", picture.image), || MtlMaterial {
             diffuse_map: Some(Map { file: picture.image.clone(), image_from_vertex: Affine2::IDENTITY }),
             ..MtlMaterial::default()
@@ -144,10 +145,7 @@ impl<'a> PlainHome<'a> {
     /// A polygon whose front is where `normal` points; `place` says where on the finish each corner lies, centimetres to the right and
     /// up.
     fn polygon(&mut self, finish: &Finish, corners: &[DVec3], normal: DVec3, place: impl Fn(DVec3) -> DVec2) {
-        match &finish.picture {
-            Some(picture) => self.paint_picture(picture),
-            None => self.paint_color(finish.color.unwrap_or(NEUTRAL)),
-        }
+        self.paint_finish(finish);
         let first = self.vertices;
         corners.iter().for_each(|&corner| self.vertex(corner));
         let texcoords: Option<Vec<usize>> = finish
@@ -302,10 +300,7 @@ impl<'a> PlainHome<'a> {
     fn paint_part(&mut self, piece: &Piece, name: &str, model: &Model, faces: &FaceGroup) -> Option<Finish> {
         let of_part = piece.materials.iter().find(|(name, _)| *name == faces.material).map(|(_, finish)| finish);
         if let Some(finish) = of_part.or(Some(&piece.finish).filter(|finish| finish.is_said())) {
-            match (&finish.picture, finish.color) {
-                (Some(picture), _) => self.paint_picture(picture),
-                (None, color) => self.paint_color(color.unwrap_or(NEUTRAL)),
-            }
+            self.paint_finish(finish);
             return Some(finish.clone());
         }
         // Of two materials of one name the later wins, as in exports.
