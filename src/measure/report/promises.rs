@@ -119,7 +119,11 @@ pub fn table(report: &Report) -> Table {
     let mut table = Table::new(["README", "measured"].into_iter().chain(names).chain(["kept if", ""]));
     for promise in PROMISES {
         let figures = report.scenes.iter().map(|facts| (promise.of)(report, facts).map_or("-".into(), figure));
-        let kept = if promise.keeps.hold(&promise.figures(report)) { "kept" } else { "**not kept**" };
+        let kept = match promise.figures(report).as_slice() {
+            [] => "not measured",
+            found if promise.keeps.hold(found) => "kept",
+            _ => "**not kept**",
+        };
         let ends = [format!("*{}*", promise.says), promise.what.into()];
         table.row(ends.into_iter().chain(figures).chain([promise.keeps.words(), kept.into()]));
     }
