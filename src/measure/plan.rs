@@ -80,7 +80,7 @@ impl Quality {
         variations: true,
     };
     /// What `headbox report --real` measures: frames and faces as people use them. Few eyes and one capture, as truth of a room that is
-    /// lit indirectly takes two minutes a frame on two cores.
+    /// lit indirectly takes four minutes a frame on two cores.
     pub const REAL: Self = Self {
         face_size_px: 1024,
         strata: 32,
