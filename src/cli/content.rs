@@ -114,8 +114,9 @@ impl Content {
                 format!("{} splats of {} depth pixels", rendered.splatted, cube.depth_pixel_count())
             }
             Self::Layers { layers, .. } => {
-                let (sprites, cubes) = (layers.sprites().sprites().len(), layers.cubes().len());
-                format!("{sprites} sprites and {cubes} cube LDIs")
+                let counts = [layers.sprites().sprites().len(), layers.cubes().len(), layers.polygons().len()];
+                let kinds = counts.into_iter().zip(["sprites", "cube LDIs", "models"]).filter(|(count, _)| *count > 0);
+                kinds.map(|(count, kind)| format!("{count} {kind}")).collect::<Vec<_>>().join(", ")
             }
         }
     }
@@ -222,7 +223,8 @@ fn render_layers(
                 image: frame.to_rgb()?,
                 ms,
                 stages: json!({
-                    "sprites_ms": stats.sprites_ms, "cubes_ms": stats.cubes_ms, "compose_ms": stats.compose_ms,
+                    "sprites_ms": stats.sprites_ms, "cubes_ms": stats.cubes_ms, "polygons_ms": stats.polygons_ms,
+                    "compose_ms": stats.compose_ms,
                 }),
                 statistics: json!({
                     "outcomes": stats.outcomes, "order": stats.order, "sprites": settings.sprites,

@@ -10,6 +10,7 @@ use super::geometry::{GEOMETRY_ALONE, GeometryArgs, GeometryContent, texturing_o
 use super::house_file::HouseContent;
 use super::images::{self, SetArgs, is_image_set};
 use super::output::{DEPTH, FILM, Outputs, PICTURE, print_json, save_picture};
+use super::polygons::PolygonsArg;
 use super::progress::Bar;
 use super::words::UsageError;
 use crate::capture::scene::FileFrame;
@@ -37,8 +38,9 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(super) struct RenderCommand {
-    /// A .ldi or .sprite file or a folder of images with depth, or several of one world, laid over each other back to front; or
-    /// one .house or .lumi file
+    /// A .ldi or .sprite file or a folder of images with depth, or several of one world, laid over each other back to front, and models
+    /// among them (.obj, .gltf, .glb, builtin:NAME), in the light of the first .ldi; @at=X,Y,Z, @turn=DEG, @scale=S, @up=z and @unit=cm may
+    /// follow a model's name. Or one .house or .lumi file
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Picture to write (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output, PNG); with --path the folder for frames
@@ -92,12 +94,16 @@ pub(super) struct RenderCommand {
     /// geometry camera, owners, mesh and age; a wrong name prints the list
     #[cfg(feature = "viewer")]
     #[arg(long, value_name = "NAME", conflicts_with_all = [
-        "path", "fps", "stereo", "panorama", "vr180", "sampling", "fill_steps", "keep_holes", "depth", "coverage", "merge", "parallel", "repeat",
+        "path", "fps", "stereo", "panorama", "vr180", "sampling", "fill_steps", "keep_holes", "depth", "coverage", "merge", "parallel", "repeat", "by_depth",
     ])]
     overlay: Option<String>,
     /// How far two cameras of a .lumi file may disagree where its layers are merged, pixels; 1 if absent, 0 merges none
     #[arg(long, value_name = "PX", value_parser = parse_merge)]
     merge: Option<f64>,
+    /// Lay several files over each other pixel by pixel, by depth, instead of whole: slower, but right where they reach through each other.
+    /// With a model it is always so
+    #[arg(long)]
+    by_depth: bool,
     /// How threads share a cube LDI's frame, which is the same in any case; bands if absent
     #[arg(long, value_name = "WAY", value_parser = by_name(WAYS))]
     parallel: Option<Parallel>,
@@ -168,9 +174,13 @@ impl RenderCommand {
         if let Some(content) = self.open_geometry()? {
             return Ok(content);
         }
-        let (mut cubes, mut sprites) = (Vec::new(), None::<SpriteSet>);
+        let (mut cubes, mut sprites, mut models) = (Vec::new(), None::<SpriteSet>, Vec::new());
         let mut world = None;
         for file in &self.files {
+            if let Some(model) = PolygonsArg::of_file(file)? {
+                models.push(model);
+                continue;
+            }
             // What is no file of ours the reader of cubes names best.
             if Container::peek_kind(file).ok().flatten() == Some(SPRITE_FILE.tag) {
                 let set = SpriteSet::read(file)?;
@@ -195,16 +205,24 @@ impl RenderCommand {
                 cubes.push(cube);
             }
         }
-        let Some((frame, camera)) = world else { bail!("there is no file to render") };
+        let Some((frame, camera)) = world else {
+            bail!(
+                "a model alone has no light and no place: name a .ldi or .sprite file beside it, or use headbox truth"
+            )
+        };
         let settings = self.settings(!cubes.is_empty(), sprites.is_some())?;
+        let polygons = models.iter().map(|model| model.open(&frame, cubes.first())).collect::<Result<Vec<_>, _>>()?;
         let content = match (sprites, cubes.len()) {
-            (None, 1) => Content::Cube {
+            (None, 1) if polygons.is_empty() => Content::Cube {
                 cube: Box::new(cubes.remove(0)),
                 renderer: Box::new(Renderer::new()),
                 settings: settings.cubes,
             },
             (sprites, _) => Content::Layers {
-                layers: Box::new(Composition::new(sprites.unwrap_or_else(|| SpriteSet::new(Vec::new())), cubes)),
+                layers: Box::new(
+                    Composition::new(sprites.unwrap_or_else(|| SpriteSet::new(Vec::new())), cubes)
+                        .with_polygons(polygons),
+                ),
                 composer: Box::default(),
                 settings,
                 frame: Frame::default(),
@@ -286,6 +304,7 @@ impl RenderCommand {
             return Err(UsageError("--keep-holes is for .ldi files".into()).into());
         }
         settings.cubes.keep_holes = self.keep_holes;
+        settings.by_depth = self.by_depth;
         settings.cubes.parallel = self.parallel.unwrap_or_default();
         let Some(wanted) = &self.variant else { return Ok(settings) };
         let kernel = SplatKernel::ALL.iter().find(|(name, _)| name == wanted).filter(|_| cubes);
