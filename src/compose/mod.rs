@@ -253,10 +253,11 @@ impl Composition {
     }
 }
 
+/// Pixels that a thread takes at least.
+const AT_LEAST: usize = 1 << 14;
+
 /// Lays a layer over what is there: straight colours, each with the share of 255 that it covers.
 fn lay_over(behind: &mut [[u8; 4]], front: impl IndexedParallelIterator<Item = [u8; 4]>) {
-    /// Pixels that a thread takes at least.
-    const AT_LEAST: usize = 1 << 14;
     let linear = LinearLight::tables();
     behind.par_iter_mut().zip(front).with_min_len(AT_LEAST).for_each(|(behind, front)| {
         *behind = laid_over(linear, front, *behind);

@@ -3,6 +3,7 @@
 //! They are rasterised ([`crate::raster`]) once for a frame, and stand in it with a depth for each pixel ([`Standing`]), against which cube
 //! LDIs are drawn.
 
+use super::AT_LEAST;
 use crate::capture::bake::{BakeOptions, bake_unmetered};
 use crate::capture::rig::Face;
 use crate::capture::scene::{Scene, SceneError, Sky, SkyError, SkyPicture};
@@ -13,6 +14,7 @@ use crate::progress::Progress;
 use crate::raster::{GroupWindow, RasterMesh, RasterView, Rasterizer};
 use crate::render::{RenderSettings, Renderer, Standing};
 use glam::DVec3;
+use rayon::prelude::*;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -117,22 +119,23 @@ pub(super) struct Stand {
 impl Stand {
     /// Draws polygons, each where it is nearer than the others.
     pub(super) fn draw(&mut self, polygons: &[Polygons], camera: &Camera) {
-        let count = camera.width() as usize * camera.height() as usize;
-        self.colors.clear();
-        self.colors.resize(count, [0; 4]);
-        self.inverse_depth.clear();
-        self.inverse_depth.resize(count, 0.0);
         let groups = [GroupWindow { group: 0, window: None }];
         let view = RasterView { groups: &groups, markers: &[], exposure: 1.0, hole_color_srgb: [0; 3] };
-        for polygons in polygons {
-            let (drawn, _) = self.rasterizer.draw(&polygons.mesh, camera, &view, &Environment::default());
-            let theirs = drawn.frame.color.iter().zip(&drawn.inverse_depth);
-            let ours = self.colors.iter_mut().zip(&mut self.inverse_depth);
-            for ((color, depth), (their_color, their_depth)) in ours.zip(theirs) {
+        for (number, polygons) in polygons.iter().enumerate() {
+            self.rasterizer.draw(&polygons.mesh, camera, &view, &Environment::default());
+            let drawn = self.rasterizer.output_mut();
+            if number == 0 {
+                std::mem::swap(&mut self.colors, &mut drawn.frame.color);
+                std::mem::swap(&mut self.inverse_depth, &mut drawn.inverse_depth);
+                continue;
+            }
+            let theirs = drawn.frame.color.par_iter().zip(&drawn.inverse_depth);
+            let ours = self.colors.par_iter_mut().zip(&mut self.inverse_depth);
+            ours.zip(theirs).with_min_len(AT_LEAST).for_each(|((color, depth), (their_color, their_depth))| {
                 if their_depth > depth {
                     (*color, *depth) = (*their_color, *their_depth);
                 }
-            }
+            });
         }
     }
 
