@@ -7,7 +7,7 @@ use super::words::UsageError;
 use crate::cache;
 use crate::capture::images::{
     AlignStep, Aligned, CheckReport, ImageSet, ImageSetOptions, ImagesError, Kept, Lens, RefinementReport,
-    RefinementStep, RegistrationReport, RegistrationStep, View, align, check,
+    RefinementStep, RegistrationReport, RegistrationStep, Residual, View, align, check,
 };
 use crate::ldi::CubeLdi;
 use crate::ldi::from_images::ImagesJob;
@@ -358,21 +358,28 @@ impl ImagesCommand {
                 report.median_depth_m
             );
         }
-        if let Some(worst) = report.residuals.iter().max_by(|a, b| a.relative_depth.total_cmp(&b.relative_depth)) {
-            let mut relative: Vec<f64> = report.residuals.iter().map(|r| r.relative_depth).collect();
-            relative.sort_by(f64::total_cmp);
-            println!(
-                "  neighbours  depths agree within {:.2} % (median of {} pairs), worst {:.2} % ({} and {})",
-                relative[relative.len() / 2] * 100.0,
-                relative.len(),
-                worst.relative_depth * 100.0,
-                worst.from,
-                worst.to
-            );
-        }
+        print_neighbors(&report.residuals);
         if !set.views.is_empty() {
             println!("capture it: headbox capture {} -o F.ldi", set.folder.display());
         }
+    }
+}
+
+/// How well neighbours agree, of those that see the same.
+fn print_neighbors(compared: &[Residual]) {
+    let mut seen: Vec<&Residual> = compared.iter().filter(|residual| !residual.relative_depth.is_nan()).collect();
+    seen.sort_by(|a, b| a.relative_depth.total_cmp(&b.relative_depth));
+    match seen.last() {
+        Some(worst) => println!(
+            "  neighbours  depths agree within {:.2} % (median of {} pairs), worst {:.2} % ({} and {})",
+            seen[seen.len() / 2].relative_depth * 100.0,
+            seen.len(),
+            worst.relative_depth * 100.0,
+            worst.from,
+            worst.to
+        ),
+        None if compared.is_empty() => {}
+        None => println!("  neighbours  none of {} pairs see the same", compared.len()),
     }
 }
 

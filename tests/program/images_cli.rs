@@ -367,3 +367,51 @@ fn poses_that_are_slightly_wrong_are_refined() {
     let (_, again) = eyes(&["--refine-poses"]);
     assert_eq!(again, said, "kept");
 }
+
+/// What is wrong with a set's pictures is said in a sentence that names the file, and nothing is written.
+#[test]
+fn what_is_wrong_with_pictures_is_said() {
+    let depths =
+        |folder: &Path| -> Vec<_> { (0..8).map(|i| folder.join(format!("room/frame-{i:06}.depth.png"))).collect() };
+    let black = |size: u32| ImageBuffer::<Luma<u16>, Vec<u16>>::new(size, SIZE[1] * size / SIZE[0]);
+    let cases: [(&str, &dyn Fn(&Path)); 5] = [
+        ("frame-000001.depth.png: is 48x36 pixels, its picture 96x72", &|dir| {
+            black(SIZE[0] / 2).save(&depths(dir)[1]).unwrap()
+        }),
+        ("frame-000001.depth.png: depth in 8 bits", &|dir| {
+            image::GrayImage::new(SIZE[0], SIZE[1]).save(&depths(dir)[1]).unwrap();
+        }),
+        ("frame-000001.depth.png: ", &|dir| {
+            std::fs::write(&depths(dir)[1], &std::fs::read(&depths(dir)[1]).unwrap()[..200]).unwrap()
+        }),
+        ("room: its pictures know no depth", &|dir| {
+            depths(dir).iter().for_each(|file| black(SIZE[0]).save(file).unwrap())
+        }),
+        ("frame-000001.color.png: cannot be read", &|dir| {
+            std::fs::remove_file(dir.join("room/frame-000001.color.png")).unwrap();
+        }),
+    ];
+    for (expected, damage) in cases {
+        let dir = tempfile::tempdir().unwrap();
+        room(dir.path(), DEPTH_FOCAL);
+        damage(dir.path());
+        fails(dir.path(), 1, &["capture", "room", "-o", "room.ldi", "--no-registration"], expected);
+        assert!(!dir.path().join("room.ldi").exists(), "{expected}");
+    }
+    let dir = tempfile::tempdir().unwrap();
+    room(dir.path(), DEPTH_FOCAL);
+    black(SIZE[0]).save(&depths(dir.path())[1]).unwrap();
+    std::fs::remove_file(&depths(dir.path())[7]).unwrap();
+    for ending in ["color.png", "depth.png", "pose.txt"] {
+        let [from, to] = [0, 9].map(|i| dir.path().join(format!("room/frame-{i:06}.{ending}")));
+        std::fs::copy(from, to).unwrap();
+    }
+    let (_, said) = succeeds(dir.path(), &["images", "room"]);
+    for expected in [
+        "depth of no pixel is known (all are zero, or no numbers): frame-000001.color.png",
+        "without depth: frame-000007.color.png",
+        "views with the same pose: frame-000000.color.png and frame-000009.color.png",
+    ] {
+        assert!(said.contains(expected), "{said}");
+    }
+}
