@@ -105,7 +105,8 @@ fn load(view: &View, look: &mut dyn FnMut(&str)) -> Result<LoadedView, ImagesErr
 fn duplicates(views: &[View]) -> Vec<String> {
     let mut order: Vec<&View> = views.iter().collect();
     order.sort_by(|a, b| {
-        let key = |view: &View| view.pose.eye.to_array();
+        // Of a camera that turns in one place all eyes are the same.
+        let key = |view: &View| (view.pose.eye.to_array(), view.pose.world_from_eye.to_cols_array());
         key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal)
     });
     let same = order.windows(2).filter(|pair| pair[0].pose == pair[1].pose && pair[0].lens == pair[1].lens);

@@ -15,7 +15,7 @@ const OF_EACH_KIND: usize = 4;
 const LEAST_OVERLAP: f64 = 0.3;
 
 /// Cells from one point to the next that overlap is judged by.
-const STEP: usize = 6;
+const STEP: u32 = 6;
 
 /// Points are of one surface if their depths differ by less than this share.
 pub(super) const SAME_SURFACE: f64 = 0.1;
@@ -42,8 +42,8 @@ pub(super) fn pairs(grids: &[RangeGrid], poses: &[Pose], depth_m: f64) -> Vec<[u
 /// The share of one view's points that another sees.
 fn overlap((from, pose): (&RangeGrid, &Pose), (to, other): (&RangeGrid, &Pose)) -> f64 {
     let (mut points, mut seen) = (0u32, 0u32);
-    for row in (STEP as u32 / 2..from.size[1]).step_by(STEP) {
-        for column in (STEP as u32 / 2..from.size[0]).step_by(STEP) {
+    for row in (STEP / 2..from.size[1]).step_by(STEP as usize) {
+        for column in (STEP / 2..from.size[0]).step_by(STEP as usize) {
             let Some(facet) = from.facet(column, row) else { continue };
             points += 1;
             let found = to.seen_at(other.to_eye(pose.to_world(facet.point)));
