@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// What refinement does to views; it changes with what finds it.
-const HOW: &str = "poses by points and planes, judged by colours";
+const HOW: &str = "poses by points and planes, if colours agree better";
 
 /// Numbers of a pose.
 const NUMBERS: usize = 12;

@@ -5,7 +5,7 @@
 //! equations ([`equations`]), which are solved together, so that no drift adds up along a sequence ([`solve`]), again and again as
 //! points find better partners. What depth does not tell (a flat wall may slide along itself) and the place of the whole stay as
 //! the set says. Every fourth point is kept from the equations: poses are replaced only if these lie nearer to their neighbours' surfaces for it,
-//! and colours there differ no more ([`judge`]).
+//! and colours there differ less, if they tell anything ([`judge`]).
 //! Distances are taken on small depth pictures ([`range`]), a few dozen kB a view.
 
 mod equations;
