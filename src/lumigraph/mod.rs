@@ -11,10 +11,11 @@
 //! | optimization for a platform | `optimum` |
 //! | hierarchical representation | `pyramid` |
 //! | merging layers for a frame (table 3) | `merge` |
-//! | rendering (table 2): what a frame needs, rectangles with ranges of layers, the loop over pixels | `plan`, `rectangles`, `render`, `kernel`, `taps`; `oracle`; overlays: `show` |
+//! | rendering (table 2): what a frame needs, rectangles with ranges of layers, the loop over pixels | `plan`, `cells`, `render`, `kernel`, `rays`, `pending`, `taps`; `oracle`; overlays: `show` |
 
 mod bounds;
 mod capture;
+mod cells;
 mod error;
 mod file;
 mod find_grid;
@@ -25,10 +26,11 @@ mod layers;
 mod merge;
 mod optimum;
 mod oracle;
+mod pending;
 mod plan;
 mod pyramid;
 mod raw;
-mod rectangles;
+mod rays;
 mod render;
 mod reproject;
 mod settings;
@@ -64,8 +66,8 @@ pub use show::Show;
 
 use crate::capture::scene::FileFrame;
 use crate::environment::Environment;
+use cells::{Buckets, Cells};
 use pyramid::Pyramid;
-use rectangles::Rectangles;
 use serde::{Deserialize, Serialize};
 
 /// Pixels of all images together, at most: indices of texels have 32 bits, and levels of detail add a third.
@@ -114,7 +116,8 @@ pub struct Lumigraph {
     pictures: Vec<Picture>,
     unknown_pixels: u64,
     pyramid: Pyramid,
-    rectangles: Rectangles,
+    buckets: Buckets,
+    cells: Cells,
 }
 
 impl Lumigraph {
@@ -145,9 +148,10 @@ impl Lumigraph {
             |picture: &Picture| picture.index.iter().filter(|i| usize::from(**i) > layers.len()).count() as u64;
         let unknown_pixels = pictures.iter().map(unknown).sum();
         let pyramid = Pyramid::new(&grid, &pictures);
-        let rectangles = Rectangles::new(&grid, &pictures, layers.len());
+        let buckets = Buckets::new(layers.len());
+        let cells = Cells::new(&pyramid, buckets);
         let (info, environment) = (LumigraphInfo::default(), Environment::default());
-        Ok(Self { info, environment, grid, layers, pictures, unknown_pixels, pyramid, rectangles })
+        Ok(Self { info, environment, grid, layers, pictures, unknown_pixels, pyramid, buckets, cells })
     }
 
     /// The cameras.
@@ -170,9 +174,9 @@ impl Lumigraph {
         self.unknown_pixels
     }
 
-    /// Bytes in memory that frames need: texels of all levels, sets of rectangles, and the environment.
+    /// Bytes in memory that frames need: texels of all levels, sets of layers, and the environment.
     pub fn bytes(&self) -> u64 {
-        let own = self.pyramid.bytes() + self.rectangles.bytes();
+        let own = self.pyramid.bytes() + self.cells.bytes();
         (own + size_of_val(&self.environment.texels[..])) as u64
     }
 

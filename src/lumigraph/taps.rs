@@ -1,18 +1,18 @@
 //! Texels of sixteen rays at once: the nearest index, and bilinear colours of those that show a layer (C21).
 
-use super::pyramid::{Level, Texel};
+use super::pyramid::Texel;
 use fearless_simd::{ExtractToken, Simd, f32x16, i32x16, mask32x16, prelude::*, u32x4, u32x16};
 
 /// Pixels at a time.
 pub(super) const LANES: usize = 16;
 
-/// The indices of the nearest texels at positions that lie `inside` the image.
+/// The indices of the nearest texels at positions that lie `inside` the image, whose rows are `width` long and begin at `first`.
 #[inline(always)]
 pub(super) fn nearest<S: Simd>(
     simd: S,
     texels: &[Texel],
-    level: Level,
-    base: u32x16<S>,
+    width: i32x16<S>,
+    first: u32x16<S>,
     [u, v]: [f32x16<S>; 2],
     inside: mask32x16<S>,
 ) -> i32x16<S> {
@@ -20,45 +20,57 @@ pub(super) fn nearest<S: Simd>(
     // Positions are not negative: truncation is the floor.
     let column = inside.select(u, zero).to_int::<i32x16<S>>();
     let row = inside.select(v, zero).to_int::<i32x16<S>>();
-    let at = (row * level.width as i32 + column).bitcast::<u32x16<S>>() + base + level.first as u32;
+    let at = (row * width + column).bitcast::<u32x16<S>>() + first;
     let at = at.to_array();
-    let index = |i: usize| texels.get(at[i] as usize).map_or(0, |texel| u32::from(texel[3]));
+    // Blue and index.
+    let word = |i: usize| texels.get(at[i] as usize).map_or(0, |&texel| bytemuck::cast::<Texel, [u32; 2]>(texel)[1]);
     // Registers put together from loads, as wide stores before a wider load would stall.
     let four = [
-        u32x4::load_array(simd, [index(0), index(1), index(2), index(3)]),
-        u32x4::load_array(simd, [index(4), index(5), index(6), index(7)]),
-        u32x4::load_array(simd, [index(8), index(9), index(10), index(11)]),
-        u32x4::load_array(simd, [index(12), index(13), index(14), index(15)]),
+        u32x4::load_array(simd, [word(0), word(1), word(2), word(3)]),
+        u32x4::load_array(simd, [word(4), word(5), word(6), word(7)]),
+        u32x4::load_array(simd, [word(8), word(9), word(10), word(11)]),
+        u32x4::load_array(simd, [word(12), word(13), word(14), word(15)]),
     ];
     let eight = [simd.combine_u32x4(four[0], four[1]), simd.combine_u32x4(four[2], four[3])];
-    simd.combine_u32x8(eight[0], eight[1]).bitcast::<i32x16<S>>()
+    (simd.combine_u32x8(eight[0], eight[1]) >> 16).bitcast::<i32x16<S>>()
 }
 
-/// Adds colour times weight, and weight, of those of the four texels around positions that show one of the layers `indices`.
+/// Sixteen texels of a level of detail each, and the layers that count as shown there.
+pub(super) struct Lookups<S: Simd> {
+    /// Sides of the level, texels.
+    pub(super) width: f32x16<S>,
+    pub(super) height: f32x16<S>,
+    /// Where it begins in a camera's texels.
+    pub(super) first: u32x16<S>,
+    /// From the farthest to the nearest.
+    pub(super) indices: [i32x16<S>; 2],
+}
+
+/// Adds colour times weight, and weight, of those of the four texels around positions that show one of the layers.
 #[inline(always)]
 pub(super) fn add_taps<S: Simd>(
     simd: S,
     texels: &[Texel],
-    level: Level,
+    lookups: &Lookups<S>,
     base: u32x16<S>,
     [u, v]: [f32x16<S>; 2],
-    indices: [u16; 2],
     weight: f32x16<S>,
     sum: &mut [f32x16<S>; 4],
 ) {
     let one = f32x16::splat(simd, 1.0);
-    let (right, lower) = (level.width as f32 - 1.0, level.height as f32 - 1.0);
+    let (right, lower) = (lookups.width - one, lookups.height - one);
     let (u, v) = ((u - 0.5).max(0.0).min(right), (v - 0.5).max(0.0).min(lower));
-    let (column, row) = (u.floor().min(right - 1.0), v.floor().min(lower - 1.0));
+    let (column, row) = (u.floor().min(right - one), v.floor().min(lower - one));
     let (to_right, down) = (u - column, v - row);
-    let at = row.to_int::<i32x16<S>>() * level.width as i32 + column.to_int::<i32x16<S>>();
-    let at = at.bitcast::<u32x16<S>>() + base + level.first as u32;
-    let (upper, lower) = (at.to_array(), (at + level.width as u32).to_array());
+    let width = lookups.width.to_int::<i32x16<S>>();
+    let at = (row.to_int::<i32x16<S>>() * width + column.to_int::<i32x16<S>>()).bitcast::<u32x16<S>>();
+    let at = at + base + lookups.first;
+    let (upper, lower) = (at.to_array(), (at + width.bitcast::<u32x16<S>>()).to_array());
     let weights = [weight * (one - down), weight * down];
     for (at, weight) in [(upper, weights[0]), (lower, weights[1])] {
         let [left, right] = pairs(simd, texels, &at);
-        add_tap(left, indices, weight * (one - to_right), sum);
-        add_tap(right, indices, weight * to_right, sum);
+        add_tap(left, &lookups.indices, weight * (one - to_right), sum);
+        add_tap(right, &lookups.indices, weight * to_right, sum);
     }
 }
 
@@ -97,9 +109,14 @@ fn pair<S: Simd>(simd: S, texels: &[Texel], at: u32) -> u32x4<S> {
 }
 
 #[inline(always)]
-fn add_tap<S: Simd>([rg, bi]: [u32x16<S>; 2], indices: [u16; 2], weight: f32x16<S>, sum: &mut [f32x16<S>; 4]) {
+fn add_tap<S: Simd>(
+    [rg, bi]: [u32x16<S>; 2],
+    indices: &[i32x16<S>; 2],
+    weight: f32x16<S>,
+    sum: &mut [f32x16<S>; 4],
+) {
     let index = (bi >> 16).bitcast::<i32x16<S>>();
-    let shows = index.simd_ge(i32::from(indices[0])) & index.simd_le(i32::from(indices[1]));
+    let shows = index.simd_ge(indices[0]) & index.simd_le(indices[1]);
     let weight = shows.select(weight, f32x16::splat(weight.token(), 0.0));
     sum[0] += float(rg & 0xffff) * weight;
     sum[1] += float(rg >> 16) * weight;
