@@ -19,7 +19,7 @@ use crate::container::Container;
 use crate::export::film;
 use crate::export::stereo::View;
 use crate::frame::Frame;
-use crate::lumigraph::{Blend, LUMI_FILE, Lumigraph, LumigraphSettings};
+use crate::lumigraph::{Blend, LUMI_FILE, LumigraphSettings, Slabs};
 use crate::packed::PackedCube;
 use crate::path;
 use crate::portal::file::HOUSE_FILE;
@@ -260,15 +260,16 @@ impl RenderCommand {
                 UsageError(format!("there is no variant \"{wanted}\"; there are: {names}"))
             })?;
         }
-        let lumigraph = Box::new(Lumigraph::read(file)?);
-        let grid = lumigraph.grid();
+        let slabs = Box::new(Slabs::read(file)?);
+        let first = slabs.first();
+        let grid = first.grid();
         let [column, row] = [grid.columns().len() / 2, grid.rows().len() / 2];
         let size = self.camera.size.unwrap_or((1024, 768));
-        let fov_y_deg = lumigraph.clear_fov_deg([size.0, size.1]);
+        let fov_y_deg = first.clear_fov_deg([size.0, size.1]);
         let camera =
             DefaultCamera { eye: grid.origin(), size, fov_y_deg, ..DefaultCamera::like(&grid.camera(column, row)) };
-        let frame = lumigraph.info.frame;
-        Ok(Some((Content::Lumigraph { lumigraph, renderer: Box::default(), settings }, frame, camera)))
+        let frame = slabs.info().frame;
+        Ok(Some((Content::Lumigraph { slabs, renderer: Box::default(), settings }, frame, camera)))
     }
 
     fn settings(&self, cubes: bool, sprites: bool) -> anyhow::Result<ComposeSettings> {

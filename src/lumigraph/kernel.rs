@@ -174,7 +174,7 @@ fn sixteen<S: Simd>(
     let ahead = forward.simd_gt(LEAST_FORWARD as f32) & mask32x16::from_bitmask(simd, wanted);
     let (zero, one) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
     let open = ahead.select(one, zero);
-    let mut found = Found { color: [zero; 3], open, pending: Pending::new(simd) };
+    let mut found = Found { color: [zero; 3], open, pending: Pending::new(simd, block.lumigraph.pyramid.levels[0]) };
     let mut behind_something = mask32x16::from_bitmask(simd, 0);
     if ahead.any_true() {
         // Of all sixteen, so that those of the corners are about the others'.
@@ -225,14 +225,12 @@ fn hides<S: Simd>(simd: S, block: &Block, rays: &Rays<S>, of: mask32x16<S>) -> m
     let places = rays.places(infinity);
     let pyramid = &block.lumigraph.pyramid;
     let level = pyramid.levels[infinity.level];
-    let width = i32x16::splat(simd, level.width as i32);
     let mut hides = none;
     for k in 0..4 {
         let at = places.of(k);
         let inside = of & inside(level, at);
         if inside.any_true() {
-            let first = rays.base[k] + level.first as u32;
-            hides |= inside & nearest(simd, &pyramid.texels, width, first, at, inside).simd_gt(0);
+            hides |= inside & nearest(simd, &pyramid.texels, level, rays.base[k], at, inside).simd_gt(0);
         }
     }
     hides
@@ -300,7 +298,6 @@ fn draw_layer<S: Simd>(
     let indices = if loose { layer.with_neighbours } else { layer.indices };
     let pyramid = &block.lumigraph.pyramid;
     let level = pyramid.levels[layer.level];
-    let width = i32x16::splat(simd, level.width as i32);
     let places = rays.places(layer);
     let open = found.open.simd_ge(LEAST_OPEN);
     let zero = f32x16::splat(simd, 0.0);
@@ -323,7 +320,7 @@ fn draw_layer<S: Simd>(
         let at = places.of(k);
         let inside = open & inside(level, at);
         if inside.any_true() {
-            let index = nearest(simd, &pyramid.texels, width, rays.base[k] + level.first as u32, at, inside);
+            let index = nearest(simd, &pyramid.texels, level, rays.base[k], at, inside);
             weight[k] = (inside & index.simd_ge(first) & index.simd_le(last)).select(rays.weight[k], zero);
             showing += weight[k];
             passing += (inside & index.simd_lt(first)).select(rays.weight[k], zero);
@@ -333,7 +330,7 @@ fn draw_layer<S: Simd>(
     if !shown.any_true() {
         return true;
     }
-    if found.pending.has_any(shown) {
+    if !found.pending.has_room(shown, level) {
         found.pending.blend(simd, pyramid, block.plan.paint.as_ref(), rays, &mut found.color);
     }
     let one = f32x16::splat(simd, 1.0);

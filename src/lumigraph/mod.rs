@@ -11,6 +11,7 @@
 //! | optimization for a platform | `optimum` |
 //! | hierarchical representation | `pyramid` |
 //! | merging layers for a frame (table 3) | `merge` |
+//! | several light slabs, which the paper leaves open | `slabs`, `slabs_render` |
 //! | rendering (table 2): what a frame needs, rectangles with ranges of layers, the loop over pixels | `plan`, `cells`, `render`, `kernel`, `rays`, `pending`, `taps`; `oracle`; overlays: `show` |
 
 mod bounds;
@@ -35,6 +36,8 @@ mod render;
 mod reproject;
 mod settings;
 mod show;
+mod slabs;
+mod slabs_render;
 mod taps;
 /// How far the neighbours of 0 among ascending places are from it: 0 if it is one of them.
 fn nearest_to_zero(places: &[f64]) -> f64 {
@@ -63,6 +66,8 @@ pub use raw::RawLumigraph;
 pub use render::LumigraphRenderer;
 pub use settings::{Blend, LumigraphSettings, LumigraphStats};
 pub use show::Show;
+pub use slabs::{MAX_SLABS, SlabShare, Slabs};
+pub use slabs_render::{SlabsRenderer, render_slabs_by_rays};
 
 use crate::capture::scene::FileFrame;
 use crate::environment::Environment;

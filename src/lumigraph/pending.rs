@@ -1,44 +1,42 @@
 //! What rays have met and is not blended yet: pixels of a tile that meet different layers are blended together (L9, C21).
 
 use super::plan::Paint;
-use super::pyramid::{Level, Pyramid, Texel};
+use super::pyramid::{Level, Pyramid};
 use super::rays::{Places, Rays};
 use super::show::Show;
-use super::taps::{LANES, Lookups, add_taps, nearest};
+use super::taps::{LANES, add_taps, nearest};
 use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*, u32x16};
 
-/// At most one layer of each of sixteen rays, and where their cameras show it.
+/// At most one layer of each of sixteen rays, all of one level of detail, and where their cameras show it.
 pub(super) struct Pending<S: Simd> {
     /// Rays that wait.
     waits: mask32x16<S>,
+    level: Level,
+    /// From the farthest to the nearest that count as the layer.
+    indices: [i32x16<S>; 2],
     u: [f32x16<S>; 2],
     v: [f32x16<S>; 2],
     /// Of the cameras that show the layer; 0 of others, and of all where nothing waits.
     weight: [f32x16<S>; 4],
-    lookups: Lookups<S>,
     /// Share of the pixel that the layer takes.
     taken: f32x16<S>,
 }
 
 impl<S: Simd> Pending<S> {
     #[inline(always)]
-    pub(super) fn new(simd: S) -> Self {
-        let zero = f32x16::splat(simd, 0.0);
-        let none = i32x16::splat(simd, 0);
-        // Any level: two texels to each side.
-        let two = f32x16::splat(simd, 2.0);
-        let lookups = Lookups { width: two, height: two, first: u32x16::splat(simd, 0), indices: [none, none] };
+    pub(super) fn new(simd: S, level: Level) -> Self {
+        let (zero, none) = (f32x16::splat(simd, 0.0), i32x16::splat(simd, 0));
         let waits = mask32x16::from_bitmask(simd, 0);
-        Self { waits, u: [zero; 2], v: [zero; 2], weight: [zero; 4], lookups, taken: zero }
+        Self { waits, level, indices: [none; 2], u: [zero; 2], v: [zero; 2], weight: [zero; 4], taken: zero }
     }
 
-    /// Whether any of some rays wait.
+    /// Whether some rays, which meet something at a level of detail, can wait together with those that do.
     #[inline(always)]
-    pub(super) fn has_any(&self, rays: mask32x16<S>) -> bool {
-        (self.waits & rays).any_true()
+    pub(super) fn has_room(&self, rays: mask32x16<S>, level: Level) -> bool {
+        !(self.waits & rays).any_true() && (self.level == level || !self.waits.any_true())
     }
 
-    /// Lets rays wait of which none does, with the weights of the cameras that show the layer.
+    /// Lets rays wait, if there is room for them, with the weights of the cameras that show the layer.
     #[inline(always)]
     pub(super) fn put(
         &mut self,
@@ -50,30 +48,19 @@ impl<S: Simd> Pending<S> {
         taken: f32x16<S>,
     ) {
         let simd = taken.token();
-        let lookups = Lookups {
-            width: f32x16::splat(simd, level.width as f32),
-            height: f32x16::splat(simd, level.height as f32),
-            first: u32x16::splat(simd, level.first as u32),
-            indices: [
-                i32x16::splat(simd, i32::from(indices[0])),
-                i32x16::splat(simd, i32::from(indices[1])),
-            ],
-        };
+        let indices = [i32x16::splat(simd, i32::from(indices[0])), i32x16::splat(simd, i32::from(indices[1]))];
         if !self.waits.any_true() {
-            *self = Self { waits: rays, u: places.u, v: places.v, weight, lookups, taken };
+            *self = Self { waits: rays, level, indices, u: places.u, v: places.v, weight, taken };
             return;
         }
         for side in 0..2 {
             self.u[side] = rays.select(places.u[side], self.u[side]);
             self.v[side] = rays.select(places.v[side], self.v[side]);
-            self.lookups.indices[side] = rays.select(lookups.indices[side], self.lookups.indices[side]);
+            self.indices[side] = rays.select(indices[side], self.indices[side]);
         }
         for k in 0..4 {
             self.weight[k] = rays.select(weight[k], self.weight[k]);
         }
-        self.lookups.width = rays.select(lookups.width, self.lookups.width);
-        self.lookups.height = rays.select(lookups.height, self.lookups.height);
-        self.lookups.first = rays.select(lookups.first, self.lookups.first);
         self.taken = rays.select(taken, self.taken);
         self.waits |= rays;
     }
@@ -100,12 +87,18 @@ impl<S: Simd> Pending<S> {
             }
             let at = [self.u[k % 2], self.v[k / 2]];
             match paint {
-                None => add_taps(simd, &pyramid.texels, &self.lookups, rays.base[k], at, self.weight[k], &mut sum),
+                None => {
+                    let (base, weight) = (rays.base[k], self.weight[k]);
+                    add_taps(simd, &pyramid.texels, self.level, base, at, &self.indices, weight, &mut sum);
+                }
                 Some(paint) => {
                     let numbers = match paint.show {
                         Show::Cameras => camera_numbers(rays.base[k].to_array(), pyramid.stride),
-                        Show::Merged => self.lookups.indices[1].bitcast::<u32x16<S>>().to_array(),
-                        _ => self.shown(simd, &pyramid.texels, rays.base[k], at, shows),
+                        Show::Merged => self.indices[1].bitcast::<u32x16<S>>().to_array(),
+                        _ => {
+                            let index = nearest(simd, &pyramid.texels, self.level, rays.base[k], at, shows);
+                            index.bitcast::<u32x16<S>>().to_array()
+                        }
                     };
                     add_paint(simd, paint, &numbers, self.weight[k], &mut sum);
                 }
@@ -118,21 +111,6 @@ impl<S: Simd> Pending<S> {
         self.weight = [zero; 4];
         self.taken = zero;
         self.waits = mask32x16::from_bitmask(simd, 0);
-    }
-
-    /// The indices at positions.
-    #[inline(always)]
-    fn shown(
-        &self,
-        simd: S,
-        texels: &[Texel],
-        base: u32x16<S>,
-        at: [f32x16<S>; 2],
-        inside: mask32x16<S>,
-    ) -> [u32; LANES] {
-        let width = self.lookups.width.to_int::<i32x16<S>>();
-        let index = nearest(simd, texels, width, base + self.lookups.first, at, inside);
-        index.bitcast::<u32x16<S>>().to_array()
     }
 }
 

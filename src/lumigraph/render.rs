@@ -21,7 +21,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 /// A block of the frame: what layers it shows is found out for all of it at once.
-const BLOCK_COLUMNS: usize = 4 * LANES;
+const BLOCK_COLUMNS: usize = 2 * LANES;
 const BLOCK_ROWS: usize = 16;
 
 /// Draws frames; owns its buffers.
@@ -100,6 +100,11 @@ impl LumigraphRenderer {
             frame_ms: started.elapsed().as_secs_f64() * 1e3,
         };
         (&self.frame, &self.stats)
+    }
+
+    /// The last frame.
+    pub fn frame(&self) -> &Frame {
+        &self.frame
     }
 
     /// The layers of the last frame that were shown as one, far ones first, as ranges of [`Lumigraph::layers`].

@@ -1,18 +1,18 @@
 //! Texels of sixteen rays at once: the nearest index, and bilinear colours of those that show a layer (C21).
 
-use super::pyramid::Texel;
+use super::pyramid::{Level, Texel};
 use fearless_simd::{ExtractToken, Simd, f32x16, i32x16, mask32x16, prelude::*, u32x4, u32x16};
 
 /// Pixels at a time.
 pub(super) const LANES: usize = 16;
 
-/// The indices of the nearest texels at positions that lie `inside` the image, whose rows are `width` long and begin at `first`.
+/// The indices of the nearest texels of a level at positions that lie `inside` the image, with a camera's texels from `base` on.
 #[inline(always)]
 pub(super) fn nearest<S: Simd>(
     simd: S,
     texels: &[Texel],
-    width: i32x16<S>,
-    first: u32x16<S>,
+    level: Level,
+    base: u32x16<S>,
     [u, v]: [f32x16<S>; 2],
     inside: mask32x16<S>,
 ) -> i32x16<S> {
@@ -20,7 +20,7 @@ pub(super) fn nearest<S: Simd>(
     // Positions are not negative: truncation is the floor.
     let column = inside.select(u, zero).to_int::<i32x16<S>>();
     let row = inside.select(v, zero).to_int::<i32x16<S>>();
-    let at = (row * width + column).bitcast::<u32x16<S>>() + first;
+    let at = (row * level.width as i32 + column).bitcast::<u32x16<S>>() + base + level.first as u32;
     let at = at.to_array();
     // Blue and index.
     let word = |i: usize| texels.get(at[i] as usize).map_or(0, |&texel| bytemuck::cast::<Texel, [u32; 2]>(texel)[1]);
@@ -35,42 +35,32 @@ pub(super) fn nearest<S: Simd>(
     (simd.combine_u32x8(eight[0], eight[1]) >> 16).bitcast::<i32x16<S>>()
 }
 
-/// Sixteen texels of a level of detail each, and the layers that count as shown there.
-pub(super) struct Lookups<S: Simd> {
-    /// Sides of the level, texels.
-    pub(super) width: f32x16<S>,
-    pub(super) height: f32x16<S>,
-    /// Where it begins in a camera's texels.
-    pub(super) first: u32x16<S>,
-    /// From the farthest to the nearest.
-    pub(super) indices: [i32x16<S>; 2],
-}
-
-/// Adds colour times weight, and weight, of those of the four texels around positions that show one of the layers.
+/// Adds colour times weight, and weight, of those of the four texels around positions that show layers from the first to the second of
+/// `indices`.
 #[inline(always)]
 pub(super) fn add_taps<S: Simd>(
     simd: S,
     texels: &[Texel],
-    lookups: &Lookups<S>,
+    level: Level,
     base: u32x16<S>,
     [u, v]: [f32x16<S>; 2],
+    indices: &[i32x16<S>; 2],
     weight: f32x16<S>,
     sum: &mut [f32x16<S>; 4],
 ) {
     let one = f32x16::splat(simd, 1.0);
-    let (right, lower) = (lookups.width - one, lookups.height - one);
+    let (right, lower) = (level.width as f32 - 1.0, level.height as f32 - 1.0);
     let (u, v) = ((u - 0.5).max(0.0).min(right), (v - 0.5).max(0.0).min(lower));
-    let (column, row) = (u.floor().min(right - one), v.floor().min(lower - one));
+    let (column, row) = (u.floor().min(right - 1.0), v.floor().min(lower - 1.0));
     let (to_right, down) = (u - column, v - row);
-    let width = lookups.width.to_int::<i32x16<S>>();
-    let at = (row.to_int::<i32x16<S>>() * width + column.to_int::<i32x16<S>>()).bitcast::<u32x16<S>>();
-    let at = at + base + lookups.first;
-    let (upper, lower) = (at.to_array(), (at + width.bitcast::<u32x16<S>>()).to_array());
+    let at = row.to_int::<i32x16<S>>() * level.width as i32 + column.to_int::<i32x16<S>>();
+    let at = at.bitcast::<u32x16<S>>() + base + level.first as u32;
+    let (upper, lower) = (at.to_array(), (at + level.width as u32).to_array());
     let weights = [weight * (one - down), weight * down];
     for (at, weight) in [(upper, weights[0]), (lower, weights[1])] {
         let [left, right] = pairs(simd, texels, &at);
-        add_tap(left, &lookups.indices, weight * (one - to_right), sum);
-        add_tap(right, &lookups.indices, weight * to_right, sum);
+        add_tap(left, indices, weight * (one - to_right), sum);
+        add_tap(right, indices, weight * to_right, sum);
     }
 }
 

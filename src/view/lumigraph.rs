@@ -1,21 +1,21 @@
-//! A lumigraph in the window: the eye flies about before its images.
+//! A lumigraph in the window: the eye flies about before its images, or from one light slab to the next.
 
 use crate::capture::scene::FileFrame;
-use crate::lumigraph::{Blend, Lumigraph, LumigraphRenderer, LumigraphSettings, Show};
+use crate::lumigraph::{Blend, LumigraphSettings, Show, Slabs, SlabsRenderer};
 use headbox_viewer::{Figure, FrameReport, FrameRequest, FrameSource, Pose, Setting, SettingValues, Stage};
 use std::path::Path;
 
 /// The lumigraph of a file.
 pub(super) struct LumigraphSource {
     title: String,
-    lumigraph: Lumigraph,
-    renderer: LumigraphRenderer,
+    slabs: Slabs,
+    renderer: SlabsRenderer,
 }
 
 impl LumigraphSource {
-    pub(super) fn new(lumigraph: Lumigraph, file: &Path) -> Self {
+    pub(super) fn new(slabs: Slabs, file: &Path) -> Self {
         let title = format!("{} (lumigraph)", super::file_name::file_name(file));
-        Self { title, lumigraph, renderer: LumigraphRenderer::new() }
+        Self { title, slabs, renderer: SlabsRenderer::new() }
     }
 }
 
@@ -41,21 +41,23 @@ impl FrameSource for LumigraphSource {
     }
 
     fn start_pose(&self) -> Pose {
-        let grid = self.lumigraph.grid();
+        let first = self.slabs.first();
+        let grid = first.grid();
         let ahead = grid.origin() - grid.world_from_eye().z_axis;
-        Pose::looking_at(grid.origin(), ahead, self.lumigraph.clear_fov_deg(grid.size_px()))
+        Pose::looking_at(grid.origin(), ahead, first.clear_fov_deg(grid.size_px()))
     }
 
     fn speed_m_per_s(&self) -> f64 {
-        let grid = self.lumigraph.grid();
+        let first = self.slabs.first();
+        let grid = first.grid();
         let across = |places: &[f64]| places[places.len() - 1] - places[0];
         // Of a single camera nothing says how large the scene is but its depth.
-        let nearest = self.lumigraph.range().map_or(1.0, |[_, max]| 1.0 / max);
+        let nearest = first.range().map_or(1.0, |[_, max]| 1.0 / max);
         across(grid.columns()).max(across(grid.rows())).max(nearest / 10.0)
     }
 
     fn file_frame(&self) -> FileFrame {
-        self.lumigraph.info.frame
+        self.slabs.info().frame
     }
 
     fn settings(&self) -> Vec<Setting> {
@@ -84,8 +86,10 @@ impl FrameSource for LumigraphSource {
 
     fn render(&mut self, request: &FrameRequest, pixels: &mut [[u8; 4]]) -> Result<FrameReport, String> {
         let settings = settings(&request.settings)?;
-        let (frame, stats) = self.renderer.render(&self.lumigraph, &request.camera, &settings);
+        let (frame, stats) = self.renderer.render(&self.slabs, &request.camera, &settings);
         pixels.copy_from_slice(&frame.color);
+        let stored: usize = self.slabs.all().iter().map(|slab| slab.layers().len()).sum();
+        let shown = self.slabs.shares(&request.camera).len();
         let share = 1.0 - stats.hole_pixels as f64 / pixels.len().max(1) as f64;
         Ok(FrameReport {
             stages: vec![
@@ -94,7 +98,8 @@ impl FrameSource for LumigraphSource {
             ],
             figures: vec![
                 Figure { name: "layers after merging", value: stats.layers as f64, unit: "" },
-                Figure { name: "layers stored", value: self.lumigraph.layers().len() as f64, unit: "" },
+                Figure { name: "layers stored", value: stored as f64, unit: "" },
+                Figure { name: "light slabs shown", value: shown as f64, unit: "" },
                 Figure {
                     name: "layers asked a pixel",
                     value: stats.layer_pixels as f64 / pixels.len().max(1) as f64,
