@@ -152,8 +152,11 @@ impl LumigraphCommand {
         let mut slabs = Vec::new();
         for grid in &grids {
             let raw = capture.run(grid, &bar)?;
-            let slab = self.layered(&raw, &bar);
-            slabs.push(slab.with_context(|| format!("light slab {} of {}", slabs.len() + 1, grids.len()))?);
+            let (slab, number) = (self.layered(&raw, &bar), slabs.len() + 1);
+            slabs.push(match grids.len() {
+                1 => slab?,
+                count => slab.with_context(|| format!("light slab {number} of {count}"))?,
+            });
         }
         bar.finish();
         (slabs[0].info.source, slabs[0].info.frame) = (source.name, scene.frame);

@@ -10,13 +10,14 @@
 //! | construction: by rays, from pictures with depth | `capture`; `from_images`, `find_grid`, `reproject`; `raw` |
 //! | optimization for a platform | `optimum` |
 //! | hierarchical representation | `pyramid` |
-//! | merging layers for a frame (table 3) | `merge` |
+//! | merging layers for a frame (table 3); where images are plain | `merge`; `contrast` |
 //! | several light slabs, which the paper leaves open | `slabs`, `slabs_render` |
 //! | rendering (table 2): what a frame needs, rectangles with ranges of layers, the loop over pixels | `plan`, `cells`, `render`, `kernel`, `rays`, `pending`, `taps`; `oracle`; overlays: `show` |
 
 mod bounds;
 mod capture;
 mod cells;
+mod contrast;
 mod error;
 mod file;
 mod find_grid;
@@ -120,6 +121,8 @@ pub struct Lumigraph {
     layers: Vec<DisparityLayer>,
     pictures: Vec<Picture>,
     unknown_pixels: u64,
+    /// Of each layer, levels for each pixel.
+    contrasts: Vec<f64>,
     pyramid: Pyramid,
     buckets: Buckets,
     cells: Cells,
@@ -152,11 +155,12 @@ impl Lumigraph {
         let unknown =
             |picture: &Picture| picture.index.iter().filter(|i| usize::from(**i) > layers.len()).count() as u64;
         let unknown_pixels = pictures.iter().map(unknown).sum();
+        let contrasts = contrast::contrasts(&grid, &pictures, layers.len());
         let pyramid = Pyramid::new(&grid, &pictures);
         let buckets = Buckets::new(layers.len());
         let cells = Cells::new(&pyramid, buckets);
         let (info, environment) = (LumigraphInfo::default(), Environment::default());
-        Ok(Self { info, environment, grid, layers, pictures, unknown_pixels, pyramid, buckets, cells })
+        Ok(Self { info, environment, grid, layers, pictures, unknown_pixels, contrasts, pyramid, buckets, cells })
     }
 
     /// The cameras.

@@ -9,6 +9,9 @@ use super::{CameraGrid, Lumigraph, LumigraphError, LumigraphInfo};
 use crate::capture::Camera;
 use glam::DVec2;
 
+#[cfg(test)]
+mod tests;
+
 /// Slabs at most: a hundred planes about an object are more than any needs.
 pub const MAX_SLABS: usize = 256;
 

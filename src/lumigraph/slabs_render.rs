@@ -4,15 +4,17 @@ use super::oracle;
 use super::slabs::{SlabShare, Slabs};
 use super::{LumigraphRenderer, LumigraphSettings, LumigraphStats};
 use crate::capture::{Camera, linear_from_srgb8, srgb8_from_linear};
-use crate::frame::Frame;
+use crate::frame::{Coverage, Frame};
 use crate::render::linear::LinearLight;
 use rayon::prelude::*;
+use std::cmp::Ordering;
 use std::time::Instant;
 
 /// Shares of a pixel are whole numbers of this many.
 const SHARES: u32 = 255;
 
-/// The share of the other slab from which on it fills what one does not know wholly: holes fade before a slab goes.
+/// The share of a slab from which on what its cameras see is shown alone where those of the other look nowhere: so what the other does not
+/// know is seen to come and go, and does not jump.
 const FILLS: f64 = 0.2;
 
 /// Draws frames of slabs; owns its buffers.
@@ -54,50 +56,42 @@ impl SlabsRenderer {
             return (self.renderers[best.slab].frame(), &self.stats);
         };
         let frames = [best.slab, second.slab].map(|slab| self.renderers[slab].frame());
-        mix(frames, second.share, &mut self.frame, settings.hole_color_srgb);
+        mix(frames, second.share, &mut self.frame);
         self.stats.hole_pixels = self.frame.hole_count();
         self.stats.frame_ms = started.elapsed().as_secs_f64() * 1e3;
         (&self.frame, &self.stats)
     }
 }
 
-/// Shares of two pixels and of the colour of holes, which add up to 1, as they are or are not known.
-fn shares_of(known: [bool; 2], of_second: f64) -> [f64; 3] {
-    let of = [1.0 - of_second, of_second];
-    let filled = |by: usize| {
-        let share = (of[by] / FILLS).min(1.0);
-        let mut shares = [0.0, 0.0, of[1 - by] * (1.0 - share)];
-        shares[by] = 1.0 - shares[2];
-        shares
-    };
-    match known {
-        [true, true] => [of[0], of[1], 0.0],
-        [true, false] => filled(0),
-        [false, true] => filled(1),
-        [false, false] => [0.0, 0.0, 1.0],
+/// The second's share of a pixel, as cameras of the first and the second see something there or not: 0 for a hole, 1 for what is only known
+/// to lie behind all, 2 for what is seen.
+fn share_of_second(known: [u8; 2], of_second: f64) -> f64 {
+    match known[0].cmp(&known[1]) {
+        Ordering::Equal => of_second,
+        Ordering::Less => (of_second / FILLS).min(1.0),
+        Ordering::Greater => 1.0 - ((1.0 - of_second) / FILLS).min(1.0),
     }
 }
 
-/// Two frames in one; the coverage of a pixel is that of the larger share of what is known.
-fn mix(frames: [&Frame; 2], of_second: f64, to: &mut Frame, hole_color_srgb: [u8; 3]) {
-    let (width, height) = (frames[0].width, frames[0].height);
-    to.resize(width, height, false);
-    let shares = [[false, false], [true, false], [false, true], [true, true]]
-        .map(|known| shares_of(known, of_second).map(|share| (share * f64::from(SHARES)).round() as u32));
+/// What is known of a pixel, as [`share_of_second`] asks for it.
+fn known(coverage: Coverage) -> u8 {
+    if coverage.is_hole() { 0 } else { 1 + u8::from(coverage.splat_share() > 0) }
+}
+
+/// Two frames in one; the coverage of a pixel is that of which more is known.
+fn mix(frames: [&Frame; 2], of_second: f64, to: &mut Frame) {
+    to.resize(frames[0].width, frames[0].height, false);
+    let whole = |share: f64| (share * f64::from(SHARES)).round() as u32;
+    let shares = [0, 1, 2].map(|first| [0, 1, 2].map(|second| whole(share_of_second([first, second], of_second))));
     let tables = LinearLight::tables();
-    let rgb = |[r, g, b, _]: [u8; 4]| [r, g, b];
     let pixels = to.color.par_iter_mut().zip(to.coverage.par_iter_mut()).enumerate().with_min_len(4096);
     pixels.for_each(|(i, (color, coverage))| {
-        let known = frames.map(|frame| !frame.coverage[i].is_hole());
-        let [_, b, hole] = shares[usize::from(known[0]) + 2 * usize::from(known[1])];
-        let [r, g, b] = match known {
-            [true, true] => tables.mix(frames.map(|frame| rgb(frame.color[i])), [SHARES - b, b]),
-            [false, false] => hole_color_srgb,
-            [first, _] => tables.mix([rgb(frames[usize::from(!first)].color[i]), hole_color_srgb], [SHARES - hole, hole]),
-        };
+        let known = frames.map(|frame| known(frame.coverage[i]));
+        let share = shares[usize::from(known[0])][usize::from(known[1])];
+        let colors = frames.map(|frame| [frame.color[i][0], frame.color[i][1], frame.color[i][2]]);
+        let [r, g, b] = tables.mix(colors, [SHARES - share, share]);
         *color = [r, g, b, 255];
-        let from = if known[1] && (of_second >= 0.5 || !known[0]) { 1 } else { 0 };
-        *coverage = frames[from].coverage[i];
+        *coverage = frames[usize::from(known[1] > known[0])].coverage[i];
     });
 }
 
@@ -112,18 +106,14 @@ pub fn render_slabs_by_rays(slabs: &Slabs, camera: &Camera, settings: &Lumigraph
     let Some((second, share)) = others.first() else { return first.clone() };
     let mut frame = first.clone();
     let linear = |color: [u8; 4], c: usize| f64::from(linear_from_srgb8(color[c]));
-    let [r, g, b] = settings.hole_color_srgb;
     for (i, color) in frame.color.iter_mut().enumerate() {
-        let known = [first, second].map(|frame| !frame.coverage[i].is_hole());
-        let shares = shares_of(known, *share);
-        let colors = [first.color[i], second.color[i], [r, g, b, 255]];
+        let known = [first, second].map(|frame| known(frame.coverage[i]));
+        let share = share_of_second(known, *share);
         for c in 0..3 {
-            let sum: f64 = (0..3).map(|k| shares[k] * linear(colors[k], c)).sum();
+            let sum = (1.0 - share) * linear(first.color[i], c) + share * linear(second.color[i], c);
             color[c] = srgb8_from_linear(sum as f32);
         }
-        if !known[0] {
-            frame.coverage[i] = second.coverage[i];
-        }
+        frame.coverage[i] = [first, second][usize::from(known[1] > known[0])].coverage[i];
     }
     frame
 }
