@@ -43,7 +43,9 @@ impl Exported {
                 let slabs = Slabs::read(path)?;
                 let (file, count) = (path.display(), slabs.all().len());
                 let single = slabs.into_single().with_context(|| {
-                    format!("{file} has {count} light slabs, and a page shows one; capture it without --slabs for a page")
+                    format!(
+                        "{file} has {count} light slabs, and a page shows one; capture it without --slabs for a page"
+                    )
                 })?;
                 Ok(Self::Lumigraph(Box::new(single)))
             }

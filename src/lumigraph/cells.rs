@@ -304,7 +304,8 @@ mod tests {
                     let found = near([4, 0, 0, 0], [left, right], [top, bottom]);
                     let covers = left < 38.0 && right >= 37.0 && top < 21.0 && bottom >= 20.0;
                     assert!(!covers || found.layers & 1 == 1, "{x} {y} {size}");
-                    let edge = (2.0 * size).max(2.0) + 1.0;
+                    // Two squares, each less than twice as large as it must be.
+                    let edge = 2.0 * (2.0 * size + 0.5).max(2.0) + 1.0;
                     let far = left > 37.0 + edge || right < 38.0 - edge || top > 20.0 + edge || bottom < 21.0 - edge;
                     assert!(!far || found.layers & 1 == 0, "{x} {y} {size}");
                     assert_eq!(found.layers & 4, 0, "a layer that is nowhere");

@@ -346,12 +346,7 @@ fn draw_layer<S: Simd>(
 
 /// Straight sRGB colours, with alpha 255 where anything was found, else 0 or, behind something, [`HIDDEN`]; and whether any is hidden.
 #[inline(always)]
-fn resolve<S: Simd>(
-    simd: S,
-    found: &Found<S>,
-    ahead: mask32x16<S>,
-    behind: mask32x16<S>,
-) -> ([[u8; 4]; LANES], bool) {
+fn resolve<S: Simd>(simd: S, found: &Found<S>, ahead: mask32x16<S>, behind: mask32x16<S>) -> ([[u8; 4]; LANES], bool) {
     let one = f32x16::splat(simd, 1.0);
     let share = one - found.open;
     let any = ahead & share.simd_gt(0.0);

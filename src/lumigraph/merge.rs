@@ -38,7 +38,9 @@ impl Merger {
     /// The same as [`merge`], found from the last frame's layers (the paper's limitation 6): where they still end, two tests a
     /// merged layer say so.
     pub fn update(&mut self, layers: &[DisparityLayer], bound: &ErrorBound) {
-        self.update_where(layers.len(), |range| bound.allows(layers[range.start].through(&layers[range.end - 1]).range()));
+        self.update_where(layers.len(), |range| {
+            bound.allows(layers[range.start].through(&layers[range.end - 1]).range())
+        });
     }
 
     /// The fewest merged layers of `count` of which each is allowed. What is allowed must stay so without some of its layers, or they are

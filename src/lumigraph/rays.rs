@@ -78,13 +78,7 @@ pub(super) struct Rays<S: Simd> {
 impl<S: Simd> Rays<S> {
     /// Rays of some slopes, with the cameras of the cell that is `shift` from each one's own. `stride`: texels of a camera.
     #[inline(always)]
-    pub(super) fn new(
-        simd: S,
-        plan: &LumigraphPlan,
-        stride: usize,
-        slopes: [f32x16<S>; 2],
-        shift: [i32; 2],
-    ) -> Self {
+    pub(super) fn new(simd: S, plan: &LumigraphPlan, stride: usize, slopes: [f32x16<S>; 2], shift: [i32; 2]) -> Self {
         let eye = plan.view.eye.as_vec3();
         let across = sides(simd, &plan.columns, slopes[0] * -eye.z + eye.x, shift[0]);
         let up = sides(simd, &plan.rows, slopes[1] * -eye.z + eye.y, shift[1]);

@@ -5,7 +5,7 @@
 //! before a third takes its place, and the two change roles at a half, so that nothing jumps as the eye moves from one to the next.
 
 use super::grid::PlaneView;
-use super::{CameraGrid, Lumigraph, LumigraphError, LumigraphInfo};
+use super::{Lumigraph, LumigraphError, LumigraphInfo, optimal_disparity};
 use crate::capture::Camera;
 use glam::DVec2;
 
@@ -15,9 +15,9 @@ mod tests;
 /// Slabs at most: a hundred planes about an object are more than any needs.
 pub const MAX_SLABS: usize = 256;
 
-/// How much worse than the best slab one may serve a frame and still be seen in it: about what a turn by 30 degrees makes of rays that cross
-/// between the cameras.
-const REACH: f64 = 0.15;
+/// How much worse than the best slab one may serve a frame and still be seen in it, radians: planes turned about a place hand over within some
+/// seven degrees to either side of the middle.
+const REACH: f64 = 0.5;
 
 /// Where rays are asked that stand for a frame's, in shares of its width and height.
 const PROBES: [f64; 3] = [1.0 / 6.0, 0.5, 5.0 / 6.0];
@@ -81,7 +81,7 @@ impl Slabs {
 
     /// Which slabs a frame shows: the best first, and at most one more.
     pub fn shares(&self, camera: &Camera) -> Vec<SlabShare> {
-        let mut order: Vec<(usize, f64)> = self.slabs.iter().map(|slab| unfit(slab.grid(), camera)).enumerate().collect();
+        let mut order: Vec<(usize, f64)> = self.slabs.iter().map(|slab| unfit(slab, camera)).enumerate().collect();
         order.sort_by(|(_, a), (_, b)| a.total_cmp(b));
         let [(best, least), ref others @ ..] = order[..] else { return Vec::new() };
         let limit = others.get(1).map_or(least + REACH, |(_, third)| third.min(least + REACH));
@@ -97,23 +97,24 @@ fn smooth(x: f64) -> f64 {
     x * x * (3.0 - 2.0 * x)
 }
 
-/// How badly a slab serves a frame, from 0 to 2: the mean over some rays of how far they turn from where its cameras look (1 - cosine)
-/// and of how far beside its cameras they cross its plane (in widths of the grid, up to one). A continuous function of the camera.
-fn unfit(grid: &CameraGrid, camera: &Camera) -> f64 {
+/// How badly a slab serves a frame, radians: the mean over some rays of how far they turn from where its cameras look and of how far beside its
+/// cameras they cross its plane, as seen from the middle of its disparities (up to one). A continuous function of the camera.
+fn unfit(slab: &Lumigraph, camera: &Camera) -> f64 {
+    let grid = slab.grid();
     let view = PlaneView::new(grid, camera);
     let [width, height] = view.size();
     let ends = |places: &[f64]| [places[0], places[places.len() - 1]];
     let (columns, rows) = (ends(grid.columns()), ends(grid.rows()));
-    let edge = (columns[1] - columns[0]).max(rows[1] - rows[0]).max(f64::MIN_POSITIVE);
+    let disparity = slab.range().map_or(0.0, optimal_disparity);
     let of_ray = |share: [f64; 2]| {
         let at = [width * share[0], height * share[1]];
         let direction = view.start + view.step[0] * at[0] + view.step[1] * at[1];
-        let cosine = direction.z / direction.length();
-        let Some(slopes) = view.slopes(at) else { return 2.0 - cosine };
+        let turned = (direction.z / direction.length()).clamp(-1.0, 1.0).acos();
+        let Some(slopes) = view.slopes(at) else { return turned + 1.0 };
         let crossing = view.crossing(slopes);
         let beside = |at: f64, [low, high]: [f64; 2]| (low - at).max(at - high).max(0.0);
-        let off = DVec2::new(beside(crossing.x, columns), beside(crossing.y, rows)).length() / edge;
-        1.0 - cosine + off.min(1.0)
+        let off = DVec2::new(beside(crossing.x, columns), beside(crossing.y, rows)).length();
+        turned + (off * disparity).min(1.0)
     };
     let rays = PROBES.into_iter().flat_map(|x| PROBES.map(|y| [x, y]));
     rays.map(of_ray).sum::<f64>() / (PROBES.len() * PROBES.len()) as f64

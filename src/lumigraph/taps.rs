@@ -99,12 +99,7 @@ fn pair<S: Simd>(simd: S, texels: &[Texel], at: u32) -> u32x4<S> {
 }
 
 #[inline(always)]
-fn add_tap<S: Simd>(
-    [rg, bi]: [u32x16<S>; 2],
-    indices: &[i32x16<S>; 2],
-    weight: f32x16<S>,
-    sum: &mut [f32x16<S>; 4],
-) {
+fn add_tap<S: Simd>([rg, bi]: [u32x16<S>; 2], indices: &[i32x16<S>; 2], weight: f32x16<S>, sum: &mut [f32x16<S>; 4]) {
     let index = (bi >> 16).bitcast::<i32x16<S>>();
     let shows = index.simd_ge(indices[0]) & index.simd_le(indices[1]);
     let weight = shows.select(weight, f32x16::splat(weight.token(), 0.0));

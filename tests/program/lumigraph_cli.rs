@@ -77,7 +77,12 @@ fn planes_turned_about_a_place_are_light_slabs_of_one_file() {
     assert!(one > 0 && two > one, "{one} and {two} layers");
     fails(dir.path(), 1, &["export", "a.lumi", "-o", "a.html"], "12 light slabs, and a page shows one");
     fails(dir.path(), 2, &[SMALL.as_slice(), &["--about", "0,0,0"]].concat(), "--slabs");
-    fails(dir.path(), 1, &[SMALL.as_slice(), &["--plane", "0,0,3", "--slabs", "2", "--about", "0,0,4"]].concat(), "light slab");
+    fails(
+        dir.path(),
+        1,
+        &[SMALL.as_slice(), &["--plane", "0,0,3", "--slabs", "2", "--about", "0,0,4"]].concat(),
+        "light slab",
+    );
 }
 
 #[test]

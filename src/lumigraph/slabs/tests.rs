@@ -86,7 +86,11 @@ fn no_frame_jumps_where_one_slab_hands_over_to_the_next() {
         let camera = camera(f64::from(step) * 0.5, 72);
         let (frame, shown) = (draw(&slabs, &camera), slabs.shares(&camera).len());
         let differs = mean(&frame, &before.0);
-        if shown == 1 && before.1 == 1 { within = within.max(differs) } else { across = across.max(differs) }
+        if shown == 1 && before.1 == 1 {
+            within = within.max(differs)
+        } else {
+            across = across.max(differs)
+        }
         before = (frame, shown);
     }
     assert!(within > 0.0 && across > 0.0 && across <= HAND_OVER * within, "{across} levels, within a slab {within}");
