@@ -13,9 +13,9 @@ use std::time::Instant;
 /// Shares of a pixel are whole numbers of this many.
 const SHARES: u32 = 255;
 
-/// The share of a slab from which on what its cameras see is shown alone where those of the other look nowhere: so what the other does not
-/// know is seen to come and go, and does not jump.
-const FILLS: f64 = 0.2;
+/// The share of a slab from which on what its cameras see is shown alone where those of the other look nowhere: what the best slab sees is
+/// always there, and what only the second sees comes and goes with it.
+const FILLS: f64 = 0.5;
 
 /// Draws frames of slabs; owns its buffers.
 #[derive(Default)]

@@ -197,7 +197,12 @@ fn lumigraph_bytes(slabs: usize, layers: usize) -> Vec<u8> {
 
 #[test]
 fn lumigraph_files() {
-    try_mutations("a.lumi", &[(1, 5), (1, 60_000), (3, 5)].map(|(slabs, layers)| lumigraph_bytes(slabs, layers)), true, read_lumigraph);
+    try_mutations(
+        "a.lumi",
+        &[(1, 5), (1, 60_000), (3, 5)].map(|(slabs, layers)| lumigraph_bytes(slabs, layers)),
+        true,
+        read_lumigraph,
+    );
 }
 
 #[test]
