@@ -5,7 +5,7 @@ use crate::capture::Camera;
 use crate::container::{Container, FileKind};
 use crate::export::page::{Page, house_poster, lumigraph_poster};
 use crate::export::{ExportError, of_sprites, poster};
-use crate::lumigraph::{LUMI_FILE, Lumigraph};
+use crate::lumigraph::{LUMI_FILE, Lumigraph, Slabs};
 use crate::packed::PackedCube;
 use crate::portal::file::{self, HOUSE_FILE};
 use crate::portal::house::House;
@@ -39,7 +39,16 @@ impl Exported {
                 let first = first_view(&house)?;
                 Ok(Self::House(Box::new(house), first))
             }
-            Some(kind) if kind.tag == LUMI_FILE.tag => Ok(Self::Lumigraph(Box::new(Lumigraph::read(path)?))),
+            Some(kind) if kind.tag == LUMI_FILE.tag => {
+                let slabs = Slabs::read(path)?;
+                let (file, count) = (path.display(), slabs.all().len());
+                let single = slabs.into_single().with_context(|| {
+                    format!(
+                        "{file} has {count} light slabs, and a page shows one; capture it without --slabs for a page"
+                    )
+                })?;
+                Ok(Self::Lumigraph(Box::new(single)))
+            }
             Some(kind) if kind.tag != FileKind::CUBE_LDI.tag => {
                 bail!(
                     "{} is a {}, which cannot be exported; what can be rendered can (.ldi, .sprite, .house, .lumi)",

@@ -20,7 +20,7 @@ use crate::container::Container;
 use crate::export::film;
 use crate::export::stereo::View;
 use crate::frame::Frame;
-use crate::lumigraph::{Blend, LUMI_FILE, Lumigraph, LumigraphSettings};
+use crate::lumigraph::{Blend, LUMI_FILE, LumigraphSettings, Slabs};
 use crate::packed::PackedCube;
 use crate::path;
 use crate::portal::file::HOUSE_FILE;
@@ -94,7 +94,8 @@ pub(super) struct RenderCommand {
     /// geometry camera, owners, mesh and age; a wrong name prints the list
     #[cfg(feature = "viewer")]
     #[arg(long, value_name = "NAME", conflicts_with_all = [
-        "path", "fps", "stereo", "panorama", "vr180", "sampling", "fill_steps", "keep_holes", "depth", "coverage", "merge", "parallel", "repeat", "by_depth",
+        "path", "fps", "stereo", "panorama", "vr180", "sampling", "fill_steps", "keep_holes", "depth", "coverage", "merge", "plain",
+        "by_depth", "parallel", "repeat",
     ])]
     overlay: Option<String>,
     /// How far two cameras of a .lumi file may disagree where its layers are merged, pixels; 1 if absent, 0 merges none
@@ -104,6 +105,9 @@ pub(super) struct RenderCommand {
     /// With a model it is always so
     #[arg(long)]
     by_depth: bool,
+    /// Merges more layers of a .lumi file where its images are plain, as long as no more than so many levels are off; 0, never, if absent
+    #[arg(long, value_name = "LEVELS", value_parser = parse_plain)]
+    plain: Option<f64>,
     /// How threads share a cube LDI's frame, which is the same in any case; bands if absent
     #[arg(long, value_name = "WAY", value_parser = by_name(WAYS))]
     parallel: Option<Parallel>,
@@ -117,6 +121,10 @@ pub(super) struct RenderCommand {
 
 fn parse_merge(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|px| (0.0..=1e6).contains(px)).ok_or("give pixels, 0 or more".into())
+}
+
+fn parse_plain(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|levels| (0.0..=255.0).contains(levels)).ok_or("give levels from 0 to 255".into())
 }
 
 /// How threads can share a frame.
@@ -168,8 +176,8 @@ impl RenderCommand {
         if let Some(content) = self.open_lumigraph()? {
             return Ok(content);
         }
-        if self.merge.is_some() {
-            return Err(UsageError("--merge is for .lumi files".into()).into());
+        if self.merge.is_some() || self.plain.is_some() {
+            return Err(UsageError("--merge and --plain are for .lumi files".into()).into());
         }
         if let Some(content) = self.open_geometry()? {
             return Ok(content);
@@ -271,6 +279,7 @@ impl RenderCommand {
         let mut settings = LumigraphSettings::default();
         settings.tolerance_px = self.merge.unwrap_or(settings.tolerance_px);
         settings.merge = settings.tolerance_px > 0.0;
+        settings.plain_levels = self.plain.unwrap_or(settings.plain_levels);
         if let Some(wanted) = &self.variant {
             let found = Blend::ALL.iter().find(|(name, _)| name == wanted);
             settings.blend = found.map(|(_, blend)| *blend).ok_or_else(|| {
@@ -278,15 +287,16 @@ impl RenderCommand {
                 UsageError(format!("there is no variant \"{wanted}\"; there are: {names}"))
             })?;
         }
-        let lumigraph = Box::new(Lumigraph::read(file)?);
-        let grid = lumigraph.grid();
+        let slabs = Box::new(Slabs::read(file)?);
+        let first = slabs.first();
+        let grid = first.grid();
         let [column, row] = [grid.columns().len() / 2, grid.rows().len() / 2];
         let size = self.camera.size.unwrap_or((1024, 768));
-        let fov_y_deg = lumigraph.clear_fov_deg([size.0, size.1]);
+        let fov_y_deg = first.clear_fov_deg([size.0, size.1]);
         let camera =
             DefaultCamera { eye: grid.origin(), size, fov_y_deg, ..DefaultCamera::like(&grid.camera(column, row)) };
-        let frame = lumigraph.info.frame;
-        Ok(Some((Content::Lumigraph { lumigraph, renderer: Box::default(), settings }, frame, camera)))
+        let frame = slabs.info().frame;
+        Ok(Some((Content::Lumigraph { slabs, renderer: Box::default(), settings }, frame, camera)))
     }
 
     fn settings(&self, cubes: bool, sprites: bool) -> anyhow::Result<ComposeSettings> {
