@@ -2,8 +2,8 @@
 //! frames are held to the CPU's.
 
 mod samples;
-mod texels;
 
+use super::texels::{Picture, rests};
 use super::{Content, MAX_PAGE_BYTES, Part, environment, poster};
 use crate::capture::rig::Face;
 use crate::export::ExportError;
@@ -14,9 +14,10 @@ use crate::render::{rules, surface};
 use serde_json::{Value, json};
 
 pub(super) const MODULES: &[&str] = &[
+    include_str!("../headbox.js"),
+    include_str!("../texels.js"),
     include_str!("samples.js"),
     include_str!("planes.js"),
-    include_str!("place.js"),
     include_str!("shaders.js"),
     include_str!("renderer.js"),
 ];
@@ -101,7 +102,12 @@ fn normals(cube: &PackedCube) -> Part {
 fn planes(set: &PlaneSet) -> Part {
     let mut bytes = bytemuck::cast_slice(&set.planes).to_vec();
     bytes.extend_from_slice(bytemuck::cast_slice(&set.tiles));
-    bytes.extend(texels::rests(set));
+    let pictures = set.tiles.iter().map(|tile| Picture {
+        texels: tile.texel_range(),
+        width: usize::from(tile.width),
+        opaque: tile.opaque != 0,
+    });
+    bytes.extend(rests(&set.texels, pictures));
     let header = json!({
         "kind": "planes", "planes": set.planes.len(), "tiles": set.tiles.len(), "texels": set.texels.len(),
     });

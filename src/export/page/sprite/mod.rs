@@ -1,0 +1,119 @@
+//! Sprites with depth as a page: each sprite's picture and its displacements as they are stored.
+//!
+//! The page draws in two passes, as [`crate::sprite`] does: displacements are moved by pure parallax into a field of integers, gaps
+//! of which are filled, and each pixel of the frame finds its place in the picture by what was moved there.
+
+mod displacements;
+
+use super::texels::{Picture, rests};
+use super::{Content, MAX_PAGE_BYTES, Part, environment};
+use crate::capture::Camera;
+use crate::compose::{ComposeSettings, Composer, Composition};
+use crate::export::of_sprites::half_size_m;
+use crate::export::{ExportError, POSTER_PX, jpeg};
+use crate::frame::Frame;
+use crate::sprite::{PreparedSprite, RenderOptions, SpriteSet, rules, visible_points};
+use glam::DVec3;
+use serde_json::{Value, json};
+
+pub(super) const MODULES: &[&str] = &[
+    include_str!("../headbox.js"),
+    include_str!("../texels.js"),
+    include_str!("field.js"),
+    include_str!("layers.js"),
+    include_str!("transfer.js"),
+    include_str!("shaders.js"),
+    include_str!("renderer.js"),
+];
+
+/// What a page of sprites holds. It begins where the first of them was taken.
+pub(super) fn content(set: &SpriteSet) -> Result<Content, ExportError> {
+    let first = set.sprites().first().ok_or(ExportError::Empty)?.sprite().sprite().camera();
+    let pixels = |sprite: &PreparedSprite| u64::from(sprite.sprite().sprite().color().width() * sprite.sprite().sprite().color().height());
+    // No picture is deflated to less than a byte a pixel, but where nothing is.
+    let at_least = set.sprites().iter().map(pixels).sum::<u64>() / 4;
+    if at_least > MAX_PAGE_BYTES {
+        return Err(ExportError::TooLarge { bytes: at_least, limit: MAX_PAGE_BYTES });
+    }
+    let centre = first.eye();
+    let mut parts = Vec::new();
+    if set.environment.size_px > 0 {
+        parts.push(environment(&set.environment));
+    }
+    parts.extend(set.sprites().iter().map(|sprite| part(sprite, centre)));
+    let header = json!({
+        "centre": centre,
+        "halfSize": half_size_m(set)?,
+        "frame": {"unit": set.info.frame.unit_m, "zUp": bool::from(set.info.frame.up)},
+        "ahead": first.forward(),
+        "fov": fov_y_deg(first),
+        "rules": {
+            "fillSteps": RenderOptions::default().fill_steps,
+            "nearest": rules::NEAREST_DEPTH_SHARE,
+            "leastStretch": rules::LEAST_STRETCH,
+            "magnified": rules::MAGNIFIED,
+            "steepest": rules::STEEPEST,
+            "smoothing": rules::SMOOTHING_ROUNDS,
+            "edgeOn": rules::EDGE_ON,
+        },
+    });
+    Ok(Content { header, parts, poster: poster(set)?, modules: MODULES })
+}
+
+/// A sprite: points of its surface, its displacements, its picture.
+fn part(sprite: &PreparedSprite, centre: DVec3) -> Part {
+    let points = visible_points(sprite.sprite());
+    let coordinates = points.iter().flat_map(|point| (*point - centre).as_vec3().to_array());
+    let mut bytes: Vec<u8> = coordinates.flat_map(f32::to_le_bytes).collect();
+    let displacement = sprite.sprite().displacement();
+    bytes.extend(displacements::rests(displacement));
+    let color = sprite.sprite().sprite().color();
+    // What is not seen need not be known.
+    let texels: Vec<[u8; 4]> = color.pixels().map(|pixel| if pixel.0[3] > 0 { pixel.0 } else { [0; 4] }).collect();
+    let opaque = texels.iter().all(|texel| texel[3] == 255);
+    let all = Picture { texels: 0..texels.len(), width: color.width() as usize, opaque };
+    bytes.extend(rests(&texels, [all]));
+    let header = json!({
+        "kind": "sprite",
+        "points": points.len(),
+        "size": color.dimensions(),
+        "opaque": opaque,
+        "cells": displacement.size(),
+        "format": displacement.format(),
+        "scale": displacement.scale(),
+        "view": view(sprite, centre),
+    });
+    Part { header, bytes }
+}
+
+/// Camera and plane: the eye, directions of an eye depth of 1 (their change per pixel to the right and below, and at the top left
+/// corner), the plane's unit normal, its distance from the eye, and where on it the middle of the picture is.
+fn view(sprite: &PreparedSprite, centre: DVec3) -> Value {
+    let sprite = sprite.sprite().sprite();
+    let (camera, plane) = (sprite.camera(), sprite.plane());
+    let corner = camera.direction(0.0, 0.0);
+    json!({
+        "eye": camera.eye() - centre,
+        "right": camera.direction(1.0, 0.0) - corner,
+        "down": camera.direction(0.0, 1.0) - corner,
+        "corner": corner,
+        "normal": plane.normal,
+        "distance": plane.signed_distance(camera.eye()),
+        "middle": sprite.middle() - centre,
+    })
+}
+
+/// Vertical field of view, degrees.
+fn fov_y_deg(camera: &Camera) -> f64 {
+    2.0 * (f64::from(camera.height()) / 2.0 / camera.focal_px()).atan().to_degrees()
+}
+
+/// A JPEG file of the first view.
+pub(crate) fn poster(set: &SpriteSet) -> Result<Vec<u8>, ExportError> {
+    let first = set.sprites().first().ok_or(ExportError::Empty)?.sprite().sprite().camera();
+    let camera = Camera::look_at(first.eye(), first.eye() + first.forward(), DVec3::Y, fov_y_deg(first), POSTER_PX)?;
+    let mut frame = Frame::default();
+    let composition = Composition::new(set.clone(), Vec::new());
+    composition.render(&mut Composer::default(), &camera, &ComposeSettings::default(), &mut frame);
+    jpeg(&frame)
+}
