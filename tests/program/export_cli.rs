@@ -118,15 +118,18 @@ fn points_and_splats_are_as_many_as_samples() {
 }
 
 #[test]
-fn sprites_are_exported_as_cubes() {
+fn sprites_are_exported() {
     let dir = tempfile::tempdir().unwrap();
     let camera =
         ["--eye", "0,0,3", "--look-at", "0,0,0", "--fov", "50", "--size", "96x72", "--samples", "4", "--unlit"];
     succeeds(dir.path(), &[["sprite", "builtin:bump", "-o", "s.sprite"].as_slice(), &camera].concat());
     for name in ["s.html", "s.glb", "s.exr"] {
         let told = json(dir.path(), &["export", "s.sprite", "-o", name, "--json"]);
-        assert!(told["bytes"].as_u64().unwrap() > 1000, "{told}");
+        assert!(told["bytes"].as_u64().unwrap() > 1000 && told["sprites"] == 1, "{told}");
     }
+    // The page draws sprites, not the cube that others get.
+    let page = std::fs::read_to_string(dir.path().join("s.html")).unwrap();
+    assert!(page.contains(r#""kind":"sprite""#) && !page.contains(r#""kind":"samples""#));
 }
 
 #[test]

@@ -37,3 +37,48 @@ fn expected(numbers: &[i32], width: usize, i: usize) -> i32 {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capture::random::Rng;
+
+    /// As `field.js` reads it.
+    fn read(rests: &[u8], width: usize, count: usize, size: usize) -> Vec<i32> {
+        let unused = 32 - 8 * size as u32;
+        let mut numbers: Vec<i32> = Vec::new();
+        for i in 0..count {
+            let zigzag = (0..size).fold(0u32, |sum, byte| sum | u32::from(rests[byte * count + i]) << (8 * byte));
+            let off = (zigzag >> 1).cast_signed() ^ -((zigzag & 1).cast_signed());
+            numbers.push(expected(&numbers, width, i).wrapping_add(off) << unused >> unused);
+        }
+        numbers
+    }
+
+    #[test]
+    fn stored_numbers_come_back_in_every_format() {
+        let mut random = Rng::keyed(20);
+        let (width, height) = (37, 19);
+        let wild: Vec<f32> = (0..width * height).map(|_| random.below(1 << 20) as f32 / 7.0 - 7e4).collect();
+        let plane: Vec<f32> = (0..width * height).map(|i| (i % width) as f32 * 0.25 - (i / width) as f32).collect();
+        for format in [DisplacementFormat::I8, DisplacementFormat::I16, DisplacementFormat::F32] {
+            for values in [&wild, &plane] {
+                let displacement = Displacement::new(width, height, values, format).unwrap();
+                let rests = rests(&displacement);
+                assert_eq!(rests.len(), displacement.stored_bytes().len());
+                let size = rests.len() / values.len();
+                let read = read(&rests, width as usize, values.len(), size);
+                let bytes: Vec<u8> = read.iter().flat_map(|number| number.to_le_bytes()[..size].to_vec()).collect();
+                assert_eq!(bytes, displacement.stored_bytes(), "{format:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn planes_cost_nothing() {
+        let plane: Vec<f32> = (0..64 * 64).map(|i| (i % 64) as f32 + 2.0 * (i / 64) as f32 - 95.0).collect();
+        let displacement = Displacement::new(64, 64, &plane, DisplacementFormat::I16).unwrap();
+        let zeros = rests(&displacement).into_iter().filter(|byte| *byte == 0).count();
+        assert!(zeros > 64 * 64, "{zeros}");
+    }
+}

@@ -117,3 +117,44 @@ pub(crate) fn poster(set: &SpriteSet) -> Result<Vec<u8>, ExportError> {
     composition.render(&mut Composer::default(), &camera, &ComposeSettings::default(), &mut frame);
     jpeg(&frame)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::Page;
+    use super::*;
+    use crate::sprite::{Displacement, Sprite, SpritePlane, SpriteWithDepth};
+    use image::RgbaImage;
+
+    /// A picture of half-transparent grey, nothing on its left half.
+    fn sprite(eye: DVec3) -> SpriteWithDepth {
+        let camera = Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 60.0, [40, 30]).unwrap();
+        let color = RgbaImage::from_fn(40, 30, |x, _| image::Rgba([90, 90, 90, if x < 20 { 0 } else { 128 }]));
+        let plane = SpritePlane::parallel_to_image(&camera, 2.0);
+        SpriteWithDepth::new(Sprite::new(color, camera, plane).unwrap(), Displacement::zero(20, 15)).unwrap()
+    }
+
+    #[test]
+    fn sprites_of_several_eyes_are_one_page() {
+        let eyes = [DVec3::new(1.0, 2.0, 3.0), DVec3::new(1.5, 2.0, 3.0)];
+        let set = SpriteSet::new(eyes.map(sprite).to_vec());
+        let content = content(&set).unwrap();
+        assert_eq!(content.parts.len(), 2);
+        for (part, eye) in content.parts.iter().zip(eyes) {
+            let off = (eye - eyes[0]).to_array();
+            assert_eq!(part.header["view"]["eye"], json!(off));
+            // Every second of nine by nine points, or so, has something to show.
+            let points = part.header["points"].as_u64().unwrap();
+            assert!((36..=45).contains(&points), "{points}");
+            assert_eq!(part.bytes.len() as u64, points * 12 + 20 * 15 + 40 * 30 * 4);
+        }
+        // What is nearest is 2 m away.
+        let half = content.header["halfSize"].as_f64().unwrap();
+        assert!((half - 0.3).abs() < 1e-6, "{half}");
+        assert!(Page::of_sprites(&set, "two").is_ok());
+    }
+
+    #[test]
+    fn no_sprite_is_no_page() {
+        assert!(matches!(Page::of_sprites(&SpriteSet::new(Vec::new()), "none"), Err(ExportError::Empty)));
+    }
+}
