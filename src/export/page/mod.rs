@@ -1,7 +1,7 @@
 //! What we have captured as one HTML page that works from disk: the data, deflated, and a viewer in WebGL 2.
 //!
 //! The viewer is the ES modules beside this file and those of the folder of what is shown (`cube`, `house`, `lumigraph`, `sprite`), which are put into
-//! the page one after the other. A folder has two that the others build on: `place.js`, where the eye may be, and `renderer.js`.
+//! the page one after the other. Two of a kind others build on: its `renderer.js`, and where the eye may be, `place.js` or, for what has a headbox, `headbox.js`.
 
 mod cube;
 mod house;

@@ -23,10 +23,12 @@ export async function readShell(gl, { depthPx, nearest }, bytes) {
   const shellColor = cubeMap(gl, gl.RGBA8, colorPx, (to, ours) =>
     gl.texSubImage2D(to, 0, 0, 0, colorPx, colorPx, gl.RGBA, gl.UNSIGNED_BYTE, faces[ours]),
   );
+  gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
   const shellDepth = cubeMap(gl, gl.R8, depthPx, (to, ours) => {
     const face = codes.subarray(ours * pixels, (ours + 1) * pixels);
     gl.texSubImage2D(to, 0, 0, 0, depthPx, depthPx, gl.RED, gl.UNSIGNED_BYTE, face);
   });
+  gl.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
   return { shellColor, shellDepth, shellNearest: nearest };
 }
 

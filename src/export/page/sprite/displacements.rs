@@ -13,7 +13,9 @@ pub(super) fn rests(displacement: &Displacement) -> Vec<u8> {
         DisplacementFormat::I16 => {
             (2, stored.as_chunks::<2>().0.iter().map(|two| i32::from(i16::from_le_bytes(*two))).collect())
         }
-        DisplacementFormat::F32 => (4, stored.as_chunks::<4>().0.iter().map(|four| i32::from_le_bytes(*four)).collect()),
+        DisplacementFormat::F32 => {
+            (4, stored.as_chunks::<4>().0.iter().map(|four| i32::from_le_bytes(*four)).collect())
+        }
     };
     // Numbers are added as their own size wraps.
     let unused = 32 - 8 * size as u32;
@@ -33,7 +35,8 @@ fn expected(numbers: &[i32], width: usize, i: usize) -> i32 {
         _ => {
             let [left, above, above_left] = [numbers[i - 1], numbers[i - width], numbers[i - width - 1]];
             let (low, high) = (left.min(above), left.max(above));
-            i64::from(left).saturating_add(i64::from(above) - i64::from(above_left)).clamp(low.into(), high.into()) as i32
+            i64::from(left).saturating_add(i64::from(above) - i64::from(above_left)).clamp(low.into(), high.into())
+                as i32
         }
     }
 }
