@@ -89,7 +89,7 @@ class Page {
         this.draw(1);
         drawnAt = performance.now();
         // Pictures on the way shall not hold up the whole.
-        if (!part.first) pause *= 2;
+        pause *= 2;
         await new Promise(requestAnimationFrame);
         this.run();
       }

@@ -110,10 +110,12 @@ fn fov_y_deg(camera: &Camera) -> f64 {
     2.0 * (f64::from(camera.height()) / 2.0 / camera.focal_px()).atan().to_degrees()
 }
 
-/// A JPEG file of the first view.
+/// A JPEG file of the first view, with no more rows than the picture that it shows.
 pub(crate) fn poster(set: &SpriteSet) -> Result<Vec<u8>, ExportError> {
     let first = set.sprites().first().ok_or(ExportError::Empty)?.sprite().sprite().camera();
-    let camera = Camera::look_at(first.eye(), first.eye() + first.forward(), DVec3::Y, fov_y_deg(first), POSTER_PX)?;
+    let rows = first.height().min(POSTER_PX[1]);
+    let size_px = [(rows * POSTER_PX[0]).div_ceil(POSTER_PX[1]), rows];
+    let camera = Camera::look_at(first.eye(), first.eye() + first.forward(), DVec3::Y, fov_y_deg(first), size_px)?;
     let mut frame = Frame::default();
     let composition = Composition::new(set.clone(), Vec::new());
     composition.render(&mut Composer::default(), &camera, &ComposeSettings::default(), &mut frame);
