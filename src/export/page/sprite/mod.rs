@@ -29,10 +29,8 @@ pub(super) const MODULES: &[&str] = &[
 /// What a page of sprites holds. It begins where the first of them was taken.
 pub(super) fn content(set: &SpriteSet) -> Result<Content, ExportError> {
     let first = set.sprites().first().ok_or(ExportError::Empty)?.sprite().sprite().camera();
-    let pixels = |sprite: &PreparedSprite| {
-        u64::from(sprite.sprite().sprite().color().width() * sprite.sprite().sprite().color().height())
-    };
-    // No picture is deflated to less than a byte a pixel, but where nothing is.
+    let pixels = |sprite: &PreparedSprite| sprite.sprite().sprite().color().pixels().len() as u64;
+    // No picture is deflated to less than two bits a pixel, but where nothing is.
     let at_least = set.sprites().iter().map(pixels).sum::<u64>() / 4;
     if at_least > MAX_PAGE_BYTES {
         return Err(ExportError::TooLarge { bytes: at_least, limit: MAX_PAGE_BYTES });
