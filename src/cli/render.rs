@@ -53,7 +53,7 @@ pub(super) struct RenderCommand {
     /// with the animation that moves them, as Blender exports it
     #[arg(long, value_name = "PATH")]
     path: Option<PathBuf>,
-    /// Frames a second of a film, and of an animation in --path; 30 if absent
+    /// Frames a second of a film, and of an animation in --path; if absent as the times in PATH have it, else 30
     #[arg(long, requires = "path", value_parser = clap::value_parser!(u32).range(1..=240))]
     fps: Option<u32>,
     /// Frames for both eyes side by side, so many metres apart: 0.064 for people; with --panorama one above the other
@@ -155,7 +155,7 @@ impl RenderCommand {
                 let cameras = self.camera.of_path(path::read(path, &frame, f64::from(self.fps()))?)?;
                 content.warn_if_outside(&cameras, &frame);
                 match film::is_film(&self.output) {
-                    true => self.render_film(&mut content, &cameras),
+                    true => self.render_film(&mut content, &cameras, self.film_fps(path, &frame)?),
                     false => self.render_path(&mut content, &cameras),
                 }
             }
@@ -334,7 +334,7 @@ impl RenderCommand {
         Ok(settings)
     }
 
-    /// Frames a second.
+    /// Moments a second of an animation.
     fn fps(&self) -> u32 {
         self.fps.unwrap_or(30)
     }
