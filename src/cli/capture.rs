@@ -322,14 +322,19 @@ impl CaptureCommand {
             triple(scene.frame.file_from_world(centre)),
             rounded(job.half_size_m / scene.frame.unit_m)
         );
-        let estimate = Estimate::of(&job, &tracer, self.shard.map_or(1, |(_, parts)| parts));
+        let lighting = match self.shard {
+            None => Lighting::prepare(&tracer, job.parameters.bounces, job.parameters.light_samples > 0),
+            Some(_) => Lighting::of_scene(&tracer, 0), // of a shard nothing is lit
+        };
+        let parts = self.shard.map_or(1, |(_, parts)| parts);
+        let estimate = Estimate::of(&job, &tracer, &lighting, &self.packing, parts, start);
+        let estimate = estimate.context("the capture failed")?.within(self.memory);
         eprintln!("will take: {estimate}");
         let resources = Resources { budget: budget(self.memory, &self.output) };
         let bar = Bar::planned(estimate.plan(), true);
         if let Some(part) = self.shard {
             return self.run_shard(job, part, &tracer, &resources, &bar, start);
         }
-        let lighting = Lighting::prepare(&tracer, job.parameters.bounces, job.parameters.light_samples > 0);
         let (ldi, trace_time) =
             gaps::capture(&job, &tracer, &lighting, &resources, &bar).context("the capture failed")?;
         drop((tracer, scene));
@@ -409,7 +414,8 @@ impl CaptureCommand {
             return;
         }
         println!("{}: {} from {rays} rays", self.output.display(), what_is_kept(cube));
-        println!("  {} in all: {times}; {:.1} Mrays/s while tracing", duration(total_s), rays as f64 / trace_s / 1e6);
+        let times = if times.is_empty() { String::new() } else { format!(": {times}") };
+        println!("  {} in all{times}; {:.1} Mrays/s while tracing", duration(total_s), rays as f64 / trace_s / 1e6);
         if let Some(mean) = mean {
             println!("  the next ray would find something new with a probability of {:.1} %", mean * 100.0);
         }

@@ -1,81 +1,119 @@
-//! What a capture will cost, said before it begins.
+//! What a capture will cost, said before it begins: by a rehearsal.
+//!
+//! What a ray, a light sample and a look for holes take depends on the scene and the machine by factors of four, which no constants
+//! know. So the whole capture is made once in small, with as many rays for each pixel of its faces and as much light, in some tenths of a
+//! second; each stage is timed and grows by its own law. What is captured afterwards knows nothing of it.
 
+use super::capture::PackingArgs;
+use super::output::memory_bytes;
 use super::progress::Planned;
-use crate::capture::trace::{Ray, Tracer};
+use crate::capture::light::Lighting;
+use crate::capture::trace::Tracer;
 use crate::gaps;
+use crate::ldi::build;
 use crate::ldi::job::CaptureJob;
-use crate::ldi::parameters::CaptureParameters;
-use glam::Vec3;
-use rayon::prelude::*;
+use crate::ldi::parameters::{Resources, Sampler};
+use crate::progress::Silent;
 use std::fmt;
 use std::time::Instant;
 
-/// Rays by which the speed of this machine in this scene is measured: some hundredths of a second, so that other work on the
-/// machine has its part in it.
-const PROBES: u32 = 1 << 17;
-/// A ray in a packet, traced and kept, takes so many times as long as a probe. This and what follows are between what four scenes
-/// of default size took (docs/decisions.md: what a capture will take).
-const PROBES_PER_RAY: f64 = 1.6;
-/// A light sample of a depth pixel and bounce, likewise: rays to the sun and the sky, and their shading.
-const PROBES_PER_LIGHT_SAMPLE: f64 = 6.0;
-/// What else is done to a depth pixel at the end: colour, merging, and the rays that say what it hides.
-const PROBES_PER_DEPTH_PIXEL: f64 = 8.0;
-/// The same without colour, before frames are looked at.
-const PROBES_PER_SHAPE: f64 = 1.4;
-/// A pixel of a frame that is looked at: its ray and its share of the frame.
-const PROBES_PER_LOOK: f64 = 0.35;
-/// Rounds of looking.
-const ROUNDS: f64 = 6.0;
-/// Rays for each pixel of the faces of which the plan traces half; of fewer it traces more, as each still finds something new.
-const HALVED_RAYS_PER_PIXEL: f64 = 16.0;
-/// Depth pixels for each pixel of the faces in which there is something.
-const LAYERS: f64 = 1.1;
-/// Bytes of a depth pixel in the file, with its share of the tables.
-const FILE_BYTES: f64 = 14.0;
-/// Bytes of memory for each depth pixel at the widest point, where the parts of all faces wait to be lit: 275 and 366 in a room and in
-/// a house of small things.
-const MEMORY_BYTES: f64 = 320.0;
+/// Pixels a side of the rehearsal's faces, unless the capture's have fewer than so many times of it.
+const FACE_PX: u32 = 96;
+const SMALLER: u32 = 4;
+
+/// A ray of the capture takes this share of the time of one in the rehearsal, whose threads have hardly begun when they end.
+const RAY_SHARE: f64 = 0.75;
+/// A depth pixel likewise takes this share of the time to be lit, merged and packed: on larger faces light is pooled over more of them.
+const LIGHT_SHARE: f64 = 0.65;
+/// So many rounds of looking for holes for each of the rehearsal's; at least two are needed to know that there are none.
+const ROUNDS_SHARE: f64 = 1.5;
+const FEWEST_ROUNDS: f64 = 2.0;
+/// A file takes this share of the bytes in memory, which grow by this power of the faces' size: pictures on planes need fewer borders.
+const FILE_SHARE: f64 = 0.78;
+const FILE_POWER: f64 = 1.87;
+/// Bytes of memory for each depth pixel at the widest point, where the parts of all faces wait to be lit: 242 to 366 in six scenes.
+const MEMORY_BYTES: f64 = 290.0;
 
 /// Time and space of a capture, roughly.
 pub(super) struct Estimate {
+    /// What loading and the rehearsal took.
+    before_s: f64,
     rays: f64,
     /// Share of the rays that the pilot traces.
     pilot: f64,
     trace_s: f64,
     look_s: f64,
+    rounds: u32,
     light_s: f64,
-    file_bytes: f64,
+    /// Of a whole capture.
+    file_bytes: Option<f64>,
     memory_bytes: f64,
 }
 
 impl Estimate {
-    /// Of a job, `parts` of which are made elsewhere.
-    pub(super) fn of(job: &CaptureJob, tracer: &Tracer, parts: u32) -> Self {
-        let CaptureParameters { novelty, light_samples, bounces, holes, .. } = job.parameters;
-        let pixels = 6.0 * f64::from(job.face_size_px).powi(2);
-        let rays = rays_of(job);
-        let (probe_s, hit_share) = probe(tracer);
-        let depth_pixels = (LAYERS * hit_share * pixels).min(rays);
-        let traced_share = if novelty > 0.0 { 1.0 / (1.0 + rays / pixels / HALVED_RAYS_PER_PIXEL) } else { 1.0 };
-        let traced = rays * traced_share / f64::from(parts);
-        let light = f64::from(light_samples) * f64::from(bounces + 1) * PROBES_PER_LIGHT_SAMPLE;
-        let round = depth_pixels * PROBES_PER_SHAPE + gaps::pixels_of_a_round(job) * PROBES_PER_LOOK;
-        let is_whole = if parts == 1 { 1.0 } else { 0.0 };
-        let looks = if holes < 1.0 { is_whole * ROUNDS } else { 0.0 };
-        Self {
-            rays: rays / f64::from(parts),
-            pilot: if novelty > 0.0 { (0.25 / traced_share).min(1.0) } else { 0.0 },
-            trace_s: traced * PROBES_PER_RAY * probe_s,
-            look_s: looks * round * probe_s,
-            light_s: is_whole * depth_pixels * (PROBES_PER_DEPTH_PIXEL + light) * probe_s,
-            file_bytes: depth_pixels * FILE_BYTES,
-            memory_bytes: depth_pixels * MEMORY_BYTES + 60e6,
-        }
+    /// Of a job on which work has `begun` by loading its scene, made in so many `parts`; of one of these nothing is lit.
+    ///
+    /// # Errors
+    /// Those of the capture.
+    pub(super) fn of(
+        job: &CaptureJob,
+        tracer: &Tracer,
+        lighting: &Lighting,
+        packing: &PackingArgs,
+        parts: u32,
+        begun: Instant,
+    ) -> anyhow::Result<Self> {
+        let used_before = memory_bytes().map_or([60e6; 2], |(most, now)| [most, now].map(|bytes| bytes as f64));
+        let small = in_small(job, parts == 1);
+        let wider = f64::from(job.face_size_px) / f64::from(small.face_size_px);
+        let resources = Resources::default();
+
+        let start = Instant::now();
+        let mut tracing = build::trace(tracer, &small.settings(&resources, (0, 1)), &Silent)?;
+        let rays_wider = rays_of(job) / rays_of(&small) / f64::from(parts);
+        let rays = tracing.rays as f64 * rays_wider;
+        let trace_s = start.elapsed().as_secs_f64() * rays_wider * RAY_SHARE;
+        let is_planned = small.parameters.novelty > 0.0 && small.parameters.sampler != Sampler::CentreRays;
+        let pilot = if is_planned { (0.25 * rays_of(&small) / tracing.rays as f64).min(1.0) } else { 0.0 };
+
+        let start = Instant::now();
+        gaps::close(&small, &mut tracing, tracer, lighting, &Silent)?;
+        let looked = f64::from(tracing.holes.map_or(0, |holes| holes.rounds));
+        let rounds = if looked > 0.0 { (looked * ROUNDS_SHARE).max(FEWEST_ROUNDS).round() } else { 0.0 };
+        // Of a round, frames cost as much as they have pixels, which is little in small ones, and samples as there are: together about
+        // as the width of the faces.
+        let look_s = start.elapsed().as_secs_f64() / looked.max(1.0) * rounds * wider;
+
+        let start = Instant::now();
+        let ldi = small.finish(&tracing, tracer, lighting, &resources, &Silent)?;
+        let samples: usize = ldi.faces.iter().map(|face| face.samples.len()).sum();
+        let packed = packing.pack(ldi)?;
+        let light_s = start.elapsed().as_secs_f64() * wider * wider * LIGHT_SHARE;
+        let needed = samples as f64 * wider * wider * MEMORY_BYTES;
+        let is_whole = parts == 1;
+        Ok(Self {
+            before_s: begun.elapsed().as_secs_f64(),
+            rays,
+            pilot,
+            trace_s,
+            look_s,
+            rounds: rounds as u32,
+            light_s: if is_whole { light_s } else { 0.0 },
+            file_bytes: is_whole.then(|| packed.bytes() as f64 * FILE_SHARE * wider.powf(FILE_POWER)),
+            memory_bytes: (used_before[1] + needed).max(used_before[0]),
+        })
     }
 
-    /// Seconds for all of it.
+    /// The same where a limit of memory, MiB, is kept within.
+    pub(super) fn within(mut self, memory_mb: Option<u64>) -> Self {
+        let limit = memory_mb.map_or(f64::INFINITY, |mb| mb as f64 * f64::from(1 << 20));
+        self.memory_bytes = self.memory_bytes.min(limit);
+        self
+    }
+
+    /// Seconds for all of it, from where it has begun.
     pub(super) fn seconds(&self) -> f64 {
-        self.trace_s + self.look_s + self.light_s
+        self.before_s + self.trace_s + self.look_s + self.light_s
     }
 
     /// The stages to come.
@@ -84,36 +122,86 @@ impl Estimate {
         vec![
             planned(&["pilot"], 1, self.trace_s * self.pilot),
             planned(&["trace"], 1, self.trace_s * (1.0 - self.pilot)),
-            planned(&["look for holes"], ROUNDS as u32, self.look_s),
+            planned(&["look for holes"], self.rounds.max(1), self.look_s),
             planned(&["light and merge"], 1, self.light_s),
         ]
     }
 }
 
-/// Rays of a whole job before any are saved.
-pub(super) fn rays_of(job: &CaptureJob) -> f64 {
-    6.0 * f64::from(job.parameters.strata).powi(4) * f64::from(job.parameters.rays_per_stratum)
+/// A job in small, with about as many rays for each pixel of its faces. Of a part of a job, rays alone are rehearsed.
+fn in_small(job: &CaptureJob, is_whole: bool) -> CaptureJob {
+    let mut small = job.clone();
+    small.face_size_px = (job.face_size_px / SMALLER).clamp(1, FACE_PX);
+    let share = f64::from(small.face_size_px) / f64::from(job.face_size_px);
+    small.parameters.strata = ((f64::from(job.parameters.strata) * share.sqrt()).round() as u32).max(1);
+    if !is_whole {
+        (small.parameters.light_samples, small.parameters.holes) = (0, 1.0);
+    }
+    small
 }
 
-/// Seconds for a ray, in directions all around and all cores at work, and the share of these rays that meet something.
-fn probe(tracer: &Tracer) -> (f64, f64) {
-    let start = Instant::now();
-    let hits = (0..PROBES).into_par_iter().filter(|&i| {
-        let y = 1.0 - 2.0 * (i as f32 + 0.5) / PROBES as f32;
-        let (sin, cos) = (i as f32 * 2.399_963_2).sin_cos(); // the golden angle
-        let rim = (1.0 - y * y).sqrt();
-        let direction = Vec3::new(rim * cos, y, rim * sin);
-        tracer.closest(&Ray { origin: Vec3::ZERO, direction, t_min: 0.0, t_max: f32::INFINITY }).is_some()
-    });
-    let hits = hits.count();
-    (start.elapsed().as_secs_f64() / f64::from(PROBES), hits as f64 / f64::from(PROBES))
+/// Rays of a whole job before any are saved.
+pub(super) fn rays_of(job: &CaptureJob) -> f64 {
+    match job.parameters.sampler {
+        Sampler::CentreRays => 6.0 * f64::from(job.face_size_px).powi(2),
+        Sampler::Stratified | Sampler::WhiteNoise => {
+            6.0 * f64::from(job.parameters.strata).powi(4) * f64::from(job.parameters.rays_per_stratum)
+        }
+    }
+}
+
+/// A number of some unit as `9.4 M`, `94 M`, `940 M`: two digits of it count.
+fn rounded(number: f64) -> String {
+    let (scale, prefix) = match number {
+        _ if number >= 995e6 => (1e9, "G"),
+        _ if number >= 995e3 => (1e6, "M"),
+        _ => (1e3, "k"),
+    };
+    match number / scale {
+        few if few < 9.95 => format!("{few:.1} {prefix}"),
+        some if some < 99.5 => format!("{some:.0} {prefix}"),
+        many => format!("{:.0} {prefix}", (many / 10.0).round() * 10.0),
+    }
 }
 
 impl fmt::Display for Estimate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let rays = self.rays / 1e6;
-        let time = super::progress::duration(self.seconds());
-        let (file, memory) = (self.file_bytes / 1e6, self.memory_bytes / 1e6);
-        write!(f, "{rays:.1} M rays, about {time}, a file of at most {file:.0} MB, about {memory:.0} MB of memory")
+        let [rays, memory] = [self.rays, self.memory_bytes].map(rounded);
+        write!(f, "about {} in all: {rays} rays, ", super::progress::duration(self.seconds()))?;
+        if let Some(bytes) = self.file_bytes {
+            write!(f, "a file of {}B, ", rounded(bytes))?;
+        }
+        write!(f, "{memory}B of memory")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_two_digits_that_count() {
+        let cases = [
+            (40.0, "0.0 k"),
+            (2_345.0, "2.3 k"),
+            (994e3, "990 k"),
+            (996e3, "1.0 M"),
+            (47.6e6, "48 M"),
+            (1.96e9, "2.0 G"),
+        ];
+        for (number, words) in cases {
+            assert_eq!(rounded(number), words);
+        }
+    }
+
+    #[test]
+    fn a_rehearsal_has_as_many_rays_for_a_pixel() {
+        let per_pixel = |job: &CaptureJob| rays_of(job) / f64::from(job.face_size_px).powi(2);
+        for (face_size_px, strata) in [(1024, 32), (512, 24), (256, 16), (512, 16)] {
+            let mut job = CaptureJob::new(crate::scene_source::SceneSource::new("a"), glam::DVec3::ZERO, 1.0);
+            (job.face_size_px, job.parameters.strata) = (face_size_px, strata);
+            let ratio = per_pixel(&in_small(&job, true)) / per_pixel(&job);
+            assert!((0.7..1.4).contains(&ratio), "{face_size_px} {strata}: {ratio}, strata are whole numbers");
+        }
     }
 }

@@ -9,7 +9,7 @@ use clap_complete::Shell;
 use std::io::Write;
 
 /// Each subcommand's examples.
-const EXAMPLES: [(&str, &str); 18] = [
+const EXAMPLES: [(&str, &str); 19] = [
     ("demo", "headbox demo --quick --no-window"),
     ("scenes", "headbox scenes"),
     (
@@ -73,6 +73,7 @@ const EXAMPLES: [(&str, &str); 18] = [
          headbox view room.obj                                    capture while looking around\n  \
          headbox view room.ldi --screenshot window.png            a picture of the window, for scripts",
     ),
+    ("man", "headbox man | man -l -"),
     ("completions", "headbox completions bash > ~/.local/share/bash-completion/completions/headbox"),
 ];
 

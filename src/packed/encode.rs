@@ -149,11 +149,13 @@ fn pack_segment(
         false => 0.0,
     };
     let face_from_world = face.face.world_from_eye().transpose();
-    let encode = |sample: &DepthPixel| {
+    let encode = |sample: &DepthPixel, [x, y]: [u32; 2]| {
         let inverse_depth = f64::from(sample.inverse_depth);
         let code = ((inverse_depth - f64::from(min)) * codes_per_inverse_depth).round() as u32;
         let normal = face_from_world * sample.normal.decode().as_dvec3();
-        let index = layout.encode(normal, 1.0 / inverse_depth, range);
+        let toward = face.face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face.size_px);
+        let toward = face_from_world * toward.normalize();
+        let index = layout.encode_seen(normal, toward, 1.0 / inverse_depth, range);
         let geometry = index << 20 | code.min(INVERSE_DEPTH_CODE_MAX);
         PackedDepthPixel { geometry, color_srgb: sample.color_srgb }
     };
@@ -162,7 +164,7 @@ fn pack_segment(
     let row = |y: u32| {
         let (mut depth_pixels, mut counts) = (Vec::new(), vec![0]);
         for x in columns.clone() {
-            depth_pixels.extend(face.pixel(x, y).iter().filter(|s| belongs(s)).map(encode));
+            depth_pixels.extend(face.pixel(x, y).iter().filter(|s| belongs(s)).map(|s| encode(s, [x, y])));
             counts.push(depth_pixels.len() as u32);
         }
         (depth_pixels, counts)

@@ -119,6 +119,20 @@ impl SplatIndexLayout {
         code as u32
     }
 
+    /// The same of a sample that the centre sees along the unit vector `toward`: a surface that faces the centre still does as it is
+    /// coded. Of a floor seen edge-on, which differs from a ceiling by less than a code, footprints would shrink on the side on which
+    /// they must grow.
+    pub fn encode_seen(self, normal_in_face: DVec3, toward: DVec3, eye_depth: f64, range: DepthCodeRange) -> u32 {
+        let index = self.encode(normal_in_face, eye_depth, range);
+        let is_turned_over = normal_in_face.dot(toward) < 0.0 && self.normal(index).as_dvec3().dot(toward) >= 0.0;
+        match self {
+            Self::Normal if is_turned_over => {
+                self.encode((normal_in_face - toward * FRONT_STEP_RAD).normalize(), eye_depth, range)
+            }
+            Self::Normal | Self::Paper => index,
+        }
+    }
+
     /// The unit normal in the face frame that a splat index stands for.
     pub fn normal(self, index: u32) -> Vec3 {
         let index = index as usize % SPLAT_INDEX_COUNT;
@@ -178,6 +192,31 @@ mod tests {
             }
         }
         assert!(worst[0] < WORST_FRONT_DEG && worst[1] < WORST_BACK_DEG && worst[2] < WORST_PAPER_DEG, "{worst:?}");
+    }
+
+    #[test]
+    fn what_faces_the_centre_edge_on_still_does_when_it_is_coded() {
+        let range = DepthCodeRange { nearest_m: 1.0, farthest_m: 100.0 };
+        let layout = SplatIndexLayout::Normal;
+        let mut turned_over = 0;
+        for i in 0..20_000 {
+            let turn = f64::from(i) * 2.399_963;
+            let toward = DVec3::new(turn.sin() * 0.9, (turn * 1.7).cos() * 0.9, -1.0).normalize();
+            // Seen at up to 3 degrees, from either side.
+            let along = toward.any_orthonormal_vector();
+            let across = along * turn.cos() + toward.cross(along) * turn.sin();
+            let normal = (across + toward * (f64::from(i % 101) - 50.0) * 1e-3).normalize();
+            let faces = |index: u32| layout.normal(index).as_dvec3().dot(toward) < 0.0;
+            let [coded, seen] = [layout.encode(normal, 7.0, range), layout.encode_seen(normal, toward, 7.0, range)];
+            if normal.dot(toward) >= 0.0 || faces(coded) {
+                assert_eq!(coded, seen, "nothing to be mended");
+                continue;
+            }
+            turned_over += 1;
+            let error_deg = layout.normal(seen).angle_between(normal.as_vec3()).to_degrees();
+            assert!(faces(seen) && error_deg < WORST_FRONT_DEG + 3.6, "{toward} {normal}: {error_deg}");
+        }
+        assert!(turned_over > 1000, "{turned_over}");
     }
 
     #[test]

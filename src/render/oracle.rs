@@ -9,7 +9,7 @@ use glam::{DMat3, DVec3, dvec3};
 
 /// The largest tangent of the angle to its normal under which a sample's plane is seen, as in the fast renderer: a
 /// surface that the LDI sees edge-on does not reach across the whole scene.
-const MAX_SLOPE: f64 = 4.0;
+const MAX_SLOPE: f64 = 12.0;
 
 /// The least Z2 / Z1 that is drawn, as in the fast renderer.
 const W_NEAR: f64 = 1.0 / 1024.0;

@@ -207,9 +207,9 @@ impl Default for TangentTable {
 
 impl TangentTable {
     /// Relative change of inverse depth over one face pixel, times half of the face's size, at most. It is the tangent
-    /// of the angle to the surface's normal; beyond it (76 degrees) the quantised normal says little, and a capture
-    /// resolves the slope into several samples a pixel.
-    pub(super) const MAX_SLOPE: f32 = 4.0;
+    /// of the angle to the surface's normal; beyond it (85 degrees) the quantised normal says little. Less, and a floor seen
+    /// edge-on from the centre, which an eye higher up sees stretched, is drawn with gaps between its rows that no ray can fill.
+    pub(super) const MAX_SLOPE: f32 = 12.0;
 
     /// Fills the table of planes. Radii are the spacing of the samples times `scale`, at least `min_radius_px`.
     pub(crate) fn refill(&mut self, layout: SplatIndexLayout, face_px: u32, scale: f32, min_radius_px: f32) {

@@ -184,6 +184,34 @@ fn a_capture_that_looks_at_itself_closes_its_holes_whoever_traced_it() {
     assert!(bytes == file_bytes(&merged_from_shards(&looking, &scene, None)), "four shards");
 }
 
+/// A floor that the centre sees nearly edge-on, from above its centre: the rows of its samples lie up to twice as far apart there.
+#[test]
+fn a_floor_seen_edge_on_has_no_gaps_from_higher_up() {
+    const HALF_SIZE_M: f64 = 0.25;
+    const BELOW_M: f64 = 0.3;
+    let mut boxes = Boxes::default();
+    let grey = boxes.material([0.5; 3], [0.0; 3]);
+    let ground = boxes.add(dvec3(0.0, -BELOW_M - 1.0, 0.0), dvec3(300.0, 1.0, 300.0), grey);
+    let mut job = asked(|p| (p.strata, p.rays_per_stratum, p.light_samples) = (12, 8, 0));
+    (job.face_size_px, job.half_size_m) = (128, HALF_SIZE_M);
+    let cube = capture(&job, &Arc::new(ground.0), &Resources::default());
+    let cube = PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto).unwrap();
+    let mut renderer = Renderer::new();
+    for turn in 0..8 {
+        let eye = DVec3::Y * HALF_SIZE_M;
+        let (sin, cos) = (f64::from(turn) * 0.7).sin_cos();
+        let camera = Camera::look_at(eye, eye + dvec3(sin, -0.2, cos), DVec3::Y, 60.0, [96, 72]).unwrap();
+        let frame = renderer.render(&cube, &camera, &RenderSettings::default());
+        let is_open = |y: u32, x: u32| {
+            let down = -camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5).normalize().y;
+            // Nearer than 30 m; farther off, a pixel of the face holds metres of it.
+            down > (HALF_SIZE_M + BELOW_M) / 30.0 && frame.coverage[(y * 96 + x) as usize].splat_share() < 128
+        };
+        let open = (0..72).flat_map(|y| (0..96).map(move |x| (y, x))).filter(|&(y, x)| is_open(y, x)).count();
+        assert_eq!(open, 0, "turned by {turn}");
+    }
+}
+
 #[test]
 fn every_sampler_and_merge_rule_gives_a_valid_ldi() {
     let scene = room();

@@ -100,7 +100,7 @@ fn what_the_user_says_is_not_guessed() {
 }
 
 #[test]
-fn real_scenes_stand_upright() {
+fn real_scenes_stand_upright_however_they_are_written() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
     let known = [
         ("small_house/small_house.obj", UpAxis::Z, 1.0),
@@ -121,6 +121,11 @@ fn real_scenes_stand_upright() {
         }
         let scene = load(&path, &LoadOptions::default()).unwrap();
         assert_eq!(scene.frame, FileFrame { up, unit_m }, "{name}: {:?}", scene.summary.notes);
+        for (up, unit_m) in [(UpAxis::Y, 0.001), (UpAxis::Z, 1.0), (UpAxis::Z, 0.01), (UpAxis::Z, 0.001)] {
+            let frame = FileFrame { up, unit_m };
+            let (found, notes) = guess(&obj_text(&scene, &frame, true));
+            assert_eq!(found, frame, "{name}: {notes:?}");
+        }
     }
 }
 

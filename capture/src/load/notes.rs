@@ -14,6 +14,8 @@ pub(super) enum Note {
     TextureRenamed,
     TextureTransformIgnored,
     AmbientTakenAsLight,
+    LineUnread,
+    BytesBeyondEnd,
     UnknownExtension,
     BufferUnreadable,
     AccessorUnreadable,
@@ -46,6 +48,8 @@ impl Note {
             Self::AmbientTakenAsLight => {
                 ["material", "materials", "with an ambient colour above 1, taken as emitted light"]
             }
+            Self::LineUnread => ["line", "lines", "that no OBJ file has, skipped"],
+            Self::BytesBeyondEnd => ["byte", "bytes", "after the end that the GLB header tells, skipped"],
             Self::UnknownExtension => ["extension", "extensions", "not supported and ignored"],
             Self::BufferUnreadable => ["buffer", "buffers", "could not be read"],
             Self::AccessorUnreadable => ["mesh part or attribute", "mesh parts or attributes", "damaged and left out"],

@@ -17,6 +17,46 @@ use std::io::{self, BufRead, Read};
 /// The name under which faces below a `usemtl` without a name go: one that nobody gives to a material.
 const NO_MATERIAL: &str = "\u{1}";
 
+/// Statements of the format (Wavefront's appendix B1) that say nothing of triangles, or are read elsewhere.
+const WITHOUT_SURFACE: [&str; 36] = [
+    "v",
+    "vt",
+    "vn",
+    "vp",
+    "mtllib",
+    "s",
+    "deg",
+    "bmat",
+    "step",
+    "cstype",
+    "parm",
+    "trim",
+    "hole",
+    "scrv",
+    "sp",
+    "end",
+    "con",
+    "mg",
+    "bevel",
+    "c_interp",
+    "d_interp",
+    "lod",
+    "shadow_obj",
+    "trace_obj",
+    "ctech",
+    "stech",
+    "maplib",
+    "usemap",
+    "call",
+    "csh",
+    "res",
+    "bsp",
+    "bzp",
+    "cdc",
+    "cdp",
+    "vs",
+];
+
 /// Numbers of `v`, `vt` and `vn` lines.
 #[derive(Clone, Copy, Debug, Default)]
 struct Counts {
@@ -194,7 +234,8 @@ impl<'a> MendedObj<'a> {
             "g" if rest == "default" => {}
             "g" => self.begin_named_group('g', rest),
             "l" | "p" | "curv" | "curv2" | "surf" => self.notes.add(Note::NonTriangles, 1),
-            _ => {}
+            word if word.is_empty() || word.starts_with('#') || WITHOUT_SURFACE.contains(&word) => {}
+            _ => self.notes.add(Note::LineUnread, 1),
         }
     }
 

@@ -2,7 +2,8 @@
 //!
 //! Both are guessed from evidence, each piece a number of natural log odds; what is said by the user is never guessed, and
 //! glTF rules both (Y up, metres). The evidence for an axis: names of floors and walls, much area in one level (a floor), surfaces
-//! that lie and open sheets that face along it (ground), a bottom at zero, a scene that is flat along it, and what the exporter wrote.
+//! that lie and open sheets that face along it (ground), lamps that shine down along it, a bottom at zero, a scene that is flat along it,
+//! and what the exporter wrote.
 //! For a unit: how high and wide what stands in the scene would be, and again what was written. A guess other than Y up and metres, or on thin
 //! evidence, is told, with its reasons and how to overrule it.
 
@@ -188,6 +189,8 @@ struct Shape {
     floors: Option<DVec3>,
     /// The same for walls.
     walls: Option<DVec3>,
+    /// As `facing`, of what shines alone; 0 where nothing does.
+    shining: DVec3,
 }
 
 impl Shape {
@@ -219,7 +222,15 @@ impl Shape {
             (area > 0.01 * all).then(|| sum / area)
         };
         let floors = share(&["floor", "ground", "carpet", "parquet", "ceiling", "grass", "pavement"]);
-        Some(Self { low, extent, level, along, facing, floors, walls: share(&["wall", "facade"]) })
+        let shines = |t: &usize| {
+            let material = scene.materials.get(scene.triangles[*t].material as usize);
+            material.is_some_and(|material| material.emission.iter().any(|c| *c > 0.0))
+        };
+        let lamps = (0..scene.triangles.len()).filter(shines).map(|t| flatness(scene, t));
+        let (sum, area) =
+            lamps.fold((DVec3::ZERO, 0.0), |(sum, area), lamp| (sum + lamp.normal * lamp.area, area + lamp.area));
+        let shining = if area > 0.0 { sum / area } else { DVec3::ZERO };
+        Some(Self { low, extent, level, along, facing, floors, walls: share(&["wall", "facade"]), shining })
     }
 
     /// Pieces of evidence that Z is up rather than Y: log odds and a reason.
@@ -239,13 +250,16 @@ impl Shape {
         add((20.0 * (self.level.z - self.level.y)).clamp(-3.0, 3.0), "a floor lies across it");
         add(3.0 * (self.along.z - self.along.y), "more lies flat along it");
         add(6.0 * (self.facing.z.max(0.0) - self.facing.y.max(0.0)), "the ground faces along it");
+        add(1.5 * ((-self.shining.z).max(0.0) - (-self.shining.y).max(0.0)), "its lamps shine down along it");
         let starts_at_zero = |low: f64, extent: f64| low.abs() < 0.02 * extent;
         let reaches_below_zero = |low: f64, extent: f64| low < -0.1 * extent;
         let (DVec3 { y: low_y, z: low_z, .. }, DVec3 { x, y, z }) = (self.low, self.extent);
+        // What is modelled about the origin stands on it: more so where the origin is in the middle both ways.
+        let is_about_zero = |axis: usize| (self.low[axis] / self.extent[axis] + 0.5).abs() < 0.25;
         if starts_at_zero(low_z, z) && reaches_below_zero(low_y, y) {
-            add(2.0, "it begins at zero");
+            add(if is_about_zero(0) && is_about_zero(1) { 3.0 } else { 2.0 }, "it begins at zero");
         } else if starts_at_zero(low_y, y) && reaches_below_zero(low_z, z) {
-            add(-2.0, "Y begins at zero");
+            add(if is_about_zero(0) && is_about_zero(2) { -3.0 } else { -2.0 }, "Y begins at zero");
         }
         if z < 0.5 * x.min(y) {
             add(1.5, "the scene is flat along it");

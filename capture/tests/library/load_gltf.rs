@@ -304,6 +304,9 @@ fn errors_name_file_and_cause() {
     error("d.glb", b"glTF", &["the GLB header says 0 bytes and the file has 4"]);
     let glb = asset.glb(&rest);
     error("e.glb", &glb[..glb.len() - 5], &["the GLB header says", "bytes and the file has"]);
+    folder.write("long.glb", [&glb[..], b"junk"].concat());
+    let long = folder.load("long.glb").expect("survives");
+    assert_eq!(long.summary.notes, ["4 bytes after the end that the GLB header tells, skipped"]);
     let mut wrong_version = glb.clone();
     wrong_version[4] = 1;
     error("f.glb", &wrong_version, &["version"]);

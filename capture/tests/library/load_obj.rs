@@ -88,6 +88,12 @@ fn errors_name_file_cause_and_line() {
 }
 
 #[test]
+fn what_is_no_obj_is_told() {
+    assert_eq!(notes(&format!("{TRIANGLE}# end\n\ns off\ncstype bezier\n")), [""; 0]);
+    assert_eq!(notes(&format!("{TRIANGLE}junk after the end\nmore\n")), ["2 lines that no OBJ file has, skipped"]);
+}
+
+#[test]
 fn indices_that_lead_nowhere_drop_their_face() {
     let text = format!("{TRIANGLE}f 1 2 9\nf 0 1 2\nf -1 -2 -4\nf 1 2 99999999999999\nf /1 2 3\n");
     assert_eq!(notes(&text), ["5 faces left out because a vertex index is out of range"]);

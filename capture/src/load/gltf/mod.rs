@@ -36,6 +36,9 @@ pub(super) fn load(path: &Path, bytes: &[u8], options: &LoadOptions, groups: boo
     let frame = FileFrame { up: options.up.unwrap_or_default(), unit_m: options.unit_m.unwrap_or(1.0) };
     let (root, transforms, blob) = parse(path, bytes)?;
     let mut notes = Notes::default();
+    if let Some(length) = glb_length(bytes) {
+        notes.add(Note::BytesBeyondEnd, bytes.len().saturating_sub(length));
+    }
     for required in &root.extensions_required {
         if required.starts_with(MATERIAL_EXTENSIONS) {
             notes.add_named(Note::UnknownExtension, required);
@@ -51,6 +54,12 @@ pub(super) fn load(path: &Path, bytes: &[u8], options: &LoadOptions, groups: boo
         LoadError::Malformed { path: path.to_path_buf(), cause: "it has more than 2^32 vertices".into() }
     })?;
     builder.finish(path, surfaces.materials, surfaces.textures.textures)
+}
+
+/// The length that the header of a GLB tells, bytes; `None` if this is none.
+fn glb_length(bytes: &[u8]) -> Option<usize> {
+    let length = bytes.strip_prefix(b"glTF")?.get(4..8)?;
+    Some(u32::from_le_bytes([length[0], length[1], length[2], length[3]]) as usize)
 }
 
 /// The JSON part, where its nodes stand, and the binary chunk of a GLB.
@@ -72,7 +81,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Root, NodeTransforms, Option<Vec<
         return Ok((root, NodeTransforms::read(bytes).map_err(at_line)?, None));
     }
     // The `gltf` crate subtracts the length of the header from the length in it, unchecked.
-    let length = bytes.get(8..12).map_or(0, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
+    let length = glb_length(bytes).unwrap_or(0);
     if length < 20 || length > bytes.len() {
         let actual = bytes.len();
         return Err(malformed(format!("the GLB header says {length} bytes and the file has {actual}")));
