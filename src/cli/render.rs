@@ -214,9 +214,8 @@ impl RenderCommand {
             }
         }
         let Some((frame, camera)) = world else {
-            bail!(
-                "a model alone has no light and no place: name a .ldi or .sprite file beside it, or use headbox truth"
-            )
+            let name = self.files.first().map(|file| file.display().to_string()).unwrap_or_default();
+            bail!("{name}: is a scene: capture it first, or name a .ldi or .sprite file for it to stand among")
         };
         let settings = self.settings(!cubes.is_empty(), sprites.is_some())?;
         let polygons = models.iter().map(|model| model.open(&frame, cubes.first())).collect::<Result<Vec<_>, _>>()?;

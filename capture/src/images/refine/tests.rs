@@ -25,12 +25,17 @@ fn hit(eye: DVec3, ray: DVec3) -> f64 {
 }
 
 fn view(pose: &Pose) -> LoadedView {
+    view_of_waves(pose, 4.0)
+}
+
+/// The room with a pattern of so many radians a metre.
+fn view_of_waves(pose: &Pose, waves: f64) -> LoadedView {
     let pixels = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| [f64::from(x) + 0.5, f64::from(y) + 0.5]));
     let (mut depth, mut color) = (Vec::new(), Vec::new());
     for at in pixels {
         let ray = pose.world_from_eye * lens().ray(at, SIZE);
         let along = hit(pose.eye, ray);
-        let level = 128.0 + 100.0 * ((pose.eye + ray * along) * 4.0).to_array().map(f64::sin).iter().product::<f64>();
+        let level = 128.0 + 100.0 * ((pose.eye + ray * along) * waves).to_array().map(f64::sin).iter().product::<f64>();
         depth.push(along as f32);
         color.push([level as u8, level as u8, level as u8, 255]);
     }
@@ -115,7 +120,7 @@ fn threads_do_not_change_a_bit() {
 fn colours_refuse_what_suits_the_errors_of_depth() {
     let truth = truth();
     let bent = |pose: &Pose| {
-        let mut view = view(pose);
+        let mut view = view_of_waves(pose, 30.0);
         for (i, depth) in view.depth.iter_mut().enumerate() {
             let x = (i as u32 % SIZE[0]) as f32 / SIZE[0] as f32 - 0.5;
             *depth *= 1.0 + 0.06 * x;
@@ -135,7 +140,10 @@ fn colours_refuse_what_suits_the_errors_of_depth() {
 fn what_depth_does_not_tell_stays_as_given() {
     let poses: Vec<Pose> =
         (0..4).map(|i| Pose { eye: dvec3(0.1 * f64::from(i), 0.0, 0.0), world_from_eye: DMat3::IDENTITY }).collect();
-    let wall = |pose: &Pose| LoadedView { depth: vec![2.0; (SIZE[0] * SIZE[1]) as usize], ..view(pose) };
+    let count = (SIZE[0] * SIZE[1]) as usize;
+    // Of one colour, which has nothing to say either.
+    let wall =
+        |pose: &Pose| LoadedView { depth: vec![2.0; count], color: vec![[90, 90, 90, 255]; count], ..view(pose) };
     let grids: Vec<RangeGrid> = poses.iter().map(|pose| RangeGrid::of(&wall(pose))).collect();
     let mut given = poses.clone();
     given[1].eye += dvec3(0.01, 0.005, 0.02);
