@@ -22,10 +22,13 @@ pub(super) struct Judged {
 /// the curvature of surfaces, which small depth pictures do not have.
 const LEAST_GAIN_PX: f64 = 0.05;
 
-/// Colours that differ by less than this, levels, tell nothing: there is little to see, or they are the same by now.
+/// Colours that differ by less than this, levels, can hardly differ less: there is little to see, or they are the same by now.
 const TELLING_LEVELS: f64 = 1.0;
 
-/// What colours that tell something may differ by at most, a share of what they did. In small pictures a loss shows little: a sensor's
+/// Levels by which such colours may differ more: they are rounded.
+const SAME_LEVEL: f64 = 0.05;
+
+/// Other colours may differ by no more than this share of what they did. In small pictures a loss shows little: a sensor's
 /// frames whose colours differed by 0.995 of it here agreed less at full size.
 const MOST_COLOR_SHARE: f64 = 0.97;
 
@@ -33,9 +36,11 @@ impl Judged {
     /// Whether these poses are better than others; `pixel_rad` is how wide a pixel is.
     pub(super) fn is_better_than(&self, other: &Self, pixel_rad: f64) -> bool {
         let nearer = self.apart < other.apart * 0.9 && other.apart - self.apart > LEAST_GAIN_PX * pixel_rad;
-        nearer
-            && self.levels
-                <= if other.levels < TELLING_LEVELS { TELLING_LEVELS } else { other.levels * MOST_COLOR_SHARE }
+        let most_levels = match other.levels < TELLING_LEVELS {
+            true => other.levels + SAME_LEVEL,
+            false => other.levels * MOST_COLOR_SHARE,
+        };
+        nearer && self.levels <= most_levels
     }
 }
 
