@@ -58,6 +58,19 @@ hold home.house 7.63,1.55,3.62 6.7,1.41,3.96
 hold statue.lumi 0,0,0 0,0,-1
 hold statue.lumi 1.2,0.9,0.2 0,0,-3.5
 hold statue.lumi -0.5,-0.6,-0.6 0,0,-3.5
+# Sprites: layers that overlap, and what is cut at gaps of depth, which is rough.
+"$headbox" sprite builtin:sprites -o "$out/layers.sprite" --size 256x192 --samples 2 >"$out/layers.txt"
+"$headbox" sprite builtin:interior -o "$out/cut.sprite" --size 256x192 --samples 2 >"$out/cut.txt"
+for name in layers cut; do "$headbox" export "$out/$name.sprite" -o "$out/$name.sprite.html"; done
+hold layers.sprite 0,0,0 0,0,-5
+hold layers.sprite 0.25,0.2,-0.2 0.3,0,-5
+hold layers.sprite -0.25,-0.25,0.25 0,0,-5
+hold cut.sprite 0.1,1.5,0.8 0.9,1.4,-0.2
+hold cut.sprite 0.3,1.4,1.0 1.0,1.4,0.2
+# What a cube shows first, while the rest comes: a coarse picture of the same.
+shell="headbox.renderer.missing = 1; headbox.renderer.segments = []; headbox.renderer.planes = null; headbox.draw(1)"
+.ci/page.py 320x240 --then "$shell" "file://$here/planes.ldi.html#eye=0.4,1.55,0.7&look-at=1.0,1.30,-1.0&fov=60&ui=0" "$out/shell.png"
+near "$out/planes.ldi.cpu.png" "$out/shell.png" 0.2 "planes.ldi by what comes first"
 # What is shown while images come: those of the corner cameras alone, which leave some of what is hidden from them open.
 .ci/page.py 320x240 --then "headbox.renderer.show(headbox.header.parts.find((part) => part.shows).shows); headbox.draw(1)" \
     "file://$here/statue.lumi.html#eye=-0.5,-0.6,-0.6&look-at=0,0,-3.5&fov=60&ui=0" "$out/corners.png"
@@ -77,6 +90,7 @@ grep -q 'of this page is damaged' "$out/damaged.txt"
 .ci/page.py 320x240 --before "$out/old.js" "file://$here/samples.ldi.html" "$out/old.png" | tee "$out/old.txt"
 grep -q 'no WebGL 2' "$out/old.txt"
 .ci/controls.py "file://$here/samples.ldi.html"
+.ci/controls.py "file://$here/layers.sprite.html"
 # A headset, emulated by iwer, where npm can fetch it.
 if command -v npm >/dev/null && timeout 120 npm install --silent --no-save --prefix "$out/npm" iwer@2 >/dev/null 2>&1; then
     emulator="$out/npm/node_modules/iwer/build/iwer.min.js"
@@ -85,15 +99,20 @@ if command -v npm >/dev/null && timeout 120 npm install --silent --no-save --pre
         echo
         echo 'const headset = new IWER.XRDevice(IWER.metaQuest3); headset.installRuntime({ forceInstall: true }); headset.stereoEnabled = true;'
     } >"$out/headset.js"
-    # The head goes 100 mm to the right and 50 mm up from the middle of the headbox; eyes are 63 mm apart and see 90 degrees each.
-    .ci/page.py 320x160 --before "$out/headset.js" --click headset --eyes --then "headset.position.x += 0.1; headset.position.y += 0.05" \
-        "file://$here/samples.ldi.html#eye=0.2,1.45,0.9&look-at=0.2,1.45,-1" "$out/headset.png" | tee "$out/headset.txt"
-    grep -q '"headsetEyes": "2"' "$out/headset.txt"
-    for eye in left:0.2685 right:0.3315; do
-        at=${eye#*:},1.5
-        "$headbox" render "$out/samples.ldi" -o "$out/eye.cpu.png" --size 160x160 --fov 90 --eye "$at,0.9" --look-at "$at,-1" >/dev/null
-        near "$out/eye.cpu.png" "$out/headset.${eye%:*}.png" $most "the ${eye%:*} eye of a headset"
-    done
+    # both FILE X Y Z: each eye, from X, Y, Z on, the middle of the headbox. The head goes 100 mm to the right and 50 mm up; eyes are 63 mm
+    # apart and see 90 degrees each.
+    both() {
+        .ci/page.py 320x160 --before "$out/headset.js" --click headset --eyes --then "headset.position.x += 0.1; headset.position.y += 0.05" \
+            "file://$here/$1.html#eye=$2,$3,$4&look-at=$2,$3,-1" "$out/headset.png" | tee "$out/headset.txt"
+        grep -q '"headsetEyes": "2"' "$out/headset.txt"
+        for eye in left:0.0685 right:0.1315; do
+            at=$(python3 -c "print(f'{$2 + ${eye#*:}:.4f},{$3 + 0.05:.4f}')")
+            "$headbox" render "$out/$1" -o "$out/eye.cpu.png" --size 160x160 --fov 90 --eye "$at,$4" --look-at "$at,-1" >/dev/null
+            near "$out/eye.cpu.png" "$out/headset.${eye%:*}.png" $most "the ${eye%:*} eye of a headset, $1"
+        done
+    }
+    both samples.ldi 0.2 1.45 0.9
+    both layers.sprite 0 0 0
 else
     echo "page: headset skipped, npm could not fetch its emulator"
 fi
@@ -106,7 +125,8 @@ for browser in firefox webkit; do
         continue
     fi
     set --
-    for file in planes.ldi:0.4,1.55,0.7:1.0,1.30,-1.0 home.house:7.63,1.55,3.62:6.7,1.41,3.96 statue.lumi:-0.5,-0.6,-0.6:0,0,-3.5; do
+    for file in planes.ldi:0.4,1.55,0.7:1.0,1.30,-1.0 home.house:7.63,1.55,3.62:6.7,1.41,3.96 statue.lumi:-0.5,-0.6,-0.6:0,0,-3.5 \
+        layers.sprite:0.25,0.2,-0.2:0.3,0,-5; do
         name=${file%%:*} at=${file##*:} eye=${file#*:}
         eye=${eye%:*}
         "$headbox" render "$out/$name" -o "$out/$name.wide.png" --size 512x240 --fov 60 --eye "$eye" --look-at "$at" >/dev/null
@@ -115,7 +135,7 @@ for browser in firefox webkit; do
     LIBGL_ALWAYS_SOFTWARE=1 xvfb-run -a -s "-screen 0 1280x1024x24" .ci/browsers.py $browser 512x240 "$@" "file://$here/damaged.html" \
         "$out/damaged.$browser.png" | tee "$out/$browser.txt"
     grep -q 'of this page is damaged' "$out/$browser.txt"
-    for name in planes.ldi home.house statue.lumi; do
+    for name in planes.ldi home.house statue.lumi layers.sprite; do
         near "$out/$name.wide.png" "$out/$name.$browser.png" $most "$name in $browser"
     done
 done

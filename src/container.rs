@@ -64,8 +64,10 @@ impl FileKind {
     pub const SAMPLES: Self = Self { tag: *b"smpl", name: "samples", version: 2, oldest: 2 };
     /// How views of image sets are registered, which is kept.
     pub const REGISTRATION: Self = Self { tag: *b"regi", name: "registration", version: 1, oldest: 1 };
+    /// Refined poses of image sets, which are kept.
+    pub const POSES: Self = Self { tag: *b"pose", name: "poses", version: 1, oldest: 1 };
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::CUBE_LDI,
         Self::SHARD,
         Self::SPRITES,
@@ -74,6 +76,7 @@ impl FileKind {
         Self::TRUTH,
         Self::SAMPLES,
         Self::REGISTRATION,
+        Self::POSES,
     ];
 }
 

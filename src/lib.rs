@@ -106,6 +106,7 @@ pub mod scene_source;
 mod shelves;
 #[doc(hidden)]
 pub mod sprite;
+mod srgb;
 mod texels;
 #[doc(hidden)]
 pub mod truth;

@@ -13,7 +13,7 @@
 // focal_px width height" (eye, and the unit vectors to the right, up and forward), is one frame, answered by a line "ms hits":
 // the time of the fastest of four ways to ask (single rays, packets of 8, packets of 16, streams; all told that they are
 // coherent), each asked once, and how many pixels met something. Rays come in tiles of 4x4 pixels and are made before the
-// clock starts; what is timed is loading them into Embree's layout, the query, and storing distance and triangle. No colours.
+// clock starts; HEADBOX_SIMD=avx2 holds Embree to AVX2, too; what is timed is loading them into Embree's layout, the query, and storing distance and triangle. No colours.
 #if __has_include(<embree4/rtcore.h>)
 #include <embree4/rtcore.h>
 #else
@@ -180,18 +180,27 @@ static RTCScene build(RTCDevice device, FILE* file) {
     return scene;
 }
 
+// The instructions that Embree may use: those that HEADBOX_SIMD leaves headbox, so that what is compared stands for one machine.
+static const char* instructions() {
+    const char* asked = getenv("HEADBOX_SIMD");
+    if (!asked || !strcmp(asked, "avx512")) return "";
+    if (!strcmp(asked, "avx2")) return "avx2";
+    return !strcmp(asked, "sse4.2") ? "sse4.2" : "sse2";
+}
+
 int main(int argc, char** argv) {
     if (argc != 3) return fprintf(stderr, "usage: embree TRIANGLES THREADS\n"), 2;
     FILE* file = fopen(argv[1], "rb");
     if (!file) return perror(argv[1]), 1;
     int threads = std::max(1, atoi(argv[2]));
-    char config[32];
-    snprintf(config, sizeof config, "threads=%d", threads);
+    const char* level = instructions();
+    char config[64];
+    snprintf(config, sizeof config, "threads=%d%s%s", threads, *level ? ",isa=" : "", level);
     RTCDevice device = rtcNewDevice(config);
     RTCScene scene = build(device, file);
     fclose(file);
     if (!scene) return fprintf(stderr, "%s: not what this program reads\n", argv[1]), 1;
-    printf("%s\n", RTC_VERSION_STRING);
+    printf("%s%s%s%s\n", RTC_VERSION_STRING, *level ? " (" : "", level, *level ? ")" : "");
     fflush(stdout);
     Camera k;
     std::vector<Found> found;

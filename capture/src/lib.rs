@@ -50,5 +50,7 @@ pub mod viewpoint;
 
 pub use camera::{Camera, CameraError};
 pub use depth_image::DepthKind;
-pub use material::{Cutout, Gloss, Material, Texture, linear_from_srgb, linear_from_srgb8, srgb8_from_linear};
+pub use material::{
+    Cutout, Gloss, Material, Texture, linear_from_srgb, linear_from_srgb8, linear_levels, srgb8_from_linear,
+};
 pub use scene::Scene;

@@ -136,6 +136,11 @@ pub fn linear_from_srgb8(value: u8) -> f32 {
     LINEAR_FROM_SRGB8[usize::from(value)]
 }
 
+/// What [`linear_from_srgb8`] is of every value.
+pub fn linear_levels() -> &'static [f32; 256] {
+    &LINEAR_FROM_SRGB8
+}
+
 /// Linear light of an sRGB value in 0..=1; values outside are clamped, NaN becomes 0.
 pub fn linear_from_srgb(value: f32) -> f32 {
     let x = if value > 0.0 { value.min(1.0) } else { 0.0 };

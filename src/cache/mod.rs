@@ -3,10 +3,12 @@
 //! What was kept of an image set is found again by [`of_views`], which is the one place that says when a set is still the same. A file
 //! that is damaged is made anew, with a word ([`read`]); the files used longest ago make room ([`make_room`]).
 
+mod refinement;
 mod registration;
 mod room;
 
-pub use registration::{Registered, register};
+pub use refinement::refine_poses;
+pub use registration::register;
 pub use room::{InUse, MOST_BYTES, make_room};
 
 use crate::capture::images::View;
@@ -54,6 +56,40 @@ pub fn of_views(ending: &str, how: &str, views: &[View]) -> Option<String> {
         }
     }
     Some(file_name(ending, |hash| parts.iter().for_each(|part| hash.write(part.as_bytes()))))
+}
+
+/// How something came that may be kept.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Was {
+    /// Whether it was known from an earlier time.
+    pub kept: bool,
+    /// Why what was kept could not be used: a sentence.
+    pub note: Option<String>,
+}
+
+/// What a file of a folder holds by `open`; if there is none that holds, what `make` makes, which is then written to it.
+fn kept_or_made<T, E>(
+    folder: Option<&Path>,
+    name: Option<String>,
+    open: impl FnOnce(&Path) -> Result<T, FileError>,
+    make: impl FnOnce() -> Result<T, E>,
+    write: impl FnOnce(&Path, &T) -> Result<(), FileError>,
+) -> Result<(T, Was), E> {
+    let file = folder.zip(name).map(|(folder, name)| folder.join(name));
+    let (kept, note) = file.as_deref().map_or((None, None), |file| read(file, open));
+    if let Some(kept) = kept {
+        // It was read: that it cannot be marked as used does no harm.
+        let _ = file.as_deref().map(InUse::of);
+        return Ok((kept, Was { kept: true, note }));
+    }
+    let made = make()?;
+    // A cache that cannot be written costs time, and no more.
+    if let Some((file, folder)) = file.as_deref().zip(folder)
+        && write(file, &made).is_ok()
+    {
+        make_room(folder, MOST_BYTES);
+    }
+    Ok((made, Was { kept: false, note }))
 }
 
 /// What a kept file holds, if it is there; of one that cannot be read, why, in a sentence.

@@ -1,6 +1,6 @@
 //! How a set's views are registered, kept so that it is found out once.
 
-use super::{InUse, MOST_BYTES, make_room, of_views, read};
+use super::{Was, kept_or_made, of_views};
 use crate::capture::images::{
     Distortion, ImageSet, ImagesError, Kept, Pinhole, Pose, Registration, RegistrationReport, RegistrationStep,
 };
@@ -29,17 +29,6 @@ struct Header {
 /// What was found of a set, or `None`, and the registration of each of its views.
 type Found = (Option<RegistrationReport>, Vec<Option<Registration>>);
 
-/// How a set was registered.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Registered {
-    /// What was found, if anything.
-    pub report: Option<RegistrationReport>,
-    /// Whether it was known from an earlier time.
-    pub was_kept: bool,
-    /// Why what was kept could not be used: a sentence.
-    pub note: Option<String>,
-}
-
 /// Registers a set's views, as [`ImageSet::register`] does, or as was found when it was last done, which is kept in `folder`.
 ///
 /// # Errors
@@ -48,24 +37,16 @@ pub fn register(
     set: &mut ImageSet,
     folder: Option<&Path>,
     look: &(dyn Fn(RegistrationStep) + Sync),
-) -> Result<Registered, ImagesError> {
-    let file = folder.and_then(|folder| Some(folder.join(of_views("registration", HOW, &set.views)?)));
-    let (kept, note) = file.as_deref().map_or((None, None), |file| read(file, |file| open(file, set.views.len())));
-    if let Some((report, registrations)) = kept {
-        set.views.iter_mut().zip(registrations).for_each(|(view, registration)| view.registration = registration);
-        // It was read: that it cannot be marked as used does no harm.
-        let _ = file.as_deref().map(InUse::of);
-        return Ok(Registered { report, was_kept: true, note });
-    }
-    let report = set.register(look)?;
-    let registrations = set.views.iter().map(|view| view.registration).collect();
-    if let (Some(file), Some(folder)) = (file, folder) {
-        // A cache that cannot be written costs time, and no more.
-        if write(&file, &(report.clone(), registrations)).is_ok() {
-            make_room(folder, MOST_BYTES);
-        }
-    }
-    Ok(Registered { report, was_kept: false, note })
+) -> Result<(Option<RegistrationReport>, Was), ImagesError> {
+    let name = of_views("registration", HOW, &set.views);
+    let views = set.views.len();
+    let make = || {
+        let report = set.register(look)?;
+        Ok((report, set.views.iter().map(|view| view.registration).collect()))
+    };
+    let ((report, registrations), was) = kept_or_made(folder, name, |file| open(file, views), make, write)?;
+    set.views.iter_mut().zip(registrations).for_each(|(view, registration)| view.registration = registration);
+    Ok((report, was))
 }
 
 fn write(path: &Path, (report, registrations): &Found) -> Result<(), FileError> {
@@ -208,21 +189,20 @@ mod tests {
         let views: Vec<_> = (0..6).map(view).collect();
         let register = |views: &[_]| {
             let mut set = set_of(pictures.path(), views);
-            let registered = register(&mut set, Some(cache.path()), &|_| {}).expect("registers");
-            (registered, set.views)
+            let (report, was) = register(&mut set, Some(cache.path()), &|_| {}).expect("registers");
+            (report, was, set.views)
         };
-        let (first, registered) = register(&views);
-        assert!(first.report.is_some() && !first.was_kept && first.note.is_none(), "{first:?}");
+        let (report, first, registered) = register(&views);
+        assert!(report.is_some() && first == Was::default(), "{first:?}");
         assert!(registered.iter().all(|view| view.registration.is_some()));
-        let (second, again) = register(&views);
-        assert_eq!(second, Registered { was_kept: true, ..first.clone() });
-        assert_eq!(again, registered);
-        assert!(!register(&views[1..]).0.was_kept, "other views");
+        let (again, second, same) = register(&views);
+        assert!(second == Was { kept: true, note: None } && again == report && same == registered);
+        assert!(!register(&views[1..]).1.kept, "other views");
         let file = std::fs::read_dir(cache.path()).expect("read").flatten().map(|entry| entry.path());
         file.for_each(|file| std::fs::write(file, b"HEADBOX").expect("written"));
-        let (anew, again) = register(&views);
-        assert!(!anew.was_kept && anew.note.is_some_and(|note| note.contains("made anew")) && again == registered);
+        let (_, anew, same) = register(&views);
+        assert!(!anew.kept && anew.note.is_some_and(|note| note.contains("made anew")) && same == registered);
         saved(&plane_view(place(0), 2.0, [96, 72]), pictures.path(), "0");
-        assert!(!register(&views).0.was_kept, "another picture");
+        assert!(!register(&views).1.kept, "another picture");
     }
 }

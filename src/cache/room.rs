@@ -9,7 +9,7 @@ use std::time::SystemTime;
 pub const MOST_BYTES: u64 = 4_000_000_000;
 
 /// The endings of files that are removed to make room.
-const ENDINGS: [&str; 3] = ["samples", "registration", "truth"];
+const ENDINGS: [&str; 4] = ["samples", "registration", "poses", "truth"];
 
 /// A kept file that is in use: it is not removed until this is dropped, by this program or another of ours.
 #[derive(Debug)]

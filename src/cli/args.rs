@@ -49,6 +49,20 @@ pub(super) fn parse_up(text: &str) -> Result<UpAxis, String> {
     }
 }
 
+/// `NAME@KEY=VALUE@KEY=VALUE`: the name, which may hold an `@` that no key follows, and the rest as it stands.
+pub(super) fn named_parts<'t>(text: &'t str, keys: &[&str]) -> Result<(&'t str, Vec<(&'t str, &'t str)>), String> {
+    let first = keys.iter().filter_map(|key| text.find(&format!("@{key}="))).min();
+    let (name, rest) = text.split_at(first.unwrap_or(text.len()));
+    let pair = |part: &'t str| part.split_once('=').ok_or_else(|| format!("{part}: give one of {}=", keys.join("=, ")));
+    Ok((name, rest.split('@').skip(1).map(pair).collect::<Result<_, _>>()?))
+}
+
+/// A unit of lengths by its name, metres.
+pub(super) fn parse_unit(text: &str) -> Result<f64, String> {
+    let unit = UNITS.iter().find(|(name, ..)| *name == text).map(|(.., metres)| *metres);
+    unit.ok_or_else(|| format!("give one of {}", UNITS.iter().map(|(name, ..)| *name).collect::<Vec<_>>().join(", ")))
+}
+
 /// Values with the names by which they are given, and what help says of them.
 pub(super) type Names<T> = &'static [(&'static str, &'static str, T)];
 

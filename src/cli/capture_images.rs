@@ -38,10 +38,13 @@ impl CaptureCommand {
         let ldi = job.run(&set, &bar)?;
         let packed = self.packing.pack(ldi)?;
         if packed.depth_pixel_count() == 0 && packed.planes.tiles.is_empty() {
-            bail!(
-                "{}: its photographs agree on nothing; give a larger --agreement, or another --center",
-                set.folder.display()
-            );
+            let why = match job {
+                SetJob::Depth(_) => "its pictures know no depth: all of it is zero, or no numbers",
+                SetJob::Photographs(_) => {
+                    "its photographs agree on nothing; give a larger --agreement, or another --center"
+                }
+            };
+            bail!("{}: {why}", set.folder.display());
         }
         packed.write(&self.output)?;
         bar.finish();

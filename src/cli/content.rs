@@ -7,7 +7,7 @@ use crate::capture::scene::FileFrame;
 use crate::capture::statistics::median;
 use crate::compose::{ComposeSettings, Composer, Composition};
 use crate::frame::Frame;
-use crate::lumigraph::{Lumigraph, LumigraphRenderer, LumigraphSettings};
+use crate::lumigraph::{LumigraphSettings, Slabs, SlabsRenderer};
 use crate::packed::PackedCube;
 use crate::render::{RenderSettings, Renderer};
 use image::RgbImage;
@@ -39,7 +39,7 @@ impl Rendered {
 pub(super) enum Content {
     House(Box<HouseContent>),
     Geometry(Box<GeometryContent>),
-    Lumigraph { lumigraph: Box<Lumigraph>, renderer: Box<LumigraphRenderer>, settings: LumigraphSettings },
+    Lumigraph { slabs: Box<Slabs>, renderer: Box<SlabsRenderer>, settings: LumigraphSettings },
     Cube { cube: Box<PackedCube>, renderer: Box<Renderer>, settings: RenderSettings },
     Layers { layers: Box<Composition>, composer: Box<Composer>, settings: ComposeSettings, frame: Frame },
 }
@@ -50,8 +50,8 @@ impl Content {
         match self {
             Self::House(house) => render_house(house, camera, repeat),
             Self::Geometry(geometry) => render_geometry(geometry, camera, repeat),
-            Self::Lumigraph { lumigraph, renderer, settings } => {
-                render_lumigraph(renderer, lumigraph, camera, settings, repeat)
+            Self::Lumigraph { slabs, renderer, settings } => {
+                render_lumigraph(renderer, slabs, camera, settings, repeat)
             }
             Self::Cube { cube, renderer, settings } => render_cube(renderer, cube, camera, settings, repeat),
             Self::Layers { layers, composer, settings, frame } => {
@@ -104,18 +104,19 @@ impl Content {
                     rendered.depth_pixels_in
                 )
             }
-            Self::Lumigraph { lumigraph, .. } => {
+            Self::Lumigraph { slabs, .. } => {
                 // What is at infinity is drawn, too.
-                let (layers, all) = (&rendered.statistics["layers"], lumigraph.layers().len() + 1);
-                format!("{layers} layers of {all} with infinity")
+                let all: usize = slabs.all().iter().map(|slab| slab.layers().len() + 1).sum();
+                format!("{} layers of {all} with infinity", rendered.statistics["layers"])
             }
             Self::Cube { cube, .. } => {
                 // One depth pixel may be splatted in several bands of rows.
                 format!("{} splats of {} depth pixels", rendered.splatted, cube.depth_pixel_count())
             }
             Self::Layers { layers, .. } => {
-                let (sprites, cubes) = (layers.sprites().sprites().len(), layers.cubes().len());
-                format!("{sprites} sprites and {cubes} cube LDIs")
+                let counts = [layers.sprites().sprites().len(), layers.cubes().len(), layers.polygons().len()];
+                let kinds = counts.into_iter().zip(["sprites", "cube LDIs", "models"]).filter(|(count, _)| *count > 0);
+                kinds.map(|(count, kind)| format!("{count} {kind}")).collect::<Vec<_>>().join(", ")
             }
         }
     }
@@ -152,15 +153,15 @@ fn render_geometry(geometry: &mut GeometryContent, camera: &Camera, repeat: u32)
 }
 
 fn render_lumigraph(
-    renderer: &mut LumigraphRenderer,
-    lumigraph: &Lumigraph,
+    renderer: &mut SlabsRenderer,
+    slabs: &Slabs,
     camera: &Camera,
     settings: &LumigraphSettings,
     repeat: u32,
 ) -> anyhow::Result<Rendered> {
     let mut ms = Vec::with_capacity(repeat as usize);
     loop {
-        let (frame, stats) = renderer.render(lumigraph, camera, settings);
+        let (frame, stats) = renderer.render(slabs, camera, settings);
         ms.push(stats.frame_ms);
         if ms.len() >= repeat as usize {
             return Ok(Rendered {
@@ -222,7 +223,8 @@ fn render_layers(
                 image: frame.to_rgb()?,
                 ms,
                 stages: json!({
-                    "sprites_ms": stats.sprites_ms, "cubes_ms": stats.cubes_ms, "compose_ms": stats.compose_ms,
+                    "sprites_ms": stats.sprites_ms, "cubes_ms": stats.cubes_ms, "polygons_ms": stats.polygons_ms,
+                    "compose_ms": stats.compose_ms,
                 }),
                 statistics: json!({
                     "outcomes": stats.outcomes, "order": stats.order, "sprites": settings.sprites,

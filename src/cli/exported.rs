@@ -3,9 +3,9 @@
 use super::house_file::first_view;
 use crate::capture::Camera;
 use crate::container::{Container, FileKind};
-use crate::export::page::{Page, house_poster, lumigraph_poster};
+use crate::export::page::{Page, house_poster, lumigraph_poster, sprite_poster};
 use crate::export::{ExportError, of_sprites, poster};
-use crate::lumigraph::{LUMI_FILE, Lumigraph};
+use crate::lumigraph::{LUMI_FILE, Lumigraph, Slabs};
 use crate::packed::PackedCube;
 use crate::portal::file::{self, HOUSE_FILE};
 use crate::portal::house::House;
@@ -15,8 +15,10 @@ use std::path::Path;
 
 /// What is to be exported.
 pub(super) enum Exported {
-    /// A cube LDI, or sprites as one, and how such a file's name ends.
-    Cube(Box<PackedCube>, &'static str),
+    /// A cube LDI.
+    Cube(Box<PackedCube>),
+    /// Sprites with depth.
+    Sprites(Box<SpriteSet>),
     /// A house, and how it is seen first.
     House(Box<House>, Camera),
     /// A layered lumigraph.
@@ -29,17 +31,23 @@ impl Exported {
         let found = Container::peek_kind(path).ok().flatten();
         let kind = found.and_then(|tag| FileKind::ALL.iter().find(|kind| kind.tag == tag));
         match kind {
-            Some(kind) if kind.tag == SPRITE_FILE.tag => {
-                let cube = of_sprites::cube(&SpriteSet::read(path)?).with_context(|| path.display().to_string())?;
-                Ok(Self::Cube(Box::new(cube), "sprite"))
-            }
+            Some(kind) if kind.tag == SPRITE_FILE.tag => Ok(Self::Sprites(Box::new(SpriteSet::read(path)?))),
             Some(kind) if kind.tag == HOUSE_FILE.tag => {
                 // A page shows no backdrop.
                 let (house, _, _) = file::read(path, 0)?;
                 let first = first_view(&house)?;
                 Ok(Self::House(Box::new(house), first))
             }
-            Some(kind) if kind.tag == LUMI_FILE.tag => Ok(Self::Lumigraph(Box::new(Lumigraph::read(path)?))),
+            Some(kind) if kind.tag == LUMI_FILE.tag => {
+                let slabs = Slabs::read(path)?;
+                let (file, count) = (path.display(), slabs.all().len());
+                let single = slabs.into_single().with_context(|| {
+                    format!(
+                        "{file} has {count} light slabs, and a page shows one; capture it without --slabs for a page"
+                    )
+                })?;
+                Ok(Self::Lumigraph(Box::new(single)))
+            }
             Some(kind) if kind.tag != FileKind::CUBE_LDI.tag => {
                 bail!(
                     "{} is a {}, which cannot be exported; what can be rendered can (.ldi, .sprite, .house, .lumi)",
@@ -47,14 +55,15 @@ impl Exported {
                     kind.name
                 )
             }
-            _ => Ok(Self::Cube(Box::new(PackedCube::read(path)?), "ldi")),
+            _ => Ok(Self::Cube(Box::new(PackedCube::read(path)?))),
         }
     }
 
-    /// The cube; of anything else it is said that only pages are made of it.
+    /// The cube, of sprites one that shows what they show; of anything else it is said that only pages are made of it.
     pub(super) fn cube(self, path: &Path) -> anyhow::Result<PackedCube> {
         match self {
-            Self::Cube(cube, _) => Ok(*cube),
+            Self::Cube(cube) => Ok(*cube),
+            Self::Sprites(set) => of_sprites::cube(&set).with_context(|| path.display().to_string()),
             Self::House(..) => bail!("{} is a house, which is exported as a page (.html) alone", path.display()),
             Self::Lumigraph(..) => {
                 bail!("{} is a lumigraph, which is exported as a page (.html) alone", path.display())
@@ -64,7 +73,8 @@ impl Exported {
 
     pub(super) fn page(&self, name: &str) -> Result<Page, ExportError> {
         match self {
-            Self::Cube(cube, _) => Page::new(cube, name),
+            Self::Cube(cube) => Page::new(cube, name),
+            Self::Sprites(set) => Page::of_sprites(set, name),
             Self::House(house, first) => Page::of_house(house, first, name),
             Self::Lumigraph(lumigraph) => Page::of_lumigraph(lumigraph, name),
         }
@@ -73,7 +83,8 @@ impl Exported {
     /// A JPEG file of the first view.
     pub(super) fn poster(&self) -> Result<Vec<u8>, ExportError> {
         match self {
-            Self::Cube(cube, _) => poster(cube),
+            Self::Cube(cube) => poster(cube),
+            Self::Sprites(set) => sprite_poster(set),
             Self::House(house, first) => house_poster(house, first),
             Self::Lumigraph(lumigraph) => lumigraph_poster(lumigraph),
         }
@@ -82,7 +93,8 @@ impl Exported {
     /// How much there is to see.
     pub(super) fn amount(&self) -> (u64, &'static str) {
         match self {
-            Self::Cube(cube, _) => (cube.depth_pixel_count() as u64, "depth pixels"),
+            Self::Cube(cube) => (cube.depth_pixel_count() as u64, "depth pixels"),
+            Self::Sprites(set) => (set.sprites().len() as u64, "sprites"),
             Self::House(house, _) => (house.scene().triangles.len() as u64, "triangles"),
             Self::Lumigraph(lumigraph) => (lumigraph.pictures().len() as u64, "images"),
         }
@@ -91,7 +103,8 @@ impl Exported {
     /// How the name of such a file ends.
     pub(super) fn ending(&self) -> &'static str {
         match self {
-            Self::Cube(_, ending) => ending,
+            Self::Cube(_) => "ldi",
+            Self::Sprites(_) => "sprite",
             Self::House(..) => "house",
             Self::Lumigraph(_) => "lumi",
         }

@@ -26,7 +26,7 @@ pub(super) struct GeometryArgs {
     /// View-dependent geometry: cameras whose depth samples make a frame; 10 if absent
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
     cameras: Option<u16>,
-    /// View-dependent geometry: pixels between nodes of a frame's mesh; 4 if absent
+    /// View-dependent geometry: pixels between nodes of a frame's mesh; 5 if absent
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u16).range(1..=256))]
     grid: Option<u16>,
     /// View-dependent geometry: pixels between samples of a depth image; 3 if absent

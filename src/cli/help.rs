@@ -30,6 +30,7 @@ const EXAMPLES: [(&str, &str); 19] = [
         "lumigraph",
         "headbox lumigraph room.obj -o room.lumi\n  \
          headbox lumigraph stage.glb -o stage.lumi --plane 0,1.6,5 --normal 0,0,-1 --extent 2 --cameras 8x8 --layers 64\n  \
+         headbox lumigraph statue.glb -o statue.lumi --plane 0,1,3 --normal 0,0,-1 --extent 2 --slabs 8 --about 0,1,0\n  \
          headbox lumigraph wall-of-photographs -o wall.lumi",
     ),
     (

@@ -6,8 +6,8 @@ use super::progress::Bar;
 use super::words::UsageError;
 use crate::cache;
 use crate::capture::images::{
-    AlignStep, Aligned, CheckReport, ImageSet, ImageSetOptions, ImagesError, Kept, Lens, RegistrationReport,
-    RegistrationStep, View, align, check,
+    AlignStep, Aligned, CheckReport, ImageSet, ImageSetOptions, ImagesError, Kept, Lens, RefinementReport,
+    RefinementStep, RegistrationReport, RegistrationStep, Residual, View, align, check,
 };
 use crate::ldi::CubeLdi;
 use crate::ldi::from_images::ImagesJob;
@@ -54,22 +54,34 @@ pub(super) struct SetArgs {
     /// user's cache folder, as samples of their depth are, 4 GB at most
     #[arg(long)]
     no_registration: bool,
+    /// Refine poses that are slightly wrong by the depth of neighbours (point-to-plane ICP over the whole set), where that brings points that were
+    /// not used nearer to their surfaces; kept in the cache folder likewise
+    #[arg(long)]
+    refine_poses: bool,
 }
 
 impl SetArgs {
     /// Refuses what is said where there is no image set.
     pub(super) fn only_for_sets(self, is_set: bool) -> Result<(), UsageError> {
-        match !is_set && (self.allow_outside || self.no_registration) {
-            true => Err(UsageError("--allow-outside and --no-registration are for folders of images".into())),
-            false => Ok(()),
+        let flags = [
+            ("--allow-outside", self.allow_outside),
+            ("--no-registration", self.no_registration),
+            ("--refine-poses", self.refine_poses),
+        ];
+        match flags.into_iter().find(|(_, is_given)| *is_given && !is_set) {
+            Some((flag, _)) => Err(UsageError(format!("{flag} is for folders of images"))),
+            None => Ok(()),
         }
     }
 
-    /// Opens a set and says on standard error what was met.
+    /// Opens a set, refines its poses if that is asked for, and says on standard error what was met.
     pub(super) fn open(&self, folder: &Path) -> anyhow::Result<ImageSet> {
-        let set = ImageSet::open(folder, &ImageSetOptions { allow_outside: self.allow_outside })?;
+        let mut set = ImageSet::open(folder, &ImageSetOptions { allow_outside: self.allow_outside })?;
         for note in &set.notes {
             eprintln!("note: {note}");
+        }
+        if self.refine_poses {
+            refine(&mut set)?;
         }
         Ok(set)
     }
@@ -89,10 +101,10 @@ impl SetArgs {
                 RegistrationStep::Begins(views) => bar.begin("registering colour with depth", "views", views as u64),
                 RegistrationStep::Loaded => bar.advance(1),
             };
-            let found = cache::register(set, cache::folder(cache::IMAGES).as_deref(), &look)?;
+            let (report, was) = cache::register(set, cache::folder(cache::IMAGES).as_deref(), &look)?;
             bar.finish();
-            found.note.iter().for_each(|note| eprintln!("note: {note}"));
-            if let Some(report) = &found.report {
+            was.note.iter().for_each(|note| eprintln!("note: {note}"));
+            if let Some(report) = &report {
                 eprintln!("{}", registration_words(report));
             }
         }
@@ -165,6 +177,42 @@ pub(super) fn with_depth(set: &ImageSet) -> anyhow::Result<Vec<&View>> {
         bail!("{}: none of its {} views has depth", set.folder.display(), set.views.len());
     }
     Ok(views)
+}
+
+/// Refines the poses of a set and says on standard error what it brought.
+fn refine(set: &mut ImageSet) -> anyhow::Result<()> {
+    let bar = Bar::new();
+    let look = |step| match step {
+        RefinementStep::Loads(views) => bar.begin("loading depth", "views", views as u64),
+        RefinementStep::Solves(rounds) => bar.begin("refining poses", "rounds", rounds as u64),
+        RefinementStep::Loaded | RefinementStep::Solved => bar.advance(1),
+    };
+    let (report, was) = cache::refine_poses(set, cache::folder(cache::IMAGES).as_deref(), &look)?;
+    bar.finish();
+    was.note.iter().for_each(|note| eprintln!("note: {note}"));
+    eprintln!("{}", report.as_ref().map_or_else(|| NOT_REFINED.into(), refinement_words));
+    Ok(())
+}
+
+/// Of sets whose poses cannot be refined.
+const NOT_REFINED: &str = "poses: kept as given, for no two views with depth of their own see the same";
+
+/// What refining a set's poses brought, in a sentence.
+fn refinement_words(report: &RefinementReport) -> String {
+    let [given, refined] = report.apart.map(|share| share * 100.0);
+    let [before, after] = report.levels;
+    let found = format!(
+        "points that were not used lie {given:.3} % of their distance off their neighbours' surfaces as given and {refined:.3} % refined, and \
+         levels there differ by {before:.2} and {after:.2} ({} pairs of {} views)",
+        report.pairs, report.views
+    );
+    match report.is_kept {
+        false => format!("poses: kept as given: {found}"),
+        true => {
+            let [turned, moved] = report.moved;
+            format!("poses: refined by {turned:.3} degrees and {:.1} mm on average: {found}", moved * 1000.0)
+        }
+    }
 }
 
 /// What was found of a set's colour cameras, in a sentence or two.
@@ -310,21 +358,28 @@ impl ImagesCommand {
                 report.median_depth_m
             );
         }
-        if let Some(worst) = report.residuals.iter().max_by(|a, b| a.relative_depth.total_cmp(&b.relative_depth)) {
-            let mut relative: Vec<f64> = report.residuals.iter().map(|r| r.relative_depth).collect();
-            relative.sort_by(f64::total_cmp);
-            println!(
-                "  neighbours  depths agree within {:.2} % (median of {} pairs), worst {:.2} % ({} and {})",
-                relative[relative.len() / 2] * 100.0,
-                relative.len(),
-                worst.relative_depth * 100.0,
-                worst.from,
-                worst.to
-            );
-        }
+        print_neighbors(&report.residuals);
         if !set.views.is_empty() {
             println!("capture it: headbox capture {} -o F.ldi", set.folder.display());
         }
+    }
+}
+
+/// How well neighbours agree, of those that see the same.
+fn print_neighbors(compared: &[Residual]) {
+    let mut seen: Vec<&Residual> = compared.iter().filter(|residual| !residual.relative_depth.is_nan()).collect();
+    seen.sort_by(|a, b| a.relative_depth.total_cmp(&b.relative_depth));
+    match seen.last() {
+        Some(worst) => println!(
+            "  neighbours  depths agree within {:.2} % (median of {} pairs), worst {:.2} % ({} and {})",
+            seen[seen.len() / 2].relative_depth * 100.0,
+            seen.len(),
+            worst.relative_depth * 100.0,
+            worst.from,
+            worst.to
+        ),
+        None if compared.is_empty() => {}
+        None => println!("  neighbours  none of {} pairs see the same", compared.len()),
     }
 }
 

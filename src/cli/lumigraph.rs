@@ -12,8 +12,10 @@ use crate::capture::trace::Tracer;
 use crate::capture::{Camera, Scene, viewpoint};
 use crate::container::FileError;
 use crate::lumigraph::{
-    CameraGrid, GridParts, Lumigraph, LumigraphCapture, MAX_LAYERS, Placement, RawLumigraph, middle_disparity,
+    CameraGrid, GridParts, Lumigraph, LumigraphCapture, LumigraphError, MAX_LAYERS, MAX_SLABS, Placement, RawLumigraph,
+    Slabs, middle_disparity,
 };
+use anyhow::Context;
 use clap::Args;
 use glam::DVec3;
 use serde_json::json;
@@ -72,6 +74,12 @@ pub(super) struct GridArgs {
     /// Look straight ahead with every camera, as the paper has it
     #[arg(long)]
     parallel: bool,
+    /// Light slabs: so many planes of cameras, turned about a vertical line so that the scene is seen from all around; 1 if absent
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=MAX_SLABS as i64))]
+    slabs: Option<u32>,
+    /// A point of the line about which planes are turned; what lies in the middle of the first images if absent
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true, requires = "slabs")]
+    about: Option<DVec3>,
 }
 
 /// What decides how good images and layers are.
@@ -134,19 +142,27 @@ impl LumigraphCommand {
         let source = self.source.source(&self.scene);
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
-        let (grid, tracer) = self.grid.place(&scene)?;
+        let (grids, tracer) = self.grid.place(&scene)?;
         let bounces = self.quality.bounces.unwrap_or(1);
         let lighting = Lighting::prepare(&tracer, bounces, !self.quality.unlit);
         let bar = Bar::new();
         let LumigraphQualityArgs { samples, unlit, .. } = self.quality;
         let samples = samples.unwrap_or(8);
         let capture = LumigraphCapture { tracer: &tracer, lighting: &lighting, lit: !unlit, samples };
-        let raw = capture.run(&grid, &bar)?;
-        let mut lumigraph = self.layered(&raw, &bar)?;
+        let mut slabs = Vec::new();
+        for grid in &grids {
+            let raw = capture.run(grid, &bar)?;
+            let (slab, number) = (self.layered(&raw, &bar), slabs.len() + 1);
+            slabs.push(match grids.len() {
+                1 => slab?,
+                count => slab.with_context(|| format!("light slab {number} of {count}"))?,
+            });
+        }
         bar.finish();
-        (lumigraph.info.source, lumigraph.info.frame) = (source.name, scene.frame);
-        lumigraph.write(&self.output)?;
-        self.tell(&lumigraph, start.elapsed().as_secs_f64());
+        (slabs[0].info.source, slabs[0].info.frame) = (source.name, scene.frame);
+        let slabs = Slabs::new(slabs)?;
+        slabs.write(&self.output)?;
+        self.tell(&slabs, start.elapsed().as_secs_f64());
         Ok(())
     }
 
@@ -161,18 +177,20 @@ impl LumigraphCommand {
         }
     }
 
-    pub(super) fn tell(&self, lumigraph: &Lumigraph, seconds: f64) {
+    pub(super) fn tell(&self, slabs: &Slabs, seconds: f64) {
         if self.json {
-            let mut facts = lumigraph_json(lumigraph);
+            let mut facts = lumigraph_json(slabs);
             facts["total_s"] = json!(seconds);
             facts["peak_rss_mb"] = json!(peak_rss_mb());
             print_json(&facts);
             return;
         }
-        let (columns, rows) = (lumigraph.grid().columns().len(), lumigraph.grid().rows().len());
-        let (file, layers) = (self.output.display(), lumigraph.layers().len());
-        println!("{file}: {columns}x{rows} images, {layers} layers, {seconds:.2} s");
-        for point in &lumigraph.info.curve {
+        let (first, count) = (slabs.first(), slabs.all().len());
+        let (columns, rows) = (first.grid().columns().len(), first.grid().rows().len());
+        let (file, layers) = (self.output.display(), first.layers().len());
+        let of_slabs = if count > 1 { format!("{count} light slabs of ") } else { String::new() };
+        println!("{file}: {of_slabs}{columns}x{rows} images, {layers} layers, {seconds:.2} s");
+        for point in &slabs.info().curve {
             let [columns, rows] = point.cameras;
             println!("  {columns}x{rows} images, {} layers: {:.2} ms a frame", point.layers, point.ms);
         }
@@ -189,7 +207,7 @@ impl LumigraphQualityArgs {
 
 impl GridArgs {
     /// What is said, by its flag.
-    pub(super) fn given(&self) -> [(&'static str, bool); 9] {
+    pub(super) fn given(&self) -> [(&'static str, bool); 11] {
         [
             ("--plane", self.plane.is_some()),
             ("--normal", self.normal.is_some()),
@@ -200,11 +218,13 @@ impl GridArgs {
             ("--fov", self.fov.is_some()),
             ("--focus", self.focus.is_some()),
             ("--parallel", self.parallel),
+            ("--slabs", self.slabs.is_some()),
+            ("--about", self.about.is_some()),
         ]
     }
 
-    /// The cameras, and a tracer about their plane.
-    fn place(&self, scene: &Arc<Scene>) -> anyhow::Result<(CameraGrid, Tracer)> {
+    /// The cameras of each light slab, and a tracer about the first one's plane.
+    fn place(&self, scene: &Arc<Scene>) -> anyhow::Result<(Vec<CameraGrid>, Tracer)> {
         let usage = |error: String| UsageError(error);
         let frame = &scene.frame;
         let headbox = place_headbox(scene, self.plane, None)?;
@@ -234,8 +254,36 @@ impl GridArgs {
             let focus_m = self.focus.map(|focus| focus * frame.unit_m);
             parts.convergence = focus_m.map_or_else(|| middle_disparity(&tracer, &parts), |focus| 1.0 / focus);
         }
-        let grid = CameraGrid::new(parts).map_err(|error| usage(error.to_string()))?;
-        Ok((grid, tracer))
+        let first = CameraGrid::new(parts).map_err(|error| usage(error.to_string()))?;
+        let centre = self.about.map(|about| frame.world_from_file(about));
+        let grids = self.turned(first, centre, up, &tracer)?;
+        Ok((grids, tracer))
+    }
+
+    /// A plane of cameras, and the others that it becomes when it is turned.
+    fn turned(
+        &self,
+        first: CameraGrid,
+        centre: Option<DVec3>,
+        up: DVec3,
+        tracer: &Tracer,
+    ) -> Result<Vec<CameraGrid>, UsageError> {
+        let count = self.slabs.unwrap_or(1);
+        let focus = || Some(middle_disparity(tracer, &first.parts())).filter(|disparity| *disparity > 0.0);
+        let ahead = |disparity: f64| first.origin() - first.world_from_eye().z_axis / disparity;
+        let centre = if count > 1 { centre.or_else(|| focus().map(ahead)) } else { Some(first.origin()) };
+        let Some(centre) = centre else {
+            return Err(UsageError("the cameras see nothing to turn their plane about; give --about X,Y,Z".into()));
+        };
+        let turned = |i: u32| {
+            let grid = first.turned(centre, up, std::f64::consts::TAU * f64::from(i) / f64::from(count));
+            let mut parts = grid.ok_or(LumigraphError::Grid("up direction"))?.parts();
+            if i > 0 && !self.parallel && self.focus.is_none() {
+                parts.convergence = middle_disparity(tracer, &parts);
+            }
+            CameraGrid::new(parts)
+        };
+        (0..count).map(turned).collect::<Result<_, _>>().map_err(|error| UsageError(error.to_string()))
     }
 }
 
@@ -249,8 +297,9 @@ fn frame_from(grid: &CameraGrid, at: [f64; 2], [width, height]: [u32; 2]) -> Cam
     Camera::from_parts(eye, axes, focal_px, width, height).unwrap_or_else(|_| grid.camera(0, 0).with_eye(eye))
 }
 
-/// What there is to know of a lumigraph.
-pub(super) fn lumigraph_json(lumigraph: &Lumigraph) -> serde_json::Value {
+/// What there is to know of light slabs: of the first, and where the planes of all are.
+pub(super) fn lumigraph_json(slabs: &Slabs) -> serde_json::Value {
+    let lumigraph = slabs.first();
     let (grid, frame) = (lumigraph.grid(), &lumigraph.info.frame);
     let in_file = |point: DVec3| frame.file_from_world(point);
     let along = |places: &[f64]| places.iter().map(|place| place / frame.unit_m).collect::<Vec<_>>();
@@ -261,16 +310,17 @@ pub(super) fn lumigraph_json(lumigraph: &Lumigraph) -> serde_json::Value {
         "rows": along(grid.rows()), "focal_px": grid.focal_px(), "convergence_per_m": grid.convergence(),
         "disparity_per_m": lumigraph.range(), "unknown_pixels": lumigraph.unknown_pixels(),
         "environment_size": lumigraph.environment.size_px, "capture": lumigraph.info,
+        "slabs": slabs.all().iter().map(|slab| in_file(slab.grid().origin())).collect::<Vec<_>>(),
     })
 }
 
 /// `headbox info` of a `.lumi` file.
 pub(super) fn info(path: &Path, check: bool, json: bool) -> Result<(), FileError> {
     // What reading accepts a renderer can rely on; --check has nothing to add but the word.
-    let lumigraph = Lumigraph::read(path)?;
+    let slabs = Slabs::read(path)?;
     let bytes = std::fs::metadata(path).map_err(|source| FileError::Io { path: path.into(), source })?.len();
     if json {
-        let mut facts = lumigraph_json(&lumigraph);
+        let mut facts = lumigraph_json(&slabs);
         facts["kind"] = json!(crate::lumigraph::LUMI_FILE.name);
         facts["bytes"] = json!(bytes);
         facts["depth_pixels"] = json!(null);
@@ -279,13 +329,28 @@ pub(super) fn info(path: &Path, check: bool, json: bool) -> Result<(), FileError
         print_json(&facts);
         return Ok(());
     }
-    let (grid, info) = (lumigraph.grid(), &lumigraph.info);
-    let frame: &FileFrame = &info.frame;
+    let frame: &FileFrame = &slabs.info().frame;
+    println!("{}: {}, {bytes} bytes", path.display(), crate::lumigraph::LUMI_FILE.name);
+    println!("  source      {}", slabs.info().source);
+    println!("  world       1 file unit = {} m, {} up in the file", frame.unit_m, frame.up);
+    let count = slabs.all().len();
+    for (number, slab) in slabs.all().iter().enumerate() {
+        if count > 1 {
+            println!("light slab {} of {count}", number + 1);
+        }
+        print_slab(slab);
+    }
+    if check {
+        println!("ok: every promise of the layout holds");
+    }
+    Ok(())
+}
+
+fn print_slab(slab: &Lumigraph) {
+    let (grid, info) = (slab.grid(), &slab.info);
+    let frame = &info.frame;
     let [width, height] = grid.size_px();
     let extent = |places: &[f64]| (places[places.len() - 1] - places[0]) / frame.unit_m;
-    println!("{}: {}, {bytes} bytes", path.display(), crate::lumigraph::LUMI_FILE.name);
-    println!("  source      {}", info.source);
-    println!("  world       1 file unit = {} m, {} up in the file", frame.unit_m, frame.up);
     println!("  plane       at {} (in the file's axes and unit)", frame.file_from_world(grid.origin()));
     let normal =
         frame.file_from_world(grid.origin() - grid.world_from_eye().z_axis) - frame.file_from_world(grid.origin());
@@ -298,17 +363,13 @@ pub(super) fn info(path: &Path, check: bool, json: bool) -> Result<(), FileError
         extent(grid.rows())
     );
     println!("  images      {width}x{height} pixels, focal length {:.2} px", grid.focal_px());
-    let (layers, bits) = (lumigraph.layers().len(), 8 * lumigraph.index_bytes());
+    let (layers, bits) = (slab.layers().len(), 8 * slab.index_bytes());
     println!("  layers      {layers}, of {bits} bits a pixel, {}", placement_name(info.placement));
-    if let Some([min, max]) = lumigraph.range() {
+    if let Some([min, max]) = slab.range() {
         println!("  depth       {:.3} to {:.3} m", 1.0 / max, 1.0 / min);
     }
-    if lumigraph.unknown_pixels() > 0 {
-        let share = lumigraph.unknown_pixels() as f64 / (grid.camera_count() * grid.picture_pixels()) as f64;
+    if slab.unknown_pixels() > 0 {
+        let share = slab.unknown_pixels() as f64 / (grid.camera_count() * grid.picture_pixels()) as f64;
         println!("  unknown     {:.1} % of the pixels", 100.0 * share);
     }
-    if check {
-        println!("ok: every promise of the layout holds");
-    }
-    Ok(())
 }

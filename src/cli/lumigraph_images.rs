@@ -4,7 +4,7 @@ use super::lumigraph::LumigraphCommand;
 use super::output::{LUMIGRAPH, Outputs};
 use super::progress::Bar;
 use super::words::UsageError;
-use crate::lumigraph::{FromImages, RawLumigraph};
+use crate::lumigraph::{FromImages, RawLumigraph, Slabs};
 use std::path::Path;
 use std::time::Instant;
 
@@ -26,7 +26,7 @@ impl LumigraphCommand {
         bar.finish();
         (lumigraph.info.source, lumigraph.info.frame) = (self.scene.clone(), set.frame);
         lumigraph.write(&self.output)?;
-        self.tell(&lumigraph, start.elapsed().as_secs_f64());
+        self.tell(&Slabs::from(lumigraph), start.elapsed().as_secs_f64());
         Ok(())
     }
 

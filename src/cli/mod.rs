@@ -35,6 +35,7 @@ mod lumigraph;
 mod lumigraph_images;
 mod merge;
 mod output;
+mod polygons;
 mod progress;
 mod render;
 mod report;

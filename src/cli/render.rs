@@ -10,6 +10,7 @@ use super::geometry::{GEOMETRY_ALONE, GeometryArgs, GeometryContent, texturing_o
 use super::house_file::HouseContent;
 use super::images::{self, SetArgs, is_image_set};
 use super::output::{DEPTH, FILM, Outputs, PICTURE, print_json, save_picture};
+use super::polygons::PolygonsArg;
 use super::progress::Bar;
 use super::words::UsageError;
 use crate::capture::scene::FileFrame;
@@ -19,7 +20,7 @@ use crate::container::Container;
 use crate::export::film;
 use crate::export::stereo::View;
 use crate::frame::Frame;
-use crate::lumigraph::{Blend, LUMI_FILE, Lumigraph, LumigraphSettings};
+use crate::lumigraph::{Blend, LUMI_FILE, LumigraphSettings, Slabs};
 use crate::packed::PackedCube;
 use crate::path;
 use crate::portal::file::HOUSE_FILE;
@@ -37,8 +38,9 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(super) struct RenderCommand {
-    /// A .ldi or .sprite file or a folder of images with depth, or several of one world, laid over each other back to front; or
-    /// one .house or .lumi file
+    /// A .ldi or .sprite file or a folder of images with depth, or several of one world, laid over each other back to front, and models
+    /// among them (.obj, .gltf, .glb, builtin:NAME), in the light of the first .ldi; @at=X,Y,Z, @turn=DEG, @scale=S, @up=z and @unit=cm may
+    /// follow a model's name. Or one .house or .lumi file
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Picture to write (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output, PNG); with --path the folder for frames
@@ -51,7 +53,7 @@ pub(super) struct RenderCommand {
     /// with the animation that moves them, as Blender exports it
     #[arg(long, value_name = "PATH")]
     path: Option<PathBuf>,
-    /// Frames a second of a film, and of an animation in --path; 30 if absent
+    /// Frames a second of a film, and of an animation in --path; if absent as the times in PATH have it, else 30
     #[arg(long, requires = "path", value_parser = clap::value_parser!(u32).range(1..=240))]
     fps: Option<u32>,
     /// Frames for both eyes side by side, so many metres apart: 0.064 for people; with --panorama one above the other
@@ -92,12 +94,20 @@ pub(super) struct RenderCommand {
     /// geometry camera, owners, mesh and age; a wrong name prints the list
     #[cfg(feature = "viewer")]
     #[arg(long, value_name = "NAME", conflicts_with_all = [
-        "path", "fps", "stereo", "panorama", "vr180", "sampling", "fill_steps", "keep_holes", "depth", "coverage", "merge", "parallel", "repeat",
+        "path", "fps", "stereo", "panorama", "vr180", "sampling", "fill_steps", "keep_holes", "depth", "coverage", "merge", "plain",
+        "by_depth", "parallel", "repeat",
     ])]
     overlay: Option<String>,
     /// How far two cameras of a .lumi file may disagree where its layers are merged, pixels; 1 if absent, 0 merges none
     #[arg(long, value_name = "PX", value_parser = parse_merge)]
     merge: Option<f64>,
+    /// Lay several files over each other pixel by pixel, by depth, instead of whole: slower, but right where they reach through each other.
+    /// With a model it is always so
+    #[arg(long)]
+    by_depth: bool,
+    /// Merges more layers of a .lumi file where its images are plain, as long as no more than so many levels are off; 0, never, if absent
+    #[arg(long, value_name = "LEVELS", value_parser = parse_plain)]
+    plain: Option<f64>,
     /// How threads share a cube LDI's frame, which is the same in any case; bands if absent
     #[arg(long, value_name = "WAY", value_parser = by_name(WAYS))]
     parallel: Option<Parallel>,
@@ -111,6 +121,10 @@ pub(super) struct RenderCommand {
 
 fn parse_merge(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|px| (0.0..=1e6).contains(px)).ok_or("give pixels, 0 or more".into())
+}
+
+fn parse_plain(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|levels| (0.0..=255.0).contains(levels)).ok_or("give levels from 0 to 255".into())
 }
 
 /// How threads can share a frame.
@@ -141,7 +155,7 @@ impl RenderCommand {
                 let cameras = self.camera.of_path(path::read(path, &frame, f64::from(self.fps()))?)?;
                 content.warn_if_outside(&cameras, &frame);
                 match film::is_film(&self.output) {
-                    true => self.render_film(&mut content, &cameras),
+                    true => self.render_film(&mut content, &cameras, self.film_fps(path, &frame)?),
                     false => self.render_path(&mut content, &cameras),
                 }
             }
@@ -162,15 +176,19 @@ impl RenderCommand {
         if let Some(content) = self.open_lumigraph()? {
             return Ok(content);
         }
-        if self.merge.is_some() {
-            return Err(UsageError("--merge is for .lumi files".into()).into());
+        if self.merge.is_some() || self.plain.is_some() {
+            return Err(UsageError("--merge and --plain are for .lumi files".into()).into());
         }
         if let Some(content) = self.open_geometry()? {
             return Ok(content);
         }
-        let (mut cubes, mut sprites) = (Vec::new(), None::<SpriteSet>);
+        let (mut cubes, mut sprites, mut models) = (Vec::new(), None::<SpriteSet>, Vec::new());
         let mut world = None;
         for file in &self.files {
+            if let Some(model) = PolygonsArg::of_file(file)? {
+                models.push(model);
+                continue;
+            }
             // What is no file of ours the reader of cubes names best.
             if Container::peek_kind(file).ok().flatten() == Some(SPRITE_FILE.tag) {
                 let set = SpriteSet::read(file)?;
@@ -195,16 +213,23 @@ impl RenderCommand {
                 cubes.push(cube);
             }
         }
-        let Some((frame, camera)) = world else { bail!("there is no file to render") };
+        let Some((frame, camera)) = world else {
+            let name = self.files.first().map(|file| file.display().to_string()).unwrap_or_default();
+            bail!("{name}: is a scene: capture it first, or name a .ldi or .sprite file for it to stand among")
+        };
         let settings = self.settings(!cubes.is_empty(), sprites.is_some())?;
+        let polygons = models.iter().map(|model| model.open(&frame, cubes.first())).collect::<Result<Vec<_>, _>>()?;
         let content = match (sprites, cubes.len()) {
-            (None, 1) => Content::Cube {
+            (None, 1) if polygons.is_empty() => Content::Cube {
                 cube: Box::new(cubes.remove(0)),
                 renderer: Box::new(Renderer::new()),
                 settings: settings.cubes,
             },
             (sprites, _) => Content::Layers {
-                layers: Box::new(Composition::new(sprites.unwrap_or_else(|| SpriteSet::new(Vec::new())), cubes)),
+                layers: Box::new(
+                    Composition::new(sprites.unwrap_or_else(|| SpriteSet::new(Vec::new())), cubes)
+                        .with_polygons(polygons),
+                ),
                 composer: Box::default(),
                 settings,
                 frame: Frame::default(),
@@ -253,6 +278,7 @@ impl RenderCommand {
         let mut settings = LumigraphSettings::default();
         settings.tolerance_px = self.merge.unwrap_or(settings.tolerance_px);
         settings.merge = settings.tolerance_px > 0.0;
+        settings.plain_levels = self.plain.unwrap_or(settings.plain_levels);
         if let Some(wanted) = &self.variant {
             let found = Blend::ALL.iter().find(|(name, _)| name == wanted);
             settings.blend = found.map(|(_, blend)| *blend).ok_or_else(|| {
@@ -260,15 +286,16 @@ impl RenderCommand {
                 UsageError(format!("there is no variant \"{wanted}\"; there are: {names}"))
             })?;
         }
-        let lumigraph = Box::new(Lumigraph::read(file)?);
-        let grid = lumigraph.grid();
+        let slabs = Box::new(Slabs::read(file)?);
+        let first = slabs.first();
+        let grid = first.grid();
         let [column, row] = [grid.columns().len() / 2, grid.rows().len() / 2];
         let size = self.camera.size.unwrap_or((1024, 768));
-        let fov_y_deg = lumigraph.clear_fov_deg([size.0, size.1]);
+        let fov_y_deg = first.clear_fov_deg([size.0, size.1]);
         let camera =
             DefaultCamera { eye: grid.origin(), size, fov_y_deg, ..DefaultCamera::like(&grid.camera(column, row)) };
-        let frame = lumigraph.info.frame;
-        Ok(Some((Content::Lumigraph { lumigraph, renderer: Box::default(), settings }, frame, camera)))
+        let frame = slabs.info().frame;
+        Ok(Some((Content::Lumigraph { slabs, renderer: Box::default(), settings }, frame, camera)))
     }
 
     fn settings(&self, cubes: bool, sprites: bool) -> anyhow::Result<ComposeSettings> {
@@ -286,6 +313,7 @@ impl RenderCommand {
             return Err(UsageError("--keep-holes is for .ldi files".into()).into());
         }
         settings.cubes.keep_holes = self.keep_holes;
+        settings.by_depth = self.by_depth;
         settings.cubes.parallel = self.parallel.unwrap_or_default();
         let Some(wanted) = &self.variant else { return Ok(settings) };
         let kernel = SplatKernel::ALL.iter().find(|(name, _)| name == wanted).filter(|_| cubes);
@@ -305,7 +333,7 @@ impl RenderCommand {
         Ok(settings)
     }
 
-    /// Frames a second.
+    /// Moments a second of an animation.
     fn fps(&self) -> u32 {
         self.fps.unwrap_or(30)
     }

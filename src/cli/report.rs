@@ -1,6 +1,6 @@
 //! `headbox report`.
 
-use super::args::{SourceArgs, UNITS, parse_length, parse_up, parse_vector};
+use super::args::{SourceArgs, named_parts, parse_length, parse_unit, parse_up, parse_vector};
 use super::capture::place_headbox;
 use super::geometry::GeometryArgs;
 use super::images::{SetArgs, is_image_set};
@@ -109,20 +109,14 @@ impl Named {
 /// `NAME`, or `NAME@KEY=VALUE@KEY=VALUE`.
 fn parse_named(text: &str) -> Result<Named, String> {
     const KEYS: [&str; 4] = ["center", "half", "up", "unit"];
-    let first = KEYS.iter().filter_map(|key| text.find(&format!("@{key}="))).min();
-    let (name, rest) = text.split_at(first.unwrap_or(text.len()));
+    let (name, parts) = named_parts(text, &KEYS)?;
     let mut named = Named { name: name.to_owned(), ..Named::default() };
-    for part in rest.split('@').skip(1) {
-        let (key, value) = part.split_once('=').ok_or_else(|| format!("{part}: give one of {}", KEYS.join("=, ")))?;
+    for (key, value) in parts {
         match key {
             "center" => named.center = Some(parse_vector(value)?),
             "half" => named.half_size = Some(parse_length(value)?),
             "up" => named.up = Some(parse_up(value)?),
-            "unit" => {
-                let unit = UNITS.iter().find(|(name, ..)| *name == value);
-                let names = || UNITS.iter().map(|(name, ..)| *name).collect::<Vec<_>>().join(", ");
-                named.unit = Some(unit.ok_or_else(|| format!("unit={value}: give one of {}", names()))?.2);
-            }
+            "unit" => named.unit = Some(parse_unit(value).map_err(|cause| format!("unit={value}: {cause}"))?),
             _ => return Err(format!("{key}: give one of {}", KEYS.join("=, "))),
         }
     }

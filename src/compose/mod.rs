@@ -1,10 +1,16 @@
-//! Sprites with depth and cube LDIs in one frame (S25): each layer is drawn by its own renderer, and the layers are
+//! Sprites with depth, cube LDIs and polygons in one frame (S25): each layer is drawn by its own renderer, and the layers are
 //! laid over each other back to front, over the environment.
 //!
 //! Layers blend in linear light, as splats do: a cube LDI alone is, but for its thinnest rims, the frame that it would be without the
-//! others. A layer is drawn whole: layers that reach through each other come out in the order of their larger parts.
+//! others. A layer is drawn whole, and layers that reach through each other come out in the order of their larger parts; or, at extra cost,
+//! pixel by pixel ([`ComposeSettings::by_depth`]). Polygons are compared with cube LDIs splat by splat: they stand in the frame before it is
+//! drawn (`polygons.rs`).
 
+mod by_depth;
 mod order;
+mod polygons;
+
+pub use polygons::{Polygons, PolygonsError, place};
 
 use crate::capture::{Camera, simd};
 use crate::environment::Environment;
@@ -12,10 +18,12 @@ use crate::frame::Frame;
 use crate::packed::PackedCube;
 use crate::render::finish::{Background, Pixels};
 use crate::render::linear::LinearLight;
-use crate::render::{RenderSettings, Renderer};
+use crate::render::{RenderSettings, Renderer, Standing};
 use crate::sprite::{Outcome, RenderOptions, SpriteLayer, SpriteRenderer, SpriteSet, straight};
+use by_depth::{LayerPicture, lay_by_depth};
 use glam::DVec3;
 use order::CubePoints;
+use polygons::Stand;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::time::Instant;
@@ -27,13 +35,16 @@ pub enum Layer {
     Sprite(usize),
     /// A cube LDI, by its number in [`Composition::cubes`].
     Cube(usize),
+    /// All polygons.
+    Polygons,
 }
 
-/// Sprites and cube LDIs of one world.
+/// Sprites, cube LDIs and polygons of one world.
 pub struct Composition {
     sprites: SpriteSet,
     cubes: Vec<PackedCube>,
     points: Vec<CubePoints>,
+    polygons: Vec<Polygons>,
     environment: Environment,
 }
 
@@ -44,6 +55,9 @@ pub struct ComposeSettings {
     pub sprites: RenderOptions,
     /// The cube LDIs.
     pub cubes: RenderSettings,
+    /// Lays layers over each other pixel by pixel, by depth, instead of whole: slower, and right where they reach through each other. A
+    /// sprite's depth is that of its plane. Always so where there are polygons.
+    pub by_depth: bool,
 }
 
 /// What a frame took.
@@ -57,6 +71,8 @@ pub struct ComposeStats {
     pub sprites_ms: f64,
     /// Drawing the cube LDIs, ms.
     pub cubes_ms: f64,
+    /// Drawing the polygons, ms.
+    pub polygons_ms: f64,
     /// Finding the order, laying the layers over each other and over the environment, ms.
     pub compose_ms: f64,
     /// Depth pixels of the cube LDIs that reached the inner loop.
@@ -74,6 +90,9 @@ pub struct Composer {
     cubes: Renderer,
     /// One sprite.
     layer: SpriteLayer,
+    polygons: Stand,
+    /// Of each layer, where depths are compared.
+    pictures: Vec<LayerPicture>,
 }
 
 impl Composition {
@@ -91,7 +110,19 @@ impl Composition {
             environment = sprites.environment.clone();
         }
         let points = cubes.iter().map(CubePoints::new).collect();
-        Self { sprites, cubes, points, environment }
+        Self { sprites, cubes, points, polygons: Vec::new(), environment }
+    }
+
+    /// The same with polygons among the images.
+    #[must_use]
+    pub fn with_polygons(mut self, polygons: Vec<Polygons>) -> Self {
+        self.polygons.extend(polygons);
+        self
+    }
+
+    /// The polygons.
+    pub fn polygons(&self) -> &[Polygons] {
+        &self.polygons
     }
 
     /// The sprites.
@@ -128,21 +159,21 @@ impl Composition {
             order: self.back_to_front(camera.eye()),
             ..ComposeStats::default()
         };
-        for layer in stats.order.clone() {
-            let layer_started = Instant::now();
-            match layer {
-                Layer::Sprite(index) => {
-                    let sprite = &self.sprites.sprites()[index];
-                    let outcome = composer.sprites.render(sprite, camera, &settings.sprites, &mut composer.layer);
-                    stats.outcomes[index] = outcome;
-                    lay_over(&mut frame.color, composer.layer.pixels().par_iter().map(|pixel| straight(*pixel)));
-                    stats.sprites_ms += layer_started.elapsed().as_secs_f64() * 1e3;
-                }
-                Layer::Cube(index) => {
-                    draw_cube(&mut composer.cubes, &self.cubes[index], camera, &settings.cubes, frame, &mut stats);
-                    stats.cubes_ms += layer_started.elapsed().as_secs_f64() * 1e3;
-                }
+        if !self.polygons.is_empty() {
+            composer.polygons.draw(&self.polygons, camera);
+            stats.polygons_ms = started.elapsed().as_secs_f64() * 1e3;
+            // A cube LDI alone is drawn among them: its picture shows them, too.
+            if !matches!(stats.order[..], [Layer::Cube(_)]) {
+                stats.order.push(Layer::Polygons);
             }
+        }
+        let by_depth = stats.order.len() > 1 && (settings.by_depth || !self.polygons.is_empty());
+        composer.pictures.resize_with(if by_depth { stats.order.len() } else { 0 }, LayerPicture::default);
+        for (number, layer) in stats.order.clone().into_iter().enumerate() {
+            self.draw_layer(composer, (number, layer), camera, settings, frame, &mut stats);
+        }
+        if by_depth {
+            lay_by_depth(&composer.pictures, &mut frame.color);
         }
         let background = Background {
             environment: &self.environment,
@@ -156,39 +187,90 @@ impl Composition {
             background.put_under(y as u32, Pixels { colors, coverages, depths_m: &mut [], inverse_depths: &mut [] })
         };
         stats.hole_pixels = rows.map(put_under).sum();
-        stats.compose_ms = started.elapsed().as_secs_f64() * 1e3 - stats.sprites_ms - stats.cubes_ms;
+        stats.compose_ms =
+            started.elapsed().as_secs_f64() * 1e3 - stats.sprites_ms - stats.cubes_ms - stats.polygons_ms;
         stats
+    }
+
+    /// Draws a layer over those before it, or, where depths are compared, into the picture of its number.
+    fn draw_layer(
+        &self,
+        composer: &mut Composer,
+        (number, layer): (usize, Layer),
+        camera: &Camera,
+        settings: &ComposeSettings,
+        frame: &mut Frame,
+        stats: &mut ComposeStats,
+    ) {
+        let started = Instant::now();
+        let picture = composer.pictures.get_mut(number);
+        match layer {
+            Layer::Sprite(index) => {
+                let sprite = &self.sprites.sprites()[index];
+                stats.outcomes[index] = composer.sprites.render(sprite, camera, &settings.sprites, &mut composer.layer);
+                let colors = composer.layer.pixels().par_iter().map(|pixel| straight(*pixel));
+                match picture {
+                    Some(picture) => {
+                        let (plane, width) = (sprite.sprite().sprite().plane(), camera.width() as usize);
+                        let depth = |i: usize| {
+                            let [x, y] = [i % width, i / width].map(|at| at as f64 + 0.5);
+                            plane.inverse_depth(camera, x, y) as f32
+                        };
+                        picture.set(colors, (0..frame.color.len()).into_par_iter().map(depth));
+                    }
+                    None => lay_over(&mut frame.color, colors),
+                }
+                stats.sprites_ms += started.elapsed().as_secs_f64() * 1e3;
+            }
+            Layer::Cube(index) => {
+                let cube = &self.cubes[index];
+                let cubes = RenderSettings { depth: picture.is_some() || settings.cubes.depth, ..settings.cubes };
+                let (drawn, cube_stats) = match self.polygons.is_empty() {
+                    true => composer.cubes.render_with_stats(cube, camera, &cubes),
+                    false => composer.cubes.render_among(cube, composer.polygons.standing(), camera, &cubes),
+                };
+                stats.depth_pixels_in += cube_stats.depth_pixels_in;
+                stats.splatted += cube_stats.splatted;
+                let colors = drawn.color.par_iter().zip(&drawn.coverage);
+                let colors = colors.map(|(&[r, g, b, _], coverage)| [r, g, b, coverage.splat_share()]);
+                match picture {
+                    Some(picture) => picture.set(colors, drawn.depth_m.par_iter().map(|depth_m| 1.0 / depth_m)),
+                    None => lay_over(&mut frame.color, colors),
+                }
+                stats.cubes_ms += started.elapsed().as_secs_f64() * 1e3;
+            }
+            Layer::Polygons => {
+                let Standing { colors, inverse_depth } = composer.polygons.standing();
+                let pixels = colors.par_iter().zip(inverse_depth);
+                let colors = pixels.map(|(&[r, g, b, _], depth)| [r, g, b, if *depth > 0.0 { 255 } else { 0 }]);
+                match picture {
+                    Some(picture) => picture.set(colors, inverse_depth.par_iter().copied()),
+                    None => lay_over(&mut frame.color, colors),
+                }
+                stats.polygons_ms += started.elapsed().as_secs_f64() * 1e3;
+            }
+        }
     }
 }
 
+/// Pixels that a thread takes at least.
+const AT_LEAST: usize = 1 << 14;
+
 /// Lays a layer over what is there: straight colours, each with the share of 255 that it covers.
 fn lay_over(behind: &mut [[u8; 4]], front: impl IndexedParallelIterator<Item = [u8; 4]>) {
-    /// Pixels that a thread takes at least.
-    const AT_LEAST: usize = 1 << 14;
     let linear = LinearLight::tables();
     behind.par_iter_mut().zip(front).with_min_len(AT_LEAST).for_each(|(behind, front)| {
-        *behind = match (front[3], behind[3]) {
-            (0, _) => *behind,
-            (255, _) | (_, 0) => front,
-            _ => linear.over(front, *behind),
-        };
+        *behind = laid_over(linear, front, *behind);
     });
 }
 
-/// Draws a cube LDI without an environment over the layers before it.
-fn draw_cube(
-    renderer: &mut Renderer,
-    cube: &PackedCube,
-    camera: &Camera,
-    settings: &RenderSettings,
-    frame: &mut Frame,
-    stats: &mut ComposeStats,
-) {
-    let (drawn, cube_stats) = renderer.render_with_stats(cube, camera, settings);
-    let pixels = drawn.color.par_iter().zip(&drawn.coverage);
-    lay_over(&mut frame.color, pixels.map(|(&[r, g, b, _], coverage)| [r, g, b, coverage.splat_share()]));
-    stats.depth_pixels_in += cube_stats.depth_pixels_in;
-    stats.splatted += cube_stats.splatted;
+/// A straight colour over another, each with the share of 255 that it covers.
+fn laid_over(light: &LinearLight, front: [u8; 4], behind: [u8; 4]) -> [u8; 4] {
+    match (front[3], behind[3]) {
+        (0, _) => behind,
+        (255, _) | (_, 0) => front,
+        _ => light.over(front, behind),
+    }
 }
 
 #[cfg(test)]

@@ -105,7 +105,7 @@ pub(super) fn back_to_front(sprites: &SpriteSet, cubes: &[CubePoints], eye: DVec
         let behind = |layer: &Layer| match layer {
             Layer::Sprite(index) => cubes[cube].is_behind(sprites.sprites()[*index].sprite(), eye),
             // Nearer cubes are there already.
-            Layer::Cube(_) => Some(true),
+            Layer::Cube(_) | Layer::Polygons => Some(true),
         };
         let relations: Vec<Option<bool>> = order.iter().map(behind).collect();
         let first_before_it = relations.iter().position(|relation| *relation == Some(true));

@@ -14,8 +14,20 @@ use rayon::prelude::*;
 const HEADBOX_SHARE: f64 = 0.15;
 /// The widest face, px.
 const MAX_FACE_PX: u32 = 2048;
-/// Eyes that are this share of the nearest distance apart took the same view.
-const SAME_EYE: f64 = 1e-6;
+/// Eyes that are this share of half the headbox's edge apart took the same view.
+const SAME_EYE: f64 = 1e-5;
+
+/// Half of the edge of a headbox for sprites, metres.
+///
+/// # Errors
+/// [`ExportError::Empty`] if there is no surface before the eye.
+pub(super) fn half_size_m(set: &SpriteSet) -> Result<f64, ExportError> {
+    let depths = set.sprites().iter().flat_map(|sprite| View::new(sprite.sprite()).inverse_depths);
+    match depths.fold(0.0, f64::max) {
+        highest if highest > 0.0 => Ok(HEADBOX_SHARE / highest),
+        _ => Err(ExportError::Empty),
+    }
+}
 
 /// The cube.
 ///
@@ -24,12 +36,9 @@ const SAME_EYE: f64 = 1e-6;
 pub fn cube(set: &SpriteSet) -> Result<PackedCube, ExportError> {
     let views: Vec<View> = set.sprites().iter().map(|sprite| View::new(sprite.sprite())).collect();
     let first = views.first().ok_or(ExportError::Empty)?;
-    let highest = views.iter().flat_map(|view| view.inverse_depths.iter().copied()).fold(0.0, f64::max);
-    if highest <= 0.0 {
-        return Err(ExportError::Empty);
-    }
+    let half_size_m = half_size_m(set)?;
     let centre = first.camera.eye();
-    if views.iter().any(|view| (view.camera.eye() - centre).length() * highest > SAME_EYE) {
+    if views.iter().any(|view| (view.camera.eye() - centre).length() > SAME_EYE * half_size_m) {
         return Err(ExportError::Eyes);
     }
     // A face pixel in the middle of a face is as wide as a pixel of the sharpest picture.
@@ -39,7 +48,7 @@ pub fn cube(set: &SpriteSet) -> Result<PackedCube, ExportError> {
     let info = CaptureInfo {
         scene: set.info.source.clone(),
         centre,
-        half_size_m: HEADBOX_SHARE / highest,
+        half_size_m,
         frame: set.info.frame,
         exposure: 1.0,
         ahead: Some(first.camera.forward()),

@@ -31,6 +31,9 @@ pub enum LumigraphError {
     /// An image does not belong to its camera, or shows a layer that is not there.
     #[error("image {0} does not have a colour and an index of a layer for each pixel")]
     Picture(usize),
+    /// There is no light slab, or more than a file may have.
+    #[error("{0} light slabs; there must be 1 to {max}", max = super::MAX_SLABS)]
+    Slabs(usize),
     /// No image shows any surface.
     #[error("the cameras see nothing: move --plane, turn --normal or widen --fov")]
     NothingSeen,

@@ -3,8 +3,10 @@
 //! Sections: `info` (JSON: the [`LumigraphInfo`], counts and sizes), `geometry` (14 `f64`: a point of the plane, axes by columns, focal
 //! length in pixels, convergence; then the cameras' columns and rows), `layers` (two `f64` each: least and greatest
 //! disparity), `environment` (texels as in `.ldi` files), `color` (RGB8) and `index` (one byte a pixel, or two), both image after
-//! image, row by row of the grid from the lowest, row-major.
+//! image, row by row of the grid from the lowest, row-major. Of several light slabs each section but `info` and `environment` has all,
+//! slab after slab.
 
+use super::slabs::{MAX_SLABS, Slabs};
 use super::{CameraGrid, DisparityLayer, GridParts, Lumigraph, LumigraphInfo, Picture};
 use crate::container::{Container, ContainerWriter, FileError, FileKind, Section};
 use crate::packed::file::read_environment;
@@ -19,6 +21,15 @@ pub const LUMI_FILE: FileKind = FileKind::LUMIGRAPH;
 struct FileHeader {
     info: LumigraphInfo,
     environment_size_px: u32,
+    #[serde(flatten)]
+    first: SlabHeader,
+    /// Slabs beyond the first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    others: Vec<SlabHeader>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct SlabHeader {
     columns: u32,
     rows: u32,
     width: u32,
@@ -27,6 +38,21 @@ struct FileHeader {
     /// Whether there are pixels of which nothing is known.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     unknown: bool,
+}
+
+impl SlabHeader {
+    fn of(slab: &Lumigraph) -> Self {
+        let grid = slab.grid();
+        let [width, height] = grid.size_px();
+        Self {
+            columns: grid.columns().len() as u32,
+            rows: grid.rows().len() as u32,
+            width,
+            height,
+            layers: slab.layers().len() as u32,
+            unknown: slab.unknown_pixels() > 0,
+        }
+    }
 }
 
 /// Bytes of an index that tells infinity, some layers and, if there is any, what is not known apart.
@@ -41,48 +67,36 @@ const GEOMETRY: usize = 14;
 const ORTHONORMAL: f64 = 1e-6;
 
 impl Lumigraph {
+    /// Writes a `.lumi` file of this slab alone, whole or not at all.
+    ///
+    /// # Errors
+    /// [`FileError::Io`].
+    pub fn write(&self, path: &Path) -> Result<(), FileError> {
+        write(&[self], path)
+    }
+
+    /// Reads a `.lumi` file of one light slab.
+    ///
+    /// # Errors
+    /// See [`FileError`]; [`FileError::Damaged`] if there are several: [`Slabs::read`] reads those.
+    pub fn read(path: &Path) -> Result<Self, FileError> {
+        let slabs = Slabs::read(path)?;
+        let count = slabs.all().len();
+        let several = || Container::open(path, LUMI_FILE).and_then(|file| file.section("info"));
+        match slabs.into_single() {
+            Some(slab) => Ok(slab),
+            None => Err(several()?.damaged("one light slab", count.to_string())),
+        }
+    }
+}
+
+impl Slabs {
     /// Writes a `.lumi` file, whole or not at all.
     ///
     /// # Errors
     /// [`FileError::Io`].
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
-        let grid = self.grid();
-        let [width, height] = grid.size_px();
-        let header = FileHeader {
-            info: self.info.clone(),
-            environment_size_px: self.environment.size_px,
-            columns: grid.columns().len() as u32,
-            rows: grid.rows().len() as u32,
-            width,
-            height,
-            layers: self.layers().len() as u32,
-            unknown: self.unknown_pixels() > 0,
-        };
-        let mut writer = ContainerWriter::new(LUMI_FILE);
-        writer.section("info", move || Ok(serde_json::to_vec(&header)?));
-        writer.section("geometry", || {
-            let mut numbers = [0.0; GEOMETRY];
-            numbers[..3].copy_from_slice(&grid.origin().to_array());
-            numbers[3..12].copy_from_slice(&grid.world_from_eye().to_cols_array());
-            numbers[12..].copy_from_slice(&[grid.focal_px(), grid.convergence()]);
-            Ok(bytemuck::cast_slice(&[&numbers, grid.columns(), grid.rows()].concat()).to_vec())
-        });
-        writer.section("layers", || {
-            let ranges: Vec<[f64; 2]> = self.layers().iter().map(DisparityLayer::range).collect();
-            Ok(bytemuck::cast_slice(&ranges).to_vec())
-        });
-        writer.section("environment", || Ok(bytemuck::cast_slice(&self.environment.texels).to_vec()));
-        writer.section("color", || {
-            Ok(self.pictures().iter().map(|picture| picture.color.as_flattened()).collect::<Vec<_>>().concat())
-        });
-        writer.section("index", || {
-            let indices = self.pictures().iter().flat_map(|picture| &picture.index);
-            Ok(match self.index_bytes() {
-                1 => indices.map(|index| *index as u8).collect(),
-                _ => indices.flat_map(|index| index.to_le_bytes()).collect(),
-            })
-        });
-        writer.write(path)
+        write(&self.all().iter().collect::<Vec<_>>(), path)
     }
 
     /// Reads a `.lumi` file.
@@ -92,29 +106,79 @@ impl Lumigraph {
     pub fn read(path: &Path) -> Result<Self, FileError> {
         let file = Container::open(path, LUMI_FILE)?;
         let info_section = file.section("info")?;
-        let header: FileHeader = info_section.json()?;
-        if !header.info.frame.is_sane() {
-            return Err(info_section.damaged("a unit between 1e-9 and 1e9 m", header.info.frame.unit_m.to_string()));
+        let FileHeader { info, environment_size_px, first, others } = info_section.json()?;
+        if !info.frame.is_sane() {
+            return Err(info_section.damaged("a unit between 1e-9 and 1e9 m", info.frame.unit_m.to_string()));
         }
-        let grid = read_grid(file.section("geometry")?, &header)?;
-        let mut section = file.section("layers")?;
-        let ranges: Vec<[f64; 2]> = section.array(header.layers as usize)?;
-        section.end()?;
-        let layers: Vec<DisparityLayer> = ranges.into_iter().map(|[min, max]| DisparityLayer { min, max }).collect();
-        let pictures = read_pictures(&file, &grid, index_bytes(layers.len(), header.unknown))?;
-        let mut lumigraph =
-            Self::new(grid, layers, pictures).map_err(|e| section.damaged("a consistent lumigraph", e.to_string()))?;
-        lumigraph.environment = read_environment(file.section("environment")?, header.environment_size_px)?;
-        lumigraph.info = header.info;
-        Ok(lumigraph)
+        if others.len() >= MAX_SLABS {
+            return Err(info_section.damaged(format!("at most {MAX_SLABS} slabs"), (others.len() + 1).to_string()));
+        }
+        let [mut geometry, mut layers, mut color, mut index] =
+            [file.section("geometry")?, file.section("layers")?, file.section("color")?, file.section("index")?];
+        let mut slabs = Vec::new();
+        for header in std::iter::once(&first).chain(&others) {
+            let grid = read_grid(&mut geometry, header)?;
+            let ranges: Vec<[f64; 2]> = layers.array(header.layers as usize)?;
+            let of_slab: Vec<_> = ranges.into_iter().map(|[min, max]| DisparityLayer { min, max }).collect();
+            let bytes = index_bytes(of_slab.len(), header.unknown);
+            let pictures = read_pictures([&mut color, &mut index], &grid, bytes)?;
+            let slab = Lumigraph::new(grid, of_slab, pictures);
+            slabs.push(slab.map_err(|e| layers.damaged("a consistent lumigraph", e.to_string()))?);
+        }
+        for section in [&geometry, &layers, &color, &index] {
+            section.end()?;
+        }
+        let environment = read_environment(file.section("environment")?, environment_size_px)?;
+        (slabs[0].info, slabs[0].environment) = (info, environment);
+        Self::new(slabs).map_err(|e| info_section.damaged("light slabs", e.to_string()))
     }
 }
 
-fn read_grid(mut section: Section, header: &FileHeader) -> Result<CameraGrid, FileError> {
+/// Writes slabs of which the first says what all have in common.
+fn write(slabs: &[&Lumigraph], path: &Path) -> Result<(), FileError> {
+    let [first, others @ ..] = slabs else { return Ok(()) };
+    let header = FileHeader {
+        info: first.info.clone(),
+        environment_size_px: first.environment.size_px,
+        first: SlabHeader::of(first),
+        others: others.iter().map(|slab| SlabHeader::of(slab)).collect(),
+    };
+    let mut writer = ContainerWriter::new(LUMI_FILE);
+    writer.section("info", move || Ok(serde_json::to_vec(&header)?));
+    writer.section("geometry", || Ok(slabs.iter().flat_map(|slab| geometry(slab.grid())).collect()));
+    writer.section("layers", || {
+        let layers = slabs.iter().flat_map(|slab| slab.layers());
+        Ok(bytemuck::cast_slice(&layers.map(DisparityLayer::range).collect::<Vec<_>>()).to_vec())
+    });
+    writer.section("environment", || Ok(bytemuck::cast_slice(&first.environment.texels).to_vec()));
+    writer.section("color", || {
+        let pictures = slabs.iter().flat_map(|slab| slab.pictures());
+        Ok(pictures.map(|picture| picture.color.as_flattened()).collect::<Vec<_>>().concat())
+    });
+    writer.section("index", || Ok(slabs.iter().flat_map(|slab| indices(slab)).collect()));
+    writer.write(path)
+}
+
+fn geometry(grid: &CameraGrid) -> Vec<u8> {
+    let mut numbers = [0.0; GEOMETRY];
+    numbers[..3].copy_from_slice(&grid.origin().to_array());
+    numbers[3..12].copy_from_slice(&grid.world_from_eye().to_cols_array());
+    numbers[12..].copy_from_slice(&[grid.focal_px(), grid.convergence()]);
+    bytemuck::cast_slice(&[&numbers, grid.columns(), grid.rows()].concat()).to_vec()
+}
+
+fn indices(slab: &Lumigraph) -> Vec<u8> {
+    let indices = slab.pictures().iter().flat_map(|picture| &picture.index);
+    match slab.index_bytes() {
+        1 => indices.map(|index| *index as u8).collect(),
+        _ => indices.flat_map(|index| index.to_le_bytes()).collect(),
+    }
+}
+
+fn read_grid(section: &mut Section, header: &SlabHeader) -> Result<CameraGrid, FileError> {
     let numbers: [f64; GEOMETRY] = section.values()?;
     let columns = section.array(header.columns as usize)?;
     let rows = section.array(header.rows as usize)?;
-    section.end()?;
     let vector = |i: usize| DVec3::new(numbers[i], numbers[i + 1], numbers[i + 2]);
     let axes = DMat3::from_cols(vector(3), vector(6), vector(9));
     let off = (axes.transpose() * axes - DMat3::IDENTITY).to_cols_array();
@@ -133,8 +197,12 @@ fn read_grid(mut section: Section, header: &FileHeader) -> Result<CameraGrid, Fi
     CameraGrid::new(parts).map_err(|e| section.damaged("a grid of cameras", e.to_string()))
 }
 
-fn read_pictures(file: &Container, grid: &CameraGrid, index_bytes: usize) -> Result<Vec<Picture>, FileError> {
-    let (pixels, mut color, mut index) = (grid.picture_pixels(), file.section("color")?, file.section("index")?);
+fn read_pictures(
+    [color, index]: [&mut Section; 2],
+    grid: &CameraGrid,
+    index_bytes: usize,
+) -> Result<Vec<Picture>, FileError> {
+    let pixels = grid.picture_pixels();
     let mut pictures = Vec::new();
     for _ in 0..grid.camera_count() {
         let color = color.array(pixels)?;
@@ -144,7 +212,5 @@ fn read_pictures(file: &Container, grid: &CameraGrid, index_bytes: usize) -> Res
         };
         pictures.push(Picture { color, index });
     }
-    color.end()?;
-    index.end()?;
     Ok(pictures)
 }

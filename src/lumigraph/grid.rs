@@ -164,13 +164,27 @@ impl CameraGrid {
         self.first.with_eye(eye).with_principal_px([x + shift * right, y - shift * up])
     }
 
+    /// What it is made of.
+    pub fn parts(&self) -> GridParts {
+        let Self { origin, world_from_eye, focal_px, size_px, convergence, .. } = *self;
+        let (columns, rows) = (self.columns.clone(), self.rows.clone());
+        GridParts { origin, world_from_eye, columns, rows, focal_px, size_px, convergence }
+    }
+
     /// The same with some of its columns and rows.
     ///
     /// # Errors
     /// [`LumigraphError::NoCameras`] if none is left.
     pub fn with_places(&self, columns: Vec<f64>, rows: Vec<f64>) -> Result<Self, LumigraphError> {
-        let Self { origin, world_from_eye, focal_px, size_px, convergence, .. } = *self;
-        Self::new(GridParts { origin, world_from_eye, columns, rows, focal_px, size_px, convergence })
+        Self::new(GridParts { columns, rows, ..self.parts() })
+    }
+
+    /// Turned about a line through `centre` along `axis`, by an angle in radians; `None` if the line has no direction.
+    pub fn turned(&self, centre: DVec3, axis: DVec3, angle: f64) -> Option<Self> {
+        let turn = DMat3::from_axis_angle(axis.try_normalize()?, angle);
+        let GridParts { origin, world_from_eye, .. } = self.parts();
+        let (origin, world_from_eye) = (centre + turn * (origin - centre), turn * world_from_eye);
+        Self::new(GridParts { origin, world_from_eye, ..self.parts() }).ok()
     }
 }
 
@@ -307,18 +321,7 @@ pub(super) mod tests {
 
     #[test]
     fn bad_grids_are_refused() {
-        let good = || {
-            let grid = any_grid();
-            GridParts {
-                origin: grid.origin,
-                world_from_eye: grid.world_from_eye,
-                columns: grid.columns,
-                rows: grid.rows,
-                focal_px: grid.focal_px,
-                size_px: grid.size_px,
-                convergence: grid.convergence,
-            }
-        };
+        let good = || any_grid().parts();
         assert!(CameraGrid::new(good()).is_ok());
         let refused = |change: fn(&mut GridParts)| {
             let mut parts = good();

@@ -38,35 +38,43 @@ impl Merger {
     /// The same as [`merge`], found from the last frame's layers (the paper's limitation 6): where they still end, two tests a
     /// merged layer say so.
     pub fn update(&mut self, layers: &[DisparityLayer], bound: &ErrorBound) {
+        self.update_where(layers.len(), |range| {
+            bound.allows(layers[range.start].through(&layers[range.end - 1]).range())
+        });
+    }
+
+    /// The fewest merged layers of `count` of which each is allowed. What is allowed must stay so without some of its layers, or they are
+    /// not the fewest; a single layer stays, allowed or not.
+    pub fn update_where(&mut self, count: usize, allows: impl Fn(Range<usize>) -> bool) {
         self.before.clear();
         self.before.extend(self.merged.iter().map(|range| range.end));
         self.merged.clear();
         self.tests = 0;
         let mut first = 0;
-        while first < layers.len() {
+        while first < count {
             let hint = self.before.partition_point(|&end| end <= first);
             let hint = self.before.get(hint).copied().unwrap_or(first + 1);
-            let end = self.end_of(layers, bound, first, hint.min(layers.len()));
+            let end = self.end_of(count, &allows, first, hint.min(count));
             self.merged.push(first..end);
             first = end;
         }
     }
 
     /// Where the merged layer that begins with `first` ends: by steps that double away from `hint`, then by halving.
-    fn end_of(&mut self, layers: &[DisparityLayer], bound: &ErrorBound, first: usize, hint: usize) -> usize {
+    fn end_of(&mut self, count: usize, allows: impl Fn(Range<usize>) -> bool, first: usize, hint: usize) -> usize {
         let mut fits = |end: usize| {
             self.tests += 1;
-            end <= first + 1 || (end <= layers.len() && bound.allows(layers[first].through(&layers[end - 1]).range()))
+            end <= first + 1 || (end <= count && allows(first..end))
         };
         let (mut good, mut bad);
         let mut step = 1;
         if fits(hint) {
             (good, bad) = (hint, hint + step);
-            while bad <= layers.len() && fits(bad) {
+            while bad <= count && fits(bad) {
                 step *= 2;
                 (good, bad) = (bad, bad + step);
             }
-            bad = bad.min(layers.len() + 1);
+            bad = bad.min(count + 1);
         } else {
             (good, bad) = (hint.saturating_sub(step), hint);
             while good > first + 1 && !fits(good) {

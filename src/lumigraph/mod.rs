@@ -10,11 +10,14 @@
 //! | construction: by rays, from pictures with depth | `capture`; `from_images`, `find_grid`, `reproject`; `raw` |
 //! | optimization for a platform | `optimum` |
 //! | hierarchical representation | `pyramid` |
-//! | merging layers for a frame (table 3) | `merge` |
-//! | rendering (table 2): what a frame needs, rectangles with ranges of layers, the loop over pixels | `plan`, `rectangles`, `render`, `kernel`, `taps`; `oracle`; overlays: `show` |
+//! | merging layers for a frame (table 3); where images are plain | `merge`; `contrast` |
+//! | several light slabs, which the paper leaves open | `slabs`, `slabs_render` |
+//! | rendering (table 2): what a frame needs, rectangles with ranges of layers, the loop over pixels | `plan`, `cells`, `render`, `kernel`, `rays`, `pending`, `taps`; `oracle`; overlays: `show` |
 
 mod bounds;
 mod capture;
+mod cells;
+mod contrast;
 mod error;
 mod file;
 mod find_grid;
@@ -25,14 +28,17 @@ mod layers;
 mod merge;
 mod optimum;
 mod oracle;
+mod pending;
 mod plan;
 mod pyramid;
 mod raw;
-mod rectangles;
+mod rays;
 mod render;
 mod reproject;
 mod settings;
 mod show;
+mod slabs;
+mod slabs_render;
 mod taps;
 /// How far the neighbours of 0 among ascending places are from it: 0 if it is one of them.
 fn nearest_to_zero(places: &[f64]) -> f64 {
@@ -61,11 +67,13 @@ pub use raw::RawLumigraph;
 pub use render::LumigraphRenderer;
 pub use settings::{Blend, LumigraphSettings, LumigraphStats};
 pub use show::Show;
+pub use slabs::{MAX_SLABS, SlabShare, Slabs};
+pub use slabs_render::{SlabsRenderer, render_slabs_by_rays};
 
 use crate::capture::scene::FileFrame;
 use crate::environment::Environment;
+use cells::{Buckets, Cells};
 use pyramid::Pyramid;
-use rectangles::Rectangles;
 use serde::{Deserialize, Serialize};
 
 /// Pixels of all images together, at most: indices of texels have 32 bits, and levels of detail add a third.
@@ -113,8 +121,11 @@ pub struct Lumigraph {
     layers: Vec<DisparityLayer>,
     pictures: Vec<Picture>,
     unknown_pixels: u64,
+    /// Of each layer, levels for each pixel.
+    contrasts: Vec<f64>,
     pyramid: Pyramid,
-    rectangles: Rectangles,
+    buckets: Buckets,
+    cells: Cells,
 }
 
 impl Lumigraph {
@@ -144,10 +155,12 @@ impl Lumigraph {
         let unknown =
             |picture: &Picture| picture.index.iter().filter(|i| usize::from(**i) > layers.len()).count() as u64;
         let unknown_pixels = pictures.iter().map(unknown).sum();
+        let contrasts = contrast::contrasts(&grid, &pictures, layers.len());
         let pyramid = Pyramid::new(&grid, &pictures);
-        let rectangles = Rectangles::new(&grid, &pictures, layers.len());
+        let buckets = Buckets::new(layers.len());
+        let cells = Cells::new(&pyramid, buckets);
         let (info, environment) = (LumigraphInfo::default(), Environment::default());
-        Ok(Self { info, environment, grid, layers, pictures, unknown_pixels, pyramid, rectangles })
+        Ok(Self { info, environment, grid, layers, pictures, unknown_pixels, contrasts, pyramid, buckets, cells })
     }
 
     /// The cameras.
@@ -170,9 +183,9 @@ impl Lumigraph {
         self.unknown_pixels
     }
 
-    /// Bytes in memory that frames need: texels of all levels, sets of rectangles, and the environment.
+    /// Bytes in memory that frames need: texels of all levels, sets of layers, and the environment.
     pub fn bytes(&self) -> u64 {
-        let own = self.pyramid.bytes() + self.rectangles.bytes();
+        let own = self.pyramid.bytes() + self.cells.bytes();
         (own + size_of_val(&self.environment.texels[..])) as u64
     }
 

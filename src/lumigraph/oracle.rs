@@ -127,7 +127,7 @@ impl Ray<'_> {
     /// The four cameras about a crossing of the plane, or those of a cell some columns and rows from there.
     fn neighbours(&self, crossing: DVec3, shift: [i32; 2]) -> Vec<Neighbour> {
         let grid = self.lumigraph.grid();
-        let least = f64::from(super::kernel::LEAST_WEIGHT);
+        let least = f64::from(super::rays::LEAST_WEIGHT);
         let sides = |places: &[f64], position: f64, shift: i32| {
             let last_cell = places.len() as i32 - 2;
             let cell = places.iter().filter(|place| **place <= position).count() as i32 - 1;

@@ -2,11 +2,15 @@
 
 use super::Lumigraph;
 use super::bounds::ErrorBound;
+use super::cells::{Batch, Bundle, Cells};
+use super::contrast::relaxed;
 use super::grid::PlaneView;
 use super::merge::Merger;
 use super::settings::{Blend, LumigraphSettings};
 use super::show::{Show, from_far_to_near, own_color};
+use super::taps::LANES;
 use crate::capture::Camera;
+use fearless_simd::{Level as SimdLevel, dispatch};
 use glam::DVec2;
 use std::ops::Range;
 
@@ -53,7 +57,14 @@ pub(super) fn merged_layers(
         behind: view.behind(),
         tolerance: if settings.merge { tolerance } else { -1.0 },
     };
-    merger.update(layers, &bound);
+    merger.update_where(layers.len(), |range| {
+        let mut bound = bound;
+        if settings.merge && settings.plain_levels > 0.0 {
+            let tolerance_px = tolerance * focal_px;
+            bound.tolerance *= relaxed(&lumigraph.contrasts[range.clone()], settings.plain_levels, tolerance_px);
+        }
+        bound.allows(layers[range.start].through(&layers[range.end - 1]).range())
+    });
     let coarsest = if settings.levels { lumigraph.pyramid.levels.len() - 1 } else { 0 };
     let merged = |indices: [u16; 2], drawn: f64| {
         let ahead = 1.0 + view.behind() * drawn;
@@ -125,8 +136,8 @@ pub(super) struct LayerInView {
     pub(super) with_neighbours: [u16; 2],
     /// Of the pyramid.
     pub(super) level: usize,
-    /// Its buckets in rectangles, and those with its neighbours'.
-    sets: [u64; 2],
+    /// Its buckets, and those with its neighbours'.
+    pub(super) sets: [u64; 2],
 }
 
 impl LayerInView {
@@ -143,7 +154,7 @@ impl LayerInView {
             indices,
             with_neighbours,
             level,
-            sets: [indices, with_neighbours].map(|[first, last]| lumigraph.rectangles.set(first..=last)),
+            sets: [indices, with_neighbours].map(|[first, last]| lumigraph.buckets.set(first..=last)),
         }
     }
 }
@@ -173,13 +184,15 @@ pub(super) struct LumigraphPlan {
     pub(super) view: PlaneView,
     /// Near ones first.
     pub(super) layers: Vec<LayerInView>,
+    /// The same.
+    batches: Vec<Batch>,
     /// Cameras' places.
     pub(super) columns: Vec<f32>,
     pub(super) rows: Vec<f32>,
     pub(super) blend: Blend,
     /// What is painted instead of the images' colours.
     pub(super) paint: Option<Paint>,
-    skip: bool,
+    pub(super) skip: bool,
     /// How what is hidden from a ray's own cell is looked for.
     pub(super) steps: Vec<Step>,
 }
@@ -207,9 +220,11 @@ impl LumigraphPlan {
         let (grid, view) = (lumigraph.grid(), PlaneView::new(lumigraph.grid(), camera));
         let merged = merged_layers(lumigraph, &view, settings, merger);
         let places = |places: &[f64]| places.iter().map(|place| *place as f32).collect();
+        let layers: Vec<_> = merged.iter().map(|layer| LayerInView::new(lumigraph, &view, layer)).collect();
         Self {
             view,
-            layers: merged.iter().map(|layer| LayerInView::new(lumigraph, &view, layer)).collect(),
+            batches: batches(&layers),
+            layers,
             columns: places(grid.columns()),
             rows: places(grid.rows()),
             blend: settings.blend,
@@ -219,51 +234,70 @@ impl LumigraphPlan {
         }
     }
 
+    /// Rays with slopes from the least to the most along both axes, between the cameras of two columns and two rows.
+    pub(super) fn bundle(&self, slopes: [[f32; 2]; 2], columns: [usize; 2], rows: [usize; 2]) -> Bundle {
+        let count = self.columns.len();
+        Bundle {
+            slopes,
+            places: [columns.map(|column| self.columns[column]), rows.map(|row| self.rows[row])],
+            cameras: [
+                rows[0] * count + columns[0],
+                rows[0] * count + columns[1],
+                rows[1] * count + columns[0],
+                rows[1] * count + columns[1],
+            ],
+        }
+    }
+
     /// The layers that may show in a block of the frame to the cameras of its rays' cells, and of `beside` cells around them.
     pub(super) fn layers_of(
         &self,
-        lumigraph: &Lumigraph,
+        cells: &Cells,
         columns: &Range<usize>,
         rows: &Range<usize>,
         beside: usize,
-        to: &mut Vec<LayerInView>,
-    ) {
-        to.clear();
-        // What is looked for beside is looked for between layers as well.
-        let set = usize::from(beside > 0);
+        level: SimdLevel,
+    ) -> Vec<Batch> {
         let ends = |range: &Range<usize>| [range.start as f64, range.end as f64];
         let corners = ends(columns).into_iter().flat_map(|x| ends(rows).map(|y| [x, y]));
         let slopes = corners.map(|corner| self.view.slopes(corner)).collect::<Option<Vec<DVec2>>>();
         let Some(slopes) = slopes.filter(|_| self.skip) else {
-            to.extend(&self.layers);
-            return;
+            return batches(&self.layers);
         };
         let bounds = |points: &mut dyn Iterator<Item = DVec2>| {
             points.fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
         };
         let [low, high] = bounds(&mut slopes.iter().copied()).map(DVec2::as_vec2);
         let [from, until] = bounds(&mut slopes.iter().map(|&slopes| self.view.crossing(slopes))).map(DVec2::as_vec2);
-        let cameras = |places: &[f32], from: f32, until: f32| {
+        // Two cameras of each axis at a time.
+        let pairs = |places: &[f32], from: f32, until: f32| {
+            let last = places.len() - 1;
             let first = cell(places, from).saturating_sub(beside);
-            first..(cell(places, until) + beside + 2).min(places.len())
+            let end = (cell(places, until) + beside + 1).min(last);
+            (first..=end.max(first)).step_by(2).map(move |low| [low, (low + 1).min(last)])
         };
-        let (across, up) = (cameras(&self.columns, from.x, until.x), cameras(&self.rows, from.y, until.y));
-        to.extend(self.layers.iter().filter(|layer| {
-            let (texel, LayerInView { scale, add, shift, .. }) = ((1u32 << layer.level) as f32, **layer);
-            let span = |a: f32, b: f32, moved: f32| {
-                let (a, b) = ((a + moved) * texel, (b + moved) * texel);
-                // A texel more to each side: that of the position, and rounding.
-                [a.min(b) - texel, a.max(b) + texel]
-            };
-            up.clone().any(|row| {
-                let rows = span(add[1] - scale * low.y, add[1] - scale * high.y, shift * self.rows[row]);
-                across.clone().any(|column| {
-                    let columns = span(add[0] + scale * low.x, add[0] + scale * high.x, -shift * self.columns[column]);
-                    lumigraph.rectangles.any(row * self.columns.len() + column, layer.sets[set], columns, rows)
-                })
-            })
-        }));
+        let slopes = [[low.x, high.x], [low.y, high.y]];
+        let mut near = vec![0; self.batches.len()];
+        for rows in pairs(&self.rows, from.y, until.y) {
+            for columns in pairs(&self.columns, from.x, until.x) {
+                let bundle = self.bundle(slopes, columns, rows);
+                for (near, batch) in near.iter_mut().zip(&self.batches) {
+                    // What is looked for beside is looked for between layers as well.
+                    *near |= dispatch!(level, simd => batch.near(simd, cells, &bundle, beside > 0)).layers;
+                }
+            }
+        }
+        let of_batch = |(near, batch): (u32, &'_ Batch)| {
+            let is_near = move |(i, _): &(usize, LayerInView)| near >> i & 1 == 1;
+            batch.layers.clone().into_iter().enumerate().filter(is_near).map(|(_, layer)| layer).collect::<Vec<_>>()
+        };
+        batches(&near.into_iter().zip(&self.batches).flat_map(of_batch).collect::<Vec<_>>())
     }
+}
+
+/// Layers in batches.
+fn batches(layers: &[LayerInView]) -> Vec<Batch> {
+    layers.chunks(LANES).map(Batch::new).collect()
 }
 
 /// Cells that are asked to each side of a ray's own where all of its cameras look at something that hides what the ray meets.

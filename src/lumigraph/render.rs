@@ -5,6 +5,7 @@
 //! two layers. Where cameras do not agree whether there is a surface, [`Blend::Shared`](super::Blend::Shared) goes on behind it.
 
 use super::Lumigraph;
+use super::cells::Batch;
 use super::kernel::{self, Block, HIDDEN, Pass};
 use super::merge::Merger;
 use super::plan::{LumigraphPlan, WIDER};
@@ -20,7 +21,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 /// A block of the frame: what layers it shows is found out for all of it at once.
-const BLOCK_COLUMNS: usize = 4 * LANES;
+const BLOCK_COLUMNS: usize = 2 * LANES;
 const BLOCK_ROWS: usize = 16;
 
 /// Draws frames; owns its buffers.
@@ -101,6 +102,11 @@ impl LumigraphRenderer {
         (&self.frame, &self.stats)
     }
 
+    /// The last frame.
+    pub fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
     /// The layers of the last frame that were shown as one, far ones first, as ranges of [`Lumigraph::layers`].
     pub fn merged(&self) -> &[Range<usize>] {
         self.merger.merged()
@@ -116,18 +122,19 @@ fn draw_band(
     colors: &mut [[u8; 4]],
     level: SimdLevel,
 ) -> u64 {
-    let mut layers = Vec::with_capacity(plan.layers.len());
     let mut layer_pixels = 0;
     for start in (0..width).step_by(BLOCK_COLUMNS) {
         let columns = start..(start + BLOCK_COLUMNS).min(width);
-        plan.layers_of(lumigraph, &columns, rows, 0, &mut layers);
-        layer_pixels += (layers.len() * columns.len() * rows.len()) as u64;
-        let pyramid = &lumigraph.pyramid;
-        let block = Block { plan, pyramid, layers: &layers, columns: columns.clone(), rows: rows.clone(), width };
-        if kernel::draw(&block, Pass::First, colors, level) {
-            plan.layers_of(lumigraph, &columns, rows, WIDER as usize, &mut layers);
-            let block = Block { plan, pyramid, layers: &layers, columns, rows: rows.clone(), width };
-            kernel::draw(&block, Pass::Wider(&plan.steps), colors, level);
+        let batches = |beside: usize| plan.layers_of(&lumigraph.cells, &columns, rows, beside, level);
+        let mut draw = |batches: &[Batch], pass: Pass| {
+            let block = Block { lumigraph, plan, batches, columns: columns.clone(), rows: rows.clone(), width };
+            kernel::draw(&block, pass, colors, level)
+        };
+        let own = batches(0);
+        let layers: usize = own.iter().map(|batch| batch.layers.len()).sum();
+        layer_pixels += (layers * columns.len() * rows.len()) as u64;
+        if draw(&own, Pass::First) {
+            draw(&batches(WIDER as usize), Pass::Wider(&plan.steps));
         }
     }
     layer_pixels

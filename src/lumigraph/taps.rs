@@ -6,7 +6,7 @@ use fearless_simd::{ExtractToken, Simd, f32x16, i32x16, mask32x16, prelude::*, u
 /// Pixels at a time.
 pub(super) const LANES: usize = 16;
 
-/// The indices of the nearest texels at positions that lie `inside` the image.
+/// The indices of the nearest texels of a level at positions that lie `inside` the image, with a camera's texels from `base` on.
 #[inline(always)]
 pub(super) fn nearest<S: Simd>(
     simd: S,
@@ -22,19 +22,21 @@ pub(super) fn nearest<S: Simd>(
     let row = inside.select(v, zero).to_int::<i32x16<S>>();
     let at = (row * level.width as i32 + column).bitcast::<u32x16<S>>() + base + level.first as u32;
     let at = at.to_array();
-    let index = |i: usize| texels.get(at[i] as usize).map_or(0, |texel| u32::from(texel[3]));
+    // Blue and index.
+    let word = |i: usize| texels.get(at[i] as usize).map_or(0, |&texel| bytemuck::cast::<Texel, [u32; 2]>(texel)[1]);
     // Registers put together from loads, as wide stores before a wider load would stall.
     let four = [
-        u32x4::load_array(simd, [index(0), index(1), index(2), index(3)]),
-        u32x4::load_array(simd, [index(4), index(5), index(6), index(7)]),
-        u32x4::load_array(simd, [index(8), index(9), index(10), index(11)]),
-        u32x4::load_array(simd, [index(12), index(13), index(14), index(15)]),
+        u32x4::load_array(simd, [word(0), word(1), word(2), word(3)]),
+        u32x4::load_array(simd, [word(4), word(5), word(6), word(7)]),
+        u32x4::load_array(simd, [word(8), word(9), word(10), word(11)]),
+        u32x4::load_array(simd, [word(12), word(13), word(14), word(15)]),
     ];
     let eight = [simd.combine_u32x4(four[0], four[1]), simd.combine_u32x4(four[2], four[3])];
-    simd.combine_u32x8(eight[0], eight[1]).bitcast::<i32x16<S>>()
+    (simd.combine_u32x8(eight[0], eight[1]) >> 16).bitcast::<i32x16<S>>()
 }
 
-/// Adds colour times weight, and weight, of those of the four texels around positions that show one of the layers `indices`.
+/// Adds colour times weight, and weight, of those of the four texels around positions that show layers from the first to the second of
+/// `indices`.
 #[inline(always)]
 pub(super) fn add_taps<S: Simd>(
     simd: S,
@@ -42,7 +44,7 @@ pub(super) fn add_taps<S: Simd>(
     level: Level,
     base: u32x16<S>,
     [u, v]: [f32x16<S>; 2],
-    indices: [u16; 2],
+    indices: &[i32x16<S>; 2],
     weight: f32x16<S>,
     sum: &mut [f32x16<S>; 4],
 ) {
@@ -97,9 +99,9 @@ fn pair<S: Simd>(simd: S, texels: &[Texel], at: u32) -> u32x4<S> {
 }
 
 #[inline(always)]
-fn add_tap<S: Simd>([rg, bi]: [u32x16<S>; 2], indices: [u16; 2], weight: f32x16<S>, sum: &mut [f32x16<S>; 4]) {
+fn add_tap<S: Simd>([rg, bi]: [u32x16<S>; 2], indices: &[i32x16<S>; 2], weight: f32x16<S>, sum: &mut [f32x16<S>; 4]) {
     let index = (bi >> 16).bitcast::<i32x16<S>>();
-    let shows = index.simd_ge(i32::from(indices[0])) & index.simd_le(i32::from(indices[1]));
+    let shows = index.simd_ge(indices[0]) & index.simd_le(indices[1]);
     let weight = shows.select(weight, f32x16::splat(weight.token(), 0.0));
     sum[0] += float(rg & 0xffff) * weight;
     sum[1] += float(rg >> 16) * weight;

@@ -9,7 +9,7 @@
 //! 3. `scan`: exact integer edge functions, so that no crack is left between neighbours;
 //!    depth and the number of the triangle per pixel, nothing else;
 //! 4. `shade`: once per pixel at the end, triangle after triangle: perspective-correct weights (`weights`), colours, textures
-//!    at the fineness of the frame (`mip`), sRGB (`encode`).
+//!    at the fineness of the frame (`mip`), sRGB (`crate::srgb`).
 //!
 //! Positions are IEEE `f32` in a fixed order of operations, the rest of coverage is integers: the same bytes on any number
 //! of threads, bands and SIMD levels.
@@ -17,7 +17,6 @@
 mod clip;
 mod cluster;
 mod cull;
-mod encode;
 mod mesh;
 mod mip;
 mod scan;
@@ -25,7 +24,6 @@ mod shade;
 mod view;
 mod weights;
 
-pub(crate) use encode::{SrgbTable, encode_srgb};
 pub use mesh::RasterMesh;
 
 use crate::capture::{Camera, simd};

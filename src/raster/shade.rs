@@ -7,7 +7,6 @@
 //! Each run of a row's pixels by itself would leave most lanes idle in rooms (docs/decisions.md: pixels are coloured triangle
 //! after triangle).
 
-use super::encode::SrgbTable;
 use super::mesh::{MeshMaterial, RasterMesh, Vertex};
 use super::mip::MipTexture;
 use super::scan::{Drawn, DrawnRows};
@@ -17,6 +16,7 @@ use super::{LANES, Seen, SurfaceId};
 use crate::capture::Camera;
 use crate::environment::Environment;
 use crate::frame::Coverage;
+use crate::srgb::SrgbTable;
 use fearless_simd::dispatch;
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, u32x16};

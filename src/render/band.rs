@@ -163,8 +163,8 @@ impl Pass<'_> {
             self.depth.clear(band.width, band.rows.clone());
         }
         canvas.ground_mut().clear();
-        if plan.planes.len() > 0 {
-            self.draw_planes(canvas);
+        if plan.planes.len() > 0 || self.source.standing.is_some() {
+            self.draw_ground(canvas);
         }
         let cleared = Instant::now();
         self.draw_segments(canvas, &Clipped { unclipped: plan.unclipped });
@@ -189,11 +189,11 @@ impl Pass<'_> {
         self.stats.finish_ms += drawn.elapsed().as_secs_f64() * 1e3;
     }
 
-    /// Draws the pictures on planes, and puts them behind all that is yet to come.
-    fn draw_planes(&mut self, canvas: &mut dyn Canvas) {
-        let Self { plan, band, .. } = *self;
+    /// Draws the pictures on planes and what stands in the frame, and puts them behind all that is yet to come.
+    fn draw_ground(&mut self, canvas: &mut dyn Canvas) {
+        let Self { plan, band, source, .. } = *self;
         let rows = band.rows.clone();
-        canvas.ground_mut().draw(&self.source.cube.planes, &plan.planes, band.width, rows, plan.level);
+        canvas.ground_mut().draw(&source.cube.planes, &plan.planes, source.standing, band.width, rows, plan.level);
         canvas.lay();
         if plan.depth {
             self.depth.lay(canvas.ground());

@@ -73,6 +73,7 @@ use finish::{Pixels, depth_pieces};
 use fragments::Fragments;
 use order::{EyeInFace, LayerOrder};
 use planes::PlanesInView;
+pub(crate) use planes::Standing;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::{Mutex, PoisonError};
@@ -216,6 +217,14 @@ struct Source<'a> {
     cube: &'a PackedCube,
     /// Depth pixels to draw instead of the packed ones, for each segment.
     exact: Option<&'a [Vec<ExactDepthPixel>]>,
+    /// What else stands in the frame.
+    standing: Option<Standing<'a>>,
+}
+
+impl<'a> Source<'a> {
+    fn of(cube: &'a PackedCube) -> Self {
+        Self { cube, exact: None, standing: None }
+    }
 }
 
 /// A segment, as the frame's camera sees it.
@@ -255,7 +264,7 @@ impl Renderer {
     /// where there is nothing.
     pub(crate) fn render_with_fronts(&mut self, cube: &PackedCube, camera: &Camera) -> (&Frame, &[f32]) {
         self.plan.tells_all = true;
-        self.render_source(Source { cube, exact: None }, camera, &RenderSettings::default());
+        self.render_source(Source::of(cube), camera, &RenderSettings::default());
         self.plan.tells_all = false;
         (&self.frame, self.filler.inverse_depths())
     }
@@ -273,7 +282,19 @@ impl Renderer {
         camera: &Camera,
         settings: &RenderSettings,
     ) -> (&Frame, &FrameStats) {
-        self.render_source(Source { cube, exact: None }, camera, settings)
+        self.render_source(Source::of(cube), camera, settings)
+    }
+
+    /// The same with what else stands in the frame, by the depth of every pixel: samples and pictures on planes hide it and are hidden, and
+    /// blend with it where they cover a pixel in part. Kernels that do not compare depths have it behind the samples in front of it alone.
+    pub(crate) fn render_among(
+        &mut self,
+        cube: &PackedCube,
+        standing: Standing,
+        camera: &Camera,
+        settings: &RenderSettings,
+    ) -> (&Frame, &FrameStats) {
+        self.render_source(Source { standing: Some(standing), ..Source::of(cube) }, camera, settings)
     }
 
     /// The same from depth pixels that are not packed, to see what packing costs and gains.
@@ -283,7 +304,7 @@ impl Renderer {
         camera: &Camera,
         settings: &RenderSettings,
     ) -> (&Frame, &FrameStats) {
-        self.render_source(Source { cube: &exact.cube, exact: Some(&exact.depth_pixels) }, camera, settings)
+        self.render_source(Source { exact: Some(&exact.depth_pixels), ..Source::of(&exact.cube) }, camera, settings)
     }
 
     fn render_source(&mut self, source: Source, camera: &Camera, settings: &RenderSettings) -> (&Frame, &FrameStats) {
@@ -295,8 +316,10 @@ impl Renderer {
         let fills = !settings.keep_holes && self.plan.kernel.knows_depths();
         self.filler.prepare(if fills { self.frame.color.len() } else { 0 });
         self.stats = match settings.parallel {
-            // Pictures on planes do not belong to fragments.
-            _ if self.plan.planes.len() > 0 => self.draw_bands(source, camera, settings.band_rows),
+            // Pictures on planes do not belong to fragments, nor does what stands in the frame.
+            _ if self.plan.planes.len() > 0 || source.standing.is_some() => {
+                self.draw_bands(source, camera, settings.band_rows)
+            }
             Parallel::Bands => self.draw_bands(source, camera, settings.band_rows),
             Parallel::Fragments(count) => {
                 let frame = (&mut self.frame, self.filler.inverse_depths());

@@ -20,7 +20,7 @@ const MAX_VALUE: f32 = 32767.0;
 pub(super) const VISIBLE: u32 = 1 << 31;
 /// Slopes reach as far as this share of the whole range per cell: any steeper is an edge. Half a unit of slope is then
 /// 1/4064 of the range, at most 1/80 px for +-25 px of parallax half a cell away.
-const STEEPEST: f32 = 1.0 / 16.0;
+pub(crate) const STEEPEST: f32 = 1.0 / 16.0;
 
 /// How cells encode displacements.
 #[derive(Clone, Copy, Debug, PartialEq)]

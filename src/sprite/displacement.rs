@@ -99,12 +99,12 @@ impl Displacement {
     }
 
     /// Displacement per stored unit.
-    pub(super) fn scale(&self) -> f32 {
+    pub(crate) fn scale(&self) -> f32 {
         self.scale
     }
 
     /// Stored values as little-endian bytes.
-    pub(super) fn stored_bytes(&self) -> &[u8] {
+    pub(crate) fn stored_bytes(&self) -> &[u8] {
         match &self.values {
             Values::I8(v) => bytemuck::cast_slice(v),
             Values::I16(v) => bytemuck::cast_slice(v),

@@ -66,7 +66,7 @@ impl Field {
 }
 
 /// Rounds of smoothing: stairs of up to about twice as many cells a step become ramps.
-const SMOOTHING_ROUNDS: usize = 16;
+pub(crate) const SMOOTHING_ROUNDS: usize = 16;
 
 /// Displacements without the stairs of 8 bits: each value moves half-way to the mean of the neighbours on both its
 /// sides, along rows and along columns, but no further than half a step from what is stored, which rounding would have

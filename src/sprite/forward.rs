@@ -274,7 +274,7 @@ fn move_cells<S: Simd>(
 
 /// Cells that move apart by more than this leave gaps side by side. Below, a gap is one cell wide, and filling takes it
 /// from its neighbours.
-const MAGNIFIED: f32 = 1.5;
+pub(crate) const MAGNIFIED: f32 = 1.5;
 
 /// [`Coding::displacement`] at the centre, and the slopes.
 #[inline(always)]

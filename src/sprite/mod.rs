@@ -55,10 +55,22 @@ pub(crate) use layer::straight;
 pub use plane::SpritePlane;
 pub use render::{PreparedSprite, RenderOptions, SpriteRenderer, SpriteVariant};
 pub use sampling::SpriteSampling;
+pub(crate) use set::visible_points;
 pub use set::{SpriteInfo, SpriteSet};
 pub use transfer::{Outcome, SpriteTransfer};
 
+/// Numbers of the two passes that whoever draws like them has to know.
+pub(crate) mod rules {
+    pub(crate) use super::cell::STEEPEST;
+    pub(crate) use super::field::SMOOTHING_ROUNDS;
+    pub(crate) use super::forward::MAGNIFIED;
+    pub(crate) use super::planes::LEAST_STRETCH;
+    pub(crate) use super::pure_parallax::NEAREST_DEPTH_SHARE;
+    pub(crate) use super::transfer::EDGE_ON;
+}
+
 use crate::capture::Camera;
+use glam::DVec3;
 use image::RgbaImage;
 
 /// An alpha-matted picture on a plane (S2).
@@ -102,6 +114,18 @@ impl Sprite {
     /// The plane, the camera's eye on its positive side.
     pub fn plane(&self) -> &SpritePlane {
         &self.plane
+    }
+
+    /// Where on the plane the middle of the picture is, world.
+    pub(crate) fn middle(&self) -> DVec3 {
+        let (camera, plane) = (&self.camera, &self.plane);
+        let axis = plane.inverse_depth(camera, f64::from(camera.width()) / 2.0, f64::from(camera.height()) / 2.0);
+        // Where the axis misses the plane, the foot of the perpendicular stands for the middle.
+        if axis > 0.0 {
+            camera.eye() + camera.forward() / axis
+        } else {
+            camera.eye() - plane.normal * plane.signed_distance(camera.eye())
+        }
     }
 }
 

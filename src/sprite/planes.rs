@@ -125,7 +125,7 @@ fn store<S: Simd>(values: [f32x16<S>; 3], out: &mut [[f32; GROUP]; 3]) {
 const MARGIN: f32 = 1e-3;
 
 /// Surfaces that pure parallax compresses by more than this, or turns round, move cell by cell.
-const LEAST_STRETCH: f32 = 0.25;
+pub(crate) const LEAST_STRETCH: f32 = 0.25;
 
 /// Puts a patch where it is nearer than what is there.
 pub(super) fn draw_patch<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &mut CellBand) {

@@ -6,7 +6,7 @@ use super::transfer::SpriteTransfer;
 
 /// A surface point whose depth from the target eye is less than this share of its plane's is not drawn: it would be
 /// magnified beyond use, and at 0 it is behind the eye.
-pub(super) const NEAREST_DEPTH_SHARE: f32 = 1.0 / 16.0;
+pub(crate) const NEAREST_DEPTH_SHARE: f32 = 1.0 / 16.0;
 
 /// What the first pass stores.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -103,22 +103,26 @@ struct Shape {
 /// Sample points along each side of a sprite.
 const SAMPLES_PER_SIDE: u32 = 9;
 
+/// Points of the visible surface of a sprite, world: what tells its order among others.
+pub(crate) fn visible_points(sprite: &SpriteWithDepth) -> Vec<DVec3> {
+    let (columns, rows) = sprite.displacement().size();
+    let camera = sprite.sprite().camera();
+    let color = sprite.sprite().color();
+    let along = |count: u32| (0..SAMPLES_PER_SIDE).map(move |i| i * (count - 1) / (SAMPLES_PER_SIDE - 1));
+    let cells = along(rows).flat_map(|y| along(columns).map(move |x| (x, y)));
+    let point = |(x, y): (u32, u32)| {
+        let px = (f64::from(x) + 0.5) * f64::from(color.width()) / f64::from(columns);
+        let py = (f64::from(y) + 0.5) * f64::from(color.height()) / f64::from(rows);
+        let visible = color.get_pixel(px as u32, py as u32).0[3] > 0;
+        let depth = sprite.eye_depth(x, y).filter(|_| visible)?;
+        Some(camera.eye() + camera.direction(px, py) * depth)
+    };
+    cells.filter_map(point).collect()
+}
+
 impl Shape {
     fn new(sprite: &SpriteWithDepth, eye: DVec3) -> Self {
-        let (columns, rows) = sprite.displacement().size();
-        let camera = sprite.sprite().camera();
-        let color = sprite.sprite().color();
-        let along = |count: u32| (0..SAMPLES_PER_SIDE).map(move |i| i * (count - 1) / (SAMPLES_PER_SIDE - 1));
-        let cells = along(rows).flat_map(|y| along(columns).map(move |x| (x, y)));
-        let points: Vec<DVec3> = cells
-            .filter_map(|(x, y)| {
-                let px = (f64::from(x) + 0.5) * f64::from(color.width()) / f64::from(columns);
-                let py = (f64::from(y) + 0.5) * f64::from(color.height()) / f64::from(rows);
-                let visible = color.get_pixel(px as u32, py as u32).0[3] > 0;
-                let depth = sprite.eye_depth(x, y).filter(|_| visible)?;
-                Some(camera.eye() + camera.direction(px, py) * depth)
-            })
-            .collect();
+        let points = visible_points(sprite);
         let plane = sprite.sprite().plane().facing(eye);
         let mean = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
         Self { points, plane: (plane.normal, plane.offset), distance: (mean - eye).length() }

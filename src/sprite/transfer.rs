@@ -18,7 +18,7 @@ pub enum Outcome {
 
 /// The target eye's distance from the plane over its distance from the sprite's middle, below which the plane counts
 /// as edge-on: a rectangle seen at 0.06 degrees covers a thousandth of its width.
-const EDGE_ON: f64 = 1e-3;
+pub(crate) const EDGE_ON: f64 = 1e-3;
 
 /// The maps of one sprite and one target camera; pixels in both, homogeneous.
 ///
@@ -94,16 +94,8 @@ impl SpriteTransfer {
 
 /// Side of the plane on which the target eye lies.
 fn target_side(sprite: &Sprite, target: &Camera) -> Result<f64, Outcome> {
-    let (camera, plane) = (sprite.camera(), sprite.plane());
-    let axis = plane.inverse_depth(camera, f64::from(camera.width()) / 2.0, f64::from(camera.height()) / 2.0);
-    // Where the axis misses the plane, the foot of the perpendicular stands for the middle.
-    let middle = if axis > 0.0 {
-        camera.eye() + camera.forward() / axis
-    } else {
-        camera.eye() - plane.normal * plane.signed_distance(camera.eye())
-    };
-    let distance = plane.signed_distance(target.eye());
-    let range = (target.eye() - middle).length();
+    let distance = sprite.plane().signed_distance(target.eye());
+    let range = (target.eye() - sprite.middle()).length();
     if distance.abs() > EDGE_ON * range && distance.is_finite() { Ok(distance.signum()) } else { Err(Outcome::EdgeOn) }
 }
 

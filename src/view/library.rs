@@ -14,7 +14,7 @@ use crate::capture::viewpoint::{place_headbox, suggest_view};
 use crate::capture::{Camera, linear_from_srgb8, srgb8_from_linear};
 use crate::container::FileError;
 use crate::ldi::from_images::NearImages;
-use crate::lumigraph::Lumigraph;
+use crate::lumigraph::Slabs;
 use crate::packed::PackedCube;
 use crate::portal::file::HouseFileError;
 use crate::progress::Silent;
@@ -88,7 +88,7 @@ pub fn open_source(source: SceneSource, output_dir: &Path) -> Result<Box<dyn Fra
             let source = SpriteSource::new(SpriteSet::read(path)?, path);
             Box::new(source.ok_or_else(|| OpenError::NoSprites { path: path.into() })?)
         }
-        Some("lumi") => Box::new(LumigraphSource::new(Lumigraph::read(path)?, path)),
+        Some("lumi") => Box::new(LumigraphSource::new(Slabs::read(path)?, path)),
         Some("house") => Box::new(HouseSource::read(path)?),
         Some(extension) if HOMES.contains(&extension) => Box::new(HouseSource::load(path).map_err(OpenError::Scene)?),
         Some(extension) if SCENES.contains(&extension) => Box::new(capture(source, output_dir)?),

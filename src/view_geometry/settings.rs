@@ -68,7 +68,7 @@ impl Default for GeometrySettings {
             texturing: Texturing::default(),
             cameras: 10,
             level: 0,
-            grid_px: 4.0,
+            grid_px: 5.0,
             margin: 0.02,
             by_sight: true,
             close_nodes: 3,

@@ -156,8 +156,11 @@ fn a_plane_is_shown_as_it_is_from_between_its_cameras() {
             let (frame, stats) = frame(&geometry, &camera, &settings(texturing));
             // Rounding to levels in the picture, its bilinear interpolation and in the frame.
             let (worst, holes) = off_the_pattern(&frame, &camera, -3.0);
-            // At the frame's rim less than a pixel lies beyond the last sample.
-            assert!(worst <= 3 && holes < 111 + 70, "{texturing:?} {eye}: off by {worst}, {holes} holes; {stats:?}");
+            // At the frame's rim a pixel, on the mean less than 1.5, lies beyond the sample that the last node holds.
+            assert!(
+                worst <= 3 && 2 * holes < 3 * (111 + 70),
+                "{texturing:?} {eye}: off by {worst}, {holes} holes; {stats:?}"
+            );
         }
         let (single, _) = frame(&geometry, &camera, &settings(Texturing::Single));
         let (worst, holes) = off_the_pattern(&single, &camera, -3.0);
@@ -272,8 +275,10 @@ fn no_skin_spans_a_depth_edge_and_the_rim_is_where_it_is() {
         }
         // The rim is some 410 pixels long: its own pixels are mixed where a texture is looked up across it.
         assert!(mixed < 600 && wrong < 200, "{texturing:?}: {mixed} mixed, {wrong} wrong");
-        // All cameras are lower than the frame's: it looks over the tops of their pictures by 3.4 pixels.
-        assert!(frame.hole_count() <= 5 * 320, "{}", frame.hole_count());
+        // All cameras are lower than the frame's: it looks over the tops of their pictures by 3.4 pixels, and the mesh ends at the
+        // last row of nodes that hold a sample, less than their distance before that.
+        let open_rows = 3.4 + settings(texturing).grid_px;
+        assert!(frame.hole_count() as f32 <= open_rows * 320.0, "{}", frame.hole_count());
     }
 }
 

@@ -12,7 +12,7 @@ use super::scan::{Described, LANES, MOST_CAMERAS, OWNER_BITS, Pixels, Scanner, S
 use super::{EdgeRule, RealCamera, Texturing};
 use crate::capture::Camera;
 use crate::frame::Coverage;
-use crate::raster::{SrgbTable, encode_srgb};
+use crate::srgb::{SrgbTable, encode_srgb};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16, mask32x16, u32x16};
 use glam::{DMat3, DVec3, Vec3};

@@ -2,16 +2,21 @@
 
 use crate::common::bed::{Scene, room, srgb};
 use crate::common::capture::centre_rays;
-use glam::DVec3;
-use headbox::capture::images::{DepthPicture, ImageSet, ImageSetOptions, Lens, View};
+use glam::{DMat3, DVec3, Vec3};
+use headbox::capture::Camera;
+use headbox::capture::images::{DepthPicture, FARTHEST_M, ImageSet, ImageSetOptions, Lens, SetWriter, View};
+use headbox::capture::light::Lighting;
 use headbox::capture::rig::Face;
+use headbox::capture::trace::{Ray, Tracer};
 use headbox::ldi::CubeLdi;
 use headbox::ldi::from_images::ImagesJob;
 use headbox::ldi::merge::MergeRule;
 use headbox::progress::Silent;
 use headbox::sprite::write_depth_exr;
+use headbox::truth;
 use image::{Rgb, RgbImage};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Names of the faces' pictures.
 const NAMES: [(Face, &str); 6] = [
@@ -66,6 +71,42 @@ fn six_faces_of_the_tracer_give_its_own_ldi_back() {
             let error = (found.inverse_depth / expected.inverse_depth - 1.0).abs();
             assert!(error < RELATIVE_DEPTH, "{:?} {x} {y}: {error}", face.face);
             assert_eq!(found.color_srgb[..3], expected.color_srgb[..3]);
+        }
+    }
+}
+
+/// As above, of a scene of triangles, by the product's own tracer, through six pinholes that a `transforms.json` tells.
+#[test]
+fn six_pinholes_of_the_tracer_give_its_centre_ray_ldi() {
+    const SIDE: u32 = 96;
+    let scene = Arc::new(headbox::scenes::build("castle", 0).expect("a built-in scene"));
+    let centre = scene.headbox.expect("it suggests one").centre;
+    let tracer = Tracer::new(scene, centre);
+    let lighting = Lighting::measure(&tracer, 0);
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut writer = SetWriter::new(folder.path());
+    let taken = Face::ALL.map(|face| {
+        let world_from_eye = DMat3::from_cols(face.right(), face.up(), -face.normal());
+        let camera = Camera::from_parts(centre, world_from_eye, f64::from(SIDE) / 2.0, SIDE, SIDE).expect("a camera");
+        let view = truth::view(&tracer, &lighting, false, &camera, 1, &Silent);
+        writer.add(face.index(), &view, true).expect("written");
+        view
+    });
+    writer.finish().expect("written");
+    let set = ImageSet::open(folder.path(), &ImageSetOptions::default()).expect("opens");
+    let job = ImagesJob { centre, face_size_px: SIDE, ..ImagesJob::suggest(&set) };
+    let found = job.run(&set, &views(&set), &Silent).expect("warps");
+    for ((face, found), taken) in Face::ALL.into_iter().zip(&found.faces).zip(&taken) {
+        for (x, y) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (x, y))) {
+            let direction = face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, SIDE);
+            let ray = Ray { origin: Vec3::ZERO, direction: direction.as_vec3(), t_min: 0.0, t_max: f32::INFINITY };
+            let hit = tracer.closest(&ray);
+            // The sky is a surface that is as good as infinitely far.
+            let expected = 1.0 / hit.map_or(FARTHEST_M, |hit| hit.t * direction.dot(face.normal()) as f32);
+            let [found] = found.pixel(x, y) else { panic!("{face:?} {x} {y}: one sample a pixel") };
+            let error = (found.inverse_depth / expected - 1.0).abs();
+            assert!(error < RELATIVE_DEPTH, "{face:?} {x} {y}: {error}");
+            assert_eq!(found.color_srgb, taken.color[(y * SIDE + x) as usize], "{face:?} {x} {y}");
         }
     }
 }

@@ -8,6 +8,7 @@ mod common;
 
 mod capture;
 mod citations;
+mod compose;
 mod from_images;
 mod metrics;
 mod metrics_flip;

@@ -14,6 +14,10 @@ const HALF_STEP: f64 = 0.5 / ((1 << 20) - 1) as f64 + 1e-7;
 
 /// The worst cell of the ring code, front side (see `splat_index`); the normals of a capture face the centre.
 const NORMAL_DEG: f64 = 2.9;
+/// The cosine from which on a surface is seen so much edge-on that a code may lie on its other side ...
+const EDGE_ON: f64 = 0.06;
+/// ... and is moved by a ring, so that it faces the centre.
+const MOVED_DEG: f64 = 3.6;
 
 #[test]
 fn packing_keeps_every_sample() {
@@ -41,7 +45,9 @@ fn packing_keeps_every_sample() {
                         assert_eq!(found.color_srgb, sample.color_srgb);
                         let normal = sample.normal.decode().as_dvec3();
                         if layout == SplatIndexLayout::Normal && normal.dot(face.face.normal()) < 0.17 {
-                            assert!(found.normal.angle_between(normal).to_degrees() < NORMAL_DEG);
+                            let toward = face.face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, 48).normalize();
+                            let moved_deg = if normal.dot(toward).abs() < EDGE_ON { MOVED_DEG } else { 0.0 };
+                            assert!(found.normal.angle_between(normal).to_degrees() < NORMAL_DEG + moved_deg);
                         }
                     }
                 }

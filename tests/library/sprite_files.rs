@@ -88,7 +88,7 @@ fn pictures_out_and_in_give_the_same_depth() {
 }
 
 /// A flat sprite of one colour on a plane.
-fn card(color: [u8; 4], center: DVec3, normal: DVec3) -> SpriteWithDepth {
+pub(super) fn card(color: [u8; 4], center: DVec3, normal: DVec3) -> SpriteWithDepth {
     let camera = look(center + normal.normalize() * 2.0, center, 16);
     let sprite = Sprite::new(RgbaImage::from_pixel(16, 16, Rgba(color)), camera, SpritePlane::through(center, normal));
     SpriteWithDepth::new(sprite.expect("valid"), Displacement::zero(16, 16)).expect("valid")
@@ -189,73 +189,4 @@ fn bad_parts_are_named() {
         &mut frame,
     );
     assert!(frame.pixels().iter().all(|p| *p == [0; 4]));
-}
-
-#[test]
-fn sprites_and_a_cube_are_composed_back_to_front() {
-    use headbox::compose::{ComposeSettings, Composer, Composition, Layer};
-    use headbox::ldi::job::CaptureJob;
-    use headbox::ldi::parameters::{CaptureParameters, Resources};
-    use headbox::packed::{PackedCube, SplatIndexLayout, Split};
-    use headbox::scene_source::SceneSource;
-
-    // A captured wall of checks in the plane z = 0, seen from z = 3.
-    let source = SceneSource::new("builtin:bump");
-    let scene = Arc::new(source.open().expect("built in"));
-    let centre = dvec3(0.0, 0.0, 3.0);
-    let tracer = Tracer::new(Arc::clone(&scene), centre);
-    let job = CaptureJob {
-        face_size_px: 32,
-        parameters: CaptureParameters::unlit(6, 4),
-        ..CaptureJob::new(source, centre, 0.5)
-    };
-    let (ldi, _) = job.run(&tracer, &Lighting::of_scene(&tracer, 0), &Resources::default(), &Silent).expect("captured");
-    let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packed");
-
-    let (before, behind) = (dvec3(1.2, 0.0, 1.8), dvec3(0.0, 0.0, -2.0));
-    let set = SpriteSet::new(vec![
-        card([0, 0, 255, 255], before, DVec3::Z),
-        card([255, 0, 0, 255], behind, DVec3::Z),
-        card([0, 255, 0, 255], dvec3(0.0, 40.0, 0.0), DVec3::Z),
-    ]);
-    let composition = Composition::new(set, vec![cube]);
-    let order = composition.back_to_front(centre);
-    let place = |layer| order.iter().position(|&l| l == layer).expect("every layer is drawn");
-    assert_eq!(order.len(), 4);
-    assert!(place(Layer::Sprite(1)) < place(Layer::Cube(0)), "{order:?}");
-    assert!(place(Layer::Cube(0)) < place(Layer::Sprite(0)), "{order:?}");
-
-    let (mut composer, mut frame) = (Composer::default(), headbox::frame::Frame::default());
-    let mut seen = |eye: DVec3, at: DVec3| {
-        let stats = composition.render(&mut composer, &look(eye, at, 32), &ComposeSettings::default(), &mut frame);
-        assert_eq!(stats.outcomes.len(), 3);
-        frame.color[16 * 32 + 16]
-    };
-    assert_eq!(seen(centre, before), [0, 0, 255, 255], "the blue card hides the wall");
-    let [red, green, blue, alpha] = seen(centre, DVec3::ZERO);
-    assert!(alpha == 255 && red < 255 && green > 0 && blue > 0, "beside it the wall hides the red card");
-}
-
-#[test]
-fn a_cube_that_is_composed_with_nothing_is_its_own_frame() {
-    use headbox::compose::{ComposeSettings, Composer, Composition};
-
-    let scene = headbox::Scene::open("builtin:poles").expect("built in");
-    let cube = headbox::Capture::new(&scene).face_size(64).strata(6).error_px(0.0).run().expect("captured");
-    let (eye, settings) = (cube.center() + dvec3(0.1, 0.05, 0.0), ComposeSettings::default());
-    let camera = Camera::look_at(eye, eye + dvec3(0.3, 0.2, -1.0), DVec3::Y, 90.0, [120, 90]).expect("valid");
-    // Holes of a cube among other layers stay open: another may show there.
-    let open = headbox::RenderSettings { keep_holes: true, ..settings.cubes };
-    let alone = headbox::Renderer::new().render(&cube, &camera, &open).clone();
-    let partial = alone.coverage.iter().filter(|pixel| (2..255).contains(&pixel.splat_share())).count();
-    let mut composed = headbox::frame::Frame::default();
-    let composition = Composition::new(SpriteSet::new(vec![]), vec![cube]);
-    let stats = composition.render(&mut Composer::default(), &camera, &settings, &mut composed);
-    assert_eq!(stats.hole_pixels, alone.hole_count());
-    assert_eq!(composed.coverage, alone.coverage);
-    // Shares of 1 and 2 of 255 count as 3 in a frame.
-    for ((composed, alone), coverage) in composed.color.iter().zip(&alone.color).zip(&alone.coverage) {
-        assert!(composed == alone || coverage.splat_share() == 3, "{composed:?}, not {alone:?}, at {coverage:?}");
-    }
-    assert!(partial > 20, "only {partial} pixels show the environment behind splats");
 }

@@ -15,7 +15,7 @@ use headbox::ldi::build;
 use headbox::ldi::job::CaptureJob;
 use headbox::ldi::parameters::{CaptureParameters, Resources};
 use headbox::ldi::shard::{self, ShardInfo};
-use headbox::lumigraph::{CameraGrid, GridParts, Lumigraph, LumigraphCapture, LumigraphRenderer, Placement};
+use headbox::lumigraph::{CameraGrid, GridParts, LumigraphCapture, Placement, Slabs, SlabsRenderer};
 use headbox::measure::report::figures::figures;
 use headbox::measure::report::row::Report;
 use headbox::measure::report::{results, summary};
@@ -122,10 +122,10 @@ fn read_sprite(path: &Path) -> bool {
 }
 
 fn read_lumigraph(path: &Path) -> bool {
-    let Ok(lumigraph) = Lumigraph::read(path) else { return false };
-    let mut renderer = LumigraphRenderer::new();
+    let Ok(slabs) = Slabs::read(path) else { return false };
+    let mut renderer = SlabsRenderer::new();
     for eye in [DVec3::ZERO, DVec3::new(0.3, 0.1, 3.2)] {
-        renderer.render(&lumigraph, &camera(eye, DVec3::NEG_Z), &Default::default());
+        renderer.render(&slabs, &camera(eye, DVec3::NEG_Z), &Default::default());
     }
     true
 }
@@ -175,7 +175,7 @@ fn sprite_files() {
     try_mutations("a.sprite", &originals, true, read_sprite);
 }
 
-fn lumigraph_bytes(layers: usize) -> Vec<u8> {
+fn lumigraph_bytes(slabs: usize, layers: usize) -> Vec<u8> {
     let tracer = tracer();
     let lighting = Lighting::of_scene(&tracer, 0);
     let parts = GridParts {
@@ -191,12 +191,18 @@ fn lumigraph_bytes(layers: usize) -> Vec<u8> {
     let capture = LumigraphCapture { tracer: &tracer, lighting: &lighting, lit: false, samples: 1 };
     let raw = capture.run(&grid, &Silent).expect("captured");
     let lumigraph = raw.layered(layers, Placement::Histogram).expect("layered");
-    bytes_of(|path| lumigraph.write(path).expect("written"))
+    let slabs = Slabs::new(vec![lumigraph; slabs]).expect("slabs");
+    bytes_of(|path| slabs.write(path).expect("written"))
 }
 
 #[test]
 fn lumigraph_files() {
-    try_mutations("a.lumi", &[5, 60_000].map(lumigraph_bytes), true, read_lumigraph);
+    try_mutations(
+        "a.lumi",
+        &[(1, 5), (1, 60_000), (3, 5)].map(|(slabs, layers)| lumigraph_bytes(slabs, layers)),
+        true,
+        read_lumigraph,
+    );
 }
 
 #[test]

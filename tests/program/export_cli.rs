@@ -118,15 +118,18 @@ fn points_and_splats_are_as_many_as_samples() {
 }
 
 #[test]
-fn sprites_are_exported_as_cubes() {
+fn sprites_are_exported() {
     let dir = tempfile::tempdir().unwrap();
     let camera =
         ["--eye", "0,0,3", "--look-at", "0,0,0", "--fov", "50", "--size", "96x72", "--samples", "4", "--unlit"];
     succeeds(dir.path(), &[["sprite", "builtin:bump", "-o", "s.sprite"].as_slice(), &camera].concat());
     for name in ["s.html", "s.glb", "s.exr"] {
         let told = json(dir.path(), &["export", "s.sprite", "-o", name, "--json"]);
-        assert!(told["bytes"].as_u64().unwrap() > 1000, "{told}");
+        assert!(told["bytes"].as_u64().unwrap() > 1000 && told["sprites"] == 1, "{told}");
     }
+    // The page draws sprites, not the cube that others get.
+    let page = std::fs::read_to_string(dir.path().join("s.html")).unwrap();
+    assert!(page.contains(r#""kind":"sprite""#) && !page.contains(r#""kind":"samples""#));
 }
 
 #[test]
@@ -166,8 +169,8 @@ fn both_eyes_see_all_directions_or_half_of_them() {
     assert_eq!(size(&["--vr180"]), (40, 20));
     assert_eq!(size(&["--stereo", "0.064"]), (80, 20));
     fails(dir.path(), 2, &["render", "a.ldi", "-o", "p.png", "--vr180", "--panorama"], "cannot be used with");
-    let path = r#"{"camera_path": [{"camera_to_world": [1,0,0,0.2, 0,1,0,1.45, 0,0,1,0.9, 0,0,0,1], "fov": 50}],
-        "render_height": 20, "render_width": 30, "fps": 24}"#;
+    let pose = r#"{"camera_to_world": [1,0,0,0.2, 0,1,0,1.45, 0,0,1,0.9, 0,0,0,1], "fov": 50}"#;
+    let path = format!(r#"{{"camera_path": [{pose}, {pose}], "render_height": 20, "render_width": 30, "fps": 24}}"#);
     std::fs::write(dir.path().join("nerfstudio.json"), path).unwrap();
     succeeds(dir.path(), &["render", "a.ldi", "--path", "nerfstudio.json", "-o", "frames"]);
     assert_eq!(image::image_dimensions(dir.path().join("frames/frame_0000.png")).unwrap(), (30, 20));
@@ -183,7 +186,7 @@ fn both_eyes_see_all_directions_or_half_of_them() {
     let refused = "--fov has no meaning with --path, which says it; leave it out";
     fails(dir.path(), 2, &["render", "a.ldi", "--path", "nerfstudio.json", "-o", "x", "--fov", "50"], refused);
     let film = json(dir.path(), &["render", "a.ldi", "--path", "nerfstudio.json", "-o", "f.gif", "--vr180", "--json"]);
-    assert_eq!(film["size"], serde_json::json!([40, 20]));
+    assert_eq!((&film["size"], film["fps"].as_u64()), (&serde_json::json!([40, 20]), Some(24)));
     fails(dir.path(), 1, &["render", "a.ldi", "--path", "a.glb", "-o", "none"], "a.glb");
 }
 

@@ -19,6 +19,12 @@ const HALF: [f64; 3] = [2.0, 1.5, 2.0];
 const SIZE: [u32; 2] = [96, 72];
 const DEPTH_FOCAL: f64 = 90.0;
 
+/// How far cameras of the castle are moved at most, metres.
+const STEP_M: f64 = 0.05;
+
+/// What is left of that: their pictures have ten pixels a degree or so less than the sensors that this is for.
+const LEFT: f64 = 0.1;
+
 /// Frames of a sensor that turns in a room; its colours are those of a lens of `color_focal` pixels.
 fn room(folder: &Path, color_focal: f64) {
     std::fs::create_dir(folder.join("room")).unwrap();
@@ -57,9 +63,11 @@ fn room(folder: &Path, color_focal: f64) {
 fn a_folder_of_images_is_captured_rendered_told_of_and_measured() {
     let dir = tempfile::tempdir().unwrap();
     room(dir.path(), DEPTH_FOCAL);
-    let of_sets = "--allow-outside and --no-registration are for folders of images";
-    fails(dir.path(), 2, &["render", "x.ldi", "-o", "x.png", "--no-registration"], of_sets);
-    fails(dir.path(), 2, &["view", "x.ldi", "--allow-outside"], of_sets);
+    let of_sets = |flag: &str| format!("{flag} is for folders of images");
+    for flag in ["--no-registration", "--refine-poses"] {
+        fails(dir.path(), 2, &["render", "x.ldi", "-o", "x.png", flag], &of_sets(flag));
+    }
+    fails(dir.path(), 2, &["view", "x.ldi", "--allow-outside"], &of_sets("--allow-outside"));
     let (_, quick) = succeeds(dir.path(), &["render", "room", "-o", "as-given.png", "--no-registration"]);
     assert!(!quick.contains("registration"), "{quick}");
     for (flag, value) in [("--shard", "1/2"), ("--face-size", "256"), ("--light-samples", "9"), ("--sun", "off")] {
@@ -288,4 +296,122 @@ fn depth_of_photographs_is_found_kept_and_compared() {
         "{compared}"
     );
     assert!(dir.path().join("new/transforms.json").is_file() && dir.path().join("new/images/00007.png").is_file());
+}
+
+/// Exact images whose cameras are said to be elsewhere come back to where they were, beside each other; those that are said to be where they are stay.
+#[test]
+fn poses_that_are_slightly_wrong_are_refined() {
+    let dir = tempfile::tempdir().unwrap();
+    let truth = [
+        "truth",
+        "builtin:castle",
+        "--images",
+        "4x2",
+        "-o",
+        "castle",
+        "--size",
+        "160x120",
+        "--samples",
+        "1",
+        "--unlit",
+    ];
+    succeeds(dir.path(), &truth);
+    let eyes = |more: &[&str]| -> (Vec<[f64; 3]>, String) {
+        let (out, said) = succeeds(dir.path(), &[&["images", "castle", "--json"], more].concat());
+        let told: serde_json::Value = serde_json::from_str(&out).unwrap();
+        (
+            told["views"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .map(|view| serde_json::from_value(view["eye"].clone()).unwrap())
+                .collect(),
+            said,
+        )
+    };
+    let (exact, _) = eyes(&[]);
+    let (stayed, said) = eyes(&["--refine-poses"]);
+    assert!(stayed == exact && said.contains("poses: kept as given"), "{said}");
+    let file = dir.path().join("castle/transforms.json");
+    let mut set: serde_json::Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+    for (i, frame) in (0..).zip(set["frames"].as_array_mut().unwrap()) {
+        let matrix = &mut frame["transform_matrix"];
+        // Turned about the vertical by up to 0.6 degrees, and moved by up to 3 % of what the cameras are apart.
+        let angle = 0.01 * f64::from(i * 5 % 8 - 3) / 4.0;
+        let (sin, cos) = angle.sin_cos();
+        for column in 0..3 {
+            let [x, z] = [0, 2].map(|row| matrix[row][column].as_f64().unwrap());
+            matrix[0][column] = (cos * x + sin * z).into();
+            matrix[2][column] = (cos * z - sin * x).into();
+        }
+        for row in 0..3 {
+            matrix[row][3] =
+                (matrix[row][3].as_f64().unwrap() + STEP_M * f64::from((i * 3 + row as i32 * 5) % 8 - 3) / 4.0).into();
+        }
+    }
+    std::fs::write(&file, set.to_string()).unwrap();
+    let (given, _) = eyes(&[]);
+    let (found, said) = eyes(&["--refine-poses"]);
+    assert!(said.contains("poses: refined by"), "{said}");
+    // Where the whole stands nobody knows.
+    let from_mean = |eyes: &[[f64; 3]]| -> Vec<[f64; 3]> {
+        let mean = [0, 1, 2].map(|k| eyes.iter().map(|eye| eye[k]).sum::<f64>() / eyes.len() as f64);
+        eyes.iter().map(|eye| [0, 1, 2].map(|k| eye[k] - mean[k])).collect()
+    };
+    let off = |eyes: &[[f64; 3]]| -> f64 {
+        let pairs = from_mean(eyes).into_iter().zip(from_mean(&exact));
+        (pairs.map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>()).sum::<f64>() / eyes.len() as f64).sqrt()
+    };
+    let [before, after] = [&given, &found].map(|eyes| off(eyes));
+    assert!(after < before * LEFT, "{before} m, {after} m: {said}");
+    let (_, again) = eyes(&["--refine-poses"]);
+    assert_eq!(again, said, "kept");
+}
+
+/// What is wrong with a set's pictures is said in a sentence that names the file, and nothing is written.
+#[test]
+fn what_is_wrong_with_pictures_is_said() {
+    let depths =
+        |folder: &Path| -> Vec<_> { (0..8).map(|i| folder.join(format!("room/frame-{i:06}.depth.png"))).collect() };
+    let black = |size: u32| ImageBuffer::<Luma<u16>, Vec<u16>>::new(size, SIZE[1] * size / SIZE[0]);
+    let cases: [(&str, &dyn Fn(&Path)); 5] = [
+        ("frame-000001.depth.png: is 48x36 pixels, its picture 96x72", &|dir| {
+            black(SIZE[0] / 2).save(&depths(dir)[1]).unwrap()
+        }),
+        ("frame-000001.depth.png: depth in 8 bits", &|dir| {
+            image::GrayImage::new(SIZE[0], SIZE[1]).save(&depths(dir)[1]).unwrap();
+        }),
+        ("frame-000001.depth.png: ", &|dir| {
+            std::fs::write(&depths(dir)[1], &std::fs::read(&depths(dir)[1]).unwrap()[..200]).unwrap()
+        }),
+        ("room: its pictures know no depth", &|dir| {
+            depths(dir).iter().for_each(|file| black(SIZE[0]).save(file).unwrap())
+        }),
+        ("frame-000001.color.png: cannot be read", &|dir| {
+            std::fs::remove_file(dir.join("room/frame-000001.color.png")).unwrap();
+        }),
+    ];
+    for (expected, damage) in cases {
+        let dir = tempfile::tempdir().unwrap();
+        room(dir.path(), DEPTH_FOCAL);
+        damage(dir.path());
+        fails(dir.path(), 1, &["capture", "room", "-o", "room.ldi", "--no-registration"], expected);
+        assert!(!dir.path().join("room.ldi").exists(), "{expected}");
+    }
+    let dir = tempfile::tempdir().unwrap();
+    room(dir.path(), DEPTH_FOCAL);
+    black(SIZE[0]).save(&depths(dir.path())[1]).unwrap();
+    std::fs::remove_file(&depths(dir.path())[7]).unwrap();
+    for ending in ["color.png", "depth.png", "pose.txt"] {
+        let [from, to] = [0, 9].map(|i| dir.path().join(format!("room/frame-{i:06}.{ending}")));
+        std::fs::copy(from, to).unwrap();
+    }
+    let (_, said) = succeeds(dir.path(), &["images", "room"]);
+    for expected in [
+        "depth of no pixel is known (all are zero, or no numbers): frame-000001.color.png",
+        "without depth: frame-000007.color.png",
+        "views with the same pose: frame-000000.color.png and frame-000009.color.png",
+    ] {
+        assert!(said.contains(expected), "{said}");
+    }
 }

@@ -53,6 +53,39 @@ fn a_scene_becomes_a_lumigraph_that_shows_it() {
 }
 
 #[test]
+fn planes_turned_about_a_place_are_light_slabs_of_one_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let small = [SMALL.as_slice(), &WALL, &["--slabs", "12", "--about", "0,0,0"]].concat();
+    assert!(succeeds(dir.path(), &small).contains("12 light slabs of 3x2 images"));
+    let info = json(dir.path(), &["info", "a.lumi", "--json"]);
+    let planes = info["slabs"].as_array().unwrap();
+    assert_eq!(planes.len(), 12);
+    for (plane, turns) in planes.iter().zip(0..) {
+        let (sin, cos) = (f64::from(turns) * 30f64.to_radians()).sin_cos();
+        let at: Vec<f64> = plane.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
+        assert!((at[0] - 3.0 * sin).abs() < 1e-9 && (at[2] - 3.0 * cos).abs() < 1e-9, "{plane}");
+    }
+    let said = succeeds(dir.path(), &["info", "a.lumi", "--check"]);
+    assert!(said.contains("light slab 12 of 12") && said.contains("ok"), "{said}");
+    let view = ["--look-at", "0,0,0", "--fov", "25", "--size", "40x30", "--json", "--eye"];
+    let render = |eye| {
+        let arguments = [["render", "a.lumi", "-o", "r.png"].as_slice(), &view, &[eye]].concat();
+        json(dir.path(), &arguments)["statistics"]["layers"].as_u64().unwrap()
+    };
+    // Amid the first plane's cameras, and half-way to the second.
+    let (one, two) = (render("0,0.1,3"), render("0.776,0.1,2.898"));
+    assert!(one > 0 && two > one, "{one} and {two} layers");
+    fails(dir.path(), 1, &["export", "a.lumi", "-o", "a.html"], "12 light slabs, and a page shows one");
+    fails(dir.path(), 2, &[SMALL.as_slice(), &["--about", "0,0,0"]].concat(), "--slabs");
+    fails(
+        dir.path(),
+        1,
+        &[SMALL.as_slice(), &["--plane", "0,0,3", "--slabs", "2", "--about", "0,0,4"]].concat(),
+        "light slab",
+    );
+}
+
+#[test]
 fn a_lumigraph_needs_nothing_but_a_scene() {
     let dir = tempfile::tempdir().unwrap();
     // As small as can be, for time alone.
@@ -165,6 +198,7 @@ fn mistakes_are_said_in_a_sentence() {
     fails(dir.path(), 2, &["render", "a.lumi", "-o", "a.png", "--variant", "tent"], "shared, whole");
     fails(dir.path(), 2, &["render", "a.lumi", "a.lumi", "-o", "a.png"], "rendered alone");
     fails(dir.path(), 2, &["render", "a.lumi", "-o", "a.png", "--merge", "-1"], "0 or more");
+    fails(dir.path(), 2, &["render", "a.lumi", "-o", "a.png", "--plain", "300"], "levels from 0 to 255");
     fails(dir.path(), 2, &["render", "a.lumi", "-o", "a.png", "--depth", "a.exr"], "--depth and --coverage");
     let bytes = std::fs::read(dir.path().join("a.lumi")).unwrap();
     std::fs::write(dir.path().join("cut.lumi"), &bytes[..bytes.len() - 9]).unwrap();

@@ -73,14 +73,25 @@ pub type BakeProgress<'a> = dyn Fn(usize, usize) -> ControlFlow<()> + Sync + 'a;
 
 /// Bakes the light of a valid scene ([`Scene::validate`]). The same bytes on any number of threads.
 pub fn bake(source: &Arc<Scene>, options: &BakeOptions, progress: &BakeProgress<'_>) -> Baked {
-    bake_sides(source, &[], options, progress)
+    bake_sides(source, &[], Lighting::measure, options, progress)
 }
 
-/// As [`bake`], where it is known of some triangles which side is seen.
-fn bake_sides(source: &Arc<Scene>, sides: &[Side], options: &BakeOptions, progress: &BakeProgress<'_>) -> Baked {
+/// As [`bake`], in the scene's light as it is: nothing is metered, so that the exposure is 1, and nothing is added where it is dark.
+pub fn bake_unmetered(source: &Arc<Scene>, options: &BakeOptions, progress: &BakeProgress<'_>) -> Baked {
+    bake_sides(source, &[], Lighting::of_scene, options, progress)
+}
+
+/// As [`bake`], where it is known of some triangles which side is seen, in the light that `lights` makes of a scene and a number of bounces.
+fn bake_sides(
+    source: &Arc<Scene>,
+    sides: &[Side],
+    lights: impl FnOnce(&Tracer, u32) -> Lighting,
+    options: &BakeOptions,
+    progress: &BakeProgress<'_>,
+) -> Baked {
     let [low, high] = source.bounds();
     let tracer = Tracer::new(Arc::clone(source), (low + high) / 2.0);
-    let lighting = Lighting::measure(&tracer, options.bounces);
+    let lighting = lights(&tracer, options.bounces);
     let (mut scene, pieces, edge_m) = cut(source, options);
     let sources = owners(&pieces);
     let light = VertexLight { tracer: &tracer, lighting: &lighting, options, sides };
@@ -104,7 +115,7 @@ fn bake_sides(source: &Arc<Scene>, sides: &[Side], options: &BakeOptions, progre
 /// they are seen from it: the underside of a floor, which nobody sees, may be in the sun. Returns the model and [`Baked::samples`].
 pub fn bake_model(mut model: PortalModel, options: &BakeOptions, progress: &BakeProgress<'_>) -> (PortalModel, u32) {
     let sides = model.sides();
-    let baked = bake_sides(&Arc::new(std::mem::take(&mut model.scene)), &sides, options, progress);
+    let baked = bake_sides(&Arc::new(std::mem::take(&mut model.scene)), &sides, Lighting::measure, options, progress);
     let piece = |triangle: u32| baked.pieces.get(triangle as usize).copied().unwrap_or_default();
     let mut cells = model.cells;
     for cell in &mut cells {

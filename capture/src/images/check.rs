@@ -1,7 +1,7 @@
 //! Whether the views of a set agree with each other.
 
 use super::view::{LoadedView, View};
-use super::{ImageSet, ImagesError};
+use super::{ImageSet, ImagesError, text};
 
 /// How well two neighbouring views agree where both know a depth.
 #[derive(Clone, Debug, PartialEq)]
@@ -50,13 +50,21 @@ pub fn check(set: &ImageSet, most: usize, look: &mut dyn FnMut(&str)) -> Result<
     let chosen = (0..pairs.min(most)).map(|i| i * pairs / pairs.min(most).max(1));
     let single = if pairs == 0 { views.first() } else { None };
     let mut last: Option<(usize, LoadedView)> = None;
+    let mut unknown = Vec::new();
+    let mut gather = |view: &LoadedView, name: &str| {
+        let before = known;
+        gather(view, &mut depths, &mut known, &mut pixels);
+        if known == before {
+            unknown.push(name.to_owned());
+        }
+    };
     for i in chosen {
         let a = match last.take() {
             Some((j, view)) if j == i => view,
             _ => load(views[i], look)?,
         };
         let b = load(views[i + 1], look)?;
-        gather(&a, &mut depths, &mut known, &mut pixels);
+        gather(&a, &views[i].name);
         let residual = compare(&a, &b, &views[i].name, &views[i + 1].name);
         if residual.relative_depth > DISAGREE {
             report.warnings.push(format!(
@@ -71,8 +79,12 @@ pub fn check(set: &ImageSet, most: usize, look: &mut dyn FnMut(&str)) -> Result<
         last = Some((i + 1, b));
     }
     if let Some(view) = single {
-        gather(&load(view, look)?, &mut depths, &mut known, &mut pixels);
+        gather(&load(view, look)?, &view.name);
     }
+    let unknown = text::first_of(&unknown);
+    report
+        .warnings
+        .extend(unknown.map(|which| format!("depth of no pixel is known (all are zero, or no numbers): {which}")));
     report.median_depth_m = median(&mut depths);
     report.depth_share = known as f64 / pixels.max(1) as f64;
     if report.median_depth_m > 500.0 || report.median_depth_m < 0.01 {
@@ -93,15 +105,13 @@ fn load(view: &View, look: &mut dyn FnMut(&str)) -> Result<LoadedView, ImagesErr
 fn duplicates(views: &[View]) -> Vec<String> {
     let mut order: Vec<&View> = views.iter().collect();
     order.sort_by(|a, b| {
-        let key = |view: &View| view.pose.eye.to_array();
+        // Of a camera that turns in one place all eyes are the same.
+        let key = |view: &View| (view.pose.eye.to_array(), view.pose.world_from_eye.to_cols_array());
         key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal)
     });
     let same = order.windows(2).filter(|pair| pair[0].pose == pair[1].pose && pair[0].lens == pair[1].lens);
     let same: Vec<String> = same.map(|pair| format!("{} and {}", pair[0].name, pair[1].name)).collect();
-    match same.first() {
-        Some(first) => vec![format!("{} pairs of views have the same pose, such as {first}", same.len())],
-        None => Vec::new(),
-    }
+    text::first_of(&same).map(|which| format!("views with the same pose: {which}")).into_iter().collect()
 }
 
 fn gather(view: &LoadedView, depths: &mut Vec<f64>, known: &mut u64, pixels: &mut u64) {

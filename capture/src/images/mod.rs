@@ -32,6 +32,7 @@ mod panorama;
 mod pictures;
 pub mod planar_layers;
 mod pose;
+mod refine;
 mod register;
 mod rgbd;
 mod seurat;
@@ -45,6 +46,7 @@ pub use lens::{Distortion, Lens, Pinhole};
 pub use nerfstudio::{SetWriter, write_set};
 pub use pictures::{ColorPicture, read_color};
 pub use pose::Pose;
+pub use refine::{RefinementReport, RefinementStep};
 pub use register::{Kept, Registration, RegistrationReport, RegistrationStep};
 pub use view::{FARTHEST_M, LoadedView, View};
 

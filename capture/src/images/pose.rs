@@ -59,6 +59,13 @@ impl Pose {
         Self { eye: frame.world_from_file(self.eye), world_from_eye: DMat3::from_cols(x, y, z) }
     }
 
+    /// The angle between two poses, degrees, and the distance of their eyes, metres.
+    pub fn apart_from(&self, other: &Self) -> [f64; 2] {
+        let turn = self.world_from_eye * other.world_from_eye.transpose();
+        let cosine = (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0) / 2.0;
+        [cosine.clamp(-1.0, 1.0).acos().to_degrees(), self.eye.distance(other.eye)]
+    }
+
     /// A point of eye space in the world.
     pub fn to_world(&self, point: DVec3) -> DVec3 {
         self.eye + self.world_from_eye * point
@@ -68,6 +75,13 @@ impl Pose {
     pub fn to_eye(&self, point: DVec3) -> DVec3 {
         self.world_from_eye.transpose() * (point - self.eye)
     }
+}
+
+/// The mean angle of pairs of poses, degrees, and the mean distance of their eyes, metres.
+pub(super) fn mean_apart(pairs: impl ExactSizeIterator<Item = (Pose, Pose)>) -> [f64; 2] {
+    let count = pairs.len().max(1) as f64;
+    let sum = pairs.map(|(pose, other)| pose.apart_from(&other));
+    sum.fold([0.0; 2], |sum, apart| [sum[0] + apart[0], sum[1] + apart[1]]).map(|sum| sum / count)
 }
 
 /// The rotation next to a matrix that is nearly one.

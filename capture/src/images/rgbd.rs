@@ -36,14 +36,14 @@ pub(super) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
             pinhole([focal; 2], [x, y])
         }
     };
-    let (mut views, mut without_pose, mut without_depth) = (Vec::new(), 0, 0);
+    let (mut views, mut without_pose, mut without_depth) = (Vec::new(), Vec::new(), Vec::new());
     for pose_file in poses {
         let stem = pose_file.to_string_lossy().trim_end_matches("pose.txt").to_owned();
         let matrix: [f64; 16] = match text::numbers(&pose_file, 16, "the 4x4 pose") {
             Ok(numbers) => numbers.try_into().unwrap_or([0.0; 16]),
             // Trackers write infinities where they were lost.
             Err(ImagesError::Field { .. }) if is_lost(&pose_file) => {
-                without_pose += 1;
+                without_pose.push(text::file_name(&pose_file));
                 continue;
             }
             Err(error) => return Err(error),
@@ -55,20 +55,18 @@ pub(super) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         let color = color.unwrap_or_else(|| ending("color.png"));
         let size_px = read_size(&color)?;
         let depth = Some(ending("depth.png")).filter(|path| path.is_file());
-        without_depth += usize::from(depth.is_none());
+        if depth.is_none() {
+            without_depth.push(text::file_name(&color));
+        }
         let depth = depth.map(|path| DepthSource::metres(path, DepthKind::EyeDepth, DEPTH_UNIT_M));
-        let name = color.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let name = text::file_name(&color);
         views.push(View { name, size_px, lens, pose, color, depth, mask: None, depth_scale: 1.0, registration: None });
     }
     if views.is_empty() {
         return Err(ImagesError::field(&place, "frame-*.pose.txt", "no frame has a pose"));
     }
-    if without_pose > 0 {
-        notes.push(format!("{without_pose} frames left out: their tracker was lost"));
-    }
-    if without_depth > 0 {
-        notes.push(format!("{without_depth} frames without depth"));
-    }
+    notes.extend(text::first_of(&without_pose).map(|which| format!("left out, as the tracker was lost: {which}")));
+    notes.extend(text::first_of(&without_depth).map(|which| format!("without depth: {which}")));
     let frame = FileFrame::default();
     Ok(Some(ImageSet { folder: folder.into(), format: "RGB-D frames", frame, views, headbox_centre: None, notes }))
 }

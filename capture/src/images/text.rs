@@ -1,4 +1,4 @@
-//! Numbers in plain text files.
+//! Numbers in plain text files, and names of files in sentences.
 
 use super::ImagesError;
 use std::path::Path;
@@ -11,4 +11,15 @@ pub(super) fn numbers(path: &Path, count: usize, what: &str) -> Result<Vec<f64>,
         Ok(numbers) if numbers.len() == count && numbers.iter().all(|n| n.is_finite()) => Ok(numbers),
         _ => Err(ImagesError::field(path, what, format!("must hold {count} finite numbers"))),
     }
+}
+
+/// The name of a file without its folder.
+pub(super) fn file_name(path: &Path) -> String {
+    path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+/// The first of some names, and how many more there are; `None` of none.
+pub(super) fn first_of(names: &[String]) -> Option<String> {
+    let (first, more) = names.split_first()?;
+    Some(if more.is_empty() { first.clone() } else { format!("{first} and {} more", more.len()) })
 }

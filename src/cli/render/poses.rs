@@ -1,6 +1,7 @@
 //! `headbox render --path`: a film, or a picture for each pose.
 
 use super::RenderCommand;
+use crate::capture::scene::FileFrame;
 use crate::capture::statistics::median;
 use crate::capture::{Camera, simd};
 use crate::cli::content::{Content, Rendered};
@@ -8,17 +9,28 @@ use crate::cli::output::{print_json, save_picture, write_text};
 use crate::cli::progress::Bar;
 use crate::export::film;
 use crate::export::stereo::View;
+use crate::path;
 use crate::progress::Progress;
 use anyhow::{Context, bail};
 use serde_json::json;
+use std::path::Path;
 use std::time::Instant;
 
 impl RenderCommand {
-    pub(super) fn render_film(&self, content: &mut Content, cameras: &[Camera]) -> anyhow::Result<()> {
+    /// Frames a second of a film: as asked for, else as the times of the path's poses have it.
+    pub(super) fn film_fps(&self, path: &Path, frame: &FileFrame) -> anyhow::Result<u32> {
+        let poses = path::read_records(path, frame, f64::from(self.fps()))?;
+        let ends = poses.first().zip(poses.last());
+        let seconds =
+            ends.and_then(|(first, last)| Some(last.time_s? - first.time_s?)).filter(|seconds| *seconds > 0.0);
+        let told = seconds.map(|seconds| ((poses.len() - 1) as f64 / seconds).round().clamp(1.0, 240.0) as u32);
+        Ok(self.fps.or(told).unwrap_or_else(|| self.fps()))
+    }
+
+    pub(super) fn render_film(&self, content: &mut Content, cameras: &[Camera], fps: u32) -> anyhow::Result<()> {
         let started = Instant::now();
         let Some(first) = cameras.first() else { bail!("the path has no poses") };
         let size = self.view().size_px([first.width(), first.height()]);
-        let fps = self.fps();
         let bar = Bar::new();
         bar.begin("frames", "frames", cameras.len() as u64);
         let mut frames = cameras.iter().map(|camera| {

@@ -27,7 +27,7 @@ export function withMargin(camera, margin) {
 }
 
 /** A vector in the camera's axes: pixels per eye depth right and down, and eye depth. */
-function toFrame(camera, v) {
+export function toFrame(camera, v) {
   return [dot(camera.right, v) * camera.focal[0], -dot(camera.up, v) * camera.focal[1], -dot(camera.back, v)];
 }
 

@@ -36,7 +36,7 @@ export class Program {
 
   textureTarget(type) {
     const { gl } = this;
-    if (type === gl.SAMPLER_2D) return gl.TEXTURE_2D;
+    if (type === gl.SAMPLER_2D || type === gl.UNSIGNED_INT_SAMPLER_2D) return gl.TEXTURE_2D;
     if (type === gl.SAMPLER_2D_ARRAY || type === gl.UNSIGNED_INT_SAMPLER_2D_ARRAY) return gl.TEXTURE_2D_ARRAY;
     return type === gl.SAMPLER_CUBE ? gl.TEXTURE_CUBE_MAP : null;
   }
@@ -66,12 +66,14 @@ export class Program {
   }
 }
 
-/** An empty texture whose texels are fetched one by one. */
-export function texture(gl, format, [width, height]) {
+/** An empty texture, at one size or several, whose texels are fetched one by one. */
+export function texture(gl, format, [width, height], levels = 1) {
   const made = gl.createTexture();
   gl.bindTexture(gl.TEXTURE_2D, made);
-  gl.texStorage2D(gl.TEXTURE_2D, 1, format, width, height);
-  for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, filter, gl.NEAREST);
+  gl.texStorage2D(gl.TEXTURE_2D, levels, format, width, height);
+  const between = levels > 1 ? gl.NEAREST_MIPMAP_NEAREST : gl.NEAREST;
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, between);
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
   return made;
 }
 

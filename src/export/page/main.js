@@ -22,7 +22,7 @@ class Page {
     this.ui = this.view.restore(location.hash).ui;
     document.body.classList.toggle('bare', !this.ui);
     this.renderer = new Renderer(this.canvas, this.header);
-    Object.assign(this, { dirty: true, coarse: 1, movedAt: -Infinity, complete: false, inHeadset: false, lastFrame: 0 });
+    Object.assign(this, { dirty: true, coarse: 1, movedAt: -Infinity, complete: false, inHeadset: false, lastFrame: 0, runs: false });
     this.controls = new Controls(this.canvas, this.view, () => this.changed());
     this.canvas.addEventListener('webglcontextlost', (event) => {
       event.preventDefault();
@@ -83,12 +83,15 @@ class Page {
       done += part.packed;
       byId('progress').value = done / whole;
       // Parts come as the view begins to need them; the first picture waits for those that it must have.
-      if (this.ui && done < whole && part.later && performance.now() - drawnAt > pause) {
+      const isDrawn = document.body.classList.contains('drawn');
+      const isTime = part.first || ((part.later || isDrawn) && performance.now() - drawnAt > pause);
+      if (this.ui && done < whole && isTime) {
         this.draw(1);
         drawnAt = performance.now();
         // Pictures on the way shall not hold up the whole.
         pause *= 2;
         await new Promise(requestAnimationFrame);
+        this.run();
       }
     }
     this.complete = true;
@@ -96,15 +99,24 @@ class Page {
     byId('progress').hidden = true;
     say(`${this.header.name} is loaded.`);
     this.dirty = true;
+    this.run();
+  }
+
+  /** Draws what changes from now on. */
+  run() {
+    if (this.runs) return;
+    this.runs = true;
     requestAnimationFrame((time) => this.frame(time));
   }
 
+  /** Draws a frame, `scale` times as large as the page. */
   draw(scale) {
     const pixels = Math.min(devicePixelRatio, 2) * scale;
     const size = [this.canvas.clientWidth, this.canvas.clientHeight].map((side) => Math.max(Math.round(side * pixels), 1));
     if (this.canvas.width !== size[0] || this.canvas.height !== size[1]) [this.canvas.width, this.canvas.height] = size;
     const { eye, forward, up, fov } = this.view;
     this.renderer.draw(lookAlong(eye, forward, up, fov, size));
+    this.dirty = false;
     if (!document.body.classList.contains('drawn')) {
       document.body.classList.add('drawn');
       document.body.dataset.firstPictureMs = Math.round(performance.now());
@@ -123,7 +135,6 @@ class Page {
     if (!this.dirty && !settles) return;
     this.unsettled = moving;
     this.draw(moving ? this.coarse : 1);
-    this.dirty = false;
     if (!moving) this.settle();
   }
 

@@ -1,17 +1,21 @@
 //! What we have captured as one HTML page that works from disk: the data, deflated, and a viewer in WebGL 2.
 //!
-//! The viewer is the ES modules beside this file and those of the folder of what is shown (`cube`, `house`, `lumigraph`), which are put into
-//! the page one after the other. A folder has two that the others build on: `place.js`, where the eye may be, and `renderer.js`.
+//! The viewer is the ES modules beside this file and those of the folder of what is shown (`cube`, `house`, `lumigraph`, `sprite`), which are put into
+//! the page one after the other. Two of a kind others build on: its `renderer.js`, and where the eye may be, `place.js` or, for what has a headbox, `headbox.js`.
 
 mod cube;
 mod house;
 mod lumigraph;
+mod sprite;
+mod texels;
 mod text;
 
 #[cfg(feature = "cli")]
 pub(crate) use house::poster as house_poster;
 #[cfg(feature = "cli")]
 pub(crate) use lumigraph::poster as lumigraph_poster;
+#[cfg(feature = "cli")]
+pub(crate) use sprite::poster as sprite_poster;
 
 use super::{ExportError, poster};
 use crate::capture::Camera;
@@ -19,6 +23,7 @@ use crate::environment::Environment;
 use crate::lumigraph::Lumigraph;
 use crate::packed::PackedCube;
 use crate::portal::house::House;
+use crate::sprite::SpriteSet;
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use image::codecs::png::CompressionType;
@@ -99,6 +104,14 @@ impl Page {
     /// [`ExportError::TooLarge`], or if there is no picture of it.
     pub fn of_lumigraph(lumigraph: &Lumigraph, name: &str) -> Result<Self, ExportError> {
         Self::of(lumigraph::content(lumigraph)?, name)
+    }
+
+    /// Makes a page of sprites with depth.
+    ///
+    /// # Errors
+    /// [`ExportError::Empty`], [`ExportError::TooLarge`], or if there is no picture of it.
+    pub fn of_sprites(set: &SpriteSet, name: &str) -> Result<Self, ExportError> {
+        Self::of(sprite::content(set)?, name)
     }
 
     fn of(content: Content, name: &str) -> Result<Self, ExportError> {
@@ -185,7 +198,7 @@ mod tests {
 
     #[test]
     fn modules_share_one_scope_without_a_clash() {
-        for modules in [cube::MODULES, house::MODULES, lumigraph::MODULES] {
+        for modules in [cube::MODULES, house::MODULES, lumigraph::MODULES, sprite::MODULES] {
             one_scope_without_a_clash(&script(modules));
         }
     }

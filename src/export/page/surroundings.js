@@ -1,7 +1,7 @@
 // What lies at infinity: a cube map.
 
 /** GL's six faces of a cube map in the order of ours. GL looks at them from outside: z is turned round in the shader. */
-const CUBE_ORDER = [0, 1, 2, 3, 5, 4];
+export const CUBE_ORDER = [0, 1, 2, 3, 5, 4];
 
 /** A cube map of four arrays of a byte a texel (red, green, blue, whether it is known), all of them differences to the texel before. */
 export function readSurroundings(gl, { size }, bytes) {

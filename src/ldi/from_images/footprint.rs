@@ -10,7 +10,7 @@
 use super::layers::{RowSamples, Sample};
 use super::surface::{Patch, Surfaces};
 use crate::capture::images::LoadedView;
-use crate::capture::linear_from_srgb8;
+use crate::capture::linear_levels;
 use crate::capture::rig::Face;
 use crate::ldi::EncodedNormal;
 use glam::{DVec3, Vec2, Vec3};
@@ -50,6 +50,7 @@ impl WarpTarget {
             view,
             eye: (view.pose.eye - self.centre).as_vec3(),
             image,
+            linear: linear_levels(),
             axes: Face::ALL.map(|face| [face.right(), face.up(), face.normal()].map(|axis| axis.as_vec3())),
         };
         let starts = (0..height).into_par_iter().step_by(ROWS as usize);
@@ -76,6 +77,8 @@ struct Warp<'a> {
     /// Relative to the cube's centre.
     eye: Vec3,
     image: u32,
+    /// Linear light of every level.
+    linear: &'static [f32; 256],
     /// Right, up and normal of each face.
     axes: [[Vec3; 3]; 6],
 }
@@ -89,7 +92,7 @@ struct OnFace {
     steps: [Vec2; 2],
     inverse_depth: f32,
     /// What the two steps add to the inverse depth.
-    slopes: [f32; 2],
+    slopes: Vec2,
 }
 
 impl Warp<'_> {
@@ -102,12 +105,12 @@ impl Warp<'_> {
         // Z^3 / |n . p|: the area of the patch up to the focal length of the image (C10).
         let area = patch.across.cross(patch.down).length();
         let normal = EncodedNormal::new(patch.normal);
-        let [r, g, b, _] = self.view.color[(y * self.view.size_px[0] + x) as usize];
+        let [r, g, b, _] = self.pixel_color(x, y);
         let mut sample = Sample {
             pixel: 0,
             inverse_depth: 0.0,
             normal,
-            color: Vec3::from_array([r, g, b].map(linear_from_srgb8)),
+            color: Vec3::from_array([r, g, b].map(|level| self.linear[usize::from(level)])),
             weight: cosine / toward.length_squared(),
             area,
             image: self.image,
@@ -151,7 +154,7 @@ impl Warp<'_> {
         };
         let slope = |change: Vec3| -change.dot(normal) * q * q;
         let steps = [step(patch.across), step(patch.down)];
-        Some(OnFace { face, at, steps, inverse_depth: q, slopes: [slope(patch.across), slope(patch.down)] })
+        Some(OnFace { face, at, steps, inverse_depth: q, slopes: Vec2::new(slope(patch.across), slope(patch.down)) })
     }
 
     /// The number of a pixel of a face.
@@ -167,7 +170,7 @@ impl Warp<'_> {
         let offset = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - on_face.at;
         let most = (self.target.tolerance / 2.0).min(on_face.inverse_depth / 2.0);
         // `max` and `min` also turn the NaN of a patch without area into a number.
-        let shift = inverse([a, b], offset).map_or(0.0, |[s, t]| s * on_face.slopes[0] + t * on_face.slopes[1]);
+        let shift = Steps::of([a, b]).map_or(0.0, |steps| on_face.slopes.dot(steps.to(offset)));
         sample.pixel = self.pixel(on_face.face, x, y);
         sample.inverse_depth = on_face.inverse_depth + shift.max(-most).min(most);
         sample.weight *= a.perp_dot(b).abs().clamp(1e-3, 1.0);
@@ -177,33 +180,71 @@ impl Warp<'_> {
     /// A magnified sample, in every pixel whose middle its parallelogram holds.
     fn fill(&self, on_face: &OnFace, x: u32, y: u32, sample: Sample, samples: &mut Vec<Sample>) {
         let [a, b] = on_face.steps;
+        let Some(steps) = Steps::of([a, b]) else { return };
         let extent = ((a.abs() + b.abs()) * (0.5 * OVERLAP)).min(Vec2::splat(MAX_REACH_PX));
         let size = self.target.face_px as i32;
         let first = |c: f32| ((c - 0.5).ceil() as i32).clamp(0, size);
         let [columns, rows] = [0, 1].map(|i| first(on_face.at[i] - extent[i])..first(on_face.at[i] + extent[i]));
         for row in rows {
             for column in columns.clone() {
-                let offset = Vec2::new(column as f32 + 0.5, row as f32 + 0.5) - on_face.at;
-                let Some([s, t]) = inverse([a, b], offset) else { continue };
-                if s.abs() > 0.5 * OVERLAP || t.abs() > 0.5 * OVERLAP {
+                let within = steps.to(Vec2::new(column as f32 + 0.5, row as f32 + 0.5) - on_face.at);
+                let inverse_depth = on_face.inverse_depth + on_face.slopes.dot(within);
+                if within.abs().max_element() > 0.5 * OVERLAP || inverse_depth <= 0.0 {
                     continue;
                 }
-                let inverse_depth = on_face.inverse_depth + s * on_face.slopes[0] + t * on_face.slopes[1];
-                if inverse_depth <= 0.0 {
-                    continue;
-                }
-                let position = [f64::from(x) + 0.5 + f64::from(s), f64::from(y) + 0.5 + f64::from(t)];
-                let color = self.view.color_at(position).map(|color| color.map(|c| linear_from_srgb8((c + 0.5) as u8)));
                 let pixel = self.pixel(on_face.face, column, row);
-                let color = color.map_or(sample.color, Vec3::from_array);
+                let color = self.color_beside(x, y, within).unwrap_or(sample.color);
                 samples.push(Sample { pixel, inverse_depth, color, ..sample });
             }
         }
     }
+
+    #[inline]
+    fn pixel_color(&self, x: u32, y: u32) -> [u8; 4] {
+        self.view.color[(y * self.view.size_px[0] + x) as usize]
+    }
+
+    /// Linear light of the picture's bilinear colour at up to a pixel beside the middle of one, if anything there is not masked out.
+    fn color_beside(&self, x: u32, y: u32, offset: Vec2) -> Option<Vec3> {
+        let linear = |level: f32| self.linear[usize::from((level + 0.5) as u8)];
+        // Over the four pixels about the position, the first to the left of it and above.
+        let first =
+            [(x, offset.x, self.view.size_px[0]), (y, offset.y, self.view.size_px[1])].map(|(at, off, side)| {
+                let first = if off < 0.0 { at.checked_sub(1)? } else { at };
+                (first + 1 < side).then_some((first, if off < 0.0 { off + 1.0 } else { off }))
+            });
+        if let [Some((left, fx)), Some((top, fy))] = first {
+            let four = [(left, top), (left + 1, top), (left, top + 1), (left + 1, top + 1)];
+            let [a, b, c, d] = four.map(|(x, y)| self.pixel_color(x, y));
+            if [a, b, c, d].iter().all(|color| color[3] > 0) {
+                let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
+                let mix = |i: usize| [a, b, c, d].iter().zip(weights).map(|(color, w)| f32::from(color[i]) * w).sum();
+                return Some(Vec3::new(linear(mix(0)), linear(mix(1)), linear(mix(2))));
+            }
+        }
+        let position = [f64::from(x) + 0.5 + f64::from(offset.x), f64::from(y) + 0.5 + f64::from(offset.y)];
+        Some(Vec3::from_array(self.view.color_at(position)?.map(|level| linear(level as f32))))
+    }
 }
 
-/// How many of each of two steps make up an offset; `None` if they are parallel.
-fn inverse([a, b]: [Vec2; 2], offset: Vec2) -> Option<[f32; 2]> {
-    let determinant = a.perp_dot(b);
-    (determinant.abs() > 1e-9).then(|| [offset.perp_dot(b) / determinant, a.perp_dot(offset) / determinant])
+/// From offsets on a face to multiples of the two steps that an image's pixels are apart there.
+struct Steps {
+    steps: [Vec2; 2],
+    reciprocal: f32,
+}
+
+impl Steps {
+    /// `None` if they are parallel.
+    #[inline]
+    fn of(steps: [Vec2; 2]) -> Option<Self> {
+        let determinant = steps[0].perp_dot(steps[1]);
+        (determinant.abs() > 1e-9).then(|| Self { steps, reciprocal: 1.0 / determinant })
+    }
+
+    /// How many of each make up an offset.
+    #[inline]
+    fn to(&self, offset: Vec2) -> Vec2 {
+        let [a, b] = self.steps;
+        Vec2::new(offset.perp_dot(b), a.perp_dot(offset)) * self.reciprocal
+    }
 }

@@ -4,9 +4,9 @@
 //! merged in this order, whatever the threads do.
 
 use crate::capture::rig::Face;
-use crate::capture::srgb8_from_linear;
 use crate::ldi::merge::{MergeRule, SAME_COLOR_LEVELS};
 use crate::ldi::{DepthPixel, EncodedNormal, LayeredDepthImage};
+use crate::srgb::encode_srgb;
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -70,11 +70,13 @@ pub(crate) struct RowSamples {
 impl RowSamples {
     /// Of a cube with faces of `face_px` pixels a side.
     pub(crate) fn new(samples: &[Sample], face_px: u32) -> Self {
-        let row = |sample: &Sample| (sample.pixel / face_px) as usize;
-        let first = samples.iter().map(row).min().unwrap_or(0);
-        let rows = samples.iter().map(row).max().map_or(0, |last| last + 1 - first);
-        let (starts, order) = by_place(samples.iter().map(|sample| row(sample) - first), rows);
-        Self { first, starts, samples: order.into_iter().map(|i| samples[i as usize]).collect() }
+        let mut places: Vec<u32> = samples.iter().map(|sample| sample.pixel / face_px).collect();
+        let first = places.iter().copied().min().unwrap_or(0);
+        let rows = places.iter().max().map_or(0, |last| last + 1 - first);
+        places.iter_mut().for_each(|row| *row -= first);
+        let (starts, order) = by_place(&places, rows as usize);
+        let samples = order.into_iter().map(|i| samples[i as usize]).collect();
+        Self { first: first as usize, starts, samples }
     }
 
     /// Those of a row: face and row, in this order of significance.
@@ -86,22 +88,27 @@ impl RowSamples {
 
 /// Sorts things by their places, of which there are `count`: where those of each place begin, and the end; and the numbers of the
 /// things, those of one place in order.
-fn by_place(places: impl Iterator<Item = usize> + Clone, count: usize) -> (Vec<u32>, Vec<u32>) {
-    let mut starts = vec![0u32; count + 1];
-    let mut things = 0;
-    for place in places.clone() {
-        starts[place + 1] += 1;
-        things += 1;
-    }
-    for place in 0..count {
-        starts[place + 1] += starts[place];
-    }
-    let (mut next, mut order) = (starts.clone(), vec![0; things]);
-    for (thing, place) in (0..).zip(places) {
-        order[next[place] as usize] = thing;
-        next[place] += 1;
+fn by_place(places: &[u32], count: usize) -> (Vec<u32>, Vec<u32>) {
+    let starts = starts(places.iter().map(|&place| place as usize), count);
+    let (mut next, mut order) = (starts.clone(), vec![0; places.len()]);
+    for (thing, &place) in (0..).zip(places) {
+        let next = &mut next[place as usize];
+        order[*next as usize] = thing;
+        *next += 1;
     }
     (starts, order)
+}
+
+/// Where things of each of `count` places begin once they are sorted, and the end.
+fn starts(places: impl Iterator<Item = usize>, count: usize) -> Vec<u32> {
+    let mut starts = vec![0u32; count + 1];
+    places.for_each(|place| starts[place + 1] += 1);
+    let mut total = 0;
+    for start in &mut starts {
+        total += *start;
+        *start = total;
+    }
+    starts
 }
 
 impl LayerCube {
@@ -114,12 +121,17 @@ impl LayerCube {
     pub(crate) fn add(&mut self, piles: &[RowSamples]) {
         let (face_px, rule, tolerance) = (self.face_px as usize, self.rule, self.tolerance);
         self.rows.par_iter_mut().enumerate().for_each(|(number, row)| {
-            let came: Vec<&Sample> = piles.iter().flat_map(|pile| pile.of_row(number)).collect();
-            if came.is_empty() {
-                return;
+            let piles: Vec<&[Sample]> = piles.iter().map(|pile| pile.of_row(number)).collect();
+            let first = number * face_px;
+            let came = || piles.iter().copied().flatten();
+            let Some(any) = came().next() else { return };
+            let starts = starts(came().map(|sample| sample.pixel as usize - first), face_px);
+            let (mut next, mut samples) = (starts.clone(), vec![any; starts[face_px] as usize]);
+            for sample in came() {
+                let next = &mut next[sample.pixel as usize - first];
+                samples[*next as usize] = sample;
+                *next += 1;
             }
-            let (_, order) = by_place(came.iter().map(|sample| sample.pixel as usize - number * face_px), face_px);
-            let samples: Vec<&Sample> = order.into_iter().map(|i| came[i as usize]).collect();
             row.add(&samples, rule, tolerance);
         });
     }
@@ -158,14 +170,17 @@ impl LayerRow {
         let (mut there, mut of_pixel) = (0, Vec::new());
         for new in samples.chunk_by(|a, b| a.pixel == b.pixel) {
             let pixel = new[0].pixel;
-            let before = there + self.pixels[there..].partition_point(|&p| p < pixel);
-            let after = before + self.pixels[before..].partition_point(|&p| p == pixel);
+            // Both are in order: what lies before is passed once.
+            let before = there + self.pixels[there..].iter().take_while(|&&p| p < pixel).count();
+            let after = before + self.pixels[before..].iter().take_while(|&&p| p == pixel).count();
             merged.pixels.extend_from_slice(&self.pixels[there..before]);
             merged.layers.extend_from_slice(&self.layers[there..before]);
             of_pixel.clear();
             of_pixel.extend_from_slice(&self.layers[before..after]);
             new.iter().for_each(|sample| insert(&mut of_pixel, sample, rule, tolerance));
-            of_pixel.sort_by(|a, b| a.inverse_depth.total_cmp(&b.inverse_depth));
+            if of_pixel.len() > 1 {
+                of_pixel.sort_by(|a, b| a.inverse_depth.total_cmp(&b.inverse_depth));
+            }
             merged.pixels.extend(of_pixel.iter().map(|_| pixel));
             merged.layers.extend_from_slice(&of_pixel);
             there = after;
@@ -192,7 +207,7 @@ fn insert(layers: &mut Vec<Layer>, sample: &Sample, rule: MergeRule, tolerance: 
         MergeRule::SmallerArea if layer.image != 0 && sample.area < layer.area => *layer = Layer::new(sample),
         MergeRule::SmallerArea => {}
         MergeRule::ColorsApart => {
-            let level = |color: Vec3| color.to_array().map(srgb8_from_linear);
+            let level = |color: Vec3| color.to_array().map(encode_srgb);
             let (a, b) = (level(layer.color), level(sample.color));
             if (0..3).any(|c| a[c].abs_diff(b[c]) >= SAME_COLOR_LEVELS) {
                 layers.push(Layer::new(sample));
@@ -219,7 +234,7 @@ impl Layer {
     }
 
     fn finish(&self) -> DepthPixel {
-        let [r, g, b] = self.color.to_array().map(srgb8_from_linear);
+        let [r, g, b] = self.color.to_array().map(encode_srgb);
         DepthPixel { inverse_depth: self.inverse_depth, normal: self.normal, color_srgb: [r, g, b, 255] }
     }
 }

@@ -1,6 +1,6 @@
 //! What a pixel of a depth image knows of its surface: how it is tilted, and whether it lies on one at all.
 
-use crate::capture::images::LoadedView;
+use crate::capture::images::{Lens, LoadedView};
 use glam::{DVec3, Vec3};
 use std::ops::Range;
 
@@ -46,25 +46,20 @@ impl Surfaces {
     /// Of some rows. `noise`: standard deviation of inverse depth, 1/m.
     pub(super) fn new(view: &LoadedView, rows: Range<u32>, centre: DVec3, noise: f32) -> Self {
         let [width, height] = view.size_px;
-        let ray = |x: u32, y: u32| {
-            let position = [f64::from(x) + 0.5, f64::from(y) + 0.5];
-            (view.pose.world_from_eye * view.lens.ray(position, view.size_px)).as_vec3()
-        };
-        let inverse_depth = |x: u32, y: u32| {
-            // One before the first is the largest number.
-            let inside = x < width && y < height;
-            inside.then(|| view.depth_at(x, y)).flatten().map_or(f32::NAN, |depth| 1.0 / depth)
-        };
-        let rays = (rows.start..rows.end + 1).flat_map(|y| (0..width + 1).map(move |x| ray(x, y))).collect();
-        let around = (0..rows.len() as u32 + 2).map(|row| (rows.start + row).wrapping_sub(1));
-        let inverse_depths =
-            around.flat_map(|y| (0..width + 2).map(move |x| inverse_depth(x.wrapping_sub(1), y))).collect();
+        let mut inverse_depths = vec![f32::NAN; (rows.len() + 2) * (width as usize + 2)];
+        for (y, row) in (rows.start as i64 - 1..).zip(inverse_depths.chunks_exact_mut(width as usize + 2)) {
+            if (0..i64::from(height)).contains(&y) {
+                for (x, inverse_depth) in (0..width).zip(&mut row[1..]) {
+                    *inverse_depth = view.depth_at(x, y as u32).map_or(f32::NAN, |depth| 1.0 / depth);
+                }
+            }
+        }
         let pixel = 1.0 / view.lens.pixels_per_radian(view.size_px) as f32;
         Self {
             eye: (view.pose.eye - centre).as_vec3(),
             first: rows.start,
             width: width as usize,
-            rays,
+            rays: rays(view, rows),
             inverse_depths,
             tolerance: [3.0 * noise, STEEPEST * pixel],
             has_noise: noise > 0.0,
@@ -88,9 +83,9 @@ impl Surfaces {
         };
         let down = stride as isize;
         let around = [-down - 1, -down, -down + 1, -1, 1, down - 1, down, down + 1];
-        let on_surface = around.iter().filter(|&&offset| same(offset).is_some()).count() as u32;
+        let on_surface = || around.iter().filter(|&&offset| same(offset).is_some()).count() as u32;
         // Rendered depth is of one surface in each pixel.
-        if self.has_noise && on_surface < LEAST_NEIGHBORS {
+        if self.has_noise && on_surface() < LEAST_NEIGHBORS {
             return None;
         }
         // Of inverse depth from pixel to pixel, from the neighbours on both sides if they are of this surface.
@@ -112,4 +107,24 @@ impl Surfaces {
         let normal = if normal.dot(ray) > 0.0 { -normal } else { normal };
         Some(Patch { point: ray * depth + self.eye, across, down, normal })
     }
+}
+
+/// Rays through the pixels of some rows and of one below, and of one more on the right, world axes. Those of a pinhole are affine in the pixel.
+fn rays(view: &LoadedView, rows: Range<u32>) -> Vec<Vec3> {
+    let ray = |x: u32, y: u32| {
+        view.pose.world_from_eye * view.lens.ray([f64::from(x) + 0.5, f64::from(y) + 0.5], view.size_px)
+    };
+    let columns = 0..view.size_px[0] + 1;
+    let mut rays = Vec::with_capacity((rows.len() + 1) * columns.len());
+    let step = ray(1, 0) - ray(0, 0);
+    for y in rows.start..=rows.end {
+        match view.lens {
+            Lens::Pinhole(_) => {
+                let start = ray(0, y);
+                rays.extend(columns.clone().map(|x| (start + step * f64::from(x)).as_vec3()));
+            }
+            Lens::Equirectangular => rays.extend(columns.clone().map(|x| ray(x, y).as_vec3())),
+        }
+    }
+    rays
 }

@@ -3,7 +3,7 @@
 use crate::capture::Camera;
 use crate::capture::trace::{Hit, HitPacket, PACKET, Ray, RayPacket};
 use crate::portal::house::House;
-use crate::raster::encode_srgb;
+use crate::srgb::encode_srgb;
 use glam::Vec3;
 use rayon::prelude::*;
 use std::time::Instant;

@@ -1,5 +1,5 @@
 //! Pictures on planes in a frame: nearest first, each pixel by a homography, with the inverse depth of every pixel (inventory S3,
-//! C6, S25, D14).
+//! C6, S25, D14); and what else stands there ([`Standing`]), such as polygons.
 //!
 //! Of a plane both the position on the face times 1/w and the inverse depth in the frame are affine in frame pixels, so that
 //! depth is tested before anything else is looked up, and one division a pixel is all that a homography needs.
@@ -20,7 +20,7 @@ pub(crate) const NOWHERE: f32 = -1.0;
 /// What planes show in some rows of a frame.
 #[derive(Default)]
 pub(crate) struct PlaneCanvas {
-    /// Straight colour where a plane hides its pixel wholly, and 255; 0 for nothing.
+    /// Straight colour where a plane, or what stands there, hides its pixel wholly, and 255; 0 for nothing.
     colors: Vec<[u8; 4]>,
     /// 1 / eye depth, 1/m, of what hides its pixel wholly, and [`NOWHERE`].
     inverse_depth: Vec<f32>,
@@ -38,6 +38,15 @@ pub(crate) struct Rim {
     pub(crate) color: [u8; 4],
     /// 1 / eye depth, 1/m.
     pub(crate) inverse_depth: f32,
+}
+
+/// What else stands in a frame, drawn by somebody else (S25): row-major, as large as the frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Standing<'a> {
+    /// Straight colours of opaque surfaces, sRGB; the alpha is not looked at.
+    pub(crate) colors: &'a [[u8; 4]],
+    /// 1 / eye depth, 1/m; 0 where nothing stands.
+    pub(crate) inverse_depth: &'a [f32],
 }
 
 /// Columns that a row has at its end for whole registers.
@@ -62,8 +71,16 @@ impl PlaneCanvas {
         self.inverse_depth.get(at).copied().filter(|_| x < self.width)
     }
 
-    /// Draws all that lies in some rows of a frame of `width` columns.
-    pub(crate) fn draw(&mut self, set: &PlaneSet, view: &PlanesInView, width: u32, rows: Range<u32>, level: Level) {
+    /// Draws all that lies in some rows of a frame of `width` columns, and what stands there.
+    pub(crate) fn draw(
+        &mut self,
+        set: &PlaneSet,
+        view: &PlanesInView,
+        standing: Option<Standing>,
+        width: u32,
+        rows: Range<u32>,
+        level: Level,
+    ) {
         (self.width, self.first_row) = (width as usize, rows.start as usize);
         let stride = self.width + MARGIN;
         self.clear();
@@ -80,10 +97,31 @@ impl PlaneCanvas {
         for tile in &view.tiles {
             kernel::draw(tile, set.texels_at(tile.index as usize, tile.level), &mut to, level);
         }
+        if let Some(standing) = standing {
+            self.stand(standing);
+        }
         let (depths, at) = (&self.inverse_depth, |[column, row]: [u32; 2]| row as usize * stride + column as usize);
         self.rims.retain(|rim| depths.get(at(rim.pixel)).is_some_and(|depth| rim.inverse_depth > *depth));
         // Nearest tiles came first.
         self.rims.reverse();
+    }
+
+    /// Puts what stands in the frame where it is nearer than the planes.
+    fn stand(&mut self, standing: Standing) {
+        let (width, start) = (self.width.max(1), self.first_row * self.width);
+        let there = [standing.colors.len(), standing.inverse_depth.len()].into_iter().min().unwrap_or(0);
+        let there = start.min(there)..there;
+        let theirs = standing.colors[there.clone()].chunks(width).zip(standing.inverse_depth[there].chunks(width));
+        let stride = self.width + MARGIN;
+        let ours = self.colors.chunks_mut(stride).zip(self.inverse_depth.chunks_mut(stride));
+        for ((colors, depths), (their_colors, their_depths)) in ours.zip(theirs) {
+            let theirs = their_colors.iter().zip(their_depths);
+            for ((color, depth), (&[r, g, b, _], &nearness)) in colors.iter_mut().zip(depths).zip(theirs) {
+                if nearness > depth.max(0.0) {
+                    (*color, *depth) = ([r, g, b, 255], nearness);
+                }
+            }
+        }
     }
 
     /// Colours and inverse depths of a row, counted from the first, of what hides its pixel wholly. Empty if nothing was drawn.

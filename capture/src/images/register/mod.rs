@@ -15,6 +15,8 @@ mod reproject;
 mod solve;
 mod state;
 
+pub(super) use part::apart;
+
 use super::{ImageSet, ImagesError, Lens, LoadedView, Pinhole, Pose, View};
 
 /// The camera that took a view's colours, where that is not the camera of its depth.

@@ -12,7 +12,7 @@ const RANKS: [usize; 3] = [1, 7, 23];
 pub(super) const GROUP: usize = 1 + RANKS.len();
 
 /// How far apart two views are: steps over the depth of what is seen, and turns, radians.
-pub(super) fn apart(a: &Pose, b: &Pose, depth_m: f64) -> f64 {
+pub(in crate::images) fn apart(a: &Pose, b: &Pose, depth_m: f64) -> f64 {
     a.eye.distance(b.eye) / depth_m + a.world_from_eye.z_axis.angle_between(b.world_from_eye.z_axis)
 }
 

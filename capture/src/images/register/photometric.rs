@@ -118,7 +118,7 @@ impl Problem {
         }
     }
 
-    pub(super) fn poses(&self) -> impl Iterator<Item = Pose> {
+    pub(super) fn poses(&self) -> impl ExactSizeIterator<Item = Pose> {
         self.evidence.iter().map(|view| view.pose)
     }
 

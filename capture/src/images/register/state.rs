@@ -1,5 +1,6 @@
 //! An estimate of where colours were taken from: one lens, and a camera for each view.
 
+use super::super::pose::mean_apart;
 use super::evidence::camera_axes;
 use super::solve::{OF_VIEW, SHARED};
 use super::{Pinhole, Pose, Registration};
@@ -88,7 +89,7 @@ impl State {
         Some(Projected { at, n, point })
     }
 
-    fn poses(&self) -> impl Iterator<Item = Pose> {
+    fn poses(&self) -> impl ExactSizeIterator<Item = Pose> {
         let flip = DMat3::from_diagonal(camera_axes(DVec3::ONE));
         self.cameras.iter().map(move |(rotation, offset)| Pose {
             eye: -(rotation.transpose() * *offset),
@@ -97,16 +98,8 @@ impl State {
     }
 
     /// Mean angle between these cameras and others, degrees, and mean distance, metres.
-    pub(super) fn moved_from(&self, others: impl Iterator<Item = Pose>) -> [f64; 2] {
-        let apart = |(pose, other): (Pose, Pose)| {
-            let turn = pose.world_from_eye * other.world_from_eye.transpose();
-            let cosine = (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0) / 2.0;
-            [cosine.clamp(-1.0, 1.0).acos().to_degrees(), pose.eye.distance(other.eye)]
-        };
-        let count = self.cameras.len() as f64;
-        let sum =
-            self.poses().zip(others).map(apart).fold([0.0; 2], |sum, apart| [sum[0] + apart[0], sum[1] + apart[1]]);
-        sum.map(|sum| sum / count)
+    pub(super) fn moved_from(&self, others: impl ExactSizeIterator<Item = Pose>) -> [f64; 2] {
+        mean_apart(self.poses().zip(others))
     }
 
     /// What views are registered by, with their gains.

@@ -2,8 +2,9 @@
 //! frames are held to the CPU's.
 
 mod samples;
-mod texels;
+mod shell;
 
+use super::texels::{Picture, rests};
 use super::{Content, MAX_PAGE_BYTES, Part, environment, poster};
 use crate::capture::rig::Face;
 use crate::export::ExportError;
@@ -14,9 +15,11 @@ use crate::render::{rules, surface};
 use serde_json::{Value, json};
 
 pub(super) const MODULES: &[&str] = &[
+    include_str!("../headbox.js"),
+    include_str!("../texels.js"),
     include_str!("samples.js"),
+    include_str!("shell.js"),
     include_str!("planes.js"),
-    include_str!("place.js"),
     include_str!("shaders.js"),
     include_str!("renderer.js"),
 ];
@@ -30,7 +33,7 @@ pub(super) fn content(cube: &PackedCube) -> Result<Content, ExportError> {
     if at_least > MAX_PAGE_BYTES {
         return Err(ExportError::TooLarge { bytes: at_least, limit: MAX_PAGE_BYTES });
     }
-    Ok(Content { header: header(cube), parts: parts(cube), poster: poster(cube)?, modules: MODULES })
+    Ok(Content { header: header(cube), parts: parts(cube)?, poster: poster(cube)?, modules: MODULES })
 }
 
 fn header(cube: &PackedCube) -> Value {
@@ -72,8 +75,8 @@ fn ahead(cube: &PackedCube) -> glam::DVec3 {
 }
 
 /// All data, in the order in which a view begins to need it.
-fn parts(cube: &PackedCube) -> Vec<Part> {
-    let mut parts = vec![normals(cube)];
+fn parts(cube: &PackedCube) -> Result<Vec<Part>, ExportError> {
+    let mut parts = vec![shell::part(cube)?, normals(cube)];
     parts.extend((cube.environment.size_px > 0).then(|| environment(&cube.environment)));
     parts.extend((!cube.planes.tiles.is_empty()).then(|| planes(&cube.planes)));
     let mut segments: Vec<usize> = (0..cube.segments.len()).collect();
@@ -87,7 +90,7 @@ fn parts(cube: &PackedCube) -> Vec<Part> {
             parts.push(Part { header, bytes: part.bytes });
         }
     }
-    parts
+    Ok(parts)
 }
 
 /// The normals that splat indices stand for, in the face's frame, as 16-bit integers of 1/32767.
@@ -101,7 +104,12 @@ fn normals(cube: &PackedCube) -> Part {
 fn planes(set: &PlaneSet) -> Part {
     let mut bytes = bytemuck::cast_slice(&set.planes).to_vec();
     bytes.extend_from_slice(bytemuck::cast_slice(&set.tiles));
-    bytes.extend(texels::rests(set));
+    let pictures = set.tiles.iter().map(|tile| Picture {
+        texels: tile.texel_range(),
+        width: usize::from(tile.width),
+        opaque: tile.opaque != 0,
+    });
+    bytes.extend(rests(&set.texels, pictures));
     let header = json!({
         "kind": "planes", "planes": set.planes.len(), "tiles": set.tiles.len(), "texels": set.texels.len(),
     });

@@ -5,6 +5,7 @@ import { WHOLE_VERTEX } from '../glsl.js';
 import { raysOf, readSurroundings } from '../surroundings.js';
 import { ATLAS_PX, readPlanes, TILE_BYTES } from './planes.js';
 import { readSamples, SAMPLE_BYTES } from './samples.js';
+import { readShell } from './shell.js';
 import { FILL_FRAGMENT, finishFragment, LAID_FRAGMENT, SAMPLE_FRAGMENT, SAMPLE_VERTEX, TILE_FRAGMENT, TILE_VERTEX } from './shaders.js';
 
 /** Pixels around a frame in which samples are drawn whose tents may reach into it. */
@@ -21,7 +22,7 @@ export class Renderer {
     if (!gl.getExtension('EXT_color_buffer_float') && !gl.getExtension('EXT_color_buffer_half_float')) {
       throw new Error('This browser cannot add up light in WebGL 2 (no EXT_color_buffer_float), which the view needs.');
     }
-    Object.assign(this, { gl, header, segments: [], targets: null, planes: null, environment: null });
+    Object.assign(this, { gl, header, segments: [], targets: null, planes: null, environment: null, shell: null, missing: header.parts.length });
     this.normals = null;
     this.makePrograms();
     this.samples = gl.createBuffer();
@@ -50,9 +51,14 @@ export class Renderer {
   }
 
   /** Takes a part of the payload in. */
-  add(part, bytes) {
-    const kinds = { normals: 'addNormals', environment: 'addEnvironment', planes: 'addPlanes', samples: 'addSamples' };
-    this[kinds[part.kind]](part, bytes);
+  async add(part, bytes) {
+    const kinds = { shell: 'addShell', normals: 'addNormals', environment: 'addEnvironment', planes: 'addPlanes', samples: 'addSamples' };
+    await this[kinds[part.kind]](part, bytes);
+    this.missing--;
+  }
+
+  async addShell(part, bytes) {
+    this.shell = await readShell(this.gl, part, bytes);
   }
 
   addNormals(part, bytes) {
@@ -160,7 +166,7 @@ export class Renderer {
     if (hasPlanes) this.drawPlanes(shared, transfers);
     const draws = this.normals ? this.inView(large, transfers) : [];
     this.targets.layers.forEach((_, i) => this.drawLayer(i, shared, draws, hasPlanes));
-    this.finish(camera, framebuffer, origin, shade);
+    this.finish(camera, framebuffer, origin, shade, nearM);
   }
 
   /** What of the samples may be seen: of each part the runs of its blocks. */
@@ -254,8 +260,9 @@ export class Renderer {
   }
 
   /** Puts surfaces and environment together, and fills small holes. */
-  finish(camera, framebuffer, origin, shade) {
-    const { gl, header, targets } = this;
+  finish(camera, framebuffer, origin, shade, nearM) {
+    const { gl, header, targets, shell } = this;
+    const hasShell = shell !== null && this.missing > 0;
     const sums = targets.layers.map(({ color }, i) => [`sum${i}`, color]);
     gl.bindFramebuffer(gl.FRAMEBUFFER, targets.frame.to);
     gl.viewport(0, 0, ...camera.size);
@@ -265,6 +272,11 @@ export class Renderer {
       ...header.rules,
       ...Object.fromEntries(sums),
       ...raysOf(camera, [0, 0], this.environment, this.noCube),
+      ...(hasShell ? shell : { shellColor: this.noCube, shellDepth: this.noCube }),
+      hasShell,
+      eye: camera.eye,
+      nearest: targets.layers[0].depth,
+      nearM,
       margin: MARGIN_PX,
     });
     gl.drawArrays(gl.TRIANGLES, 0, 3);

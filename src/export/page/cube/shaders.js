@@ -1,5 +1,6 @@
 // The shaders. Rows of all targets but the last run downward, as those of pictures do.
 import { CURVES, HEAD, SURROUNDINGS } from '../glsl.js';
+import { SHELL } from './shell.js';
 
 /**
  * Which surface of a pixel something is on. Of each pixel the nearest surface is found first, as 1 / eye depth, then what lies on
@@ -151,10 +152,13 @@ void main() {
 }`;
 
 /** Surfaces over one another and over the environment, in linear light (surface.rs, finish.rs). */
-export const finishFragment = (layers) => `${HEAD}${CURVES}${SURROUNDINGS}
+export const finishFragment = (layers) => `${HEAD}${CURVES}${SURROUNDINGS}${SHELL}
 ${layers.map((i) => `uniform sampler2D sum${i};`).join('\n')}
-uniform float margin, opaque, minShare;
+uniform sampler2D nearest;               // surface of each pixel
+uniform float margin, opaque, minShare, nearM;
 out vec4 color;                          // alpha: whether anything is known
+/** Share of the shell's 1 / eye depth below which something is behind it. */
+const float BEHIND = 0.8;
 /** A surface over what is behind it, which fills what it leaves open as it fills the pixel. */
 vec4 over(vec4 sum, vec4 behind) {
   if (sum.a <= 0.0) return behind;
@@ -168,7 +172,13 @@ void main() {
   vec4 seen = vec4(0.0);
 ${layers.map((i) => `  seen = over(texelFetch(sum${i}, at, 0), seen);`).reverse().join('\n')}
   bool known = seen.a > 0.0;
-  if (seen.a < 1.0) {
+  if (hasShell) {
+    // While parts are missing what has come is laid over the shell, unless it belongs behind it.
+    vec4 first = shellAlong(directionAt(pixel));
+    float q = (1.0 - texelFetch(nearest, at, 0).r) / nearM;
+    seen.rgb = mix(linear(first.rgb), seen.rgb, q < first.a * BEHIND ? 0.0 : seen.a);
+    known = true;
+  } else if (seen.a < 1.0) {
     vec4 far = surroundings(directionAt(pixel));
     if (far.a > 0.0) seen.rgb = linear(far.rgb) * (1.0 - seen.a) + seen.rgb * seen.a;
     known = known || far.a > 0.0;

@@ -41,14 +41,14 @@ impl SrgbTable {
 
     /// The nearest 8-bit sRGB value of linear light; values outside 0..1 are clamped, NaN becomes 0.
     #[inline(always)]
-    pub(super) fn encode(&self, linear: f32) -> u8 {
+    fn encode(&self, linear: f32) -> u8 {
         // NaN becomes the first entry's value, whose level is 0.
         let bits = linear.max(f32::from_bits(FIRST_BITS)).min(1.0).to_bits() - FIRST_BITS;
         let entry = self.entry(bits >> SHIFT);
         (entry >> 24) as u8 + u8::from(bits & REST >= entry & 0xff_ffff)
     }
 
-    /// As [`Self::encode`] for the first `count` of sixteen values.
+    /// As [`encode_srgb`] for the first `count` of sixteen values.
     #[inline(always)]
     pub(crate) fn encode_sixteen<S: Simd>(&self, simd: S, linear: f32x16<S>, count: usize) -> u32x16<S> {
         let first = f32x16::splat(simd, f32::from_bits(FIRST_BITS));

@@ -1,0 +1,175 @@
+//! Polygons among images (S25): what is nearer than an image can serve, or is put into a place that was captured without it.
+//!
+//! They are rasterised ([`crate::raster`]) once for a frame, and stand in it with a depth for each pixel ([`Standing`]), against which cube
+//! LDIs are drawn.
+
+use super::AT_LEAST;
+use crate::capture::bake::{BakeOptions, bake_unmetered};
+use crate::capture::rig::Face;
+use crate::capture::scene::{Scene, SceneError, Sky, SkyError, SkyPicture};
+use crate::capture::{Camera, linear_from_srgb8};
+use crate::environment::Environment;
+use crate::packed::PackedCube;
+use crate::progress::Progress;
+use crate::raster::{GroupWindow, RasterMesh, RasterView, Rasterizer};
+use crate::render::{RenderSettings, Renderer, Standing};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Why polygons could not be put among images.
+#[derive(Debug, thiserror::Error)]
+pub enum PolygonsError {
+    /// The scene breaks a promise.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// What the cube LDI shows is no sky.
+    #[error("the light about the polygons: {0}")]
+    Light(#[from] SkyError),
+    /// A camera that looks at what is about them could not be made.
+    #[error(transparent)]
+    Camera(#[from] crate::capture::CameraError),
+}
+
+/// A model of triangles that stands among images.
+#[derive(Debug)]
+pub struct Polygons {
+    mesh: RasterMesh,
+}
+
+/// Rows of the picture of what is about the polygons.
+const SURROUNDINGS_ROWS: u32 = 64;
+
+impl Polygons {
+    /// A scene, in world metres, shown without light: albedo, vertex colours and emission.
+    ///
+    /// # Errors
+    /// [`PolygonsError::Scene`].
+    pub fn new(scene: Scene) -> Result<Self, PolygonsError> {
+        scene.validate()?;
+        let all = 0..scene.triangles.len() as u32;
+        let [low, high] = scene.bounds();
+        Ok(Self { mesh: RasterMesh::new(Arc::new(scene), std::slice::from_ref(&all), (low + high) / 2.0) })
+    }
+
+    /// The same in the light of what a cube LDI shows from the middle of the polygons, or from that place of its headbox which is nearest
+    /// to it: they shade themselves and reflect light onto themselves, but neither shade nor light what the cube shows. What is brighter
+    /// than white there counts as white, so that suns and lamps give less than their light.
+    ///
+    /// # Errors
+    /// [`PolygonsError`].
+    pub fn lit_by(mut scene: Scene, cube: &PackedCube, progress: &dyn Progress) -> Result<Self, PolygonsError> {
+        scene.validate()?;
+        let [low, high] = scene.bounds();
+        scene.sky = Some(Sky::Picture(Arc::new(surroundings(cube, (low + high) / 2.0)?)));
+        scene.sun = None;
+        scene.lamps.clear();
+        for material in &mut scene.materials {
+            material.emission = material.emission.map(|c| c * cube.info.exposure);
+        }
+        let told = AtomicUsize::new(0);
+        let baked = bake_unmetered(&Arc::new(scene), &BakeOptions::default(), &|done, all| {
+            match told.fetch_max(done, Ordering::Relaxed) {
+                0 => progress.begin("light of the polygons", "samples", all as u64),
+                before => progress.advance(done.saturating_sub(before) as u64),
+            }
+            if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        Self::new(baked.scene)
+    }
+}
+
+/// What a cube shows from a place, as light: linear, under its exposure.
+fn surroundings(cube: &PackedCube, place: DVec3) -> Result<SkyPicture, PolygonsError> {
+    let half = DVec3::splat(cube.info.half_size_m);
+    let eye = place.clamp(cube.info.centre - half, cube.info.centre + half);
+    let side = SURROUNDINGS_ROWS;
+    let mut renderer = Renderer::new();
+    let mut faces = Vec::with_capacity(Face::ALL.len());
+    for face in Face::ALL {
+        let camera = Camera::from_parts(eye, face.world_from_eye(), f64::from(side) / 2.0, side, side)?;
+        faces.push(renderer.render(cube, &camera, &RenderSettings::default()).color.clone());
+    }
+    let texel = |i: u32| {
+        let [azimuth, elevation] = [
+            (f64::from(i % (2 * side)) + 0.5) / f64::from(side) * std::f64::consts::PI - std::f64::consts::PI,
+            (0.5 - (f64::from(i / (2 * side)) + 0.5) / f64::from(side)) * std::f64::consts::PI,
+        ];
+        // North, -Z, in the middle; from there to the east, +X.
+        let toward = DVec3::new(azimuth.sin() * elevation.cos(), elevation.sin(), -azimuth.cos() * elevation.cos());
+        let face = Face::containing(toward);
+        let [x, y, _] = face.project(toward, side);
+        let [column, row] = [x, y].map(|at| (at as u32).min(side - 1));
+        let color = faces[face.index()].get((row * side + column) as usize).copied().unwrap_or_default();
+        [color[0], color[1], color[2]].map(linear_from_srgb8)
+    };
+    Ok(SkyPicture::new([2 * side, side], (0..2 * side * side).map(texel).collect(), 0.0)?)
+}
+
+/// All polygons of a frame, nearest first.
+#[derive(Default)]
+pub(super) struct Stand {
+    rasterizer: Rasterizer,
+    colors: Vec<[u8; 4]>,
+    inverse_depth: Vec<f32>,
+}
+
+impl Stand {
+    /// Draws polygons, each where it is nearer than the others.
+    pub(super) fn draw(&mut self, polygons: &[Polygons], camera: &Camera) {
+        let groups = [GroupWindow { group: 0, window: None }];
+        let view = RasterView { groups: &groups, markers: &[], exposure: 1.0, hole_color_srgb: [0; 3] };
+        for (number, polygons) in polygons.iter().enumerate() {
+            self.rasterizer.draw(&polygons.mesh, camera, &view, &Environment::default());
+            let drawn = self.rasterizer.output_mut();
+            if number == 0 {
+                std::mem::swap(&mut self.colors, &mut drawn.frame.color);
+                std::mem::swap(&mut self.inverse_depth, &mut drawn.inverse_depth);
+                continue;
+            }
+            let theirs = drawn.frame.color.par_iter().zip(&drawn.inverse_depth);
+            let ours = self.colors.par_iter_mut().zip(&mut self.inverse_depth);
+            ours.zip(theirs).with_min_len(AT_LEAST).for_each(|((color, depth), (their_color, their_depth))| {
+                if their_depth > depth {
+                    (*color, *depth) = (*their_color, *their_depth);
+                }
+            });
+        }
+    }
+
+    /// What was drawn last.
+    pub(super) fn standing(&self) -> Standing<'_> {
+        Standing { colors: &self.colors, inverse_depth: &self.inverse_depth }
+    }
+}
+
+/// Moves a scene: scaled about its own origin, turned about the up axis, world axes, from north (-Z) to east (+X), and its origin put to a place.
+pub fn place(scene: &mut Scene, scale: f64, turn_deg: f64, at: DVec3) {
+    let (sin, cos) = turn_deg.to_radians().sin_cos();
+    let turned = |p: DVec3| DVec3::new(p.x * cos - p.z * sin, p.y, p.x * sin + p.z * cos);
+    for position in &mut scene.positions {
+        *position = turned(*position * scale) + at;
+    }
+    for normal in &mut scene.normals {
+        *normal = turned(normal.as_dvec3()).as_vec3();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    #[test]
+    fn placed_is_scaled_then_turned_then_moved() {
+        let mut scene = crate::scenes::build("bump", 0).expect("built in");
+        scene.positions[0] = DVec3::new(0.0, 0.5, -1.0);
+        scene.normals = vec![Vec3::NEG_Z; scene.positions.len()];
+        place(&mut scene, 2.0, 90.0, DVec3::new(10.0, 20.0, 30.0));
+        // A quarter of a turn from north to east.
+        assert!((scene.positions[0] - DVec3::new(12.0, 21.0, 30.0)).length() < 1e-12, "{}", scene.positions[0]);
+        assert!((scene.normals[0] - Vec3::X).length() < 1e-6);
+    }
+}

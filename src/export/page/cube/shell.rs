@@ -1,0 +1,83 @@
+//! What a page shows first: the scene as it is seen from the middle of the headbox, a small picture with depth in all directions. Looked at
+//! from elsewhere it has parallax and no gaps; nothing behind what is nearest.
+
+use super::super::Part;
+use crate::capture::Camera;
+use crate::capture::picture::PictureError;
+use crate::capture::rig::Face;
+use crate::export::ExportError;
+use crate::packed::PackedCube;
+use crate::render::{RenderSettings, Renderer};
+use image::RgbImage;
+use image::codecs::jpeg::JpegEncoder;
+use serde_json::json;
+
+/// The most pixels a side of a face's picture; captures with smaller faces have as many as those.
+const MAX_PX: u32 = 384;
+/// Of these a side of a square that has one depth.
+const SQUARE_PX: u32 = 4;
+/// Quality of the JPEG file.
+const QUALITY: u8 = 45;
+
+/// The depths, a byte of 1 / eye depth each, row by row and face by face, each less the one before; then a JPEG file of the faces, one
+/// below another.
+pub(super) fn part(cube: &PackedCube) -> Result<Part, ExportError> {
+    let color_px = (cube.face_size_px / SQUARE_PX * SQUARE_PX).clamp(16, MAX_PX);
+    let mut picture = RgbImage::new(color_px, 6 * color_px);
+    let mut inverse_depths = Vec::new();
+    let mut renderer = Renderer::new();
+    let settings = RenderSettings { depth: true, ..RenderSettings::default() };
+    for (i, face) in Face::ALL.into_iter().enumerate() {
+        let camera =
+            Camera::from_parts(cube.center(), face.world_from_eye(), f64::from(color_px) / 2.0, color_px, color_px)?;
+        let frame = renderer.render(cube, &camera, &settings);
+        let colors = frame.color.iter().map(|[r, g, b, _]| image::Rgb([*r, *g, *b]));
+        let rows = picture.pixels_mut().skip(i * (color_px * color_px) as usize);
+        rows.zip(colors).for_each(|(to, from)| *to = from);
+        inverse_depths.extend(shrunk(&frame.depth_m, color_px));
+    }
+    let nearest = inverse_depths.iter().copied().fold(0.0, f32::max);
+    let coded = |q: &f32| if nearest > 0.0 { (q / nearest * 255.0).round() as u8 } else { 0 };
+    let mut before = 0u8;
+    let mut bytes: Vec<u8> = Vec::new();
+    for code in inverse_depths.iter().map(coded) {
+        bytes.push(code.wrapping_sub(before));
+        before = code;
+    }
+    JpegEncoder::new_with_quality(&mut bytes, QUALITY).encode_image(&picture).map_err(PictureError::from)?;
+    Ok(Part {
+        header: json!({"kind": "shell", "first": true, "depthPx": color_px / SQUARE_PX, "nearest": nearest}),
+        bytes,
+    })
+}
+
+/// 1 / eye depth of a face of `side` pixels in squares: what half of a square's pixels have at most.
+fn shrunk(depths_m: &[f32], side: u32) -> Vec<f32> {
+    let corners = || (0..side).step_by(SQUARE_PX as usize);
+    let squares = corners().flat_map(|y| corners().map(move |x| (x, y)));
+    let median = |(x, y): (u32, u32)| {
+        let pixels = (0..SQUARE_PX * SQUARE_PX).map(|k| ((y + k / SQUARE_PX) * side + x + k % SQUARE_PX) as usize);
+        let mut found: Vec<f32> = pixels.map(|i| 1.0 / depths_m[i]).collect();
+        found.sort_by(f32::total_cmp);
+        found[found.len() / 2]
+    };
+    squares.map(median).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_square_has_the_depth_of_most_of_it() {
+        let mut depths_m = vec![f32::INFINITY; 16 * 16];
+        // The second square, but for its first row, is at 2 m; one pixel of the third is at 1 m.
+        for y in 1..4 {
+            depths_m[y * 16..][4..8].fill(2.0);
+        }
+        depths_m[9] = 1.0;
+        let found = shrunk(&depths_m, 16);
+        assert_eq!(found.len(), 16);
+        assert_eq!(found[..3], [0.0, 0.5, 0.0]);
+    }
+}

@@ -1,0 +1,36 @@
+//! Texels of pictures as what they are more than their neighbours (`texels.js` reads them).
+
+use std::ops::Range;
+
+/// A picture among the texels of several.
+pub(super) struct Picture {
+    /// Where its texels lie, row by row.
+    pub(super) texels: Range<usize>,
+    pub(super) width: usize,
+    /// Its alphas need not be kept.
+    pub(super) opaque: bool,
+}
+
+/// Green, red - green and blue - green of each texel, one after the other, then the alphas of the pictures that are not opaque: each
+/// less that of the texel on the left or, in the first column, above.
+pub(super) fn rests(texels: &[[u8; 4]], pictures: impl IntoIterator<Item = Picture>) -> Vec<u8> {
+    let (mut colors, mut alphas) = (vec![0; texels.len() * 3], Vec::new());
+    for Picture { texels: range, width, opaque } in pictures {
+        let first = range.start;
+        let texels = &texels[range];
+        for (i, texel) in texels.iter().enumerate() {
+            let beside = match i % width {
+                0 => i.checked_sub(width).map_or([0; 4], |above| texels[above]),
+                _ => texels[i - 1],
+            };
+            let [r, g, b, a] = [0, 1, 2, 3].map(|c| texel[c].wrapping_sub(beside[c]));
+            let to = (first + i) * 3;
+            colors[to..to + 3].copy_from_slice(&[g, r.wrapping_sub(g), b.wrapping_sub(g)]);
+            if !opaque {
+                alphas.push(a);
+            }
+        }
+    }
+    colors.extend(alphas);
+    colors
+}

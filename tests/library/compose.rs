@@ -1,0 +1,243 @@
+//! Promises of frames that several things share (S25, D14): sprites, cube LDIs and polygons.
+
+use crate::sprite_files::card;
+use crate::sprite_oracle::look;
+use glam::{DVec3, Vec2, Vec3, dvec3};
+use headbox::capture::light::Lighting;
+use headbox::capture::scene::{Scene, Triangle};
+use headbox::capture::trace::Tracer;
+use headbox::capture::{Camera, Material, linear_from_srgb8};
+use headbox::compose::{ComposeSettings, Composer, Composition, Layer, Polygons};
+use headbox::frame::Frame;
+use headbox::ldi::job::CaptureJob;
+use headbox::ldi::parameters::{CaptureParameters, Resources};
+use headbox::metrics::psnr_db;
+use headbox::packed::{PackedCube, SplatIndexLayout, Split};
+use headbox::primitives;
+use headbox::progress::Silent;
+use headbox::scene_source::SceneSource;
+use headbox::sprite::SpriteSet;
+use headbox::{Capture, RenderSettings, Renderer};
+use std::sync::Arc;
+
+#[test]
+fn sprites_and_a_cube_are_composed_back_to_front() {
+    // A captured wall of checks in the plane z = 0, seen from z = 3.
+    let source = SceneSource::new("builtin:bump");
+    let scene = Arc::new(source.open().expect("built in"));
+    let centre = dvec3(0.0, 0.0, 3.0);
+    let tracer = Tracer::new(Arc::clone(&scene), centre);
+    let job = CaptureJob {
+        face_size_px: 32,
+        parameters: CaptureParameters::unlit(6, 4),
+        ..CaptureJob::new(source, centre, 0.5)
+    };
+    let (ldi, _) = job.run(&tracer, &Lighting::of_scene(&tracer, 0), &Resources::default(), &Silent).expect("captured");
+    let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packed");
+
+    let (before, behind) = (dvec3(1.2, 0.0, 1.8), dvec3(0.0, 0.0, -2.0));
+    let set = SpriteSet::new(vec![
+        card([0, 0, 255, 255], before, DVec3::Z),
+        card([255, 0, 0, 255], behind, DVec3::Z),
+        card([0, 255, 0, 255], dvec3(0.0, 40.0, 0.0), DVec3::Z),
+    ]);
+    let composition = Composition::new(set, vec![cube]);
+    let order = composition.back_to_front(centre);
+    let place = |layer| order.iter().position(|&l| l == layer).expect("every layer is drawn");
+    assert_eq!(order.len(), 4);
+    assert!(place(Layer::Sprite(1)) < place(Layer::Cube(0)), "{order:?}");
+    assert!(place(Layer::Cube(0)) < place(Layer::Sprite(0)), "{order:?}");
+
+    let (mut composer, mut frame) = (Composer::default(), Frame::default());
+    let mut seen = |eye: DVec3, at: DVec3| {
+        let stats = composition.render(&mut composer, &look(eye, at, 32), &ComposeSettings::default(), &mut frame);
+        assert_eq!(stats.outcomes.len(), 3);
+        frame.color[16 * 32 + 16]
+    };
+    assert_eq!(seen(centre, before), [0, 0, 255, 255], "the blue card hides the wall");
+    let [red, green, blue, alpha] = seen(centre, DVec3::ZERO);
+    assert!(alpha == 255 && red < 255 && green > 0 && blue > 0, "beside it the wall hides the red card");
+}
+
+#[test]
+fn a_cube_that_is_composed_with_nothing_is_its_own_frame() {
+    let scene = headbox::Scene::open("builtin:poles").expect("built in");
+    let cube = Capture::new(&scene).face_size(64).strata(6).error_px(0.0).run().expect("captured");
+    let (eye, settings) = (cube.center() + dvec3(0.1, 0.05, 0.0), ComposeSettings::default());
+    let camera = Camera::look_at(eye, eye + dvec3(0.3, 0.2, -1.0), DVec3::Y, 90.0, [120, 90]).expect("valid");
+    // Holes of a cube among other layers stay open: another may show there.
+    let open = RenderSettings { keep_holes: true, ..settings.cubes };
+    let alone = Renderer::new().render(&cube, &camera, &open).clone();
+    let partial = alone.coverage.iter().filter(|pixel| (2..255).contains(&pixel.splat_share())).count();
+    let mut composed = Frame::default();
+    let composition = Composition::new(SpriteSet::new(vec![]), vec![cube]);
+    let stats = composition.render(&mut Composer::default(), &camera, &settings, &mut composed);
+    assert_eq!(stats.hole_pixels, alone.hole_count());
+    assert_eq!(composed.coverage, alone.coverage);
+    // Shares of 1 and 2 of 255 count as 3 in a frame.
+    for ((composed, alone), coverage) in composed.color.iter().zip(&alone.color).zip(&alone.coverage) {
+        assert!(composed == alone || coverage.splat_share() == 3, "{composed:?}, not {alone:?}, at {coverage:?}");
+    }
+    assert!(partial > 20, "only {partial} pixels show the environment behind splats");
+}
+
+/// Adds a parallelogram with a material of its own.
+fn add_board(scene: &mut Scene, corner: DVec3, along: DVec3, up: DVec3, albedo: [f32; 3]) {
+    let (first, material) = (scene.positions.len() as u32, scene.materials.len() as u32);
+    scene.positions.extend([corner, corner + along, corner + along + up, corner + up]);
+    let count = scene.positions.len();
+    scene.materials.push(Material { albedo, ..Material::default() });
+    for vertices in [[0, 1, 2], [0, 2, 3]] {
+        scene.triangles.push(Triangle { vertices: vertices.map(|v: u32| first + v), material });
+    }
+    // Lists that are kept at all have an entry for each position.
+    let fill = |is_kept: bool| if is_kept { count } else { 0 };
+    scene.normals.resize(fill(!scene.normals.is_empty()), Vec3::ZERO);
+    scene.texcoords.resize(fill(!scene.texcoords.is_empty()), Vec2::ZERO);
+    scene.colors.resize(fill(!scene.colors.is_empty()), Vec3::ONE);
+}
+
+/// A slanted board that stands in the ground among the poles, and a second one behind most of them.
+fn boards(scene: &mut Scene) {
+    add_board(scene, dvec3(-2.0, -0.5, -5.0), dvec3(3.0, 0.0, -2.0), dvec3(0.2, 1.8, 0.6), [0.8, 0.2, 0.1]);
+    add_board(scene, dvec3(-9.0, 0.0, -20.0), dvec3(18.0, 0.0, 3.0), dvec3(0.0, 4.0, 0.0), [0.1, 0.3, 0.8]);
+}
+
+fn model_of_boards() -> Polygons {
+    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    boards(&mut scene);
+    Polygons::new(scene).expect("a valid scene")
+}
+
+/// What a scene of unlit surfaces shows, by rays.
+fn traced(scene: &Arc<Scene>, camera: &Camera) -> image::RgbImage {
+    let tracer = Tracer::new(Arc::clone(scene), camera.eye());
+    headbox::truth::render(&tracer, &Lighting::of_scene(&tracer, 0), false, camera, 32, &Silent).rgb()
+}
+
+/// What boards among samples may cost: their own edges are not smoothed, unlike truth's.
+const BOARDS_DB: f64 = 2.0;
+
+/// What they cost at least if they are pasted over the samples: poles stand before them.
+const PASTED_DB: f64 = 1.5;
+
+#[test]
+fn polygons_stand_among_samples_as_if_they_had_been_captured() {
+    let source = SceneSource::new("builtin:poles");
+    let scene = source.open().expect("built in");
+    let mut both = scene.clone();
+    boards(&mut both);
+    let (scene, both) = (Arc::new(scene), Arc::new(both));
+    let centre = scene.headbox.expect("it has one").centre;
+    let tracer = Tracer::new(Arc::clone(&scene), centre);
+    let job = CaptureJob {
+        face_size_px: 128,
+        parameters: CaptureParameters::unlit(8, 8),
+        ..CaptureJob::new(source, centre, 0.5)
+    };
+    let lighting = Lighting::of_scene(&tracer, 0);
+    for error_px in [0.0, 0.5] {
+        let (ldi, _) = job.run(&tracer, &lighting, &Resources::default(), &Silent).expect("captured");
+        let cube = primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, error_px).expect("packed");
+        let eye = centre + dvec3(0.2, -0.1, 0.15);
+        let camera = Camera::look_at(eye, eye + dvec3(-0.1, -0.15, -1.0), DVec3::Y, 70.0, [160, 120]).expect("valid");
+        let drawn = Renderer::new().render(&cube, &camera, &RenderSettings::default()).to_rgb().expect("a picture");
+        let alone = psnr_db(&traced(&scene, &camera), &drawn).expect("of one size");
+        let composition = Composition::new(SpriteSet::new(vec![]), vec![cube]).with_polygons(vec![model_of_boards()]);
+        let mut frame = Frame::default();
+        let stats = composition.render(&mut Composer::default(), &camera, &ComposeSettings::default(), &mut frame);
+        assert_eq!(stats.order, [Layer::Cube(0)], "one picture shows both");
+        let truth = traced(&both, &camera);
+        let composed = psnr_db(&truth, &frame.to_rgb().expect("a picture")).expect("of one size");
+        assert!(composed > alone - BOARDS_DB, "{composed:.2} dB with boards, {alone:.2} without (error_px {error_px})");
+
+        let boards = Composition::new(SpriteSet::new(vec![]), vec![]).with_polygons(vec![model_of_boards()]);
+        boards.render(&mut Composer::default(), &camera, &ComposeSettings::default(), &mut frame);
+        let mut pasted = drawn;
+        for (i, pixel) in pasted.pixels_mut().enumerate().filter(|(i, _)| frame.coverage[*i].splat_share() > 0) {
+            pixel.0.copy_from_slice(&frame.color[i][..3]);
+        }
+        let pasted = psnr_db(&truth, &pasted).expect("of one size");
+        assert!(pasted < composed - PASTED_DB, "{composed:.2} dB among the samples, {pasted:.2} before them");
+    }
+}
+
+#[test]
+fn a_cube_and_sprites_and_polygons_share_a_frame_by_depth() {
+    // Two cards that cross each other at x = 0, and a board between the left parts of both.
+    let (left_near, right_near) = (dvec3(1.0, 0.0, 1.0), dvec3(-1.0, 0.0, 1.0));
+    let cards = || {
+        SpriteSet::new(
+            [(left_near, [255, 0, 0, 255]), (right_near, [0, 0, 255, 255])]
+                .map(|(normal, color)| card(color, DVec3::ZERO, normal))
+                .into(),
+        )
+    };
+    let eye = dvec3(0.0, 0.0, 4.0);
+    let camera = look(eye, DVec3::ZERO, 64);
+    let shown = |composition: &Composition, by_depth: bool| {
+        let (mut frame, settings) = (Frame::default(), ComposeSettings { by_depth, ..ComposeSettings::default() });
+        composition.render(&mut Composer::default(), &camera, &settings, &mut frame);
+        [26, 38].map(|x| frame.color[32 * 64 + x])
+    };
+    let (red, blue) = ([255, 0, 0, 255], [0, 0, 255, 255]);
+    let crossing = Composition::new(cards(), vec![]);
+    let [left, right] = shown(&crossing, false);
+    assert_eq!(left, right, "laid whole, one card hides the other");
+    // A card whose normal leans to the right (+X, +Z) is nearer on its left.
+    assert_eq!(shown(&crossing, true), [red, blue]);
+
+    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    add_board(&mut scene, dvec3(-2.0, -2.0, 0.0), dvec3(1.9, 0.0, 0.0), dvec3(0.0, 4.0, 0.0), [0.0, 1.0, 0.0]);
+    let board = Polygons::new(scene).expect("a valid scene");
+    let [left, right] = shown(&Composition::new(cards(), vec![]).with_polygons(vec![board]), false);
+    assert_eq!([left, right], [red, blue], "the board is behind the near card on the left, and not on the right");
+}
+
+/// 64 samples a vertex of what is about it, a picture of 64 rows of that, and vertices' own mean: a tenth.
+const LIT_SHARE: f64 = 0.1;
+
+#[test]
+fn polygons_are_lit_by_what_the_cube_shows_about_them() {
+    let opened = headbox::Scene::open("builtin:interior").expect("built in");
+    let cube = Capture::new(&opened).face_size(96).strata(8).light_samples(2).run().expect("captured");
+    let centre = cube.info.centre;
+    // A closed box: of a surface that is open on both sides the brighter one would count.
+    let side = 0.02;
+    let normals = [DVec3::X, DVec3::NEG_X, DVec3::Z, DVec3::NEG_Z, DVec3::Y, DVec3::NEG_Y];
+    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    for normal in normals {
+        let along = normal.any_orthonormal_vector() * side;
+        let up = normal.cross(along);
+        add_board(&mut scene, centre + (normal * side - along - up) / 2.0, along, up, [0.5; 3]);
+    }
+    let model = Polygons::lit_by(scene, &cube, &Silent).expect("lit");
+    let composition = Composition::new(SpriteSet::new(vec![]), vec![]).with_polygons(vec![model]);
+    for normal in normals {
+        // So near before it that it fills the frame.
+        let eye = centre + normal * side;
+        let camera = Camera::look_at(eye, centre, normal.any_orthonormal_vector(), 40.0, [16, 16]).expect("valid");
+        let mut frame = Frame::default();
+        composition.render(&mut Composer::default(), &camera, &ComposeSettings::default(), &mut frame);
+        let found = linear_from_srgb8(frame.color[8 * 16 + 8][1]);
+        let expected = 0.5 * irradiance_over_pi(&cube, centre, normal);
+        assert!((f64::from(found) / expected - 1.0).abs() < LIT_SHARE, "toward {normal}: {found}, not {expected}");
+    }
+}
+
+/// Irradiance over pi, green, of what a cube shows from a place: the sum over a frame that looks along the normal as far as 80 degrees,
+/// beyond which cosines leave 3 %.
+fn irradiance_over_pi(cube: &PackedCube, eye: DVec3, normal: DVec3) -> f64 {
+    let camera = Camera::look_at(eye, eye + normal, normal.any_orthonormal_vector(), 160.0, [400, 400]).expect("valid");
+    let mut renderer = Renderer::new();
+    let frame = renderer.render(cube, &camera, &RenderSettings::default());
+    let (mut sum, mut all) = (0.0, 0.0);
+    for (i, color) in frame.color.iter().enumerate() {
+        let direction = camera.direction((i % 400) as f64 + 0.5, (i / 400) as f64 + 0.5);
+        // A pixel's solid angle falls with the cube of the cosine, and so does its light with the cosine.
+        let weight = direction.length().powi(-4);
+        sum += f64::from(linear_from_srgb8(color[1])) * weight;
+        all += weight;
+    }
+    sum / all
+}
