@@ -49,8 +49,11 @@ pub(super) fn parse_up(text: &str) -> Result<UpAxis, String> {
     }
 }
 
+/// A key and its value.
+pub(super) type Pair<'t> = (&'t str, &'t str);
+
 /// `NAME@KEY=VALUE@KEY=VALUE`: the name, which may hold an `@` that no key follows, and the rest as it stands.
-pub(super) fn named_parts<'t>(text: &'t str, keys: &[&str]) -> Result<(&'t str, Vec<(&'t str, &'t str)>), String> {
+pub(super) fn named_parts<'t>(text: &'t str, keys: &[&str]) -> Result<(&'t str, Vec<Pair<'t>>), String> {
     let first = keys.iter().filter_map(|key| text.find(&format!("@{key}="))).min();
     let (name, rest) = text.split_at(first.unwrap_or(text.len()));
     let pair = |part: &'t str| part.split_once('=').ok_or_else(|| format!("{part}: give one of {}=", keys.join("=, ")));

@@ -374,18 +374,19 @@ fn what_is_wrong_with_pictures_is_said() {
     let depths =
         |folder: &Path| -> Vec<_> { (0..8).map(|i| folder.join(format!("room/frame-{i:06}.depth.png"))).collect() };
     let black = |size: u32| ImageBuffer::<Luma<u16>, Vec<u16>>::new(size, SIZE[1] * size / SIZE[0]);
-    let cases: [(&str, &dyn Fn(&Path)); 5] = [
+    type Case<'a> = (&'a str, &'a dyn Fn(&Path));
+    let cases: [Case; 5] = [
         ("frame-000001.depth.png: is 48x36 pixels, its picture 96x72", &|dir| {
-            black(SIZE[0] / 2).save(&depths(dir)[1]).unwrap()
+            black(SIZE[0] / 2).save(&depths(dir)[1]).unwrap();
         }),
         ("frame-000001.depth.png: depth in 8 bits", &|dir| {
             image::GrayImage::new(SIZE[0], SIZE[1]).save(&depths(dir)[1]).unwrap();
         }),
         ("frame-000001.depth.png: ", &|dir| {
-            std::fs::write(&depths(dir)[1], &std::fs::read(&depths(dir)[1]).unwrap()[..200]).unwrap()
+            std::fs::write(&depths(dir)[1], &std::fs::read(&depths(dir)[1]).unwrap()[..200]).unwrap();
         }),
         ("room: its pictures know no depth", &|dir| {
-            depths(dir).iter().for_each(|file| black(SIZE[0]).save(file).unwrap())
+            depths(dir).iter().for_each(|file| black(SIZE[0]).save(file).unwrap());
         }),
         ("frame-000001.color.png: cannot be read", &|dir| {
             std::fs::remove_file(dir.join("room/frame-000001.color.png")).unwrap();

@@ -47,7 +47,7 @@ impl Surfaces {
     pub(super) fn new(view: &LoadedView, rows: Range<u32>, centre: DVec3, noise: f32) -> Self {
         let [width, height] = view.size_px;
         let mut inverse_depths = vec![f32::NAN; (rows.len() + 2) * (width as usize + 2)];
-        for (y, row) in (rows.start as i64 - 1..).zip(inverse_depths.chunks_exact_mut(width as usize + 2)) {
+        for (y, row) in (i64::from(rows.start) - 1..).zip(inverse_depths.chunks_exact_mut(width as usize + 2)) {
             if (0..i64::from(height)).contains(&y) {
                 for (x, inverse_depth) in (0..width).zip(&mut row[1..]) {
                     *inverse_depth = view.depth_at(x, y as u32).map_or(f32::NAN, |depth| 1.0 / depth);
