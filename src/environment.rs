@@ -5,7 +5,6 @@ mod sixteen;
 use crate::capture::light::Lighting;
 use crate::capture::rig::Face;
 use crate::capture::scene::Sky;
-use crate::capture::srgb8_from_linear;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -54,7 +53,7 @@ impl Environment {
                 Vec3::from(lighting.miss_radiance(direction.normalize().as_vec3()))
             };
             let mean = (0..side * side).map(seen).sum::<Vec3>() / (side * side) as f32;
-            let [r, g, b] = mean.to_array().map(|c| srgb8_from_linear(c * lighting.exposure));
+            let [r, g, b] = lighting.stored(mean);
             [r, g, b, if reached(at) { 255 } else { 0 }]
         };
         Self { size_px, texels: (0..6 * per_face).into_par_iter().map(texel).collect() }

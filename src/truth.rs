@@ -4,7 +4,6 @@ use crate::capture::Camera;
 use crate::capture::images::{Distortion, Lens, LoadedView, Pinhole, Pose};
 use crate::capture::light::{LightSample, Lighting, pixel_jitter};
 use crate::capture::sampler::random4;
-use crate::capture::srgb8_from_linear;
 use crate::capture::trace::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
 use crate::frame::{Coverage, Frame};
 use crate::progress::Progress;
@@ -17,6 +16,8 @@ use rayon::prelude::*;
 pub struct Truth {
     /// Coverage is the share of a pixel's rays that met a surface: full if all did, the environment alone if none.
     pub frame: Frame,
+    /// Linear radiance, row by row from the top; empty of a frame that was kept in a file.
+    pub radiance: Vec<[f32; 3]>,
     /// How far the picture is from its own limit, as a PSNR in dB: from the difference between two independent halves
     /// of the samples. Infinite if they agree to the last bit.
     pub standard_error_psnr_db: f64,
@@ -46,34 +47,41 @@ pub fn render(
     progress.begin("truth", "rows", u64::from(height));
     let row = |y: u32| {
         if progress.is_cancelled() {
-            return (vec![[0, 0, 0, 255]; width as usize], vec![Coverage::ENVIRONMENT; width as usize], 0.0);
+            let dark = TracedPixel { radiance: [0.0; 3], color: [0, 0, 0, 255], coverage: Coverage::ENVIRONMENT };
+            return (vec![dark; width as usize], 0.0);
         }
         let mut pixels = Vec::with_capacity(width as usize);
-        let mut coverage = Vec::with_capacity(width as usize);
         let mut squared_error = 0.0;
         for x in 0..width {
             let pixel = PixelTracer { tracer, lighting, lit, camera, x, y };
             let [(first, hits), (second, more_hits)] = [0, half].map(|first| pixel.radiance(first, half));
-            let halves = [first, second];
-            let encode = |linear: Vec3| (linear * lighting.exposure).to_array().map(srgb8_from_linear);
-            let [a, b] = halves.map(encode);
+            let [a, b] = [first, second].map(|half| lighting.stored(half));
             for c in 0..3 {
                 // The mean of two halves has half the standard deviation of their difference.
                 squared_error += (f64::from(a[c].abs_diff(b[c])) / 2.0).powi(2);
             }
-            let [r, g, b] = encode((halves[0] + halves[1]) / 2.0);
-            pixels.push([r, g, b, 255]);
-            coverage.push(surfaces_of(hits + more_hits, 2 * half));
+            let mean = (first + second) / 2.0;
+            let [r, g, b] = lighting.stored(mean);
+            let coverage = surfaces_of(hits + more_hits, 2 * half);
+            pixels.push(TracedPixel { radiance: mean.to_array(), color: [r, g, b, 255], coverage });
         }
         progress.advance(1);
-        (pixels, coverage, squared_error)
+        (pixels, squared_error)
     };
     let rows: Vec<_> = (0..height).into_par_iter().map(row).collect();
-    let mean_square = rows.iter().map(|row| row.2).sum::<f64>() / (f64::from(width) * f64::from(height) * 3.0);
-    let (color, coverage): (Vec<_>, Vec<_>) = rows.into_iter().map(|row| (row.0, row.1)).unzip();
-    let (color, coverage) = (color.concat(), coverage.concat());
+    let mean_square = rows.iter().map(|row| row.1).sum::<f64>() / (f64::from(width) * f64::from(height) * 3.0);
+    let pixels = || rows.iter().flat_map(|row| &row.0);
+    let (color, coverage) = pixels().map(|pixel| (pixel.color, pixel.coverage)).unzip();
     let frame = Frame { width, height, color, coverage, depth_m: Vec::new() };
-    Truth { frame, standard_error_psnr_db: 10.0 * (255.0f64.powi(2) / mean_square).log10() }
+    let radiance = pixels().map(|pixel| pixel.radiance).collect();
+    Truth { frame, radiance, standard_error_psnr_db: 10.0 * (255.0f64.powi(2) / mean_square).log10() }
+}
+
+#[derive(Clone, Copy)]
+struct TracedPixel {
+    radiance: [f32; 3],
+    color: [u8; 4],
+    coverage: Coverage,
 }
 
 /// Eye depth of what each pixel's middle shows, metres, row by row; infinite where there is nothing.

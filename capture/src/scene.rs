@@ -10,7 +10,7 @@ pub use lights::{Lamp, Reach, Sky, SkyGradient, Sun};
 pub use sky_picture::{SkyError, SkyPicture};
 pub use surface::Surface;
 
-use crate::light::Exposure;
+use crate::light::{Exposure, ToneMap};
 use crate::material::{Material, Texture};
 use glam::{DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
@@ -150,6 +150,8 @@ pub struct Scene {
     pub lamps: Vec<Lamp>,
     /// How bright its pictures are.
     pub exposure: Exposure,
+    /// What becomes of light in them.
+    pub tone: ToneMap,
     /// The file's frame.
     pub frame: FileFrame,
     /// Where to look from by default, if the scene's maker knows.

@@ -136,7 +136,7 @@ impl SourceArgs {
 
     /// What is said, by its flag.
     pub(super) fn given(&self) -> [(&'static str, bool); 7] {
-        let LightParameters { sky, sky_turn, sun, sun_strength, exposure } = &self.light;
+        let LightParameters { sky, sky_turn, sun, sun_strength, exposure, hdr: _ } = &self.light;
         let said = LightParameters::default();
         [
             ("--up", self.up.is_some()),

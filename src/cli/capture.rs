@@ -73,6 +73,9 @@ pub(super) struct CaptureCommand {
     /// Of such a picture: where its camera looked; along -Z if absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     pub(super) look_at: Option<DVec3>,
+    /// Keep light above white, up to four stops, in coarser steps: for render --exposure, and -o FRAME.exr
+    #[arg(long)]
+    hdr: bool,
     /// Print one JSON object on standard output
     #[arg(long)]
     pub(super) json: bool,
@@ -305,7 +308,8 @@ impl CaptureCommand {
         }
         refuse_given("a scene", &self.flags_of_deep())?;
         let start = Instant::now();
-        let source = self.scene.source();
+        let mut source = self.scene.source();
+        source.light.hdr = self.hdr;
         let endings = if self.shard.is_some() { &SHARD } else { &CUBE };
         let outputs = Outputs::new(self.json, [&source.name]).file(&self.output, endings)?;
         let scene = Arc::new(source.open()?);
@@ -366,6 +370,7 @@ impl CaptureCommand {
             ("--shard", self.shard.is_some()),
             ("--memory", self.memory.is_some()),
             ("--quality", self.quality.quality.is_some()),
+            ("--hdr", self.hdr),
         ];
         let of_scenes = self.quality.given().into_iter().chain(self.scene.given());
         let all: Vec<_> = of_rays.into_iter().chain(of_scenes).chain(more.iter().copied()).collect();

@@ -39,9 +39,24 @@ impl Rendered {
 pub(super) enum Content {
     House(Box<HouseContent>),
     Geometry(Box<GeometryContent>),
-    Lumigraph { slabs: Box<Slabs>, renderer: Box<SlabsRenderer>, settings: LumigraphSettings },
-    Cube { cube: Box<PackedCube>, renderer: Box<Renderer>, settings: RenderSettings },
-    Layers { layers: Box<Composition>, composer: Box<Composer>, settings: ComposeSettings, frame: Frame },
+    Lumigraph {
+        slabs: Box<Slabs>,
+        renderer: Box<SlabsRenderer>,
+        settings: LumigraphSettings,
+    },
+    Cube {
+        cube: Box<PackedCube>,
+        renderer: Box<Renderer>,
+        settings: RenderSettings,
+        /// What each level is shown as, where that is another.
+        shown: Option<Box<[u8; 256]>>,
+    },
+    Layers {
+        layers: Box<Composition>,
+        composer: Box<Composer>,
+        settings: ComposeSettings,
+        frame: Frame,
+    },
 }
 
 impl Content {
@@ -53,7 +68,13 @@ impl Content {
             Self::Lumigraph { slabs, renderer, settings } => {
                 render_lumigraph(renderer, slabs, camera, settings, repeat)
             }
-            Self::Cube { cube, renderer, settings } => render_cube(renderer, cube, camera, settings, repeat),
+            Self::Cube { cube, renderer, settings, shown } => {
+                let mut rendered = render_cube(renderer, cube, camera, settings, repeat)?;
+                if let Some(shown) = shown {
+                    rendered.image.iter_mut().for_each(|level| *level = shown[usize::from(*level)]);
+                }
+                Ok(rendered)
+            }
             Self::Layers { layers, composer, settings, frame } => {
                 render_layers(composer, layers, camera, settings, frame, repeat)
             }

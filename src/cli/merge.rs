@@ -3,6 +3,7 @@
 use super::capture::{PackingArgs, budget, warn_if_blocked, what_is_kept};
 use super::output::{CUBE, Outputs, peak_rss_mb, print_json};
 use super::progress::Bar;
+use super::words::UsageError;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
 use crate::gaps;
@@ -26,6 +27,9 @@ pub(super) struct MergeCommand {
     /// Where the scene is now, if it is no longer where the shards were captured
     #[arg(long)]
     scene: Option<String>,
+    /// Where the picture of the sky is now, if it is no longer where the shards were captured
+    #[arg(long, value_name = "FILE.hdr|.exr")]
+    sky: Option<PathBuf>,
     /// Memory to keep within, MiB
     #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(64..=1 << 24))]
     memory: Option<u64>,
@@ -45,19 +49,27 @@ impl MergeCommand {
         }
         shard::check_complete(&infos)?;
         let (_, first) = &infos[0];
-        let mut source = first.job.scene.clone();
+        // The file says where the scene and its sky are now, for whoever opens it.
+        let mut job = first.job.clone();
+        let source = &mut job.scene;
         if let Some(name) = &self.scene {
             source.name.clone_from(name);
         }
-        let scene = source.open().context("light is sampled after merging, which needs the scene (see --scene)")?;
+        match (&self.sky, &mut source.light.sky) {
+            (Some(_), None) => return Err(UsageError("--sky: the shards were captured without one".into()).into()),
+            (Some(moved), Some(sky)) => sky.clone_from(moved),
+            (None, _) => {}
+        }
+        let scene =
+            source.open().context("light is sampled after merging, which needs the scene (see --scene and --sky)")?;
         outputs.scene_is_open(&scene)?;
         ensure!(
             fingerprint(&scene) == first.scene_fingerprint && scene.triangles.len() as u32 == first.triangles,
             "{} has changed since the shards were captured; capture them again",
-            source.name
+            job.scene.name
         );
-        let tracer = Tracer::new(Arc::new(scene), first.job.centre);
-        let parameters = &first.job.parameters;
+        let tracer = Tracer::new(Arc::new(scene), job.centre);
+        let parameters = &job.parameters;
         let lighting = Lighting::prepare(&tracer, parameters.bounces, parameters.light_samples > 0);
         let resources = Resources { budget: budget(self.memory, &self.output) };
         let mut tracing = first.empty_tracing(resources.budget.clone())?;
@@ -65,8 +77,8 @@ impl MergeCommand {
             shard::absorb(path, info, &mut tracing)?;
         }
         let bar = Bar::new();
-        gaps::close(&first.job, &mut tracing, &tracer, &lighting, &bar)?;
-        let ldi = first.job.finish(&tracing, &tracer, &lighting, &resources, &bar)?;
+        gaps::close(&job, &mut tracing, &tracer, &lighting, &bar)?;
+        let ldi = job.finish(&tracing, &tracer, &lighting, &resources, &bar)?;
         drop((tracing, tracer));
         let packed = self.packing.pack(ldi)?;
         packed.write(&self.output)?;

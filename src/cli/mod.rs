@@ -37,6 +37,7 @@ mod merge;
 mod output;
 mod polygons;
 mod progress;
+mod radiance;
 mod render;
 mod report;
 mod scenes;

@@ -63,6 +63,9 @@ pub(super) struct Endings {
 /// Pictures; all but JPEG keep every bit.
 pub(super) const PICTURE: Endings =
     Endings { what: "a picture", allowed: &["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "tga"] };
+/// Frames: pictures, or linear radiance.
+pub(super) const FRAME: Endings =
+    Endings { what: "a frame", allowed: &["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "tga", "exr"] };
 /// Depth.
 pub(super) const DEPTH: Endings = Endings { what: "a picture of depth", allowed: &["exr"] };
 /// Cube LDIs.
@@ -161,7 +164,7 @@ impl Outputs {
 }
 
 /// What the rule refuses is a mistake of the user's, all else a failure.
-fn cannot_write(path: &Path, error: std::io::Error) -> anyhow::Error {
+pub(super) fn cannot_write(path: &Path, error: std::io::Error) -> anyhow::Error {
     let name = if path.as_os_str().is_empty() { "the output".into() } else { path.display().to_string() };
     let message = format!("{name} cannot be written: {error}");
     if error.kind() == std::io::ErrorKind::InvalidInput { UsageError(message).into() } else { anyhow::anyhow!(message) }

@@ -9,9 +9,10 @@ use super::content::Content;
 use super::geometry::{GEOMETRY_ALONE, GeometryArgs, GeometryContent, texturing_of};
 use super::house_file::HouseContent;
 use super::images::{self, SetArgs, is_image_set};
-use super::output::{DEPTH, FILM, Outputs, PICTURE, print_json, save_picture};
+use super::output::{DEPTH, FILM, FRAME, Outputs, PICTURE, print_json, save_picture};
 use super::polygons::PolygonsArg;
 use super::progress::Bar;
+use super::radiance::{Stored, is_radiance};
 use super::words::UsageError;
 use crate::capture::scene::FileFrame;
 use crate::capture::{Camera, simd};
@@ -43,8 +44,8 @@ pub(super) struct RenderCommand {
     /// follow a model's name. Or one .house or .lumi file
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Picture to write (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output, PNG); with --path the folder for frames
-    /// and times.csv, or a film (.mp4 or .webm, which need ffmpeg, .apng or .gif)
+    /// Picture to write (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output, PNG; of a .ldi also .exr: linear radiance);
+    /// with --path the folder for frames and times.csv, or a film (.mp4 or .webm, which need ffmpeg, .apng or .gif)
     #[arg(short, long)]
     output: PathBuf,
     #[command(flatten)]
@@ -84,6 +85,9 @@ pub(super) struct RenderCommand {
     /// Leave small holes open, which are otherwise filled from what lies behind their rims
     #[arg(long)]
     keep_holes: bool,
+    /// Show a .ldi so many stops brighter than it was captured, cut off at white; a capture made with --hdr keeps what lies above
+    #[arg(long, value_name = "STOPS", value_parser = parse_stops, allow_hyphen_values = true)]
+    exposure: Option<f32>,
     /// EXR to write the eye depth of each pixel to, metres, infinite where nothing is drawn; for a single frame of one .ldi
     #[arg(long, value_name = "FILE.exr", conflicts_with = "path")]
     depth: Option<PathBuf>,
@@ -94,7 +98,7 @@ pub(super) struct RenderCommand {
     /// geometry camera, owners, mesh and age; a wrong name prints the list
     #[cfg(feature = "viewer")]
     #[arg(long, value_name = "NAME", conflicts_with_all = [
-        "path", "fps", "stereo", "panorama", "vr180", "sampling", "fill_steps", "keep_holes", "depth", "coverage", "merge", "plain",
+        "path", "fps", "stereo", "panorama", "vr180", "sampling", "fill_steps", "keep_holes", "exposure", "depth", "coverage", "merge", "plain",
         "by_depth", "parallel", "repeat",
     ])]
     overlay: Option<String>,
@@ -127,6 +131,10 @@ fn parse_plain(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|levels| (0.0..=255.0).contains(levels)).ok_or("give levels from 0 to 255".into())
 }
 
+fn parse_stops(text: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|stops: &f32| stops.abs() <= 40.0).ok_or("give stops from -40 to 40".into())
+}
+
 /// How threads can share a frame.
 const WAYS: Names<Parallel> = &[
     ("bands", "Bands of rows of the frame", Parallel::Bands),
@@ -140,7 +148,7 @@ impl RenderCommand {
             Some(_) if film::is_film(&self.output) => outputs.file(&self.output, &FILM)?,
             Some(_) => outputs.folder(&self.output)?,
             None => {
-                let outputs = outputs.file(&self.output, &PICTURE)?.maybe_file(self.depth.as_ref(), &DEPTH)?;
+                let outputs = outputs.file(&self.output, &FRAME)?.maybe_file(self.depth.as_ref(), &DEPTH)?;
                 outputs.maybe_file(self.coverage.as_ref(), &PICTURE)?
             }
         };
@@ -150,6 +158,7 @@ impl RenderCommand {
             return self.render_overlay(overlay);
         }
         let (mut content, frame, default_camera) = self.open()?;
+        self.of_cubes_alone(&mut content)?;
         match &self.path {
             Some(path) => {
                 let cameras = self.camera.of_path(path::read(path, &frame, f64::from(self.fps()))?)?;
@@ -224,6 +233,7 @@ impl RenderCommand {
                 cube: Box::new(cubes.remove(0)),
                 renderer: Box::new(Renderer::new()),
                 settings: settings.cubes,
+                shown: None,
             },
             (sprites, _) => Content::Layers {
                 layers: Box::new(
@@ -358,7 +368,7 @@ impl RenderCommand {
     fn render_one(&self, content: &mut Content, camera: &Camera) -> anyhow::Result<()> {
         if self.view() != View::Frame {
             let picture = self.picture(content, camera)?;
-            save_picture(&self.output, &picture)?;
+            self.save(content, &picture)?;
             let (width, height) = picture.dimensions();
             match self.json {
                 true => print_json(&json!({"size": [width, height], "variant": content.variant()})),
@@ -372,7 +382,7 @@ impl RenderCommand {
             return Err(UsageError("--depth and --coverage are for a single .ldi file".into()).into());
         }
         let rendered = content.render(camera, self.repeat)?;
-        save_picture(&self.output, &rendered.image)?;
+        self.save(content, &rendered.image)?;
         if let Content::Cube { renderer, .. } = content {
             self.save_planes(renderer.frame())?;
         }
@@ -389,6 +399,30 @@ impl RenderCommand {
             println!("{file}: {ms_median:.2} ms, {}, {holes:.3} % holes", content.summary(&rendered));
         }
         Ok(())
+    }
+
+    /// Refuses radiance and exposure of what does not say how its levels came about, and sets the exposure of what does.
+    fn of_cubes_alone(&self, content: &mut Content) -> Result<(), UsageError> {
+        let radiance = self.path.is_none() && is_radiance(&self.output);
+        match (content, self.exposure) {
+            (Content::Cube { .. }, Some(_)) if radiance => {
+                Err(UsageError("--exposure is for pictures; an .exr holds the light itself".into()))
+            }
+            (Content::Cube { cube, shown, .. }, Some(stops)) => {
+                *shown = Some(Box::new(Stored::of(&cube.info).brighter(stops)));
+                Ok(())
+            }
+            (Content::Cube { .. }, None) => Ok(()),
+            (_, None) if !radiance => Ok(()),
+            _ => Err(UsageError("--exposure, and a frame in an .exr, are for a single .ldi file".into())),
+        }
+    }
+
+    fn save(&self, content: &Content, frame: &RgbImage) -> anyhow::Result<()> {
+        match content {
+            Content::Cube { cube, .. } if is_radiance(&self.output) => Stored::of(&cube.info).save(&self.output, frame),
+            _ => save_picture(&self.output, frame),
+        }
     }
 
     /// Writes what was asked for beside the colours.

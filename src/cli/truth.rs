@@ -1,8 +1,9 @@
 //! `headbox truth`.
 
 use super::args::{CameraArgs, SceneArgs};
-use super::output::{Outputs, PICTURE, peak_rss_mb, print_json, save_picture};
+use super::output::{FRAME, Outputs, peak_rss_mb, print_json, save_picture};
 use super::progress::Bar;
+use super::radiance::{is_radiance, save_radiance};
 use super::words::UsageError;
 use crate::capture::images::SetWriter;
 use crate::capture::light::Lighting;
@@ -20,7 +21,8 @@ use std::time::Instant;
 pub(super) struct TruthCommand {
     #[command(flatten)]
     scene: SceneArgs,
-    /// Picture to write: .png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output (PNG); with --images a folder
+    /// Picture to write: .png, .jpg, .webp, .tif, .bmp or .tga, or linear radiance, .exr; `-` for standard output (PNG); with --images a
+    /// folder
     #[arg(short, long)]
     output: PathBuf,
     /// Instead of one picture, a folder of so many with their depth, an image set for capture, render, view and report: from a wall of
@@ -38,6 +40,9 @@ pub(super) struct TruthCommand {
     /// Show albedo and emission without light, as `capture --light-samples 0` does
     #[arg(long)]
     unlit: bool,
+    /// Compress light above white, as `capture --hdr` does
+    #[arg(long)]
+    hdr: bool,
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
@@ -45,11 +50,12 @@ pub(super) struct TruthCommand {
 
 impl TruthCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
-        let source = self.scene.source();
+        let mut source = self.scene.source();
+        source.light.hdr = self.hdr;
         let outputs = Outputs::new(self.json, [&source.name]);
         let outputs = match self.images {
             Some(_) => outputs.folder(&self.output)?,
-            None => outputs.file(&self.output, &PICTURE)?,
+            None => outputs.file(&self.output, &FRAME)?,
         };
         let scene = Arc::new(source.open()?);
         outputs.scene_is_open(&scene)?;
@@ -65,7 +71,10 @@ impl TruthCommand {
         }
         let truth = truth::render(&tracer, &lighting, !self.unlit, &camera, self.samples, &bar);
         bar.finish();
-        save_picture(&self.output, &truth.rgb())?;
+        match is_radiance(&self.output) {
+            true => save_radiance(&self.output, (truth.frame.width, truth.frame.height), &truth.radiance)?,
+            false => save_picture(&self.output, &truth.rgb())?,
+        }
         let error_db = truth.standard_error_psnr_db;
         let known = if error_db.is_finite() { Some(error_db) } else { None };
         self.say(start, &format!("standard error {error_db:.1} dB (PSNR)"), json!({ "standard_error_psnr_db": known }));

@@ -66,7 +66,7 @@ fn merge(
         progress.advance(rows_done);
         let rule = settings.parameters.merge_rule;
         let mut merged = MergedFace::of(face, parts.size_px, |x, y, out| {
-            depth_pixels_of(parts.pixel(x, y), rule, &bins, out);
+            depth_pixels_of(parts.pixel(x, y), rule, lighting.tone, &bins, out);
         });
         drop(parts);
         merged.measure_alphas(tracer, &bins, settings.half_size_m, |_, _| true);

@@ -87,6 +87,7 @@ impl CaptureJob {
             half_size_m: self.half_size_m,
             frame: tracer.scene().frame,
             exposure: lighting.exposure,
+            tone: lighting.tone,
             ..CaptureInfo::default()
         }
     }

@@ -7,7 +7,7 @@ use super::accumulate::DepthBins;
 use super::coverage::BinSpan;
 use super::shade::LitPart;
 use super::{DepthPixel, EncodedNormal};
-use crate::capture::srgb8_from_linear;
+use crate::capture::light::ToneMap;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
@@ -34,23 +34,26 @@ pub(crate) const SAME_COLOR_LEVELS: u8 = 16;
 pub(crate) fn depth_pixels_of(
     pixel: &[LitPart],
     rule: MergeRule,
+    tone: ToneMap,
     bins: &DepthBins,
     out: &mut Vec<(DepthPixel, BinSpan)>,
 ) {
     let first = out.len();
     for cluster in (Clusters { rest: pixel }) {
         let [head, .., tail] = cluster else {
-            out.extend(cluster.first().map(|only| (average(cluster, bins), [only.bin; 2])));
+            out.extend(cluster.first().map(|only| (average(cluster, tone, bins), [only.bin; 2])));
             continue;
         };
         let span = [head.bin, tail.bin];
         match rule {
-            MergeRule::Average => out.push((average(cluster, bins), span)),
+            MergeRule::Average => out.push((average(cluster, tone, bins), span)),
             MergeRule::SmallerArea => {
                 let best = cluster.iter().min_by(|a, b| a.area.total_cmp(&b.area).then(a.key.cmp(&b.key)));
-                out.extend(best.map(|best| (average(std::slice::from_ref(best), bins), span)));
+                out.extend(best.map(|best| (average(std::slice::from_ref(best), tone, bins), span)));
             }
-            MergeRule::ColorsApart => out.extend(colors_apart(cluster, bins).into_iter().map(|kept| (kept, span))),
+            MergeRule::ColorsApart => {
+                out.extend(colors_apart(cluster, tone, bins).into_iter().map(|kept| (kept, span)))
+            }
         }
     }
     out[first..].sort_by(|(a, _), (b, _)| a.inverse_depth.total_cmp(&b.inverse_depth));
@@ -89,23 +92,23 @@ fn mean_position(cluster: &[LitPart]) -> f64 {
 }
 
 /// One depth pixel with the mean depth and colour, and the normal of the part that most rays saw.
-fn average(cluster: &[LitPart], bins: &DepthBins) -> DepthPixel {
+fn average(cluster: &[LitPart], tone: ToneMap, bins: &DepthBins) -> DepthPixel {
     let samples: u64 = cluster.iter().map(|part| u64::from(part.count)).sum();
     let color: Vec3 = cluster.iter().map(|part| part.color() * (part.count as f32 / samples as f32)).sum();
     let most_seen = cluster.iter().min_by_key(|part| (std::cmp::Reverse(part.count), part.key));
     let normal = most_seen.map_or(EncodedNormal::new(Vec3::Z), |part| part.normal);
     // Half a step of the offset keeps the inverse depth positive even in the first bin.
     let position = mean_position(cluster) + 0.5 / 65_536.0;
-    let [r, g, b] = color.to_array().map(srgb8_from_linear);
+    let [r, g, b] = tone.levels(color);
     DepthPixel { inverse_depth: bins.inverse_depth(position) as f32, normal, color_srgb: [r, g, b, 255] }
 }
 
-fn colors_apart(cluster: &[LitPart], bins: &DepthBins) -> Vec<DepthPixel> {
+fn colors_apart(cluster: &[LitPart], tone: ToneMap, bins: &DepthBins) -> Vec<DepthPixel> {
     let mut out: Vec<DepthPixel> = Vec::new();
     let mut in_key_order: Vec<&LitPart> = cluster.iter().collect();
     in_key_order.sort_unstable_by_key(|part| part.key);
     for part in in_key_order {
-        let candidate = average(std::slice::from_ref(part), bins);
+        let candidate = average(std::slice::from_ref(part), tone, bins);
         let same = |kept: &DepthPixel| {
             (0..3).all(|c| kept.color_srgb[c].abs_diff(candidate.color_srgb[c]) < SAME_COLOR_LEVELS)
         };
@@ -166,7 +169,7 @@ mod tests {
     fn merged(pixel: &[LitPart], rule: MergeRule) -> (Vec<(f64, u8)>, Vec<BinSpan>) {
         let bins = DepthBins::new(0.5, 64);
         let mut out = Vec::new();
-        depth_pixels_of(pixel, rule, &bins, &mut out);
+        depth_pixels_of(pixel, rule, ToneMap::default(), &bins, &mut out);
         let position = |q: f32| f64::from(q) / bins.inverse_depth(1.0);
         let pixels = out.iter().map(|(p, _)| (position(p.inverse_depth), p.color_srgb[0])).collect();
         (pixels, out.iter().map(|(_, span)| *span).collect())

@@ -38,6 +38,7 @@ pub mod voxel_colouring;
 pub use validate::{LdiError, MAX_FACE_SIZE_PX};
 
 use crate::capture::images::ImageSet;
+use crate::capture::light::ToneMap;
 use crate::capture::rig::Face;
 use crate::capture::scene::FileFrame;
 use crate::environment::Environment;
@@ -45,7 +46,6 @@ use crate::scene_source::LightParameters;
 use glam::{DVec3, Vec3};
 use parameters::CaptureParameters;
 use serde::{Deserialize, Serialize};
-use std::fmt;
 
 /// One sample of a layered depth image.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -123,9 +123,9 @@ pub struct CaptureInfo {
     /// Axes and unit of the scene's file.
     #[serde(flatten)]
     pub frame: FileFrame,
-    /// Linear radiance times this is what is stored.
+    /// Linear radiance times this is what `tone` is of.
     pub exposure: f32,
-    /// What becomes of radiance that is exposed.
+    /// What became of exposed radiance before it was stored.
     #[serde(default)]
     pub tone: ToneMap,
     /// The scene's light, where it is not its own.
@@ -164,23 +164,6 @@ impl CaptureInfo {
             exposure: 1.0,
             parameters: CaptureParameters::unlit(0, 0),
             ..Self::default()
-        }
-    }
-}
-
-/// What becomes of linear radiance times exposure before it is stored.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ToneMap {
-    /// It is cut off at 1, and encoded by the curve of sRGB.
-    #[default]
-    SrgbClipped,
-}
-
-impl fmt::Display for ToneMap {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::SrgbClipped => f.write_str("sRGB, cut off at white"),
         }
     }
 }

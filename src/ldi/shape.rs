@@ -82,7 +82,7 @@ impl ShapeSource<'_> {
         let ldi = std::mem::replace(old, LayeredDepthImage::empty(face, 0));
         let before = MergedFace { ldi, spans: std::mem::take(spans) };
         let mut made = MergedFace::of(face, size_px, |x, y, out| match is_in(&merged, x, y) {
-            true => depth_pixels_of(parts.pixel(x, y), rule, &bins, out),
+            true => depth_pixels_of(parts.pixel(x, y), rule, lighting.tone, &bins, out),
             false => out.extend(before.pixel(x, y)),
         });
         drop((parts, before));

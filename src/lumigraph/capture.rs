@@ -2,10 +2,10 @@
 
 use super::raw::{RawLumigraph, RawPicture, SAME_SURFACE};
 use super::{CameraGrid, GridParts};
+use crate::capture::Camera;
 use crate::capture::light::{LightSample, Lighting, pixel_jitter};
 use crate::capture::sampler::random4;
 use crate::capture::trace::{Hit, PACKET, Ray, RayPacket, Tracer};
-use crate::capture::{Camera, srgb8_from_linear};
 use crate::environment::Environment;
 use crate::progress::{Progress, check_cancelled};
 use glam::{DVec3, Vec3};
@@ -80,7 +80,7 @@ impl LumigraphCapture<'_> {
         if count == 0 {
             (sum, count) = (self.radiance(&centre, self.tracer.closest(&centre).as_ref(), pixel, 0), 1);
         }
-        let color = (sum / count as f32 * self.lighting.exposure).to_array().map(srgb8_from_linear);
+        let color = self.lighting.stored(sum / count as f32);
         let disparity = depth.map_or(0.0, |depth| 1.0 / depth);
         (color, if disparity.is_finite() { disparity } else { 0.0 })
     }

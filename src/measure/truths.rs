@@ -105,7 +105,7 @@ fn read(path: &Path) -> Result<Truth, FileError> {
     let color = color.into_iter().map(|[r, g, b]| [r, g, b, 255]).collect();
     let coverage = shares.into_iter().map(coverage_of).collect();
     let frame = Frame { width, height, color, coverage, depth_m: Vec::new() };
-    Ok(Truth { frame, standard_error_psnr_db })
+    Ok(Truth { frame, radiance: Vec::new(), standard_error_psnr_db })
 }
 
 /// The coverage whose share of 255 was written; less than all is never full.

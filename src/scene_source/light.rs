@@ -1,6 +1,6 @@
 //! What a person says of a scene's light, stated once: sources of scenes, the headers of files and the command line hold this type.
 
-use crate::capture::light::{Exposure, luminance};
+use crate::capture::light::{Exposure, ToneMap, luminance};
 use crate::capture::scene::{FileFrame, Scene, Sky, SkyError, SkyPicture, Sun};
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
@@ -38,6 +38,14 @@ pub struct LightParameters {
     #[cfg_attr(feature = "cli", arg(long, value_name = "auto|EV", default_value_t = Exposure::default(),
         allow_hyphen_values = true))]
     pub exposure: Exposure,
+    /// Whether light above white is kept ([`ToneMap::SrgbCompressed`]).
+    #[serde(skip_serializing_if = "is_not")]
+    #[cfg_attr(feature = "cli", arg(skip))]
+    pub hdr: bool,
+}
+
+fn is_not(flag: &bool) -> bool {
+    !flag
 }
 
 fn is_zero(number: &f64) -> bool {
@@ -153,6 +161,7 @@ impl LightParameters {
             sun.irradiance = sun.irradiance.map(|c| c * factor);
         }
         scene.exposure = self.exposure;
+        scene.tone = if self.hdr { ToneMap::SrgbCompressed } else { ToneMap::SrgbClipped };
         Ok(())
     }
 

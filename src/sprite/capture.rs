@@ -4,7 +4,7 @@ use super::{DepthImport, DisplacementFormat, SpriteError, SpriteWithDepth};
 use crate::capture::light::{LightSample, Lighting, LitPoint, pixel_jitter};
 use crate::capture::sampler::random4;
 use crate::capture::trace::{Ray, Tracer};
-use crate::capture::{Camera, DepthKind, srgb8_from_linear};
+use crate::capture::{Camera, DepthKind};
 use crate::progress::Progress;
 use glam::Vec3;
 use image::RgbaImage;
@@ -98,7 +98,7 @@ impl SlabCapture<'_> {
         }
         let center = self.tracer.closest(&self.ray(camera, range, [x, y], [0.5; 2]));
         let alpha = ((hits * 255 * 2 + samples) / (2 * samples)) as u8;
-        let [r, g, b] = (sum / hits as f32 * self.lighting.exposure).to_array().map(srgb8_from_linear);
+        let [r, g, b] = self.lighting.stored(sum / hits as f32);
         Pixel { color: [r, g, b, alpha], depth: center.map_or(nearest_to_center.1, |hit| hit.t) }
     }
 

@@ -53,9 +53,59 @@ fn parts_of_a_capture_agree_on_its_light_and_the_file_tells_it() {
     let message = refused(dir.path(), 1, &["merge", "1.shard", "other.shard", "-o", "merged.ldi"]);
     assert!(message.contains("parts of different captures"), "{message}");
     // The sky is needed again to light what was merged, and is named where it is gone.
-    std::fs::remove_file(dir.path().join("sky.hdr")).unwrap();
-    let message = refused(dir.path(), 1, &["merge", "1.shard", "2.shard", "-o", "merged.ldi"]);
-    assert!(message.contains("sky.hdr"), "{message}");
+    std::fs::rename(dir.path().join("sky.hdr"), dir.path().join("moved.hdr")).unwrap();
+    let merge = ["merge", "1.shard", "2.shard", "-o", "merged.ldi"];
+    let message = refused(dir.path(), 1, &merge);
+    assert!(message.contains("sky.hdr") && message.contains("--sky"), "{message}");
+    succeeds(dir.path(), &[merge.as_slice(), &["--sky", "moved.hdr"]].concat());
+    let info = &json(dir.path(), &["info", "merged.ldi", "--json"])["capture"];
+    assert_eq!(info["light"]["sky"].as_str(), Some("moved.hdr"));
+    capture(dir.path(), &["--shard", "1/1", "-o", "only.shard"]);
+    let message = refused(dir.path(), 2, &["merge", "only.shard", "-o", "merged.ldi", "--sky", "moved.hdr"]);
+    assert!(message.contains("without one"), "{message}");
+}
+
+#[test]
+fn light_above_white_is_kept_where_it_is_asked_for() {
+    let dir = tempfile::tempdir().unwrap();
+    write_sky(dir.path());
+    // The sky's east is as bright as white: at three stops eight times.
+    let light = ["--sky", "sky.hdr", "--exposure", "3"];
+    capture(dir.path(), &[light.as_slice(), &["-o", "clipped.ldi"]].concat());
+    capture(dir.path(), &[light.as_slice(), &["-o", "kept.ldi", "--hdr"]].concat());
+    let eastward = ["--look-at", "100,50,0", "--eye", "0,30,0", "--size", "32x24"];
+    let run = |arguments: &[&[&str]]| succeeds(dir.path(), &arguments.concat());
+    run(&[&["truth", "builtin:miniature", "-o", "truth.exr", "--samples", "4"], &light, &eastward]);
+    for name in ["kept", "clipped"] {
+        run(&[&["render", &format!("{name}.ldi"), "-o", &format!("{name}.exr")], &eastward]);
+    }
+    let red = |name: &str| {
+        let picture = exr::prelude::read_first_rgba_layer_from_file(
+            dir.path().join(name),
+            |size, _| vec![[0.0f32; 3]; size.width() * size.height()],
+            |pixels: &mut Vec<[f32; 3]>, at, (r, g, b, _): (f32, f32, f32, f32)| {
+                pixels[at.y() * 32 + at.x()] = [r, g, b]
+            },
+        );
+        picture.unwrap().layer_data.channel_data.pixels[12 * 32 + 16][0]
+    };
+    let truth = red("truth.exr");
+    assert!((truth - 1.0).abs() < 0.05, "{truth}");
+    // A step is 6.2 % at eight times white, and half of it the most that rounding takes.
+    assert!((red("kept.exr") / truth - 1.0).abs() < 0.032, "{} for {truth}", red("kept.exr"));
+    assert!((red("clipped.exr") - 0.125).abs() < 1e-3, "white is 1 at three stops: {}", red("clipped.exr"));
+    // Three stops darker the sky is as it would have been without them.
+    run(&[&["render", "kept.ldi", "-o", "darker.png", "--exposure", "-3"], &eastward]);
+    let shown = image::open(dir.path().join("darker.png")).unwrap().to_rgb8().get_pixel(16, 12).0[0];
+    assert!((248..=255).contains(&shown), "{shown}");
+    let told = succeeds(dir.path(), &["info", "kept.ldi"]);
+    assert!(told.contains("cut off 4 stops above white"), "{told}");
+    for wrong in [
+        &["render", "kept.ldi", "clipped.ldi", "-o", "a.exr"][..],
+        &["render", "kept.ldi", "-o", "a.exr", "--exposure", "1"],
+    ] {
+        refused(dir.path(), 2, wrong);
+    }
 }
 
 #[test]

@@ -17,9 +17,11 @@ mod sequence;
 mod sharp;
 mod sky;
 mod square;
+mod tone;
 
 pub use arrival::Arrival;
 pub use exposure::Exposure;
+pub use tone::ToneMap;
 
 use crate::sampler::{random4, unit_float};
 use crate::scene::{Sky, Sun};
@@ -60,8 +62,10 @@ pub struct Lighting {
     pub fill: FillLight,
     /// Diffuse bounces of a path beyond direct light.
     pub bounces: u32,
-    /// Stored value = linear radiance times this.
+    /// Linear radiance times this is what `tone` is of.
     pub exposure: f32,
+    /// What becomes of exposed radiance before it is stored.
+    pub tone: ToneMap,
 }
 
 /// A point to be lit, in the tracer's local frame.
@@ -188,7 +192,8 @@ impl Lighting {
         let scene = tracer.scene();
         let (emitters, lamps) = (Emitters::of(tracer), sharp::local_lamps(tracer));
         let (sun, sky, fill) = (scene.sun, scene.sky.clone(), FillLight::default());
-        Self { sun, sky, lamps, emitters, guide: Guide::default(), fill, bounces, exposure: 1.0 }
+        let (guide, exposure, tone) = (Guide::default(), 1.0, scene.tone);
+        Self { sun, sky, lamps, emitters, guide, fill, bounces, exposure, tone }
     }
 
     /// The lights of `scene`, with exposure and fill chosen by a pilot: what is seen, sky included, from seeded points in
@@ -250,6 +255,11 @@ impl Lighting {
             sum / SAMPLES as f32
         };
         pilot.par_iter().enumerate().map(light).collect()
+    }
+
+    /// What is stored of linear radiance.
+    pub fn stored(&self, radiance: Vec3) -> [u8; 3] {
+        self.tone.levels(radiance * self.exposure)
     }
 
     /// What a ray sees that leaves the scene in the unit direction `direction`: linear radiance. The sun's disk is

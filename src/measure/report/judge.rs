@@ -254,6 +254,7 @@ mod tests {
         let quality = Quality { frame_px: [12, 9], ..Quality::QUICK };
         let plan = Plan::new(quality, DVec3::ZERO, 1.0, DVec3::NEG_Z, 5).expect("valid");
         let truth = |_: &Eye| Truth {
+            radiance: Vec::new(),
             frame: Frame {
                 width: 12,
                 height: 9,

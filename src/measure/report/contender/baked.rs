@@ -3,10 +3,10 @@
 //! ([`BakedRays`]) or with a rasteriser ([`super::RasterDraw`]).
 
 use super::{Draw, JudgedFrame, Shown};
+use crate::capture::Camera;
 use crate::capture::light::{LightSample, Lighting, LitPoint};
 use crate::capture::sampler::random4;
 use crate::capture::trace::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
-use crate::capture::{Camera, srgb8_from_linear};
 use glam::Vec3;
 use image::RgbImage;
 use rayon::prelude::*;
@@ -118,7 +118,7 @@ impl BakedLight {
             }
             None => Vec3::from_array(self.lighting.miss_radiance(ray.direction.normalize())),
         };
-        (linear * self.lighting.exposure).to_array().map(srgb8_from_linear)
+        self.lighting.stored(linear)
     }
 }
 
