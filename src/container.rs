@@ -55,7 +55,7 @@ impl FileKind {
     /// `.sprite`
     pub const SPRITES: Self = Self { tag: *b"sprt", name: "sprite", version: 1, oldest: 1 };
     /// `.house`
-    pub const HOUSE: Self = Self { tag: *b"hous", name: "house", version: 1, oldest: 1 };
+    pub const HOUSE: Self = Self { tag: *b"hous", name: "house", version: 2, oldest: 1 };
     /// `.lumi`
     pub const LUMIGRAPH: Self = Self { tag: *b"lumi", name: "lumigraph", version: 1, oldest: 1 };
     /// Ray-traced frames that reports keep.

@@ -83,11 +83,7 @@ impl PackedCube {
         writer.section("environment", || Ok(bytemuck::cast_slice(&self.environment.texels).to_vec()));
         for segment in &self.segments {
             let name = segment_name(segment.face, segment.side == SegmentSide::Near);
-            writer.section(name, move || {
-                let [offsets, counts, depth_pixels] = segment_arrays(segment);
-                let runs = if has_planes { Some(runs::encode(segment)) } else { None };
-                Ok([offsets, runs.as_deref().unwrap_or(counts), depth_pixels].concat())
-            });
+            writer.section(name, move || Ok(segment_bytes(segment, has_planes)));
         }
         if has_planes {
             writer.section("planes", || Ok(bytemuck::cast_slice(&self.planes.planes).to_vec()));
@@ -116,8 +112,10 @@ impl PackedCube {
             segments.push(read_segment(&mut section, face, segment, header.planes.is_some())?);
             section.end()?;
         }
-        let planes =
-            header.planes.as_ref().map_or_else(|| Ok(PlaneSet::default()), |planes| read_planes(&file, planes))?;
+        let planes = match &header.planes {
+            Some(planes) => read_planes(&file, planes)?,
+            None => PlaneSet::default(),
+        };
         Self::assemble(header, segments, environment, planes, &info_section)
     }
 
@@ -139,10 +137,16 @@ impl PackedCube {
         }
     }
 
-    /// All arrays of a cube without pictures one after the other, for a file of another kind that keeps its header elsewhere.
+    /// All arrays one after the other, in the order of a `.ldi` file, for a file of another kind that keeps the header elsewhere.
     pub(crate) fn arrays(&self) -> Vec<u8> {
         let mut bytes = bytemuck::cast_slice(&self.environment.texels).to_vec();
-        self.segments.iter().flat_map(segment_arrays).for_each(|array| bytes.extend_from_slice(array));
+        let has_planes = !self.planes.tiles.is_empty();
+        self.segments.iter().for_each(|segment| bytes.extend(segment_bytes(segment, has_planes)));
+        if has_planes {
+            bytes.extend_from_slice(bytemuck::cast_slice(&self.planes.planes));
+            bytes.extend_from_slice(bytemuck::cast_slice(&self.planes.tiles));
+            bytes.extend(texel_bytes(&self.planes));
+        }
         bytes
     }
 
@@ -153,10 +157,14 @@ impl PackedCube {
         let segments = header.segments.iter().map(|segment| {
             let face = Face::ALL.get(usize::from(segment.face)).copied();
             let face = face.ok_or_else(|| section.damaged("face numbers 0 to 5", segment.face.to_string()))?;
-            read_segment(section, face, segment, false)
+            read_segment(section, face, segment, header.planes.is_some())
         });
         let segments = segments.collect::<Result<_, _>>()?;
-        Self::assemble(header, segments, Environment { size_px, texels }, PlaneSet::default(), section)
+        let planes = match &header.planes {
+            Some(of) => read_pictures(section.array(of.planes)?, section.array(of.tiles)?, section, of)?,
+            None => PlaneSet::default(),
+        };
+        Self::assemble(header, segments, Environment { size_px, texels }, planes, section)
     }
 
     fn assemble(
@@ -174,9 +182,11 @@ impl PackedCube {
     }
 }
 
-fn segment_arrays(segment: &PackedSegment) -> [&[u8]; 3] {
+/// Row offsets, row counts (`in_runs`: as [`runs`]) and depth pixels.
+fn segment_bytes(segment: &PackedSegment, in_runs: bool) -> Vec<u8> {
     let [offsets, counts] = [&segment.row_offsets, &segment.row_counts].map(|t| bytemuck::cast_slice::<u32, u8>(t));
-    [offsets, counts, bytemuck::cast_slice(&segment.depth_pixels)]
+    let runs = if in_runs { Some(runs::encode(segment)) } else { None };
+    [offsets, runs.as_deref().unwrap_or(counts), bytemuck::cast_slice(&segment.depth_pixels)].concat()
 }
 
 fn segment_header(segment: &PackedSegment) -> SegmentHeader {
@@ -219,6 +229,18 @@ fn read_planes(file: &Container, header: &PlanesHeader) -> Result<PlaneSet, File
     let tiles: Vec<PlaneTile> = section.array(header.tiles)?;
     section.end()?;
     let mut section = file.section("texels")?;
+    let set = read_pictures(planes, tiles, &mut section, header)?;
+    section.end()?;
+    Ok(set)
+}
+
+/// Planes and their pictures, whose texels come next in a section.
+fn read_pictures(
+    planes: Vec<Plane>,
+    tiles: Vec<PlaneTile>,
+    section: &mut Section,
+    header: &PlanesHeader,
+) -> Result<PlaneSet, FileError> {
     let colors: Vec<[u8; 3]> = section.array(header.texels)?;
     let mut texels: Vec<[u8; 4]> = colors.into_iter().map(|[r, g, b]| [r, g, b, 255]).collect();
     for tile in tiles.iter().filter(|tile| tile.opaque == 0) {
@@ -227,7 +249,6 @@ fn read_planes(file: &Container, header: &PlanesHeader) -> Result<PlaneSet, File
         let of_tile = of_tile.ok_or_else(|| section.damaged("tiles within the texels", "one beyond them"))?;
         of_tile.iter_mut().zip(alphas).for_each(|(texel, alpha)| texel[3] = alpha);
     }
-    section.end()?;
     Ok(PlaneSet { error_px: header.error_px, samples: header.samples, planes, tiles, texels, ..PlaneSet::default() })
 }
 

@@ -3,7 +3,9 @@
 //! Sections: `info` (JSON: a [`HouseHeader`], with a header per capture), the scene's arrays as they lie in memory (`positions`
 //! f64, `normals`, `texcoords` and `colors` f32, `triangles` u32, four each: corners and material), `texels` (RGBA8, texture
 //! after texture), `sky` (f32, three a texel) where the sky is a picture, and a section per capture, `c` and its number: a cube's
-//! environment and segments, or textures.
+//! environment, segments and pictures on planes, or textures.
+//!
+//! Version 2 is for houses with pictures on planes; one without is written as version 1.
 
 use super::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide, PortalSprite, TextureSet};
 use super::house::{House, HouseError};
@@ -116,7 +118,8 @@ pub fn write(path: &Path, house: &House, store: &Store, quality: &BackdropQualit
     let names: Vec<String> = (0..captures.len()).map(section_name).collect();
     let scene: &Scene = house.scene();
     let header = header(house, quality, &captures);
-    let mut writer = ContainerWriter::new(HOUSE_FILE);
+    let version = if captures.iter().any(|(_, backdrop)| backdrop.has_planes()) { 2 } else { 1 };
+    let mut writer = ContainerWriter::new(FileKind { version, ..HOUSE_FILE });
     writer.section("info", move || Ok(serde_json::to_vec(&header)?));
     writer.section("positions", || Ok(bytemuck::cast_slice(&scene.positions).to_vec()));
     writer.section("normals", || Ok(bytemuck::cast_slice(&scene.normals).to_vec()));

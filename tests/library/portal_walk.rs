@@ -135,6 +135,14 @@ fn a_house_file_gives_back_what_was_written_and_damage_is_found() {
     assert!(nothing.all().is_empty(), "nothing fits into ten bytes");
 
     let good = std::fs::read(&path).expect("bytes");
+    let pictures = stored.all().into_iter().map(|(_, backdrop)| match &*backdrop {
+        Backdrop::Cubes(cubes) => cubes.iter().map(|cube| cube.planes.samples).sum(),
+        _ => 0,
+    });
+    assert!(pictures.sum::<u64>() > 1000, "walls behind doors are pictures");
+    assert_eq!(good[12..16], 2u32.to_le_bytes());
+    file::write(&path, &house, &stocked(&house, BackdropKind::Textures), &QUALITY).expect("written");
+    assert_eq!(std::fs::read(&path).expect("bytes")[12..16], 1u32.to_le_bytes(), "older programs read it");
     let mut random = Rng::keyed(4);
     for _ in 0..60 {
         let mut bad = good.clone();

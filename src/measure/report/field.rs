@@ -206,12 +206,10 @@ impl<'a> ContenderField<'a> {
         let within = |error_px: f64| Role::other(PRIMITIVES, format!("planes within {error_px} px"));
         let roles = vec![Role::other("representation", WITH_PLANES), within(DEFAULT_ERROR_PX)];
         self.contenders.push(self.ldi(roles, &default, RenderSettings::default(), Some(made.seconds)));
-        if self.plan.quality.variations {
-            for error_px in [0.25, 1.0, 2.0] {
-                let cube = captures.pack_planes(made, error_px)?;
-                let settings = RenderSettings::default();
-                self.contenders.push(self.ldi(vec![within(error_px)], &cube, settings, Some(made.seconds)));
-            }
+        for error_px in [0.25, 1.0, 2.0] {
+            let cube = captures.pack_planes(made, error_px)?;
+            let settings = RenderSettings::default();
+            self.contenders.push(self.ldi(vec![within(error_px)], &cube, settings, Some(made.seconds)));
         }
         Ok(default)
     }

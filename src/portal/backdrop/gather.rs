@@ -21,6 +21,7 @@ use crate::ldi::parameters::CaptureParameters;
 use crate::ldi::{CaptureInfo, CubeLdi, EncodedNormal};
 use crate::packed::{PackError, PackedCube, SplatIndexLayout, Split};
 use crate::portal::house::House;
+use crate::primitives;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -29,6 +30,10 @@ const BASELINE_M: f64 = 1.5;
 
 /// Half of the edge of the headbox whose corners are so far from its centre, metres.
 const HALF_SIZE_M: f64 = BASELINE_M / 1.732_050_807_568_877_2;
+
+/// What pictures on planes are within, px of the frames that [`primitives::Bound`] names, for eyes within [`BASELINE_M`]. Of faces of 308
+/// pixels these have a focal length of 200 px, and frames of 640x512 have 443: half a pixel there.
+const ERROR_PX: f64 = 0.25;
 
 /// Texels a side of the sky behind a portal.
 const ENVIRONMENT_PX: u32 = 64;
@@ -51,7 +56,7 @@ pub(super) struct CubeJob<'a> {
     pub(super) centre: DVec3,
     pub(super) face_px: u32,
     pub(super) rule: MergeRule,
-    /// Whether gaps are mended ([`BackdropMender`]); images are taken as they are.
+    /// Whether gaps are mended ([`BackdropMender`]) and what is flat becomes pictures on planes; images are taken as they are.
     pub(super) mends: bool,
 }
 
@@ -73,11 +78,12 @@ impl CubeJob<'_> {
         };
         let samples: Vec<Sample> = samples.concat();
         let mut cube = self.merge(&samples, environment);
-        if self.mends {
-            let mender = BackdropMender { house: self.house, centre: self.centre, tolerance: self.tolerance() };
-            mender.mend(&mut cube.faces);
+        if !self.mends {
+            return PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto);
         }
-        PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto)
+        let mender = BackdropMender { house: self.house, centre: self.centre, tolerance: self.tolerance() };
+        mender.mend(&mut cube.faces);
+        primitives::pack(cube, SplatIndexLayout::Normal, Split::Auto, ERROR_PX)
     }
 
     /// The samples of a batch, and the environment's texels that its misses reach.

@@ -7,7 +7,8 @@
 //! * `images`: depth images from a semicircle: one warped, the two nearest warped, or all in one LDI.
 //! * `sprite`: a sprite with depth where what lies behind is smooth.
 //! * `window`: cube LDIs from rays through the whole opening in all directions.
-//! * `gather`: from rays to a cube LDI, with the conflict rules; `mend`: what random rays left out of it.
+//! * `gather`: from rays to a cube LDI, with the conflict rules, and what is flat to pictures on planes, as captures have it
+//!   (`crate::primitives`); `mend`: what random rays left out of it.
 
 mod draw;
 mod gather;
@@ -271,9 +272,14 @@ impl Backdrop {
     pub fn bytes(&self) -> u64 {
         match self {
             Self::Textures(set) => set.bytes(),
-            Self::Cubes(cubes) => cubes.iter().map(cube_bytes).sum(),
+            Self::Cubes(cubes) => cubes.iter().map(|cube| cube.bytes() as u64).sum(),
             Self::Sprite(sprite) => sprite.bytes(),
         }
+    }
+
+    /// Whether some of it is pictures on planes.
+    pub(super) fn has_planes(&self) -> bool {
+        matches!(self, Self::Cubes(cubes) if cubes.iter().any(|cube| !cube.planes.tiles.is_empty()))
     }
 
     /// Depth pixels of all cubes; texels of textures; pixels of a sprite.
@@ -284,11 +290,4 @@ impl Backdrop {
             Self::Sprite(sprite) => sprite.sample_count(),
         }
     }
-}
-
-fn cube_bytes(cube: &PackedCube) -> u64 {
-    let of_segments = cube.segments.iter().map(|segment| {
-        8 * segment.depth_pixels.len() as u64 + 4 * (segment.row_offsets.len() + segment.row_counts.len()) as u64
-    });
-    of_segments.sum::<u64>() + 4 * cube.environment.texels.len() as u64
 }
