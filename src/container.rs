@@ -140,7 +140,7 @@ pub enum FileError {
         found: u32,
     },
     /// A part of the file is not what it must be.
-    #[error("{}: section \"{section}\" is damaged: expected {expected}, found {found}", path.display())]
+    #[error("{}: section \"{section}\" is damaged: expected {expected}, found {found}; copy it anew, or make it again", path.display())]
     Damaged {
         /// The file.
         path: PathBuf,

@@ -27,12 +27,20 @@ pub struct SceneSource {
 #[derive(Debug, thiserror::Error)]
 pub enum SceneSourceError {
     /// No such built-in scene.
-    #[error("there is no built-in scene \"{name}\"; the built-in scenes are: {known}")]
+    #[error("there is no built-in scene \"{name}\"{tip}; the built-in scenes are: {known}")]
     NoSuchBuiltin {
         /// What was asked for.
         name: String,
+        /// The name that is nearest to it, if one is near.
+        tip: String,
         /// What there is.
         known: String,
+    },
+    /// The name of a built-in scene without what says so.
+    #[error("{name}: there is no such file; did you mean builtin:{name}?")]
+    MeansBuiltin {
+        /// What was asked for.
+        name: String,
     },
     /// The file could not be loaded.
     #[error(transparent)]
@@ -69,15 +77,31 @@ impl SceneSource {
     /// See [`SceneSourceError`].
     pub fn open(&self) -> Result<Scene, SceneSourceError> {
         let mut scene = match self.name.strip_prefix("builtin:") {
+            None if names_builtin(&self.name) && !Path::new(&self.name).exists() => {
+                return Err(SceneSourceError::MeansBuiltin { name: self.name.clone() });
+            }
             None => load(Path::new(&self.name), &self.options)?,
             Some(builtin) => crate::scenes::build(builtin, 0).ok_or_else(|| {
                 let known: Vec<_> = crate::scenes::all().iter().map(|scene| scene.name).collect();
-                SceneSourceError::NoSuchBuiltin { name: builtin.into(), known: known.join(", ") }
+                SceneSourceError::NoSuchBuiltin { name: builtin.into(), tip: tip(builtin), known: known.join(", ") }
             })?,
         };
         self.light.apply(&mut scene)?;
         Ok(scene)
     }
+}
+
+fn names_builtin(name: &str) -> bool {
+    crate::scenes::all().iter().any(|scene| scene.name == name)
+}
+
+/// The built-in scene that a misspelt name means, as a question.
+fn tip(name: &str) -> String {
+    /// As the command line has it for its own words.
+    const NEAR: f64 = 0.7;
+    let near = |scene: &crate::scenes::BuiltinScene| strsim::jaro(name, scene.name);
+    let best = crate::scenes::all().iter().max_by(|a, b| near(a).total_cmp(&near(b))).filter(|best| near(best) > NEAR);
+    best.map_or(String::new(), |best| format!(" (did you mean builtin:{}?)", best.name))
 }
 
 /// A checksum of a scene's geometry, materials and picture of the sky: tells whether two processes see the same scene.

@@ -76,7 +76,10 @@ pub fn check_folder(folder: &Path) -> io::Result<()> {
     let nearest = folder.ancestors().find(|folder| folder.as_os_str().is_empty() || folder.symlink_metadata().is_ok());
     let nearest = nearest.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if !fs::metadata(nearest)?.is_dir() {
-        return Err(refused(format!("{} is no folder", nearest.display())));
+        return Err(refused(match nearest == folder {
+            true => "a file stands where a folder is needed".into(),
+            false => format!("{} is no folder", nearest.display()),
+        }));
     }
     Unfinished::beside(&nearest.join("probe")).map(drop).map_err(|error| about_folder(nearest, &error))
 }

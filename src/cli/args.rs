@@ -162,8 +162,8 @@ pub(super) struct CameraArgs {
     /// Position of the eye; the centre of the headbox, or where sprites were taken from, if absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     eye: Option<DVec3>,
-    /// Point to look at; the direction in which there is most to see from the headbox (for sprites, as they were taken) if
-    /// absent
+    /// Point to look at; the direction in which there is most to see from the headbox (of a scene, from the eye; for sprites, as
+    /// they were taken) if absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     look_at: Option<DVec3>,
     /// Direction that points up in the image; the file's up axis if absent, or of images what is up in them
@@ -195,9 +195,9 @@ impl DefaultCamera {
         Self { forward: info.ahead.unwrap_or(default.forward), up: info.up.unwrap_or(default.up), ..default }
     }
 
-    /// From the centre of a scene's headbox to where there is most to see.
-    pub(super) fn of_scene(tracer: &Tracer, centre: DVec3) -> Self {
-        Self { forward: viewpoint::suggest_view(tracer, centre), ..Self::at(centre) }
+    /// From an eye in a scene to where there is most to see from it.
+    pub(super) fn of_scene(tracer: &Tracer, eye: DVec3) -> Self {
+        Self { forward: viewpoint::suggest_view(tracer, eye), ..Self::at(eye) }
     }
 
     /// Straight ahead from an eye.
@@ -247,13 +247,15 @@ impl CameraArgs {
         Ok(cameras.into_iter().map(resized).collect::<Result<_, _>>()?)
     }
 
-    /// The camera in a scene, from free space where nothing is said, and a tracer about its eye.
+    /// The camera in a scene, from free space and to where there is most to see from its eye where nothing is said, and a tracer
+    /// about its eye.
     pub(super) fn aim(&self, scene: &Arc<Scene>) -> anyhow::Result<(Camera, Tracer)> {
-        let placed = viewpoint::place_headbox(scene, None, None);
-        let centre = placed.map_err(|error| UsageError(error.to_string()))?.centre;
-        let scout = Tracer::new(Arc::clone(scene), centre);
-        let camera = self.camera(&scene.frame, &DefaultCamera::of_scene(&scout, centre))?;
-        let tracer = if camera.eye() == centre { scout } else { Tracer::new(Arc::clone(scene), camera.eye()) };
+        let eye = match self.eye {
+            Some(eye) => scene.frame.world_from_file(eye),
+            None => super::capture::place_headbox(scene, None, None)?.centre,
+        };
+        let tracer = Tracer::new(Arc::clone(scene), eye);
+        let camera = self.camera(&scene.frame, &DefaultCamera::of_scene(&tracer, eye))?;
         Ok((camera, tracer))
     }
 
@@ -261,6 +263,9 @@ impl CameraArgs {
     pub(super) fn camera(&self, frame: &FileFrame, default: &DefaultCamera) -> anyhow::Result<Camera> {
         let eye = self.eye.map_or(default.eye, |eye| frame.world_from_file(eye));
         let look_at = self.look_at.map_or(eye + default.forward, |point| frame.world_from_file(point));
+        if self.up_vector == Some(DVec3::ZERO) {
+            return Err(UsageError("--up-vector has no direction; give three numbers that are not all 0".into()).into());
+        }
         let up = self.up_vector.map_or(default.up, |up| frame.world_direction_from_file(up));
         warn_if_parallel(look_at - eye, up, frame);
         let (width, height) = self.size.unwrap_or(default.size);

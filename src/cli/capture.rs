@@ -4,12 +4,13 @@ use super::args::{SceneArgs, parse_length, parse_vector};
 use super::capture_deep::{self, is_deep_picture};
 use super::estimate::{Estimate, rays_of};
 use super::images::{SetArgs, is_image_set};
-use super::output::{CUBE, Outputs, SHARD, memory_bytes, peak_rss_mb, print_json};
+use super::output::{CUBE, Outputs, SHARD, memory_bytes, name_of, peak_rss_mb, print_json};
 use super::progress::{Bar, duration};
-use super::words::UsageError;
+use super::words::{UsageError, counted, quoted};
 use crate::capture::light::Lighting;
-use crate::capture::scene::Headbox;
+use crate::capture::scene::{FileFrame, Headbox};
 use crate::capture::trace::Tracer;
+use crate::capture::viewpoint::HeadboxError;
 use crate::capture::{Scene, files, viewpoint};
 use crate::gaps;
 use crate::ldi::Holes;
@@ -216,7 +217,28 @@ pub(super) fn place_headbox(
 ) -> Result<Headbox, UsageError> {
     let centre = center.map(|center| scene.frame.world_from_file(center));
     let half_size_m = half_size.map(|half_size| half_size * scene.frame.unit_m);
-    viewpoint::place_headbox(scene, centre, half_size_m).map_err(|error| UsageError(error.to_string()))
+    viewpoint::place_headbox(scene, centre, half_size_m).map_err(|error| UsageError(misplaced(&error, &scene.frame)))
+}
+
+/// What is wrong with a headbox, in the file's axes and unit.
+fn misplaced(error: &HeadboxError, frame: &FileFrame) -> String {
+    match *error {
+        HeadboxError::TooFar { centre, low, high } => {
+            let [centre, low, high] = [centre, low, high].map(|point| frame.file_from_world(point));
+            format!(
+                "a headbox about {} is so far from the scene that nothing of it would be seen; choose a place near it: it reaches \
+                 from {} to {} (in the file's axes and unit)",
+                triple(centre),
+                triple(low.min(high)),
+                triple(low.max(high))
+            )
+        }
+        HeadboxError::HalfSize(metres) => {
+            let [half_size, least, most] = [metres, 1e-9, 1e9].map(|metres| figure(metres / frame.unit_m));
+            format!("a headbox of half-size {half_size}; choose one between {least} and {most} (in the file's unit)")
+        }
+        HeadboxError::Centre(_) => error.to_string(),
+    }
 }
 
 /// Memory for accumulators within a limit for the whole process, and the folder to spill to.
@@ -252,12 +274,22 @@ fn rays_per_pixel(job: &CaptureJob) -> f64 {
 fn rounded(length: f64) -> f64 {
     let digits = (3.0 - length.abs().max(f64::MIN_POSITIVE).log10().floor()).clamp(0.0, 12.0);
     let scale = 10_f64.powf(digits);
-    (length * scale).round() / scale
+    // Zero has no sign to people.
+    (length * scale).round() / scale + 0.0
+}
+
+/// The same as text, with an exponent where there would be many zeros.
+pub(super) fn figure(length: f64) -> String {
+    match length.abs() {
+        1e7.. => format!("{length:.3e}").replace(".000e", "e"),
+        size if size > 0.0 && size < 1e-5 => format!("{length:.3e}").replace(".000e", "e"),
+        _ => rounded(length).to_string(),
+    }
 }
 
 /// A position as the command line takes it.
-fn triple(position: DVec3) -> String {
-    position.to_array().map(|x| rounded(x).to_string()).join(",")
+pub(super) fn triple(position: DVec3) -> String {
+    position.to_array().map(figure).join(",")
 }
 
 /// Depth pixels, and what else there is.
@@ -310,6 +342,12 @@ impl CaptureCommand {
         let start = Instant::now();
         let mut source = self.scene.source();
         source.light.hdr = self.hdr;
+        if self.shard.is_none() && self.output.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("shard")) {
+            let path = self.output.display();
+            let message =
+                format!("{path}: a .shard is a part of a capture; say which by --shard I/N, such as --shard 1/2");
+            return Err(UsageError(message).into());
+        }
         let endings = if self.shard.is_some() { &SHARD } else { &CUBE };
         let outputs = Outputs::new(self.json, [&source.name]).file(&self.output, endings)?;
         let scene = Arc::new(source.open()?);
@@ -324,7 +362,7 @@ impl CaptureCommand {
         eprintln!(
             "headbox: centre {}, half-size {} (in the file's axes and unit)",
             triple(scene.frame.file_from_world(centre)),
-            rounded(job.half_size_m / scene.frame.unit_m)
+            figure(job.half_size_m / scene.frame.unit_m)
         );
         let lighting = match self.shard {
             None => Lighting::prepare(&tracer, job.parameters.bounces, job.parameters.light_samples > 0),
@@ -341,10 +379,15 @@ impl CaptureCommand {
         }
         let (ldi, trace_time) =
             gaps::capture(&job, &tracer, &lighting, &resources, &bar).context("the capture failed")?;
+        let [low, high] = scene.bounds();
+        let encloses = 2.0 * job.half_size_m > (high - low).max_element();
         drop((tracer, scene));
         let packed = self.packing.pack(ldi)?;
         if packed.depth_pixel_count() == 0 && packed.planes.tiles.is_empty() {
-            bail!("no ray from the headbox met the scene; move --center, or choose a larger --half-size");
+            match encloses {
+                true => bail!("no ray from the headbox met the scene, which is smaller; choose a smaller --half-size"),
+                false => bail!("no ray from the headbox met the scene; move --center, or choose a larger --half-size"),
+            }
         }
         packed.write(&self.output)?;
         bar.finish();
@@ -399,7 +442,8 @@ impl CaptureCommand {
                 "shard": format!("{part}/{parts}"),
             }));
         } else {
-            println!("{}: shard {part}/{parts}, {} rays", self.output.display(), info.rays);
+            let number = if part == 0 { parts } else { part }; // as merge takes them, from 1
+            println!("{}: shard {number}/{parts}, {} rays", name_of(&self.output), info.rays);
         }
         Ok(())
     }
@@ -418,7 +462,7 @@ impl CaptureCommand {
             }));
             return;
         }
-        println!("{}: {} from {rays} rays", self.output.display(), what_is_kept(cube));
+        println!("{}: {} from {rays} rays", name_of(&self.output), what_is_kept(cube));
         let times = if times.is_empty() { String::new() } else { format!(": {times}") };
         println!("  {} in all{times}; {:.1} Mrays/s while tracing", duration(total_s), rays as f64 / trace_s / 1e6);
         if let Some(mean) = mean {
@@ -427,7 +471,9 @@ impl CaptureCommand {
         if let Some(holes) = cube.info.holes {
             println!("  holes: {}", words_of(&holes, self.quality.parameters.holes));
         }
-        println!("look at it: headbox render {} -o frame.png", self.output.display());
+        if self.output.as_os_str() != files::STANDARD_OUTPUT {
+            println!("look at it: headbox render {} -o frame.png", quoted(&self.output));
+        }
     }
 }
 
@@ -442,6 +488,6 @@ fn words_of(holes: &Holes, limit: f64) -> String {
     if is_met {
         found
     } else {
-        format!("{found}; that is all that {} rounds reach of {} %", holes.rounds, limit * 100.0)
+        format!("{found}; that is all that {} reach of {} %", counted(holes.rounds, "round"), limit * 100.0)
     }
 }

@@ -3,7 +3,7 @@
 use super::capture::{place_headbox, what_is_kept};
 use super::demo_sprites::print_sprite_rows;
 use super::output::{Outputs, peak_rss_mb, save_picture, write_text};
-use super::progress::Bar;
+use super::progress::{Bar, Planned};
 use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;
 use crate::capture::trace::Tracer;
@@ -212,7 +212,8 @@ fn render_rows(cube: &PackedCube, tracer: &Tracer, lighting: &Lighting, sizes: &
     const REPEATS: usize = 9;
     let mut renderer = Renderer::new();
     let settings = RenderSettings::default();
-    let bar = Bar::new();
+    let of_all = Planned { stages: &["truth"], times: EYES.len() as u32, weight: 1.0 };
+    let bar = Bar::planned(vec![of_all], false);
     let mut rows = Vec::with_capacity(EYES.len());
     for (label, offset) in EYES {
         let camera = camera(cube, offset, sizes)?;

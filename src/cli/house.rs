@@ -4,7 +4,7 @@ use super::house_file::HouseFileArgs;
 use super::output::{Outputs, PLAN, print_json, save_picture, write_text};
 use super::words::UsageError;
 use crate::capture::load::{LoadedModel, ModelOptions, load_model};
-use crate::capture::portal_model::{Finding, PortalModel};
+use crate::capture::portal_model::{Finding, PortalModel, Severity};
 use crate::capture::trace::Tracer;
 use crate::portal::floor_plan::{FloorPlan, storeys};
 use crate::scene_source::LightParameters;
@@ -169,7 +169,9 @@ impl Survey {
         println!("\nunreachable cells: {}", list(&self.unreachable()));
         println!("portals that touch no cell: {}", list(&self.touching_no_cell()));
         for finding in &self.findings {
-            println!("{}: {finding}", finding.severity());
+            // What cannot be used is left out, as from any other scene, and the rest is shown.
+            let kind = if finding.severity() == Severity::Error { "note" } else { "warning" };
+            println!("{kind}: {finding}");
         }
     }
 

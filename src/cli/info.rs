@@ -1,10 +1,12 @@
 //! `headbox info`.
 
 use super::args::vertical_fov_deg;
+use super::capture::{figure, triple};
 use super::house_file;
 use super::images::{ImagesCommand, is_image_set};
 use super::lumigraph;
 use super::output::print_json;
+use super::words::counted;
 use crate::container::Container;
 use crate::ldi::shard::{self, SHARD};
 use crate::lumigraph::LUMI_FILE;
@@ -70,15 +72,15 @@ impl InfoCommand {
         let frame = info.frame;
         println!("{}: {}, {bytes} bytes", self.file.display(), CUBE_LDI.name);
         println!("  scene       {}", info.scene);
-        println!("  centre      {} (in the file's axes and unit)", frame.file_from_world(info.centre));
-        println!("  half-size   {} (file units)", info.half_size_m / frame.unit_m);
+        println!("  centre      {} (in the file's axes and unit)", triple(frame.file_from_world(info.centre)));
+        println!("  half-size   {} (file units)", figure(info.half_size_m / frame.unit_m));
         println!("  world       1 file unit = {} m, {} up in the file", info.frame.unit_m, info.frame.up);
         println!("  faces       6 x {0}x{0} pixels", cube.face_size_px);
         println!("  samples     {} depth pixels from {} rays", cube.depth_pixel_count(), info.rays_traced);
         println!(
-            "  light       {} bounces, {} samples{}",
-            info.parameters.bounces,
-            info.parameters.light_samples,
+            "  light       {}, {}{}",
+            counted(info.parameters.bounces, "bounce"),
+            counted(info.parameters.light_samples, "sample"),
             info.light.in_words().map_or(String::new(), |words| format!(", {words}"))
         );
         let stops = info.exposure.log2();
@@ -91,8 +93,8 @@ impl InfoCommand {
         if let Some(holes) = info.holes {
             let [share, error, before] = [holes.share, holes.standard_error, holes.share_before].map(|v| v * 100.0);
             println!("  holes       {share:.4} % of frames' pixels, +- {error:.4} % (standard error)");
-            let (aimed, rounds) = (holes.aimed_rays, holes.rounds);
-            println!("              {before:.3} % before {aimed} rays were aimed at them, in {rounds} rounds");
+            let (aimed, rounds) = (holes.aimed_rays, counted(holes.rounds, "round"));
+            println!("              {before:.3} % before {aimed} rays were aimed at them, in {rounds}");
         }
         for s in &cube.segments {
             let side = if s.side == SegmentSide::Near { "near" } else { "far " };
@@ -127,7 +129,8 @@ impl InfoCommand {
             return Ok(());
         }
         let info = &set.info;
-        println!("{}: {} sprites with depth, {bytes} bytes", self.file.display(), sprites.len());
+        let count = counted(sprites.len() as u64, "sprite");
+        println!("{}: {count} with depth, {bytes} bytes", self.file.display());
         println!("  source      {}", info.source);
         println!("  world       1 file unit = {} m, {} up in the file", info.frame.unit_m, info.frame.up);
         for (number, sprite) in sprites.iter().enumerate() {
@@ -161,7 +164,8 @@ impl InfoCommand {
                 "depth_pixels": samples, "faces": [], "job": info.job, "ok": true,
             }));
         } else {
-            let (scene, part, parts, rays) = (&info.job.scene.name, info.part, info.parts, info.rays);
+            let (scene, parts, rays) = (&info.job.scene.name, info.parts, info.rays);
+            let part = if info.part == 0 { parts } else { info.part };
             println!("{}: {} {part}/{parts} of {scene}, {rays} rays, {bytes} bytes", self.file.display(), SHARD.name);
             if let Some(samples) = samples {
                 println!("ok: {samples} accumulators");

@@ -1,9 +1,9 @@
 //! `headbox merge`.
 
 use super::capture::{PackingArgs, budget, warn_if_blocked, what_is_kept};
-use super::output::{CUBE, Outputs, peak_rss_mb, print_json};
+use super::output::{CUBE, Outputs, name_of, peak_rss_mb, print_json};
 use super::progress::Bar;
-use super::words::UsageError;
+use super::words::{UsageError, counted};
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
 use crate::gaps;
@@ -92,8 +92,8 @@ impl MergeCommand {
                 "peak_rss_mb": peak_rss_mb(),
             }));
         } else {
-            let (output, kept) = (self.output.display(), what_is_kept(&packed));
-            println!("{output}: {kept} from {rays} rays in {} shards", infos.len());
+            let (output, kept) = (name_of(&self.output), what_is_kept(&packed));
+            println!("{output}: {kept} from {rays} rays in {}", counted(infos.len() as u64, "shard"));
         }
         Ok(())
     }

@@ -112,11 +112,7 @@ enum Command {
 /// Runs the command line and returns its exit code: 0 done, 1 failed, 2 wrong usage.
 pub fn main() -> ExitCode {
     let parsed = whole().try_get_matches_from(help::arguments());
-    let cli = parsed.and_then(|matches| Cli::from_arg_matches(&matches)).unwrap_or_else(|mut error| {
-        // Advice on how to pass as a file name what was meant as a number.
-        error.remove(clap::error::ContextKind::Suggested);
-        error.exit()
-    });
+    let cli = parsed.and_then(|matches| Cli::from_arg_matches(&matches)).unwrap_or_else(|error| words::end_with(error));
     match run(cli) {
         Ok(()) if interrupt::asked() => ExitCode::from(interrupt::EXIT_CODE),
         Ok(()) => ExitCode::SUCCESS,

@@ -66,6 +66,9 @@ pub(super) const PICTURE: Endings =
 /// Frames: pictures, or linear radiance.
 pub(super) const FRAME: Endings =
     Endings { what: "a frame", allowed: &["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "tga", "exr"] };
+/// Pictures of the window.
+#[cfg(feature = "viewer")]
+pub(super) const WINDOW: Endings = Endings { what: "a picture of the window", allowed: &["png"] };
 /// Depth.
 pub(super) const DEPTH: Endings = Endings { what: "a picture of depth", allowed: &["exr"] };
 /// Cube LDIs.
@@ -97,8 +100,11 @@ impl Endings {
             return Ok(());
         }
         let allowed: Vec<String> = self.allowed.iter().map(|allowed| format!(".{allowed}")).collect();
-        let (path, what, allowed) = (path.display(), self.what, allowed.join(", "));
-        Err(UsageError(format!("{path}: the ending of {what} is one of {allowed}, and decides the format")))
+        let (path, what) = (path.display(), self.what);
+        Err(UsageError(match allowed.as_slice() {
+            [only] => format!("{path}: the ending of {what} is {only}"),
+            _ => format!("{path}: the ending of {what} is one of {}, and decides the format", allowed.join(", ")),
+        }))
     }
 }
 
@@ -151,6 +157,22 @@ impl Outputs {
         Ok(self)
     }
 
+    /// A folder for the frames of a path. What is named as a picture or a film is, is meant to be one.
+    pub(super) fn folder_of_frames(self, path: &Path) -> anyhow::Result<Self> {
+        const ELSEWHERE: [&str; 14] =
+            ["avi", "mov", "mkv", "m4v", "wmv", "flv", "mpg", "mpeg", "ogv", "avif", "exr", "hdr", "svg", "jxl"];
+        let ending = path.extension().unwrap_or_default();
+        let mut known = PICTURE.allowed.iter().chain(&ELSEWHERE);
+        if !path.is_dir() && known.any(|known| ending.eq_ignore_ascii_case(known)) {
+            let films: Vec<String> = FILM.allowed.iter().map(|ending| format!(".{ending}")).collect();
+            let (path, films) = (path.display(), films.join(", "));
+            let message =
+                format!("{path}: the ending of a film is one of {films}; for a picture of each pose, name a folder");
+            return Err(UsageError(message).into());
+        }
+        self.folder(path)
+    }
+
     /// Tells what the loader met, and checks again now that all files of the scene are known: its materials, its textures.
     pub(super) fn scene_is_open(&self, scene: &Scene) -> anyhow::Result<()> {
         print_notes(scene);
@@ -188,6 +210,12 @@ pub(super) fn save_picture(path: &Path, image: &image::RgbImage) -> anyhow::Resu
         encoded.map_err(std::io::Error::other)
     });
     written.map_err(|error| cannot_write(path, error))
+}
+
+/// How what was written is called.
+pub(super) fn name_of(output: &Path) -> String {
+    let is_standard = output.as_os_str() == files::STANDARD_OUTPUT;
+    if is_standard { "standard output".into() } else { output.display().to_string() }
 }
 
 /// Writes a text file, whole or not at all.

@@ -32,13 +32,17 @@ impl PolygonsArg {
     pub(super) fn of_file(file: &Path) -> anyhow::Result<Option<Self>> {
         let text = file.to_string_lossy();
         let (name, parts) = named_parts(&text, &KEYS).map_err(|cause| UsageError(format!("{text}: {cause}")))?;
+        if let Some(unknown) = unknown_setting(name) {
+            let message = format!("{text}: there is no setting {unknown}; there are {}", KEYS.join(", "));
+            return Err(UsageError(message).into());
+        }
         let ending = Path::new(name).extension().map(|ending| ending.to_string_lossy().to_lowercase());
         if !name.starts_with("builtin:") && !matches!(ending.as_deref(), Some("obj" | "gltf" | "glb")) {
             return Ok(None);
         }
         let mut arg = Self { name: name.to_owned(), ..Self::default() };
         for (key, value) in parts {
-            arg.set(key, value).map_err(|cause| UsageError(format!("{text}: {key}={value}: {cause}")))?;
+            arg.set(key, value).map_err(|cause| UsageError(format!("{name}: {key}={value}: {cause}")))?;
         }
         Ok(Some(arg))
     }
@@ -78,6 +82,15 @@ impl PolygonsArg {
     }
 }
 
+/// The key of a setting that no model has, where there is no file of that name: `a.obj@foo=1`.
+fn unknown_setting(name: &str) -> Option<&str> {
+    let (at, key) = ["obj", "gltf", "glb"].iter().find_map(|ending| {
+        let (before, after) = name.split_once(&format!(".{ending}@"))?;
+        Some((before.len(), after.split_once('=')?.0))
+    })?;
+    (at > 0 && !Path::new(name).exists()).then_some(key)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -98,6 +111,8 @@ mod tests {
         for other in ["room.ldi", "layers.sprite", "folder", "room.obj.ldi"] {
             assert_eq!(of(other).unwrap(), None, "{other}");
         }
+        let unknown = of("a.obj@foo=1").unwrap_err().to_string();
+        assert_eq!(unknown, "a.obj@foo=1: there is no setting foo; there are at, turn, scale, up, unit");
         for wrong in [
             "a.obj@at=1,2",
             "a.obj@turn=x",
@@ -107,7 +122,7 @@ mod tests {
             "a.obj@up=z@nonsense",
         ] {
             let error = of(wrong).unwrap_err().to_string();
-            assert!(error.starts_with(wrong), "{error}");
+            assert!(error.starts_with("a.") && error.contains(": give "), "{error}");
         }
     }
 }

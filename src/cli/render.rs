@@ -146,7 +146,7 @@ impl RenderCommand {
         let outputs = Outputs::new(self.json, self.files.iter().chain(&self.path));
         match &self.path {
             Some(_) if film::is_film(&self.output) => outputs.file(&self.output, &FILM)?,
-            Some(_) => outputs.folder(&self.output)?,
+            Some(_) => outputs.folder_of_frames(&self.output)?,
             None => {
                 let outputs = outputs.file(&self.output, &FRAME)?.maybe_file(self.depth.as_ref(), &DEPTH)?;
                 outputs.maybe_file(self.coverage.as_ref(), &PICTURE)?
@@ -248,14 +248,25 @@ impl RenderCommand {
         Ok((content, frame, camera))
     }
 
+    /// Refuses what else is given beside a file of a kind that is rendered alone.
+    fn is_alone(&self, kind: &str, is_one_thread: bool) -> Result<(), UsageError> {
+        let beside = [
+            ("other files", self.files.len() > 1),
+            ("--sampling", self.sampling.is_some()),
+            ("--fill-steps", self.fill_steps.is_some()),
+            ("--parallel", is_one_thread && self.parallel.is_some()),
+        ];
+        match beside.iter().find(|(_, is_given)| *is_given) {
+            Some((what, _)) => Err(UsageError(format!("a {kind} file is rendered without {what}; leave out {what}"))),
+            None => Ok(()),
+        }
+    }
+
     /// A `.house` file, which comes alone; `None` if there is none among the files.
     fn open_house(&self) -> anyhow::Result<Option<(Content, FileFrame, DefaultCamera)>> {
         let is_house = |file: &PathBuf| Container::peek_kind(file).ok().flatten() == Some(HOUSE_FILE.tag);
         let Some(file) = self.files.iter().find(|file| is_house(file)) else { return Ok(None) };
-        if self.files.len() > 1 || self.sampling.is_some() || self.fill_steps.is_some() {
-            let message = "a .house file is rendered alone, without --sampling and --fill-steps";
-            return Err(UsageError(message.into()).into());
-        }
+        self.is_alone(".house", false)?;
         let (content, frame, camera) = HouseContent::open(file, self.variant.as_deref())?;
         Ok(Some((Content::House(Box::new(content)), frame, camera)))
     }
@@ -281,10 +292,7 @@ impl RenderCommand {
     fn open_lumigraph(&self) -> anyhow::Result<Option<(Content, FileFrame, DefaultCamera)>> {
         let is_lumigraph = |file: &PathBuf| Container::peek_kind(file).ok().flatten() == Some(LUMI_FILE.tag);
         let Some(file) = self.files.iter().find(|file| is_lumigraph(file)) else { return Ok(None) };
-        if self.files.len() > 1 || self.sampling.is_some() || self.fill_steps.is_some() || self.parallel.is_some() {
-            let message = "a .lumi file is rendered alone, without --sampling, --fill-steps and --parallel";
-            return Err(UsageError(message.into()).into());
-        }
+        self.is_alone(".lumi", true)?;
         let mut settings = LumigraphSettings::default();
         settings.tolerance_px = self.merge.unwrap_or(settings.tolerance_px);
         settings.merge = settings.tolerance_px > 0.0;

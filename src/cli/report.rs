@@ -268,7 +268,10 @@ impl ReportCommand {
         } else {
             self.source.with(named.up, named.unit).source(name)
         };
-        let scene = source.open().with_context(|| format!("the scene of {name} is needed for truth"))?;
+        let scene = match kind {
+            Some(_) => source.open().with_context(|| format!("the scene of {name} is needed for truth"))?,
+            None => source.open()?,
+        };
         let scene = Arc::new(scene);
         outputs.scene_is_open(&scene)?;
         let Headbox { mut centre, mut half_size_m } = place_headbox(&scene, named.center, named.half_size)?;

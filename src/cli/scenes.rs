@@ -1,5 +1,6 @@
 //! `headbox scenes`.
 
+use super::words::counted;
 use crate::capture::files::write_whole;
 use crate::capture::save::scene_files;
 use crate::scene_source::SceneSource;
@@ -43,7 +44,8 @@ fn export(name: &str, path: &Path) -> anyhow::Result<()> {
         write_whole(&file.path, |w| std::io::Write::write_all(w, &file.bytes))
             .with_context(|| format!("{} could not be written", file.path.display()))?;
     }
-    println!("{}: {} triangles, {} files", path.display(), scene.triangles.len(), files.len());
+    let files = counted(files.len() as u64, "file");
+    println!("{}: {} triangles, {files}", path.display(), scene.triangles.len());
     Ok(())
 }
 

@@ -1,7 +1,7 @@
 //! `headbox truth`.
 
 use super::args::{CameraArgs, SceneArgs};
-use super::output::{FRAME, Outputs, peak_rss_mb, print_json, save_picture};
+use super::output::{FRAME, Outputs, name_of, peak_rss_mb, print_json, save_picture};
 use super::progress::Bar;
 use super::radiance::{is_radiance, save_radiance};
 use super::words::UsageError;
@@ -9,7 +9,7 @@ use crate::capture::images::SetWriter;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;
 use crate::capture::{Camera, viewpoint};
-use crate::progress::{Progress, Silent};
+use crate::progress::Progress;
 use crate::truth;
 use clap::Args;
 use serde_json::json;
@@ -91,7 +91,7 @@ impl TruthCommand {
             }
             print_json(&all);
         } else {
-            println!("{}: {seconds:.1} s, {what}", self.output.display());
+            println!("{}: {seconds:.1} s, {what}", name_of(&self.output));
         }
     }
 
@@ -112,19 +112,35 @@ impl TruthCommand {
             1 => 0.0,
             _ => (2.0 * f64::from(number) / f64::from(of - 1) - 1.0) * REACH * half_size_m,
         };
-        bar.begin("tracing", "images", u64::from(columns * rows));
-        for number in 0..columns * rows {
+        let images = columns * rows;
+        bar.begin("tracing", "rows", u64::from(images) * u64::from(camera.height()));
+        let rows_done = RowsOfMany(bar);
+        for number in 0..images {
             let (column, row) = (number % columns, number / columns);
             let eye = camera.eye() + turn.x_axis * off(column, columns) - turn.y_axis * off(row, rows);
             let moved = Camera::from_parts(eye, turn, camera.focal_px(), camera.width(), camera.height())
                 .map_err(|error| UsageError(error.to_string()))?;
-            let view = truth::view(tracer, lighting, !self.unlit, &moved, self.samples, &Silent);
+            let view = truth::view(tracer, lighting, !self.unlit, &moved, self.samples, &rows_done);
             set.add(number as usize, &view, true)?;
-            bar.advance(1);
         }
         bar.finish();
         set.finish()?;
-        Ok(columns * rows)
+        Ok(images)
+    }
+}
+
+/// The rows of one picture of many, which are one stage.
+struct RowsOfMany<'a>(&'a Bar);
+
+impl Progress for RowsOfMany<'_> {
+    fn begin(&self, _stage: &str, _unit: &str, _total: u64) {}
+
+    fn advance(&self, steps: u64) {
+        self.0.advance(steps);
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.0.is_cancelled()
     }
 }
 

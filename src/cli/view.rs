@@ -3,7 +3,7 @@
 use super::args::{Names, SourceArgs, by_name, parse_size};
 use super::geometry::{GEOMETRY_ALONE, GeometryArgs, open_geometry, texturing_of};
 use super::images::{self, SetArgs, is_image_set};
-use super::output::print_json;
+use super::output::{Outputs, WINDOW, name_of, print_json};
 use super::progress::Bar;
 use super::words::UsageError;
 use crate::capture::Camera;
@@ -104,6 +104,8 @@ const FRAMES_BEFORE_PICTURE: u64 = 3;
 
 impl ViewCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
+        let inputs = self.file.iter().map(Path::new).chain(self.path.as_deref());
+        Outputs::new(self.json, inputs).maybe_file(self.screenshot.as_ref(), &WINDOW)?;
         let mut options = self.options()?;
         let mut source = None;
         if let Some(file) = &self.file {
@@ -115,6 +117,8 @@ impl ViewCommand {
         let summary = headbox_viewer::run(source, options)?;
         if self.json {
             print_json(&serde_json::to_value(summary)?);
+        } else if let Some(screenshot) = &self.screenshot {
+            println!("{}: a picture of the window", name_of(screenshot));
         }
         Ok(())
     }

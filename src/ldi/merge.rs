@@ -225,11 +225,11 @@ mod tests {
         let mut pixel = [part(9.75, 50, 3, 4.0, 2), part(10.25, 50, 4, 1.0, 7)];
         (pixel[0].normal, pixel[1].normal) = (normal(Vec3::X), normal(Vec3::Y));
         let mut out = Vec::new();
-        depth_pixels_of(&pixel, MergeRule::Average, &DepthBins::new(0.5, 64), &mut out);
+        depth_pixels_of(&pixel, MergeRule::Average, ToneMap::default(), &DepthBins::new(0.5, 64), &mut out);
         assert_eq!(out[0].0.normal, normal(Vec3::Y));
         pixel[0].count = 4;
         out.clear();
-        depth_pixels_of(&pixel, MergeRule::Average, &DepthBins::new(0.5, 64), &mut out);
+        depth_pixels_of(&pixel, MergeRule::Average, ToneMap::default(), &DepthBins::new(0.5, 64), &mut out);
         assert_eq!(out[0].0.normal, normal(Vec3::X), "of as many the one that was first");
     }
 }

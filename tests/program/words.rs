@@ -40,6 +40,9 @@ fn prepare(folder: &Path) {
         b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 2\n\x80\0\0\x81\x80\0\0\x81\x80\0\0\x81\x80\0\0\x81",
     );
     write("text.json", b"this is no JSON");
+    write("pose.json", b"[{\"eye\": [0, 0, 0], \"look_at\": [0, 0, -1]}]");
+    write("cut.json", b"[");
+    write("nan.obj", b"v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n");
     write("list.json", b"{\"poses\": 5}");
     image::RgbImage::new(4, 3).save(folder.join("small.png")).unwrap();
     image::RgbImage::new(5, 3).save(folder.join("wide.png")).unwrap();
@@ -60,7 +63,7 @@ fn prepare(folder: &Path) {
 /// Lengths and checksums belong to the files at hand, and not to the words.
 fn without_figures(sentence: &str) -> String {
     let is_figure = |word: &&str| {
-        let word = word.trim_end_matches([',', ':']);
+        let word = word.trim_end_matches([',', ':', ';']);
         word.len() > 2 && word.contains(|c: char| c.is_ascii_digit()) && word.chars().all(|c| c.is_ascii_hexdigit())
     };
     sentence.split(' ').map(|word| if is_figure(&word) { "N" } else { word }).collect::<Vec<_>>().join(" ")

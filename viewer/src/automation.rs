@@ -111,7 +111,7 @@ pub(crate) fn shoot(ctx: &Context, path: PathBuf, taken: Arc<Mutex<Option<Result
     let repaint = ctx.clone();
     ctx.request_screenshot(move |image| {
         let written = export::write_png(&path, image.width(), bytemuck::cast_slice(&image.pixels));
-        let result = written.map_err(|e| format!("Cannot write {}: {e}.", path.display()));
+        let result = written.map_err(|e| format!("{} cannot be written: {e}", path.display()));
         *taken.lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
         repaint.request_repaint();
     });

@@ -213,5 +213,5 @@ impl Viewer {
 /// The message about a file that was written, or not.
 fn told(path: &Path, result: std::io::Result<()>) -> Result<String, String> {
     let path = path.display();
-    result.map(|()| format!("Saved {path}.")).map_err(|e| format!("Cannot write {path}: {e}."))
+    result.map(|()| format!("Saved {path}.")).map_err(|e| format!("{path} cannot be written: {e}."))
 }

@@ -132,6 +132,14 @@ pub enum SettingError {
         /// The kind asked for.
         kind: &'static str,
     },
+    /// There is no setting of this id.
+    #[error("there is no setting \"{id}\" in this view; there are: {known}")]
+    NoSuch {
+        /// The id asked for.
+        id: String,
+        /// The ids that there are.
+        known: String,
+    },
     /// The text is no value of the setting.
     #[error("\"{text}\" is not a value of the setting \"{id}\"; expected {expected}")]
     Value {
@@ -208,7 +216,8 @@ impl SettingValues {
     /// # Errors
     /// [`SettingError`] if `settings` has no such control or the text is none of its values.
     pub fn set_text(&mut self, settings: &[Setting], id: &str, text: &str) -> Result<(), SettingError> {
-        let unknown = || SettingError::Unknown { id: id.into(), kind: "setting" };
+        let ids = || settings.iter().map(|setting| setting.id).collect::<Vec<_>>().join(", ");
+        let unknown = || SettingError::NoSuch { id: id.into(), known: ids() };
         let setting = settings.iter().find(|s| s.id == id).ok_or_else(unknown)?;
         let wrong = |expected: String| SettingError::Value { id: id.into(), text: text.into(), expected };
         let value = match &setting.control {

@@ -274,7 +274,7 @@ fn export_frame(source: &mut dyn FrameSource, shared: &Shared, export: &mut Expo
     let written = export::write_png(&path, picture.image.width(), bytemuck::cast_slice(&picture.image.pixels));
     shared.recycle([picture]);
     export.next += 1;
-    written.map_err(|e| Failure::Error(format!("Cannot write {}: {e}.", path.display())))
+    written.map_err(|e| Failure::Error(format!("{} cannot be written: {e}.", path.display())))
 }
 
 /// Rounds after which a frame of an export is taken as it is.

@@ -6,6 +6,7 @@
 
 mod builder;
 pub(crate) mod gltf;
+mod group_names;
 mod lights;
 mod lines;
 mod model;

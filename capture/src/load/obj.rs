@@ -98,10 +98,21 @@ fn parse(source: &Source, groups: bool) -> Result<(Vec<tobj::Model>, Notes), Loa
         Err(cause) => {
             let (line, text) = mended.last_line();
             let shown: String = text.chars().take(80).collect();
-            let cause = cause.to_string();
-            let cause = format!("`{shown}` does not parse ({})", cause.trim_end_matches(" error"));
+            let cause = format!("`{shown}` does not parse{}", expected(cause));
             Err(LoadError::Line { path: path.to_path_buf(), line, cause })
         }
+    }
+}
+
+/// What a line should have held.
+fn expected(cause: tobj::LoadError) -> &'static str {
+    use tobj::LoadError as E;
+    match cause {
+        E::PositionParseError => "; a position is three numbers",
+        E::NormalParseError => "; a normal is three numbers",
+        E::TexcoordParseError => "; a texture coordinate is two numbers",
+        E::FaceParseError | E::InvalidPolygon => "; a face is three corners or more, each V, V/T, V//N or V/T/N",
+        _ => "",
     }
 }
 

@@ -1,13 +1,14 @@
 //! Which axis of an OBJ points up, and what its unit is: the format says neither.
 //!
 //! Both are guessed from evidence, each piece a number of natural log odds; what is said by the user is never guessed, and
-//! glTF rules both (Y up, metres). The evidence for an axis: names of floors and walls, much area in one level (a floor), surfaces
+//! glTF rules both (Y up, metres). The evidence for an axis: names of floors and walls (of materials, groups and objects), much area in one level (a floor), surfaces
 //! that lie and open sheets that face along it (ground), lamps that shine down along it, a bottom at zero, a scene that is flat along it,
 //! and what the exporter wrote.
 //! For a unit: how high and wide what stands in the scene would be, and again what was written. A guess other than Y up and metres, or on thin
 //! evidence, is told, with its reasons and how to overrule it.
 
 use super::LoadOptions;
+use super::group_names::GroupNames;
 use crate::scene::{FileFrame, Scene, UpAxis};
 use glam::DVec3;
 
@@ -18,6 +19,8 @@ pub(super) struct Hints {
     pub(super) options: LoadOptions,
     /// The comments at the file's beginning, in lower case.
     pub(super) comments: String,
+    /// What its groups and objects are called.
+    groups: GroupNames,
 }
 
 /// Fewer triangles than a box has say nothing.
@@ -36,6 +39,11 @@ const LEVELS: usize = 400;
 const OUTLYING: f64 = 0.02;
 /// Normals within some 11 degrees of an axis lie along it.
 const ALONG: f64 = 0.98;
+/// A room whose floor and walls are named is higher than this, metres.
+const LOWEST_ROOM_M: f64 = 1.5;
+/// Names of what lies, in lower case, and of what stands.
+pub(super) const FLOORS: [&str; 7] = ["floor", "ground", "carpet", "parquet", "ceiling", "grass", "pavement"];
+pub(super) const WALLS: [&str; 2] = ["wall", "facade"];
 
 impl Hints {
     /// The hints of a file's text.
@@ -53,13 +61,13 @@ impl Hints {
                 break;
             }
         }
-        Self { options: *options, comments: joined }
+        Self { options: *options, comments: joined, groups: GroupNames::of(text) }
     }
 
     /// The frame of a scene whose positions are still those of the file, and a sentence if it is a guess that needs telling.
     pub(super) fn frame(&self, scene: &Scene) -> (FileFrame, Option<String>) {
         let LoadOptions { up, unit_m } = self.options;
-        let shape = Shape::of(scene);
+        let shape = Shape::of(scene, &self.groups);
         let (up, up_why) = match (up, &shape) {
             (Some(up), _) => (up, None),
             (None, None) => (UpAxis::Y, None),
@@ -122,6 +130,7 @@ impl Hints {
             (0.0254, "inches", "in", -8.0),
         ];
         let [height, width] = shape.height_and_width(scene, up);
+        let is_room = shape.floors.is_some() && shape.walls.is_some();
         let outdoors = named(scene, &["city", "street", "road", "terrain", "mountain", "landscape"]).next().is_some();
         let odds = |&(metres, name, short, prior): &(f64, &str, &str, f64)| {
             let off = |length: f64, usual: f64, spread: f64| ((length * metres / usual).ln() / spread).powi(2) / 2.0;
@@ -134,9 +143,10 @@ impl Hints {
                 "mm" => self.says(&["freecad", "openscad"]),
                 _ => false,
             };
+            let too_low = if is_room && height * metres < LOWEST_ROOM_M { 8.0 } else { 0.0 };
             let outdoors = if outdoors && metres == 1.0 { 8.0 } else { 0.0 };
             // Rooms, houses and trees: some metres high and wide, give or take a factor of three or four.
-            prior - off(height, 4.0, 1.1) - off(width, 15.0, 1.4)
+            prior - off(height, 4.0, 1.1) - off(width, 15.0, 1.4) - too_low
                 + if written { SAID } else { 0.0 }
                 + if exporter { 8.0 } else { 0.0 }
                 + outdoors
@@ -195,7 +205,7 @@ struct Shape {
 
 impl Shape {
     /// `None` where there is too little to judge by.
-    fn of(scene: &Scene) -> Option<Self> {
+    fn of(scene: &Scene, groups: &GroupNames) -> Option<Self> {
         let [low, high] = scene.bounds();
         let extent = high - low;
         if scene.triangles.len() < FEWEST_TRIANGLES || extent.min_element() < THINNEST * extent.max_element() {
@@ -215,13 +225,12 @@ impl Shape {
         }
         let level = levels[..LEVELS / 2].iter().copied().fold(DVec3::ZERO, DVec3::max) / all;
         let (along, facing) = (all_along / all, facing / all);
-        let share = |words: &[&str]| {
-            let (sum, area) = named(scene, words)
-                .map(|t| flatness(scene, t))
-                .fold((DVec3::ZERO, 0.0), |(sum, total), flat| (sum + flat.along * flat.area, total + flat.area));
-            (area > 0.01 * all).then(|| sum / area)
+        let share = |words: &[&str], of_groups: Lying| {
+            let mut lying = of_groups;
+            named(scene, words).map(|t| flatness(scene, t)).for_each(|flat| lying.add(flat.normal * flat.area));
+            (lying.area > 0.01 * all).then(|| lying.along / lying.area)
         };
-        let floors = share(&["floor", "ground", "carpet", "parquet", "ceiling", "grass", "pavement"]);
+        let floors = share(&FLOORS, groups.floors);
         let shines = |t: &usize| {
             let material = scene.materials.get(scene.triangles[*t].material as usize);
             material.is_some_and(|material| material.emission.iter().any(|c| *c > 0.0))
@@ -230,7 +239,8 @@ impl Shape {
         let (sum, area) =
             lamps.fold((DVec3::ZERO, 0.0), |(sum, area), lamp| (sum + lamp.normal * lamp.area, area + lamp.area));
         let shining = if area > 0.0 { sum / area } else { DVec3::ZERO };
-        Some(Self { low, extent, level, along, facing, floors, walls: share(&["wall", "facade"]), shining })
+        let walls = share(&WALLS, groups.walls);
+        Some(Self { low, extent, level, along, facing, floors, walls, shining })
     }
 
     /// Pieces of evidence that Z is up rather than Y: log odds and a reason.
@@ -320,6 +330,28 @@ fn outlying(areas: impl Iterator<Item = f64>, all: f64) -> usize {
     areas.take_while(is_outside).count()
 }
 
+/// How several surfaces lie.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Lying {
+    /// Their area that lies flat along each axis.
+    along: DVec3,
+    /// All of it.
+    area: f64,
+}
+
+impl Lying {
+    /// Takes in a surface by its area along its normal.
+    pub(super) fn add(&mut self, area: DVec3) {
+        self.along += along(area.normalize_or_zero()) * area.length();
+        self.area += area.length();
+    }
+}
+
+/// Along which axes a surface of this normal lies flat: 1 or 0 each.
+fn along(normal: DVec3) -> DVec3 {
+    DVec3::select(normal.abs().cmpgt(DVec3::splat(ALONG)), DVec3::ONE, DVec3::ZERO)
+}
+
 /// How a triangle lies.
 struct Flatness {
     /// Along which axes it lies flat: 1 or 0 each.
@@ -334,6 +366,5 @@ fn flatness(scene: &Scene, triangle: usize) -> Flatness {
     let [a, b, c] = scene.corners(triangle as u32);
     let doubled = (b - a).cross(c - a);
     let normal = doubled.normalize_or_zero();
-    let along = DVec3::select(normal.abs().cmpgt(DVec3::splat(ALONG)), DVec3::ONE, DVec3::ZERO);
-    Flatness { along, normal, area: doubled.length() / 2.0, middle: (a + b + c) / 3.0 }
+    Flatness { along: along(normal), normal, area: doubled.length() / 2.0, middle: (a + b + c) / 3.0 }
 }

@@ -56,7 +56,7 @@ fn a_file_that_cannot_be_written_is_a_message() {
     let mut window = saving_to(&file);
     press(&mut window, Key::P);
     wait(&mut window, "the message", |viewer| viewer.messages.iter().len() == 1);
-    assert!(texts(&window)[0].starts_with("Cannot write"), "{:?}", texts(&window));
+    assert!(texts(&window)[0].contains(" cannot be written: "), "{:?}", texts(&window));
 }
 
 #[test]

@@ -69,7 +69,13 @@ pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
     let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };
     let bytes = read(path)?;
     let text = String::from_utf8(bytes).map_err(|_| malformed("it is not UTF-8 text".into()))?;
-    let file: FileModel = toml::from_str(&text).map_err(|cause| malformed(cause.to_string().trim_end().to_owned()))?;
+    let file: FileModel = toml::from_str(&text).map_err(|cause| match cause.span() {
+        Some(span) => {
+            let line = text.get(..span.start).unwrap_or_default().matches('\n').count() + 1;
+            LoadError::Line { path: path.to_path_buf(), line, cause: cause.message().replace('\n', ", ") }
+        }
+        None => malformed(cause.message().replace('\n', ", ")),
+    })?;
     let up = if matches!(file.up, Up::Z) { UpAxis::Z } else { UpAxis::Y };
     let options = LoadOptions { up: Some(up), unit_m: Some(file.unit) };
     let grouped = load_grouped(&folder_of(path).join(&file.scene), &options)?;
