@@ -33,10 +33,10 @@ fn wrong_usage_is_exit_2_and_says_what_is_allowed() {
         let message = refused(dir.path(), 2, &["capture", "builtin:bump", "-o", "x.ldi", name, value]);
         assert!(message.contains(expected), "{name} {value}: {message}");
     };
-    range("--face-size", "0", "1..=8192");
-    range("--face-size", "100000", "1..=8192");
-    range("--strata", "0", "1..=128");
-    range("--rays", "0", "1..=1048576");
+    range("--face-size", "0", "from 1 to 8192");
+    range("--face-size", "100000", "from 1 to 8192");
+    range("--strata", "0", "from 1 to 128");
+    range("--rays", "0", "from 1 to 1048576");
     range("--memory", "1", "64..=");
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "nothing was written");
     let message = refused(dir.path(), 2, &["truth", "builtin:bump", "-o", "t.png", "--fov", "180"]);
