@@ -37,7 +37,7 @@ fn wrong_usage_is_exit_2_and_says_what_is_allowed() {
     range("--face-size", "100000", "from 1 to 8192");
     range("--strata", "0", "from 1 to 128");
     range("--rays", "0", "from 1 to 1048576");
-    range("--memory", "1", "64..=");
+    range("--memory", "1", "from 64 to");
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "nothing was written");
     let message = refused(dir.path(), 2, &["truth", "builtin:bump", "-o", "t.png", "--fov", "180"]);
     assert!(message.contains("between 0.1 and 179"), "{message}");
