@@ -66,7 +66,7 @@ fn outputs_are_refused_before_any_work_and_harm_nothing() {
     refused(2, &["render", "a.ldi", "-o", "-", "--json"], "leave one out");
     refused(2, &["render", "a.ldi", "-o", "x.png", "--coverage", "x.png"], "two outputs");
     refused(2, &["capture", "one.obj", "-o", "one.obj"], "input of this command");
-    refused(2, &["capture", "one.obj", "-o", "x.shard"], ".ldi");
+    refused(2, &["capture", "one.obj", "-o", "x.shard"], "--shard");
     refused(2, &["truth", "one.obj", "-o", "one.png", "--samples", "1"], "input of this command");
     refused(2, &["compare", "one.png", "one.png", "--map", "one.png"], "input of this command");
     refused(2, &["sprite", "one.obj", "-o", "one.obj"], "input of this command");
