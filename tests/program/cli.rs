@@ -33,11 +33,11 @@ fn wrong_usage_is_exit_2_and_says_what_is_allowed() {
         let message = refused(dir.path(), 2, &["capture", "builtin:bump", "-o", "x.ldi", name, value]);
         assert!(message.contains(expected), "{name} {value}: {message}");
     };
-    range("--face-size", "0", "1..=8192");
-    range("--face-size", "100000", "1..=8192");
-    range("--strata", "0", "1..=128");
-    range("--rays", "0", "1..=1048576");
-    range("--memory", "1", "64..=");
+    range("--face-size", "0", "from 1 to 8192");
+    range("--face-size", "100000", "from 1 to 8192");
+    range("--strata", "0", "from 1 to 128");
+    range("--rays", "0", "from 1 to 1048576");
+    range("--memory", "1", "from 64 to");
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "nothing was written");
     let message = refused(dir.path(), 2, &["truth", "builtin:bump", "-o", "t.png", "--fov", "180"]);
     assert!(message.contains("between 0.1 and 179"), "{message}");
@@ -66,7 +66,7 @@ fn outputs_are_refused_before_any_work_and_harm_nothing() {
     refused(2, &["render", "a.ldi", "-o", "-", "--json"], "leave one out");
     refused(2, &["render", "a.ldi", "-o", "x.png", "--coverage", "x.png"], "two outputs");
     refused(2, &["capture", "one.obj", "-o", "one.obj"], "input of this command");
-    refused(2, &["capture", "one.obj", "-o", "x.shard"], ".ldi");
+    refused(2, &["capture", "one.obj", "-o", "x.shard"], "--shard");
     refused(2, &["truth", "one.obj", "-o", "one.png", "--samples", "1"], "input of this command");
     refused(2, &["compare", "one.png", "one.png", "--map", "one.png"], "input of this command");
     refused(2, &["sprite", "one.obj", "-o", "one.obj"], "input of this command");

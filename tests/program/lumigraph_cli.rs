@@ -196,7 +196,7 @@ fn mistakes_are_said_in_a_sentence() {
     assert!(!dir.path().join("a.lumi").exists());
     succeeds(dir.path(), &[SMALL.as_slice(), &WALL].concat());
     fails(dir.path(), 2, &["render", "a.lumi", "-o", "a.png", "--variant", "tent"], "shared, whole");
-    fails(dir.path(), 2, &["render", "a.lumi", "a.lumi", "-o", "a.png"], "rendered alone");
+    fails(dir.path(), 2, &["render", "a.lumi", "a.lumi", "-o", "a.png"], "rendered without");
     fails(dir.path(), 2, &["render", "a.lumi", "-o", "a.png", "--merge", "-1"], "0 or more");
     fails(dir.path(), 2, &["render", "a.lumi", "-o", "a.png", "--plain", "300"], "levels from 0 to 255");
     fails(dir.path(), 2, &["render", "a.lumi", "-o", "a.png", "--depth", "a.exr"], "--depth and --coverage");
