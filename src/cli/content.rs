@@ -1,7 +1,9 @@
 //! What `headbox render` draws: one way to render a pose of anything, and to say what it took.
 
+use super::capture::{figure, triple};
 use super::geometry::{GeometryContent, GeometryRendered};
 use super::house_file::HouseContent;
+use super::words::counted;
 use crate::capture::Camera;
 use crate::capture::scene::FileFrame;
 use crate::capture::statistics::median;
@@ -95,8 +97,8 @@ impl Content {
         eprintln!(
             "warning: {which} outside the headbox ({} and {} to each side along the axes, in the file's axes and unit). What \
              is seen from there only is missing: expect holes, and surfaces where they are not",
-            frame.file_from_world(centre),
-            half_size_m / frame.unit_m
+            triple(frame.file_from_world(centre)),
+            figure(half_size_m / frame.unit_m)
         );
     }
 
@@ -136,8 +138,8 @@ impl Content {
             }
             Self::Layers { layers, .. } => {
                 let counts = [layers.sprites().sprites().len(), layers.cubes().len(), layers.polygons().len()];
-                let kinds = counts.into_iter().zip(["sprites", "cube LDIs", "models"]).filter(|(count, _)| *count > 0);
-                kinds.map(|(count, kind)| format!("{count} {kind}")).collect::<Vec<_>>().join(", ")
+                let kinds = counts.into_iter().zip(["sprite", "cube LDI", "model"]).filter(|(count, _)| *count > 0);
+                kinds.map(|(count, kind)| counted(count as u64, kind)).collect::<Vec<_>>().join(", ")
             }
         }
     }

@@ -118,7 +118,9 @@ pub fn check_complete(infos: &[(PathBuf, ShardInfo)]) -> Result<(), ShardError> 
     infos.iter().for_each(|(_, info)| seen[info.part as usize] += 1);
     let numbers = |wanted: fn(u32) -> bool| -> Vec<String> {
         let chosen = seen.iter().enumerate().filter(|(_, count)| wanted(**count));
-        chosen.map(|(part, _)| format!("{part}/{}", first.parts)).collect()
+        // The last of N parts is number 0 of them.
+        let number = |part: usize| if part == 0 { first.parts as usize } else { part };
+        chosen.map(|(part, _)| format!("{}/{}", number(part), first.parts)).collect()
     };
     let (missing, twice) = (numbers(|n| n == 0), numbers(|n| n > 1));
     if missing.is_empty() && twice.is_empty() {

@@ -216,6 +216,7 @@ mod tests {
             sun: Some("12,34".parse().expect("a place")),
             sun_strength: Some(2.0),
             exposure: Exposure::Auto(1.0),
+            hdr: true,
         };
         let text = serde_json::to_string(&asked).expect("json");
         assert_eq!(serde_json::from_str::<LightParameters>(&text).expect("read"), asked);
