@@ -52,7 +52,7 @@ pub(crate) fn depth_pixels_of(
                 out.extend(best.map(|best| (average(std::slice::from_ref(best), tone, bins), span)));
             }
             MergeRule::ColorsApart => {
-                out.extend(colors_apart(cluster, tone, bins).into_iter().map(|kept| (kept, span)))
+                out.extend(colors_apart(cluster, tone, bins).into_iter().map(|kept| (kept, span)));
             }
         }
     }

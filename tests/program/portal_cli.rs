@@ -66,7 +66,7 @@ fn a_house_is_written_described_and_walked() {
     assert!(!says("--eye 500,2,500").contains("in no cell"), "that is in the outside cell");
 
     refused(at, "render a.house -o x.png --variant holograms", 2, "window-ldi");
-    refused(at, "render a.house a.house -o x.png", 2, "alone");
+    refused(at, "render a.house a.house -o x.png", 2, "without other files");
     refused(
         at,
         "house builtin:house --rays 0 --triangles 6000 -o b.house --backdrops mirrors",

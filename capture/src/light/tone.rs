@@ -28,7 +28,7 @@ impl ToneMap {
         srgb8_from_linear(match self {
             Self::SrgbClipped => exposed,
             Self::SrgbCompressed => {
-                let x = exposed.max(0.0).min(Self::BRIGHTEST);
+                let x = exposed.clamp(0.0, Self::BRIGHTEST);
                 x * (1.0 + x / Self::BRIGHTEST.powi(2)) / (1.0 + x)
             }
         })

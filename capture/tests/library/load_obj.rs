@@ -66,11 +66,15 @@ fn errors_name_file_cause_and_line() {
         let error = obj(text).expect_err("malformed");
         assert!(error.contains("a.obj") && error.contains(line) && error.contains(cause), "{error}");
     };
-    line_error("v 0 0 0\n\nv 1 oops 2\nv 0 1 0\nf 1 2 3\n", "line 3", "`v 1 oops 2` does not parse (position parse)");
+    line_error(
+        "v 0 0 0\n\nv 1 oops 2\nv 0 1 0\nf 1 2 3\n",
+        "line 3",
+        "`v 1 oops 2` does not parse; a position is three numbers",
+    );
     line_error("v 0 0 0\nv 1 0\n", "line 2", "position");
-    line_error("v 0 0 0\r\nvt\r\n", "line 2", "texcoord");
+    line_error("v 0 0 0\r\nvt\r\n", "line 2", "texture coordinate");
     line_error("v 0 0 0\nvn 1 0\n", "line 2", "normal");
-    line_error(&format!("{TRIANGLE}\n\nf 1 2 x\n"), "line 7", "`f 1 2 x` does not parse (face parse)");
+    line_error(&format!("{TRIANGLE}\n\nf 1 2 x\n"), "line 7", "`f 1 2 x` does not parse");
     line_error(&format!("{TRIANGLE}f 1/1/1/1 2 3\n"), "line 5", "face");
     line_error("", "a.obj: there is no triangle", "");
     line_error("not an obj at all \u{1}\u{2}\n", "there is no triangle", "");
