@@ -84,7 +84,7 @@ fn light_above_white_is_kept_where_it_is_asked_for() {
             dir.path().join(name),
             |size, _| vec![[0.0f32; 3]; size.width() * size.height()],
             |pixels: &mut Vec<[f32; 3]>, at, (r, g, b, _): (f32, f32, f32, f32)| {
-                pixels[at.y() * 32 + at.x()] = [r, g, b]
+                pixels[at.y() * 32 + at.x()] = [r, g, b];
             },
         );
         picture.unwrap().layer_data.channel_data.pixels[12 * 32 + 16][0]
