@@ -442,8 +442,7 @@ impl CaptureCommand {
                 "shard": format!("{part}/{parts}"),
             }));
         } else {
-            let number = if part == 0 { parts } else { part }; // as merge takes them, from 1
-            println!("{}: shard {number}/{parts}, {} rays", name_of(&self.output), info.rays);
+            println!("{}: shard {}, {} rays", name_of(&self.output), shard::numbered(part, parts), info.rays);
         }
         Ok(())
     }

@@ -170,7 +170,7 @@ impl Survey {
         println!("portals that touch no cell: {}", list(&self.touching_no_cell()));
         for finding in &self.findings {
             // What cannot be used is left out, as from any other scene, and the rest is shown.
-            let kind = if finding.severity() == Severity::Error { "note" } else { "warning" };
+            let kind = if finding.severity() == Severity::Error { "warning" } else { "note" };
             println!("{kind}: {finding}");
         }
     }

@@ -164,9 +164,8 @@ impl InfoCommand {
                 "depth_pixels": samples, "faces": [], "job": info.job, "ok": true,
             }));
         } else {
-            let (scene, parts, rays) = (&info.job.scene.name, info.parts, info.rays);
-            let part = if info.part == 0 { parts } else { info.part };
-            println!("{}: {} {part}/{parts} of {scene}, {rays} rays, {bytes} bytes", self.file.display(), SHARD.name);
+            let (scene, rays, part) = (&info.job.scene.name, info.rays, shard::numbered(info.part, info.parts));
+            println!("{}: {} {part} of {scene}, {rays} rays, {bytes} bytes", self.file.display(), SHARD.name);
             if let Some(samples) = samples {
                 println!("ok: {samples} accumulators");
             }

@@ -60,12 +60,12 @@ pub(super) struct Endings {
     allowed: &'static [&'static str],
 }
 
-/// Pictures; all but JPEG keep every bit.
-pub(super) const PICTURE: Endings =
-    Endings { what: "a picture", allowed: &["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "tga"] };
+/// What frames are written to: levels first, of which all but JPEG keeps every bit, then linear radiance.
+const OF_FRAMES: [&str; 9] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "tga", "exr"];
+/// Pictures.
+pub(super) const PICTURE: Endings = Endings { what: "a picture", allowed: OF_FRAMES.split_at(8).0 };
 /// Frames: pictures, or linear radiance.
-pub(super) const FRAME: Endings =
-    Endings { what: "a frame", allowed: &["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "tga", "exr"] };
+pub(super) const FRAME: Endings = Endings { what: "a frame", allowed: &OF_FRAMES };
 /// Pictures of the window.
 #[cfg(feature = "viewer")]
 pub(super) const WINDOW: Endings = Endings { what: "a picture of the window", allowed: &["png"] };

@@ -5,6 +5,7 @@
 
 use super::AT_LEAST;
 use crate::capture::bake::{BakeOptions, bake_unmetered};
+use crate::capture::light::ToneMap;
 use crate::capture::rig::Face;
 use crate::capture::scene::{Scene, SceneError, Sky, SkyError, SkyPicture};
 use crate::capture::{Camera, linear_from_srgb8};
@@ -37,6 +38,8 @@ pub enum PolygonsError {
 #[derive(Debug)]
 pub struct Polygons {
     mesh: RasterMesh,
+    /// How the images among which it stands store light.
+    tone: ToneMap,
 }
 
 /// Rows of the picture of what is about the polygons.
@@ -51,12 +54,14 @@ impl Polygons {
         scene.validate()?;
         let all = 0..scene.triangles.len() as u32;
         let [low, high] = scene.bounds();
-        Ok(Self { mesh: RasterMesh::new(Arc::new(scene), std::slice::from_ref(&all), (low + high) / 2.0) })
+        let mesh = RasterMesh::new(Arc::new(scene), std::slice::from_ref(&all), (low + high) / 2.0);
+        Ok(Self { mesh, tone: ToneMap::default() })
     }
 
     /// The same in the light of what a cube LDI shows from the middle of the polygons, or from that place of its headbox which is nearest
     /// to it: they shade themselves and reflect light onto themselves, but neither shade nor light what the cube shows. What is brighter
-    /// than white there counts as white, so that suns and lamps give less than their light.
+    /// than the cube's tone curve keeps counts as the brightest that it keeps, white unless it was captured with `--hdr`, so that suns and
+    /// lamps give less than their light; of themselves, they show what is up to white.
     ///
     /// # Errors
     /// [`PolygonsError`].
@@ -77,7 +82,7 @@ impl Polygons {
             }
             if progress.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
-        Self::new(baked.scene)
+        Ok(Self { tone: cube.info.tone, ..Self::new(baked.scene)? })
     }
 }
 
@@ -103,7 +108,7 @@ fn surroundings(cube: &PackedCube, place: DVec3) -> Result<SkyPicture, PolygonsE
         let [x, y, _] = face.project(toward, side);
         let [column, row] = [x, y].map(|at| (at as u32).min(side - 1));
         let color = faces[face.index()].get((row * side + column) as usize).copied().unwrap_or_default();
-        [color[0], color[1], color[2]].map(linear_from_srgb8)
+        [color[0], color[1], color[2]].map(|level| cube.info.tone.exposed(level))
     };
     Ok(SkyPicture::new([2 * side, side], (0..2 * side * side).map(texel).collect(), 0.0)?)
 }
@@ -124,6 +129,12 @@ impl Stand {
         for (number, polygons) in polygons.iter().enumerate() {
             self.rasterizer.draw(&polygons.mesh, camera, &view, &Environment::default());
             let drawn = self.rasterizer.output_mut();
+            if polygons.tone != ToneMap::SrgbClipped {
+                let stored: [u8; 256] =
+                    std::array::from_fn(|level| polygons.tone.level(linear_from_srgb8(level as u8)));
+                let colors = drawn.frame.color.par_iter_mut().with_min_len(AT_LEAST);
+                colors.for_each(|[r, g, b, _]| [r, g, b].into_iter().for_each(|c| *c = stored[usize::from(*c)]));
+            }
             if number == 0 {
                 std::mem::swap(&mut self.colors, &mut drawn.frame.color);
                 std::mem::swap(&mut self.inverse_depth, &mut drawn.inverse_depth);

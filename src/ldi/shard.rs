@@ -35,6 +35,11 @@ pub struct ShardInfo {
     pub rays: u64,
 }
 
+/// How people number a part: from 1, so that part 0, which holds what is left over, is the last.
+pub fn numbered(part: u32, parts: u32) -> String {
+    format!("{}/{parts}", if part == 0 { parts } else { part })
+}
+
 /// Why shards could not be merged.
 #[derive(Debug, thiserror::Error)]
 pub enum ShardError {
@@ -118,9 +123,7 @@ pub fn check_complete(infos: &[(PathBuf, ShardInfo)]) -> Result<(), ShardError> 
     infos.iter().for_each(|(_, info)| seen[info.part as usize] += 1);
     let numbers = |wanted: fn(u32) -> bool| -> Vec<String> {
         let chosen = seen.iter().enumerate().filter(|(_, count)| wanted(**count));
-        // The last of N parts is number 0 of them.
-        let number = |part: usize| if part == 0 { first.parts as usize } else { part };
-        chosen.map(|(part, _)| format!("{}/{}", number(part), first.parts)).collect()
+        chosen.map(|(part, _)| numbered(part as u32, first.parts)).collect()
     };
     let (missing, twice) = (numbers(|n| n == 0), numbers(|n| n > 1));
     if missing.is_empty() && twice.is_empty() {

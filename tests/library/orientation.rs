@@ -153,6 +153,31 @@ fn a_coarse_room_is_as_high_as_its_walls() {
     assert!(note.contains("2.6 m high and 5.0 m wide"), "{note}");
 }
 
+/// A box of which the groups say what its sides are, floor and ceiling across Z, as modellers write rooms.
+fn named_room(lengths: [f64; 3], kind: &str) -> String {
+    let names = ["Floor", "WallEast", "Ceiling", "WallWest", "WallNorth", "WallSouth"];
+    let [x, y, z] = lengths;
+    let mut text: String = coarse_box([x, y, z])
+        .lines()
+        .filter(|line| line.starts_with('v'))
+        .fold(String::new(), |text, line| text + line + "\n");
+    for (name, side) in names.iter().zip(["1 2 4 3", "2 4 8 6", "5 6 8 7", "1 3 7 5", "3 4 8 7", "1 2 6 5"]) {
+        writeln!(text, "{kind} {name}\nf {side}").unwrap();
+    }
+    text
+}
+
+#[test]
+fn groups_named_after_floors_and_walls_say_which_way_is_up_and_how_large_a_room_is() {
+    for kind in ["g", "o"] {
+        let (frame, notes) = guess(&named_room([260.0, 260.0, 260.0], kind));
+        assert_eq!(frame, FileFrame { up: UpAxis::Z, unit_m: 0.01 }, "{notes:?}");
+    }
+    // Without the names nothing tells.
+    let nameless = named_room([260.0, 260.0, 260.0], "#");
+    assert_ne!(guess(&nameless).0, FileFrame { up: UpAxis::Z, unit_m: 0.01 });
+}
+
 #[test]
 fn where_nothing_tells_it_is_told_that_y_was_taken() {
     let (frame, notes) = guess(&coarse_box([3.0, 3.0, 3.0]));

@@ -198,6 +198,35 @@ fn a_path_gives_a_frame_per_pose_and_their_times() {
 }
 
 #[test]
+fn truth_looks_where_there_is_most_to_see_from_its_eye() {
+    let dir = tempfile::tempdir().unwrap();
+    let wall = "# Y up, metres\nv 5 -3 -3\nv 5 3 -3\nv 5 3 3\nv 5 -3 3\nf 1 2 3 4\n";
+    std::fs::write(dir.path().join("wall.obj"), wall).unwrap();
+    // No direction shows the wall to both.
+    for eye in ["1,0,0", "9,0,0"] {
+        let arguments = [
+            "truth",
+            "wall.obj",
+            "--unlit",
+            "--exposure",
+            "0",
+            "--eye",
+            eye,
+            "--size",
+            "8x8",
+            "--samples",
+            "2",
+            "-o",
+            "a.png",
+        ];
+        succeeds(dir.path(), &arguments);
+        let picture = image::open(dir.path().join("a.png")).unwrap().to_rgb8();
+        let [r, g, b] = picture.get_pixel(4, 4).0;
+        assert!(r == g && g == b, "grey as the wall, not blue as the sky: {r} {g} {b}");
+    }
+}
+
+#[test]
 fn shards_merge_to_the_same_file() {
     let dir = tempfile::tempdir().unwrap();
     capture(dir.path(), &["-o", "whole.ldi"]);

@@ -79,16 +79,17 @@ fn light_above_white_is_kept_where_it_is_asked_for() {
     for name in ["kept", "clipped"] {
         run(&[&["render", &format!("{name}.ldi"), "-o", &format!("{name}.exr")], &eastward]);
     }
-    let red = |name: &str| {
+    let radiance = |name: &str| {
         let picture = exr::prelude::read_first_rgba_layer_from_file(
             dir.path().join(name),
-            |size, _| vec![[0.0f32; 3]; size.width() * size.height()],
-            |pixels: &mut Vec<[f32; 3]>, at, (r, g, b, _): (f32, f32, f32, f32)| {
-                pixels[at.y() * 32 + at.x()] = [r, g, b];
+            |size, _| (size.width(), vec![[0.0f32; 3]; size.width() * size.height()]),
+            |(width, pixels): &mut (usize, Vec<[f32; 3]>), at, (r, g, b, _): (f32, f32, f32, f32)| {
+                pixels[at.y() * *width + at.x()] = [r, g, b];
             },
         );
-        picture.unwrap().layer_data.channel_data.pixels[12 * 32 + 16][0]
+        picture.unwrap().layer_data.channel_data.pixels.1
     };
+    let red = |name: &str| radiance(name)[12 * 32 + 16][0];
     let truth = red("truth.exr");
     assert!((truth - 1.0).abs() < 0.05, "{truth}");
     // A step is 6.2 % at eight times white, and half of it the most that rounding takes.
@@ -100,6 +101,29 @@ fn light_above_white_is_kept_where_it_is_asked_for() {
     assert!((248..=255).contains(&shown), "{shown}");
     let told = succeeds(dir.path(), &["info", "kept.ldi"]);
     assert!(told.contains("cut off 4 stops above white"), "{told}");
+    // Surfaces, without the noise of light: their paint, eight times as bright as white asks for.
+    let unlit =
+        ["capture", "builtin:miniature", "--face-size", "256", "--strata", "8", "--rays", "4", "--light-samples", "0"];
+    run(&[&unlit, &["--exposure", "3", "--hdr", "-o", "paint.ldi"]]);
+    run(&[&["render", "paint.ldi", "-o", "paint.exr", "--size", "128x96"]]);
+    run(&[&[
+        "truth",
+        "builtin:miniature",
+        "--unlit",
+        "--exposure",
+        "3",
+        "-o",
+        "white.exr",
+        "--samples",
+        "16",
+        "--size",
+        "128x96",
+    ]]);
+    let (paint, white) = (radiance("paint.exr"), radiance("white.exr"));
+    let near = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).all(|c| (a[c] / b[c] - 1.0).abs() < 0.1);
+    let bright = || paint.iter().zip(&white).filter(|(_, truth)| truth.iter().all(|c| (0.15..1.9).contains(c)));
+    let right = bright().filter(|&pair| near(pair)).count();
+    assert!(bright().count() > 5000 && right * 2 > bright().count(), "{right} of {}", bright().count());
     for wrong in [
         &["render", "kept.ldi", "clipped.ldi", "-o", "a.exr"][..],
         &["render", "kept.ldi", "-o", "a.exr", "--exposure", "1"],
