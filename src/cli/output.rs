@@ -121,7 +121,10 @@ pub(super) const NO_INPUTS: [&str; 0] = [];
 impl Outputs {
     /// For a command that reads `inputs`, none of which it will overwrite, and that prints JSON on standard output or not.
     pub(super) fn new<P: AsRef<Path>>(json: bool, inputs: impl IntoIterator<Item = P>) -> Self {
-        inputs.into_iter().for_each(|input| files::protect_input(input.as_ref()));
+        for input in inputs {
+            files::protect_input(input.as_ref());
+            tell_if_waiting(input.as_ref());
+        }
         Self { json, files: Vec::new() }
     }
 
@@ -183,6 +186,16 @@ impl Outputs {
     fn check(&self, path: &Path) -> anyhow::Result<()> {
         files::check(path).map_err(|error| cannot_write(path, error))
     }
+}
+
+/// Says what will be read from a pipe: nothing happens until something is written to it.
+fn tell_if_waiting(input: &Path) {
+    #[cfg(unix)]
+    if std::fs::metadata(input).is_ok_and(|found| std::os::unix::fs::FileTypeExt::is_fifo(&found.file_type())) {
+        eprintln!("note: {} is a pipe; waiting for what is written to it", input.display());
+    }
+    #[cfg(not(unix))]
+    let _ = input;
 }
 
 /// What the rule refuses is a mistake of the user's, all else a failure.

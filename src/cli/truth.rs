@@ -77,7 +77,7 @@ impl TruthCommand {
         }
         let error_db = truth.standard_error_psnr_db;
         let known = if error_db.is_finite() { Some(error_db) } else { None };
-        self.say(start, &format!("standard error {error_db:.1} dB (PSNR)"), json!({ "standard_error_psnr_db": known }));
+        self.say(start, &noise(error_db), json!({ "standard_error_psnr_db": known }));
         Ok(())
     }
 
@@ -145,6 +145,19 @@ impl Progress for RowsOfMany<'_> {
 }
 
 /// Cameras side by side and above each other, `COLUMNSxROWS`.
+/// How noisy a picture is, and what that means to who compares with it.
+fn noise(error_db: f64) -> String {
+    /// Beyond what captures of a lit scene reach.
+    const AMPLE_DB: f64 = 40.0;
+    let known = format!("standard error {error_db:.1} dB (PSNR)");
+    match error_db < AMPLE_DB {
+        true => format!(
+            "{known}: what is compared with it is at most so good, however good it is; more --samples lower its noise"
+        ),
+        false => known,
+    }
+}
+
 fn parse_wall(text: &str) -> Result<(u32, u32), String> {
     let sides =
         text.split_once(['x', 'X']).and_then(|(columns, rows)| Some((columns.parse().ok()?, rows.parse().ok()?)));

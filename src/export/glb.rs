@@ -3,8 +3,10 @@
 use super::atlas::{self, AtlasPicture, PAGE_PX};
 use super::mesh::{self, TexturedQuads};
 use super::{ExportError, sheets, surfels};
+use crate::capture::load::HEADBOX_HALF_SIZE;
 use crate::capture::picture::PictureError;
 use crate::capture::rig::Face;
+use crate::capture::scene::Headbox;
 use crate::ldi::CubeLdi;
 use crate::packed::{PackedCube, Split};
 use crate::primitives;
@@ -66,7 +68,7 @@ pub fn write(cube: &PackedCube, budget: u64, to: &mut dyn Write) -> Result<GlbSu
     if file.primitives.is_empty() {
         return Err(ExportError::Empty);
     }
-    file.write(cube.info.centre, to)?;
+    file.write(Headbox { centre: cube.info.centre, half_size_m: cube.info.half_size_m }, to)?;
     Ok(GlbSummary { triangles: triangles(&charts), error_px, dropped_samples })
 }
 
@@ -258,7 +260,7 @@ impl File {
         Ok(())
     }
 
-    fn write(mut self, centre: DVec3, to: &mut dyn Write) -> Result<(), ExportError> {
+    fn write(mut self, headbox: Headbox, to: &mut dyn Write) -> Result<(), ExportError> {
         self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
         let textures: Vec<Value> = (0..self.images.len()).map(|i| json!({"source": i, "sampler": 0})).collect();
         let all = json!({
@@ -266,7 +268,10 @@ impl File {
             "extensionsUsed": ["KHR_materials_unlit"],
             "scene": 0,
             "scenes": [{"nodes": [0]}],
-            "nodes": [{"name": "headbox", "mesh": 0, "translation": centre.to_array()}],
+            "nodes": [{
+                "name": "headbox", "mesh": 0, "translation": headbox.centre.to_array(),
+                "extras": {HEADBOX_HALF_SIZE: headbox.half_size_m},
+            }],
             "meshes": [{"primitives": self.primitives}],
             "materials": self.materials, "textures": textures, "images": self.images,
             "samplers": [{"magFilter": 9729, "minFilter": 9729, "wrapS": 33071, "wrapT": 33071}],

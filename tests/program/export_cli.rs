@@ -115,6 +115,15 @@ fn points_and_splats_are_as_many_as_samples() {
     // What is written twice is the same.
     succeeds(dir.path(), &["export", "a.ldi", "-o", "b.glb"]);
     assert!(read("a.glb") == read("b.glb"));
+    // Captured again, its headbox is where it was, though a box with the sky is all around.
+    succeeds(
+        dir.path(),
+        &["capture", "a.glb", "-o", "again.ldi", "--face-size", "32", "--strata", "4", "--holes", "1"],
+    );
+    let again = json(dir.path(), &["info", "again.ldi", "--json"]);
+    for field in ["centre", "half_size_m"] {
+        assert_eq!(again["capture"][field], info["capture"][field], "{field}");
+    }
 }
 
 #[test]

@@ -218,10 +218,13 @@ impl Lighting {
         lighting
     }
 
-    /// As [`Self::measure`], and [guided](Self::guided) if anything will be `lit`.
+    /// As [`Self::measure`], and [guided](Self::guided), if anything will be `lit`; else surfaces are as bright as their textures
+    /// (an exposure of 1, and the stops that the scene asks for).
     pub fn prepare(tracer: &Tracer, bounces: u32, lit: bool) -> Self {
-        let measured = Self::measure(tracer, bounces);
-        if lit { measured.guided(tracer) } else { measured }
+        if lit {
+            return Self::measure(tracer, bounces).guided(tracer);
+        }
+        Self { exposure: tracer.scene().exposure.factor(1.0), ..Self::of_scene(tracer, bounces) }
     }
 
     /// The exposure that what a pilot sees asks for; adds fill light if it has to.

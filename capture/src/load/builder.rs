@@ -5,7 +5,7 @@ use super::lights::FileLights;
 use super::notes::{Note, Notes};
 use super::orientation::Hints;
 use crate::material::{Material, Texture};
-use crate::scene::{FileFrame, Scene, Triangle};
+use crate::scene::{FileFrame, Headbox, Scene, Triangle};
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -117,6 +117,20 @@ impl Builder {
         } else {
             self.notes.add(Note::Degenerate, 1);
         }
+    }
+
+    /// Tells what speaks against the axes and the unit that the file's format rules.
+    pub(super) fn doubt(&mut self, hints: Hints) {
+        // What says where its headbox is was made for it.
+        if self.scene.headbox.is_none() {
+            self.notes.told.extend(hints.doubts(&self.scene));
+        }
+    }
+
+    /// Says where the headbox is, in the file's axes and unit; the first that does counts.
+    pub(super) fn place_headbox(&mut self, centre: DVec3, half_size: f64) {
+        let half_size_m = half_size * self.frame.unit_m;
+        self.scene.headbox.get_or_insert(Headbox { centre: self.frame.world_from_file(centre), half_size_m });
     }
 
     /// Brings what was pushed in the file's axes and unit to the world's.

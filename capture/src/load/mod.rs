@@ -19,6 +19,7 @@ mod polygon;
 mod textures;
 
 pub use builder::{Group, GroupedScene};
+pub use gltf::HEADBOX_HALF_SIZE;
 pub use model::{HOMES, LoadedModel, ModelOptions, load_model};
 
 use crate::scene::{FileFrame, Scene, SceneError, UpAxis};

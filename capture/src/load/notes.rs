@@ -14,6 +14,7 @@ pub(super) enum Note {
     TextureRenamed,
     TextureTransformIgnored,
     AmbientTakenAsLight,
+    Unlit,
     LineUnread,
     BytesBeyondEnd,
     UnknownExtension,
@@ -27,6 +28,7 @@ pub(super) enum Note {
     FaceTooShort,
     FaceIndexOutOfRange,
     AttributeIndexOutOfRange,
+    VertexNotFinite,
     NotFinite,
     Degenerate,
     SeeThrough,
@@ -48,6 +50,12 @@ impl Note {
             Self::AmbientTakenAsLight => {
                 ["material", "materials", "with an ambient colour above 1, taken as emitted light"]
             }
+            Self::Unlit => [
+                "unlit material",
+                "unlit materials",
+                "lit all the same: its colours may hold their light already; --light-samples 0 (of truth, sprites and lumigraphs --unlit) \
+                 shows them as they are",
+            ],
             Self::LineUnread => ["line", "lines", "that no OBJ file has, skipped"],
             Self::BytesBeyondEnd => ["byte", "bytes", "after the end that the GLB header tells, skipped"],
             Self::UnknownExtension => ["extension", "extensions", "not supported and ignored"],
@@ -63,6 +71,7 @@ impl Note {
             Self::AttributeIndexOutOfRange => {
                 ["face", "faces", "with a texture coordinate or normal index out of range, taken as not given"]
             }
+            Self::VertexNotFinite => ["vertex", "vertices", "with a number that is none or too large"],
             Self::NotFinite => ["triangle", "triangles", "left out because a vertex is not finite"],
             Self::Degenerate => ["triangle", "triangles", "left out for want of area"],
             Self::SeeThrough => ["triangle", "triangles", "of see-through glass (opacity below one half) left out"],
@@ -116,6 +125,15 @@ impl Notes {
     pub(super) fn add_named(&mut self, note: Note, name: impl Into<String>) {
         let entry = self.entries.entry(note).or_default();
         entry.count += usize::from(entry.names.insert(name.into()));
+    }
+
+    /// Counts a thing that has a number, which is told of the first few.
+    pub(super) fn add_numbered(&mut self, note: Note, what: &str, number: usize) {
+        let entry = self.entries.entry(note).or_default();
+        if entry.names.len() < Self::NAMES_SHOWN {
+            entry.names.insert(format!("{what} {number}"));
+        }
+        entry.count += 1;
     }
 
     /// Remembers a file that is read.

@@ -195,7 +195,7 @@ impl<'a> MendedObj<'a> {
         };
         let (word, rest) = keyword(&line);
         if self.phase == Phase::Vertices {
-            self.mend_vertex(word, rest);
+            self.mend_vertex(number, word, rest);
         } else {
             self.mend_element(word, rest);
         }
@@ -207,13 +207,16 @@ impl<'a> MendedObj<'a> {
         self.out.push(b'\n');
     }
 
-    fn mend_vertex(&mut self, word: &str, rest: &str) {
+    fn mend_vertex(&mut self, line: usize, word: &str, rest: &str) {
         let numbers: Vec<&str> = match word {
             "v" | "vn" => words(rest).take(3).map(number).collect(),
             // A texture coordinate may have one component only.
             "vt" => words(rest).take(2).map(number).chain(["0"]).take(2).collect(),
             _ => return,
         };
+        if word == "v" && numbers.iter().any(|number| is_not_finite(number)) {
+            self.notes.add_numbered(Note::VertexNotFinite, "line", line);
+        }
         let mut mended = format!("{word} {}", numbers.join(" "));
         if word == "v" && self.survey.has_colors {
             let colors: Vec<&str> = words(rest).skip(3).take(3).collect();
@@ -335,6 +338,11 @@ fn number(word: &str) -> &str {
     let plain = word.bytes().all(|b| b.is_ascii_digit() || b"+-.eE".contains(&b));
     let lower = if plain { String::new() } else { word.to_ascii_lowercase() };
     if ["nan", "inf", "ind", "#"].iter().any(|sign| lower.contains(sign)) { "nan" } else { word }
+}
+
+/// Whether `tobj` will read a number as NaN or infinite: only such as have a letter in them.
+fn is_not_finite(number: &str) -> bool {
+    number.bytes().any(|byte| byte.is_ascii_alphabetic()) && number.parse::<f64>().is_ok_and(|value| !value.is_finite())
 }
 
 impl Read for MendedObj<'_> {

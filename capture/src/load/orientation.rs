@@ -1,7 +1,7 @@
 //! Which axis of an OBJ points up, and what its unit is: the format says neither.
 //!
 //! Both are guessed from evidence, each piece a number of natural log odds; what is said by the user is never guessed, and
-//! glTF rules both (Y up, metres). The evidence for an axis: names of floors and walls (of materials, groups and objects), much area in one level (a floor), surfaces
+//! glTF rules both (Y up, metres), so that of one what speaks against it is only told. The evidence for an axis: names of floors and walls (of materials, groups and objects), much area in one level (a floor), surfaces
 //! that lie and open sheets that face along it (ground), lamps that shine down along it, a bottom at zero, a scene that is flat along it,
 //! and what the exporter wrote.
 //! For a unit: how high and wide what stands in the scene would be, and again what was written. A guess other than Y up and metres, or on thin
@@ -46,6 +46,11 @@ pub(super) const FLOORS: [&str; 7] = ["floor", "ground", "carpet", "parquet", "c
 pub(super) const WALLS: [&str; 2] = ["wall", "facade"];
 
 impl Hints {
+    /// Of a file that is no text: none.
+    pub(super) fn none(options: &LoadOptions) -> Self {
+        Self { options: *options, comments: String::new(), groups: GroupNames::default() }
+    }
+
     /// The hints of a file's text.
     pub(super) fn of(text: &str, options: &LoadOptions) -> Self {
         const MOST_BYTES: usize = 4096;
@@ -85,6 +90,28 @@ impl Hints {
         let unit_told = unit_why.map(|why| format!("the unit is taken as {why}"));
         let told: Vec<String> = up_told.into_iter().chain(unit_told).collect();
         (FileFrame { up, unit_m }, (!told.is_empty()).then(|| told.join("; ")))
+    }
+
+    /// What speaks against Y up and metres, which a glTF has by its format's rule, of a scene whose positions are those of the file;
+    /// `None` unless much does. Nothing is taken otherwise for that.
+    pub(super) fn doubts(&self, scene: &Scene) -> Option<String> {
+        let shape = Shape::of(scene, &self.groups)?;
+        let mut doubts = Vec::new();
+        if self.options.up.is_none()
+            && let (UpAxis::Z, Some(why)) = self.guess_up(&shape)
+        {
+            doubts.push(format!("Y is up, as glTF has it, though Z seems to be ({why}); --up z if so"));
+        }
+        let up = self.options.up.unwrap_or_default();
+        let (unit_m, _) = self.guess_unit(&shape, up, scene);
+        if self.options.unit_m.is_none() && unit_m != 1.0 {
+            let [height, width] = shape.height_and_width(scene, up);
+            doubts.push(format!(
+                "its unit is the metre, as glTF has it, which makes what stands in it {height:.0} m high and {width:.0} m wide; \
+                 --unit cm or another if that is wrong"
+            ));
+        }
+        (!doubts.is_empty()).then(|| doubts.join("; "))
     }
 
     fn says(&self, words: &[&str]) -> bool {

@@ -2,7 +2,7 @@
 //!
 //! | file | what |
 //! |---|---|
-//! | `place` | the headbox: a person standing on a floor where there is one, else free space with something around it |
+//! | `place` | the headbox: a person standing on a floor where there is one, else free space with something around it, else before it all |
 //! | `view` | the direction with the most to see |
 
 mod place;
@@ -24,8 +24,12 @@ const DIRECTIONS: u32 = 128;
 pub struct Surroundings {
     /// Distance to the nearest surface found, metres; infinite if none was.
     pub clearance_m: f64,
+    /// Half of the surfaces found are farther away than this, metres; infinite if none was found.
+    pub median_m: f64,
     /// Share of directions in which there is a surface.
     pub enclosed: f64,
+    /// Share of these surfaces that are seen from their back.
+    pub backs: f64,
 }
 
 /// What a person takes for up where pictures were taken with `pictures_up` upward: +Y, unless that shows them on their side.
@@ -37,17 +41,26 @@ pub fn level_up(pictures_up: Option<DVec3>) -> DVec3 {
 
 /// Looks around from a world position (128 directions, evenly spread).
 pub fn look_around(tracer: &Tracer, world: DVec3) -> Surroundings {
-    let (mut nearest, mut hits) = (f32::INFINITY, 0);
+    let (mut distances, mut backs) = (Vec::with_capacity(DIRECTIONS as usize), 0);
     for i in 0..DIRECTIONS {
         let y = 1.0 - 2.0 * (i as f32 + 0.5) / DIRECTIONS as f32;
         let (sin, cos) = (i as f32 * 2.399_963_2).sin_cos(); // the golden angle
         let rim = (1.0 - y * y).sqrt();
-        if let Some(hit) = cast(tracer, world, Vec3::new(rim * cos, y, rim * sin)) {
-            nearest = nearest.min(hit.t);
-            hits += 1;
+        let direction = Vec3::new(rim * cos, y, rim * sin);
+        if let Some(hit) = cast(tracer, world, direction) {
+            distances.push(hit.t);
+            backs += u32::from(tracer.scene().geometric_normal(hit.primitive).dot(direction) > 0.0);
         }
     }
-    Surroundings { clearance_m: f64::from(nearest), enclosed: f64::from(hits) / f64::from(DIRECTIONS) }
+    distances.sort_by(f32::total_cmp);
+    let hits = distances.len() as f64;
+    let distance_m = |i: usize| distances.get(i).map_or(f64::INFINITY, |t| f64::from(*t));
+    Surroundings {
+        clearance_m: distance_m(0),
+        median_m: distance_m(distances.len() / 2),
+        enclosed: hits / f64::from(DIRECTIONS),
+        backs: f64::from(backs) / hits.max(1.0),
+    }
 }
 
 /// What a ray from a world position meets first.

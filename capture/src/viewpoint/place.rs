@@ -1,10 +1,12 @@
 //! Where the headbox goes.
 
-use super::{cast, look_around};
+use super::view::best_view;
+use super::{Surroundings, cast, look_around};
 use crate::sampler::{random4, unit_float};
 use crate::scene::{Headbox, Scene};
 use crate::trace::Tracer;
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Height of a standing person's eyes above the floor, metres.
@@ -18,7 +20,21 @@ const STOREY_M: f64 = 0.5;
 /// Seeded tries.
 const TRIES: u32 = 600;
 /// More clearance than this makes a standing place no better, metres.
-const AMPLE_M: f64 = 2.0;
+const AMPLE_M: f64 = 1.0;
+/// And what is around farther away than this, metres.
+const ROOMY_M: f64 = 10.0;
+
+/// With less clearance, or half of what is around within arm's length, nobody would stand there, metres.
+const NARROW_M: f64 = 0.2;
+const ARMS_LENGTH_M: f64 = 1.0;
+/// Of the best places so many are looked from.
+const SHORTLIST: usize = 64;
+/// A free place with less clearance than this share of the scene's diagonal is a nook between its parts.
+const CRAMPED: f64 = 0.05;
+/// And one with surfaces in fewer directions than this share is beside things rather than within a room.
+const WITHIN_WALLS: f64 = 0.75;
+/// Where this share of what is seen shows its back, the eye is within a solid.
+const WITHIN_A_SOLID: f64 = 0.99;
 
 /// A scene this many of its diagonals away is less than a pixel wide on the largest face: 2/8192 of its depth.
 const MAX_DIAGONALS_AWAY: f64 = 4096.0;
@@ -98,9 +114,10 @@ pub fn fitting_half_size(half_size_m: f64, rays_per_pixel: f64) -> f64 {
 }
 
 /// A headbox about the eyes of a person who stands on a floor, with as much clearance and as much to see around as seeded
-/// tries find; where no try finds room to stand, about any free place in the lower part of the scene's box.
+/// tries find; where no try finds room to stand, about a free place in the lower part of the scene's box; and of what has no such
+/// place within, as a statue, a tree or a house without ground, before it.
 pub fn suggest_headbox(tracer: &Tracer) -> Headbox {
-    let centre = standing_place(tracer).unwrap_or_else(|| free_place(tracer));
+    let centre = standing_place(tracer).or_else(|| free_place(tracer)).unwrap_or_else(|| place_before(tracer));
     Headbox { centre, half_size_m: suggest_half_size(tracer, centre) }
 }
 
@@ -110,18 +127,18 @@ fn seeded_place(i: u32, low: DVec3, high: DVec3) -> DVec3 {
     low + (high - low) * DVec3::new(x, y, z)
 }
 
-fn free_place(tracer: &Tracer) -> DVec3 {
+fn free_place(tracer: &Tracer) -> Option<DVec3> {
     let [low, high] = tracer.scene().bounds();
     let diagonal = (high - low).length();
     // The lower part of the box: people look at scenes from near the ground.
     let (lower, upper) = (0.1, 0.6);
     let [floor, ceiling] = [lower, upper].map(|share| low.y + (high.y - low.y) * share);
     let (low, high) = (DVec3::new(low.x, floor, low.z), DVec3::new(high.x, ceiling, high.z));
-    let score = |place: DVec3| {
-        let around = look_around(tracer, place);
-        around.clearance_m.min(diagonal) * around.enclosed * around.enclosed
+    let score = |around: Surroundings| {
+        let is_within = around.clearance_m >= CRAMPED * diagonal && around.enclosed >= WITHIN_WALLS;
+        if is_within { around.clearance_m * around.enclosed * around.enclosed } else { 0.0 }
     };
-    best_of((0..TRIES).map(|i| seeded_place(i, low, high)), score).unwrap_or((low + high) / 2.0)
+    best_of(tracer, (0..TRIES).map(|i| seeded_place(i, low, high)), score)
 }
 
 /// Where a person's eyes are, at the best of the places where one can stand.
@@ -131,23 +148,38 @@ fn standing_place(tracer: &Tracer) -> Option<DVec3> {
     let floors: Vec<DVec3> = tries.filter_map(|place| floor_below(tracer, place)).collect();
     let storey = busiest_storey(&floors)?;
     let on_storey = floors.into_iter().filter(|floor| (floor.y - storey).abs() <= STOREY_M);
-    let score = |eye: DVec3| {
-        let around = look_around(tracer, eye);
-        around.clearance_m.min(AMPLE_M) * around.enclosed * around.enclosed
-    };
-    best_of(on_storey.map(|floor| floor + DVec3::Y * EYE_HEIGHT_M), score)
+    best_of(tracer, on_storey.map(|floor| floor + DVec3::Y * EYE_HEIGHT_M), standing_score)
 }
 
-/// The first of the places with the highest score above zero.
-fn best_of(places: impl Iterator<Item = DVec3>, score: impl Fn(DVec3) -> f64) -> Option<DVec3> {
-    let mut best = (0.0, None);
-    for place in places {
-        let score = score(place);
-        if score > best.0 {
-            best = (score, Some(place));
-        }
+/// How well one stands where this is around: 0 in a nook.
+pub(super) fn standing_score(around: Surroundings) -> f64 {
+    if around.clearance_m < NARROW_M || around.median_m < ARMS_LENGTH_M {
+        return 0.0;
     }
-    best.1
+    around.clearance_m.min(AMPLE_M) * around.median_m.min(ROOMY_M) * around.enclosed * around.enclosed
+}
+
+/// Of the places with the highest scores above zero that of which the score times what there is to see is highest; of equals the first.
+fn best_of(tracer: &Tracer, places: impl Iterator<Item = DVec3>, score: impl Fn(Surroundings) -> f64) -> Option<DVec3> {
+    let scored = places.map(|place| (look_around(tracer, place), place));
+    let open = scored.filter(|(around, _)| around.backs < WITHIN_A_SOLID);
+    let mut scored: Vec<(f64, DVec3)> = open.map(|(around, place)| (score(around), place)).collect();
+    scored.retain(|(score, _)| *score > 0.0);
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+    scored.truncate(SHORTLIST);
+    let seen: Vec<(f64, DVec3)> =
+        scored.into_par_iter().map(|(score, place)| (score * best_view(tracer, place).interest, place)).collect();
+    let most = seen.iter().map(|(seen, _)| *seen).fold(0.0, f64::max);
+    seen.into_iter().find(|(seen, _)| *seen >= most).map(|(_, place)| place)
+}
+
+/// A place in front of the scene (+Z) from which all of it fits into a view of 60 degrees: at the height of a person's eyes, or of its
+/// middle if that is lower.
+fn place_before(tracer: &Tracer) -> DVec3 {
+    let [low, high] = tracer.scene().bounds();
+    let (middle, distance) = ((low + high) / 2.0, (high - low).length());
+    let eye_y = (low.y + EYE_HEIGHT_M).min(middle.y).max(high.y - 0.55 * distance);
+    (middle + DVec3::Z * distance).with_y(eye_y)
 }
 
 /// The floor straight below a place, if a person can stand there.

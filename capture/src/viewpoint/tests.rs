@@ -57,6 +57,73 @@ fn where_nobody_can_stand_free_space_is_found() {
     );
 }
 
+/// A closed surface without anything in it: a solid. Its triangles face outward, as `push_box`'s need not.
+fn ball(radius: f64, middle: DVec3) -> Scene {
+    const RINGS: u32 = 24;
+    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    for ring in 0..=RINGS {
+        for place in 0..2 * RINGS {
+            let [polar, around] = [ring, place].map(|i| f64::from(i) / f64::from(RINGS) * std::f64::consts::PI);
+            let direction = dvec3(polar.sin() * around.cos(), polar.cos(), -polar.sin() * around.sin());
+            scene.positions.push(middle + direction * radius);
+        }
+    }
+    for ring in 0..RINGS {
+        for place in 0..2 * RINGS {
+            let at = |ring: u32, place: u32| ring * 2 * RINGS + place % (2 * RINGS);
+            let [a, b, c, d] = [at(ring, place), at(ring + 1, place), at(ring + 1, place + 1), at(ring, place + 1)];
+            for vertices in [[a, b, c], [a, c, d]] {
+                scene.triangles.push(Triangle { vertices, material: 0 });
+            }
+        }
+    }
+    scene
+}
+
+#[test]
+fn a_solid_is_looked_at_from_before_it() {
+    for (radius, middle) in [(0.5, DVec3::ZERO), (3.0, dvec3(7.0, 3.0, -2.0)), (200.0, DVec3::ZERO)] {
+        let tracer = Tracer::new(Arc::new(ball(radius, middle)), middle);
+        let headbox = suggest_headbox(&tracer);
+        let way = headbox.centre - middle;
+        assert!(way.z > 2.0 * radius && way.x.abs() < 1e-9 && way.length() < 5.0 * radius, "{radius} m: {headbox:?}");
+        assert!(way.length() - 2.0 * headbox.half_size_m > radius, "{radius} m: {headbox:?}");
+        let ahead = suggest_view(&tracer, headbox.centre);
+        assert!(ahead.dot(DVec3::NEG_Z) > 0.999, "{radius} m: {ahead}");
+    }
+}
+
+#[test]
+fn a_room_with_its_walls_turned_outward_is_no_solid() {
+    let mut scene = ball(3.0, DVec3::ZERO);
+    push_box(&mut scene, dvec3(-0.4, -2.9, -1.4), dvec3(0.4, -1.0, -1.0), 0);
+    let headbox = suggest_headbox(&Tracer::new(Arc::new(scene), DVec3::ZERO));
+    assert!(headbox.centre.length() < 2.5, "{headbox:?}");
+}
+
+#[test]
+fn nobody_stands_in_a_nook() {
+    let score = |clearance_m, median_m| {
+        place::standing_score(Surroundings { clearance_m, median_m, enclosed: 0.9, backs: 0.0 })
+    };
+    // On the balcony of a half-timbered house, among its beams; in a cupboard; in a small and in a large room.
+    assert_eq!([score(0.3, 0.9), score(0.1, 2.0)], [0.0, 0.0]);
+    assert!(0.0 < score(0.6, 1.5) && score(0.6, 1.5) < score(1.2, 3.0));
+}
+
+#[test]
+fn of_two_rooms_the_one_with_things_in_it_is_shown() {
+    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    push_box(&mut scene, DVec3::ZERO, dvec3(6.0, 3.0, 6.0), 0);
+    push_box(&mut scene, dvec3(8.0, 0.0, 0.0), dvec3(14.0, 3.0, 6.0), 0);
+    for thing in 0..40 {
+        let (y, z) = (f64::from(thing / 8) * 0.6, 0.5 + 0.6 * f64::from(thing % 8));
+        push_box(&mut scene, dvec3(8.1, y, z), dvec3(8.4, y + 0.3, z + 0.3), 0);
+    }
+    let headbox = suggest_headbox(&Tracer::new(Arc::new(scene), DVec3::ZERO));
+    assert!(headbox.centre.x > 8.0, "{headbox:?}");
+}
+
 #[test]
 fn fewer_rays_fill_a_smaller_headbox() {
     assert_eq!(fitting_half_size(0.8, 16.0), 0.8);

@@ -3,6 +3,7 @@
 use crate::folder::Folder;
 use glam::{Vec2, Vec3, dvec3};
 use headbox_capture::Scene;
+use headbox_capture::scene::FileFrame;
 
 /// A binary buffer under construction, with its views and accessors.
 #[derive(Default)]
@@ -377,5 +378,54 @@ fn claims_beyond_the_data_are_refused_before_memory_is_taken() {
     ] {
         let error = claim(accessor);
         assert!(error.contains("1 mesh part or attribute damaged and left out"), "{error}");
+    }
+}
+
+/// A room of 5 by 4 by 2.7 units with a table, which stands on the plane of X and Y: Z points up.
+fn room_with_z_up(scale: f32) -> Asset {
+    let mut asset = Asset::default();
+    let (mut positions, mut indices) = (Vec::new(), Vec::new());
+    for [low, high] in [[[0.0, 0.0, 0.0], [5.0, 4.0, 2.7]], [[1.0, 1.0, 0.0], [2.5, 2.0, 0.75]]] {
+        let first = positions.len() as u16;
+        let corner =
+            |bits: usize| [0, 1, 2].map(|axis| scale * if bits >> axis & 1 == 0 { low[axis] } else { high[axis] });
+        positions.extend((0..8).map(corner));
+        for [a, b, c, d] in [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]] {
+            indices.extend([a, b, d, b, c, d].map(|corner: u16| first + corner));
+        }
+    }
+    asset.floats(&positions);
+    asset.indices(&indices);
+    asset
+}
+
+#[test]
+fn what_speaks_against_y_up_and_metres_is_told_and_not_taken() {
+    let text = |scale: f32, node: &str| {
+        room_with_z_up(scale).gltf(&format!(
+            r#""nodes":[{{"mesh":0{node}}}],"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"indices":1}}]}}]"#
+        ))
+    };
+    let told = |text: String| {
+        let scene = load_text(text).expect("survives");
+        assert_eq!(scene.frame, FileFrame::default());
+        scene.summary.notes.join("; ")
+    };
+    let doubts = told(text(100.0, ""));
+    assert!(doubts.contains("--up z if so") && doubts.contains("--unit cm"), "{doubts}");
+    let doubts = told(text(1.0, ""));
+    assert!(doubts.contains("--up z if so") && !doubts.contains("--unit"), "{doubts}");
+    // Turned upright by its node, as exporters do.
+    let upright = r#","rotation":[-0.7071067811865476,0,0,0.7071067811865476]"#;
+    assert_eq!(told(text(1.0, upright)), "");
+    // A file that says where its headbox is was made for it.
+    let headbox = r#","translation":[1,2,3],"extras":{"headbox_half_size":0.25}"#;
+    let scene = load_text(text(100.0, headbox)).expect("survives");
+    assert!(scene.summary.notes.is_empty(), "{:?}", scene.summary.notes);
+    let found = scene.headbox.expect("said");
+    assert_eq!((found.centre, found.half_size_m), (dvec3(1.0, 2.0, 3.0), 0.25));
+    for nonsense in ["-1", "0", "\"large\"", "null"] {
+        let extras = format!(r#","extras":{{"headbox_half_size":{nonsense}}}"#);
+        assert_eq!(load_text(text(1.0, &extras)).expect("survives").headbox, None, "{nonsense}");
     }
 }

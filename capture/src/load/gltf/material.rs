@@ -62,6 +62,8 @@ impl GltfMaterials {
                 materials.push(material);
                 materials.len() as u32 - 1 // at most as many as the file has
             });
+            let is_unlit = m.extensions.as_ref().is_some_and(|extensions| extensions.unlit.is_some());
+            notes.add(Note::Unlit, usize::from(is_unlit && material.is_some()));
             surfaces.push(surface(m, material, notes));
         }
         if materials.is_empty() {

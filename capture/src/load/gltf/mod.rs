@@ -13,6 +13,7 @@ mod uri;
 
 use super::builder::{Builder, GroupedScene, Vertex};
 use super::notes::{Note, Notes};
+use super::orientation::Hints;
 use super::{LoadError, LoadOptions, folder_of};
 use crate::scene::FileFrame;
 use ::gltf::json::mesh::{Mode, Primitive, Semantic};
@@ -22,6 +23,7 @@ use accessor::Buffers;
 use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3};
 use material::{GltfMaterial, GltfMaterials};
 use std::path::Path;
+pub use transform::HEADBOX_HALF_SIZE;
 use transform::NodeTransforms;
 
 /// Extensions that a file may require: read here, or of no consequence for a diffuse surface.
@@ -53,6 +55,9 @@ pub(super) fn load(path: &Path, bytes: &[u8], options: &LoadOptions, groups: boo
     push_nodes(&root, &transforms, &buffers, &surfaces, &mut builder, groups).map_err(|TooManyVertices| {
         LoadError::Malformed { path: path.to_path_buf(), cause: "it has more than 2^32 vertices".into() }
     })?;
+    if options.up.is_none() || options.unit_m.is_none() {
+        builder.doubt(Hints::none(options));
+    }
     builder.finish(path, surfaces.materials, surfaces.textures.textures)
 }
 
@@ -136,6 +141,9 @@ fn push_nodes(
         let world_from_node = world_from_parent * transforms.parent_from_node(index);
         open.extend(children(node).into_iter().rev().map(|child| (child, world_from_node)));
         lights::push(root, node, world_from_node, builder);
+        if let Some(half_size) = transforms.headbox_half_size(index) {
+            builder.place_headbox(world_from_node.translation, half_size);
+        }
         if let Some(mesh) = node.mesh {
             builder.notes.add(Note::SkinAtRest, usize::from(node.skin.is_some()));
             if groups {

@@ -4,6 +4,9 @@
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 use serde::Deserialize;
 
+/// The property, in its extras, of a node that says where the headbox is: as Blender exports an object's custom properties.
+pub const HEADBOX_HALF_SIZE: &str = "headbox_half_size";
+
 /// The transforms of all nodes.
 #[derive(Default, Deserialize)]
 pub(super) struct NodeTransforms {
@@ -18,6 +21,8 @@ pub(super) struct NodeTransform {
     pub(super) translation: Option<[f64; 3]>,
     pub(super) rotation: Option<[f64; 4]>,
     pub(super) scale: Option<[f64; 3]>,
+    #[serde(default)]
+    extras: serde_json::Value,
 }
 
 impl NodeTransforms {
@@ -29,6 +34,12 @@ impl NodeTransforms {
     /// The transform of a node; none if the file gives none.
     pub(super) fn parent_from_node(&self, index: usize) -> DAffine3 {
         self.nodes.get(index).map_or(DAffine3::IDENTITY, NodeTransform::parent_from_node)
+    }
+
+    /// Half the edge of the headbox about a node, in the file's unit, where its extras say so.
+    pub(super) fn headbox_half_size(&self, index: usize) -> Option<f64> {
+        let half_size = self.nodes.get(index)?.extras.get(HEADBOX_HALF_SIZE)?.as_f64()?;
+        (half_size.is_finite() && half_size > 0.0).then_some(half_size)
     }
 
     /// A node's own transform; for what is animated, which has no matrix.
