@@ -137,10 +137,7 @@ impl WarpTarget {
             u32x16::truncate_from(on_face.at[0].max(0.0).min(last)),
             u32x16::truncate_from(on_face.at[1].max(0.0).min(last)),
         ];
-        let offset = [
-            f32x16::float_from(column) + 0.5 - on_face.at[0],
-            f32x16::float_from(row) + 0.5 - on_face.at[1],
-        ];
+        let offset = [f32x16::float_from(column) + 0.5 - on_face.at[0], f32x16::float_from(row) + 0.5 - on_face.at[1]];
         let own = on_face.inverse_depth;
         let most = (own * 0.5).min(self.tolerance / 2.0);
         let shift = on_face.deeper(on_face.steps_to(offset));
@@ -179,8 +176,7 @@ impl WarpTarget {
             let offset_down = f32x16::float_from(row) + 0.5 - on_face.at[1];
             for across in 0..most_columns {
                 let column = columns.first + across;
-                let within =
-                    on_face.steps_to([f32x16::float_from(column) + 0.5 - on_face.at[0], offset_down]);
+                let within = on_face.steps_to([f32x16::float_from(column) + 0.5 - on_face.at[0], offset_down]);
                 let inverse_depth = on_face.inverse_depth + on_face.deeper(within);
                 let inside = within[0].abs().max(within[1].abs()).simd_le(0.5 * OVERLAP)
                     & inverse_depth.simd_gt(0.0)

@@ -11,6 +11,8 @@ mod footprint;
 pub(crate) mod layers;
 mod near;
 mod on_face;
+#[cfg(test)]
+mod oracle;
 pub(crate) mod piles;
 mod queue;
 mod surface;

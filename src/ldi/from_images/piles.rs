@@ -25,14 +25,8 @@ pub(crate) struct Sample {
 
 impl Sample {
     /// Of no pixel.
-    pub(super) const NONE: Self = Self {
-        column: 0,
-        inverse_depth: 0.0,
-        normal: EncodedNormal::Z,
-        color: Vec3::ZERO,
-        weight: 0.0,
-        area: 0.0,
-    };
+    pub(super) const NONE: Self =
+        Self { column: 0, inverse_depth: 0.0, normal: EncodedNormal::Z, color: Vec3::ZERO, weight: 0.0, area: 0.0 };
 }
 
 /// Samples in a chunk: some rows of an image send a few hundred to a row of the cube.
@@ -71,24 +65,35 @@ impl RowSamples {
     }
 
     /// Adds a sample to a row: face and row of it, in this order of significance. Rows beyond the cube's are left out.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn push(&mut self, row: u32, sample: Sample) {
-        let Some(chain) = self.chains.get_mut(row as usize) else { return };
-        if chain.end as usize % CHUNK == 0 {
-            let chunk = self.next.len() as u32;
-            match chain.first {
-                NONE => chain.first = chunk,
-                _ => self.next[(chain.end as usize - 1) / CHUNK] = chunk,
-            }
-            self.next.push(NONE);
-            chain.end = chunk * CHUNK as u32;
-            let end = self.next.len() * CHUNK;
-            if self.samples.len() < end {
-                self.samples.resize(end, Sample::NONE);
-            }
+        let row = row as usize;
+        match self.chains.get(row) {
+            Some(chain) if (chain.end as usize).is_multiple_of(CHUNK) => self.lengthen(row),
+            Some(_) => {}
+            None => return,
         }
-        self.samples[chain.end as usize] = sample;
-        chain.end += 1;
+        let chain = &mut self.chains[row];
+        if let Some(place) = self.samples.get_mut(chain.end as usize) {
+            *place = sample;
+            chain.end += 1;
+        }
+    }
+
+    /// Adds an empty chunk to the chain of a row, whose last is full.
+    #[cold]
+    fn lengthen(&mut self, row: usize) {
+        let (chain, chunk) = (&mut self.chains[row], self.next.len() as u32);
+        match chain.first {
+            NONE => chain.first = chunk,
+            _ => self.next[(chain.end as usize - 1) / CHUNK] = chunk,
+        }
+        self.next.push(NONE);
+        chain.end = chunk * CHUNK as u32;
+        let end = self.next.len() * CHUNK;
+        if self.samples.len() < end {
+            self.samples.resize(end, Sample::NONE);
+        }
     }
 
     /// The samples of a row, in pieces.

@@ -167,9 +167,7 @@ impl<'a> Surfaces<'a> {
 /// Rays through the pixels of a row and beyond, world axes. Those of a pinhole are affine in the pixel.
 #[inline(always)]
 fn fill_with_rays(view: &LoadedView, y: u32, rays: &mut [Vec<f32>; 3]) {
-    let ray = |x: usize| {
-        view.pose.world_from_eye * view.lens.ray([x as f64 + 0.5, f64::from(y) + 0.5], view.size_px)
-    };
+    let ray = |x: usize| view.pose.world_from_eye * view.lens.ray([x as f64 + 0.5, f64::from(y) + 0.5], view.size_px);
     match view.lens {
         Lens::Pinhole(_) => {
             let (start, step) = (ray(0), ray(1) - ray(0));
@@ -262,10 +260,8 @@ pub(super) fn encoded<S: Simd>([x, y, z]: Vectors<S>) -> u32x16<S> {
     let (x, y) = (x * reciprocal, y * reciprocal);
     let one = f32x16::splat(z.token(), 1.0);
     let behind = z.simd_lt(0.0);
-    let (u, v) = (
-        behind.select((1.0 - y.abs()) * one.copysign(x), x),
-        behind.select((1.0 - x.abs()) * one.copysign(y), y),
-    );
+    let (u, v) =
+        (behind.select((1.0 - y.abs()) * one.copysign(x), x), behind.select((1.0 - x.abs()) * one.copysign(y), y));
     (sixteen_bits(u) & 0xffff) | (sixteen_bits(v) << 16)
 }
 
