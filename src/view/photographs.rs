@@ -219,6 +219,10 @@ impl FrameSource for PhotographsSource {
         self.shown.file_frame()
     }
 
+    fn notes(&self) -> Vec<String> {
+        vec!["Photographs are coloured by where they agree, which takes its time; headbox images FOLDER --depth finds their depth, which shows more.".into()]
+    }
+
     fn terms(&self) -> &'static [(&'static str, &'static str)] {
         self.shown.terms()
     }
