@@ -18,7 +18,7 @@ use headbox_viewer::{EyeBounds, FrameReport, FrameRequest, FrameSource, Ongoing,
 use rayon::prelude::*;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -105,16 +105,16 @@ struct Colouring(Arc<Shared>);
 struct Shared {
     state: Mutex<State>,
     cancelled: AtomicBool,
-    /// Stages of this round begun.
-    stages: AtomicU64,
-    steps_done: AtomicU64,
-    steps: AtomicU64,
 }
 
 #[derive(Default)]
 struct State {
     newest: Option<PackedCube>,
     rounds_done: usize,
+    /// Stages of this round begun.
+    stages: u64,
+    /// Steps of the stage, done and in all.
+    steps: [u64; 2],
     ended: bool,
     failed: Option<String>,
 }
@@ -139,10 +139,10 @@ impl Colouring {
     /// What is going on; `None` once nothing more will come.
     fn ongoing(&self, begun: Instant) -> Option<Ongoing> {
         let state = self.0.lock();
-        let [stages, done, all] =
-            [&self.0.stages, &self.0.steps_done, &self.0.steps].map(|n| n.load(Ordering::Relaxed) as f64);
+        let [done, all] = state.steps.map(|steps| steps as f64);
         let of_stage = if all > 0.0 { (done / all).min(1.0) } else { 0.0 };
-        let of_round = ((stages - 1.0).max(0.0) + of_stage).min(STAGES) / STAGES;
+        // A round is never told to be done before it is packed.
+        let of_round = (state.stages.saturating_sub(1) as f64 + of_stage).min(STAGES * 0.97) / STAGES;
         let work = |rounds: &[u32]| rounds.iter().map(|smaller| 1.0 / f64::from(*smaller).powi(3)).sum::<f64>();
         let (before, rest) = ROUNDS.split_at(state.rounds_done.min(ROUNDS.len()));
         let now = rest.get(..1).map_or(0.0, |round| work(round) * of_round);
@@ -175,7 +175,7 @@ impl Shared {
         let mut state = self.lock();
         state.newest = Some(packed);
         state.rounds_done += 1;
-        self.stages.store(0, Ordering::Relaxed);
+        (state.stages, state.steps) = (0, [0; 2]);
         Ok(())
     }
 
@@ -188,13 +188,13 @@ impl Shared {
 
 impl Progress for Shared {
     fn begin(&self, _: &str, _: &str, total: u64) {
-        self.stages.fetch_add(1, Ordering::Relaxed);
-        self.steps_done.store(0, Ordering::Relaxed);
-        self.steps.store(total, Ordering::Relaxed);
+        let mut state = self.lock();
+        state.stages += 1;
+        state.steps = [0, total];
     }
 
     fn advance(&self, steps: u64) {
-        self.steps_done.fetch_add(steps, Ordering::Relaxed);
+        self.lock().steps[0] += steps;
     }
 
     fn is_cancelled(&self) -> bool {
