@@ -165,8 +165,12 @@ impl SetJob {
 
 /// The cube of a set, with all that is suggested for it.
 pub(super) fn cube(folder: &Path, set: &SetArgs, bar: &Bar) -> anyhow::Result<PackedCube> {
-    let set = set.open_registered(folder)?;
-    let ldi = SetJob::suggest(&set).run(&set, bar)?;
+    cube_of(&set.open_registered(folder)?, bar)
+}
+
+/// As [`cube`], of a set that was opened.
+pub(super) fn cube_of(set: &ImageSet, bar: &Bar) -> anyhow::Result<PackedCube> {
+    let ldi = SetJob::suggest(set).run(set, bar)?;
     Ok(primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, primitives::DEFAULT_ERROR_PX)?)
 }
 

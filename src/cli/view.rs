@@ -10,7 +10,7 @@ use crate::capture::Camera;
 use crate::capture::images::View;
 use crate::ldi::from_images::{ImagesJob, NearImages};
 use crate::scene_source::SceneSource;
-use crate::view::{SceneLibrary, open, open_source, show_cube, show_geometry, show_live};
+use crate::view::{SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_photographs};
 use crate::view_geometry::{GeometrySettings, Texturing};
 use anyhow::Context;
 use clap::Args;
@@ -218,8 +218,12 @@ impl ToShow {
             let no_start = || format!("{}: its middle view is no perspective picture to start at", source.name);
             return Ok(show_geometry(geometry, folder, &start.with_context(no_start)?, settings));
         }
+        let set = set.open_registered(folder)?;
+        if set.with_depth().next().is_none() {
+            return Ok(show_photographs(set, folder)?);
+        }
         let bar = Bar::new();
-        let cube = images::cube(folder, &set, &bar)?;
+        let cube = images::cube_of(&set, &bar)?;
         bar.finish();
         Ok(show_cube(cube, folder))
     }

@@ -63,6 +63,14 @@ pub struct DepthPixel {
 pub struct EncodedNormal([i16; 2]);
 
 impl EncodedNormal {
+    /// +Z.
+    pub(crate) const Z: Self = Self([0, 0]);
+
+    /// Of the two numbers of 16 bits, the first in the lower half.
+    pub(crate) fn from_bits(bits: u32) -> Self {
+        Self([bits as u16 as i16, (bits >> 16) as i16])
+    }
+
     /// Encodes a unit vector; a zero or non-finite one becomes +Z.
     pub fn new(n: Vec3) -> Self {
         let sum = n.x.abs() + n.y.abs() + n.z.abs();

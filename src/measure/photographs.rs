@@ -19,7 +19,7 @@ use crate::packed::{PackedCube, SplatIndexLayout, Split};
 use crate::progress::Progress;
 use crate::render::{RenderSettings, Renderer};
 use crate::view_geometry::{GeometryRenderer, GeometryResources, GeometrySettings, Patience, Texturing, ViewGeometry};
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use image::{Rgb, RgbImage};
 use serde::Serialize;
 use std::time::Instant;
@@ -63,7 +63,7 @@ pub fn measure(
     if set.views.len() < LEAST {
         return Err(HoldOutError::TooFew { found: set.views.len(), what: "photographs", least: LEAST });
     }
-    let focus = focus(&set.views);
+    let focus = set.focus();
     let mut rows = Vec::new();
     let hold_out = hold_out.clamp(1, set.views.len());
     for view in set.views.iter().skip(hold_out / 2).step_by(hold_out) {
@@ -107,30 +107,13 @@ pub fn measure(
     Ok(PhotographsReport { machine: Machine::here(), commit: commit(), hold_out, rows })
 }
 
-/// The point nearest to all viewing axes.
-fn focus(views: &[View]) -> DVec3 {
-    let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
-    for view in views {
-        let axis = view.pose.world_from_eye.z_axis;
-        let across = DMat3::IDENTITY - DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
-        matrix += across;
-        right += across * view.pose.eye;
-    }
-    let ahead = views.first().map_or(DVec3::ZERO, |view| view.pose.eye - view.pose.world_from_eye.z_axis);
-    if matrix.determinant().abs() > 1e-9 { matrix.inverse() * right } else { ahead }
-}
-
 /// A photograph on the plane through `focus` that faces it.
 pub(super) fn on_plane(view: &LoadedView, camera: &Camera, focus: DVec3) -> Drawn {
-    let normal = view.pose.world_from_eye.z_axis;
     let (mut picture, mut covered) = (RgbImage::new(camera.width(), camera.height()), Vec::new());
     let started = Instant::now();
     for (x, y, pixel) in picture.enumerate_pixels_mut() {
         let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
-        let depth = (focus - camera.eye()).dot(normal) / direction.dot(normal);
-        let point = view.pose.world_from_eye.transpose() * (camera.eye() + direction * depth - view.pose.eye);
-        let there = view.lens.project(point, view.size_px).filter(|_| depth > 0.0);
-        let color = there.and_then(|[px, py, _]| view.color_at([px, py]));
+        let color = view.color_on_plane(focus, camera.eye(), direction);
         covered.push(color.is_some());
         *pixel = Rgb(color.unwrap_or_default().map(|level| (level + 0.5) as u8));
     }

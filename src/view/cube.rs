@@ -44,12 +44,12 @@ pub(super) struct CubeSource {
 
 /// Where an LDI is looked at from.
 #[derive(Clone, Copy)]
-struct Place {
-    centre: DVec3,
-    half_size_m: f64,
-    ahead: DVec3,
-    up: DVec3,
-    frame: FileFrame,
+pub(super) struct Place {
+    pub(super) centre: DVec3,
+    pub(super) half_size_m: f64,
+    pub(super) ahead: DVec3,
+    pub(super) up: DVec3,
+    pub(super) frame: FileFrame,
 }
 
 /// What is known of a cube LDI that is still being captured.
@@ -96,6 +96,11 @@ impl CubeSource {
         let place = Place { centre, half_size_m, ahead, up: DVec3::Y, frame: scene.frame };
         let (begun, points, file) = (Instant::now(), Points::new(scene, centre), output_dir.join(stem + ".ldi"));
         Ok(Self::new(title, place, None, Some(Growing { growth, begun, points, file })))
+    }
+
+    /// A cube that [`Self::show`] will bring.
+    pub(super) fn to_come(title: String, place: Place) -> Self {
+        Self::new(title, place, None, None)
     }
 
     fn new(title: String, place: Place, cube: Option<Arc<PackedCube>>, growing: Option<Growing>) -> Self {

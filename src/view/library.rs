@@ -6,7 +6,9 @@ use super::geometry::GeometrySource;
 use super::house::HouseSource;
 use super::live::LiveSource;
 use super::lumigraph::LumigraphSource;
+use super::photographs::PhotographsSource;
 use super::sprite::SpriteSource;
+use crate::capture::images::ImageSet;
 use crate::capture::light::Lighting;
 use crate::capture::load::HOMES;
 use crate::capture::trace::Tracer;
@@ -120,6 +122,14 @@ pub fn show_geometry(
 pub fn show_live(near: NearImages, origin: &Path, start: &Camera) -> Result<Box<dyn FrameSource>, OpenError> {
     let title = format!("{} (nearest images)", file_name(origin));
     Ok(Box::new(LiveSource::new(title, near, origin, start).map_err(OpenError::Scene)?))
+}
+
+/// Photographs of the folder `origin` without depth, coloured into a cube LDI while they are looked at.
+///
+/// # Errors
+/// [`OpenError::Scene`] if the first photograph cannot be read, or no thread started.
+pub fn show_photographs(set: ImageSet, origin: &Path) -> Result<Box<dyn FrameSource>, OpenError> {
+    Ok(Box::new(PhotographsSource::new(set, origin).map_err(OpenError::Scene)?))
 }
 
 fn capture(source: SceneSource, output_dir: &Path) -> Result<CubeSource, OpenError> {

@@ -6,6 +6,7 @@
 //! | `library` | which source opens what; the start page |
 //! | `cube` | a cube LDI, from a file or growing; its overlays |
 //! | `growth` | the progressive capture of a scene, in rounds on a thread of low priority |
+//! | `photographs` | a folder of photographs without depth, coloured into cube LDIs in the background, coarse ones first |
 //! | `points` | a scene as points, until its first round is captured |
 //! | `reference` | ray-traced truth of the current view, refined in the background |
 //! | `variation` | the LDI with some of its segments, or recoloured by depth, layer, face, segment |
@@ -33,6 +34,7 @@ mod library;
 mod live;
 mod lumigraph;
 mod overlay;
+mod photographs;
 mod points;
 mod reference;
 mod sprite;
@@ -41,7 +43,7 @@ mod terms;
 mod tests;
 mod variation;
 
-pub use library::{OpenError, SceneLibrary, open, open_source, show_cube, show_geometry, show_live};
+pub use library::{OpenError, SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_photographs};
 
 use crate::capture::Camera;
 use crate::capture::viewpoint::level_up;

@@ -53,7 +53,7 @@ pub use view::{FARTHEST_M, LoadedView, View};
 use crate::picture::PictureError;
 use crate::scene::FileFrame;
 use crate::statistics::median;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use std::path::{Path, PathBuf};
 
 /// Standard deviation of inverse depth of consumer depth sensors, 1/m: structured light errs by some 1.5 mm at a metre and
@@ -264,6 +264,19 @@ impl ImageSet {
         // Poses of one place are written with some digits.
         let same = apart.last().map_or(0.0, |distance| distance * 1e-3);
         Some((view, apart.into_iter().find(|distance| *distance > same).unwrap_or(0.1)))
+    }
+
+    /// The point nearest to all viewing axes.
+    pub fn focus(&self) -> DVec3 {
+        let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
+        for view in &self.views {
+            let axis = view.pose.world_from_eye.z_axis;
+            let across = DMat3::IDENTITY - DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
+            matrix += across;
+            right += across * view.pose.eye;
+        }
+        let ahead = self.views.first().map_or(DVec3::ZERO, |view| view.pose.eye - view.pose.world_from_eye.z_axis);
+        if matrix.determinant().abs() > 1e-9 { matrix.inverse() * right } else { ahead }
     }
 
     /// The view whose eye is nearest to the mean of all eyes: an original camera suits best as the centre of an LDI, for

@@ -174,6 +174,44 @@ impl LoadedView {
         (total > 0.0).then(|| sum.map(|c| c / total))
     }
 
+    /// The colour of a photograph on the plane through `at` that faces its camera, where a ray from `eye` meets it; `None` where it does not,
+    /// and beside the photograph.
+    pub fn color_on_plane(&self, at: DVec3, eye: DVec3, direction: DVec3) -> Option<[f64; 3]> {
+        let normal = self.pose.world_from_eye.z_axis;
+        let depth = (at - eye).dot(normal) / direction.dot(normal);
+        let point = self.pose.world_from_eye.transpose() * (eye + direction * depth - self.pose.eye);
+        let [x, y, _] = self.lens.project(point, self.size_px).filter(|_| depth > 0.0)?;
+        self.color_at([x, y])
+    }
+
+    /// A perspective view made so many times smaller, each pixel the mean of those not masked out; without depth. Pixels beyond whole blocks are left out. Others, and
+    /// what would be less than a pixel, are as they were.
+    #[must_use]
+    pub fn smaller(self, times: u32) -> Self {
+        let size_px = self.size_px.map(|side| side / times.max(1));
+        let Lens::Pinhole(pinhole) = self.lens else { return self };
+        if times <= 1 || size_px.contains(&0) {
+            return self;
+        }
+        let mut color = Vec::with_capacity(size_px[0] as usize * size_px[1] as usize);
+        for (x, y) in (0..size_px[1]).flat_map(|y| (0..size_px[0]).map(move |x| (x * times, y * times))) {
+            let (mut sum, mut count) = ([0; 3], 0);
+            for row in y..y + times {
+                let start = (row * self.size_px[0] + x) as usize;
+                for pixel in self.color[start..start + times as usize].iter().filter(|pixel| pixel[3] > 0) {
+                    (0..3).for_each(|c| sum[c] += u32::from(pixel[c]));
+                    count += 1;
+                }
+            }
+            let [r, g, b] = sum.map(|sum| ((sum + count / 2) / count.max(1)) as u8);
+            color.push([r, g, b, if count > 0 { 255 } else { 0 }]);
+        }
+        let share = 1.0 / f64::from(times);
+        let [focal_px, principal_px] = [pinhole.focal_px, pinhole.principal_px].map(|px| px.map(|px| px * share));
+        let lens = Lens::Pinhole(Pinhole { focal_px, principal_px, ..pinhole });
+        Self { size_px, lens, color, depth: Vec::new(), ..self }
+    }
+
     /// The same view through an ideal lens.
     pub(super) fn undistorted(self) -> Self {
         let Lens::Pinhole(Pinhole { focal_px, principal_px, distortion }) = self.lens else { return self };
@@ -200,5 +238,65 @@ impl LoadedView {
             }
         }
         Self { lens, color, depth, ..self }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::lens::Distortion;
+    use super::*;
+    use glam::DMat3;
+
+    fn view() -> LoadedView {
+        let size_px = [13, 9];
+        let lens = Lens::Pinhole(Pinhole {
+            focal_px: [12.0, 11.0],
+            principal_px: [6.2, 4.1],
+            distortion: Distortion::default(),
+        });
+        let pixel =
+            |i: u32| [(i % 13 * 19) as u8, (i / 13 * 28) as u8, (i * 7 % 256) as u8, if i % 13 < 11 { 255 } else { 0 }];
+        let pose = Pose { eye: DVec3::new(0.3, -0.2, 0.5), world_from_eye: DMat3::from_rotation_y(0.3) };
+        LoadedView { size_px, lens, pose, color: (0..13 * 9).map(pixel).collect(), depth: vec![1.0; 13 * 9] }
+    }
+
+    #[test]
+    fn smaller_views_see_the_same_in_fewer_pixels() {
+        let whole = view();
+        let third = whole.clone().smaller(3);
+        assert_eq!((third.size_px, third.depth.len()), ([4, 3], 0));
+        let point = DVec3::new(0.1, 0.2, -2.0);
+        let [x, y, z] = whole.lens.project(point, whole.size_px).unwrap();
+        let [u, v, w] = third.lens.project(point, third.size_px).unwrap();
+        assert!((x / 3.0 - u).abs() < 1e-12 && (y / 3.0 - v).abs() < 1e-12 && z == w);
+        for (i, found) in (0u32..).zip(&third.color) {
+            let (x, y) = (i % 4 * 3, i / 4 * 3);
+            let block = (0..9).map(|k| whole.color[((y + k / 3) * 13 + x + k % 3) as usize]);
+            let known: Vec<[u8; 4]> = block.filter(|pixel| pixel[3] > 0).collect();
+            for c in 0..3 {
+                let mean = known.iter().map(|pixel| f64::from(pixel[c])).sum::<f64>() / known.len() as f64;
+                assert!((f64::from(found[c]) - mean).abs() <= 0.5, "{i}: {found:?} {mean}");
+            }
+        }
+        assert_eq!(whole.clone().smaller(1), whole);
+        assert_eq!(whole.clone().smaller(10), whole, "less than a pixel");
+    }
+
+    #[test]
+    fn a_photograph_on_a_plane_looks_from_its_camera_as_it_was_taken() {
+        let view = view();
+        let at = view.pose.eye - view.pose.world_from_eye.z_axis * 4.0;
+        for (x, y) in (0..9).flat_map(|y| (0..10).map(move |x| (x, y))) {
+            let position = [f64::from(x) + 0.5, f64::from(y) + 0.5];
+            let direction = view.pose.world_from_eye * view.lens.ray(position, view.size_px);
+            let expected = view.color_at(position).unwrap();
+            // From elsewhere the same point of the plane.
+            let point = view.pose.eye + direction * 4.0;
+            for eye in [view.pose.eye, view.pose.eye + DVec3::new(0.4, 0.1, -0.3)] {
+                let found = view.color_on_plane(at, eye, point - eye).unwrap();
+                assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 1e-9), "{found:?} {expected:?}");
+            }
+            assert_eq!(view.color_on_plane(at, view.pose.eye, -direction), None, "behind");
+        }
     }
 }

@@ -5,16 +5,19 @@
 //! face pixel, the image is minified: the sample counts for the one pixel that it falls into, with the area that it covers
 //! as its weight, and several are averaged. Otherwise the image is magnified: the parallelogram of the two vectors is filled,
 //! so that neighbours leave no gap, and each face pixel gets the depth of the plane and the colour of the image at its own
-//! position.
+//! position. Sixteen pixels of a row go together.
 
-use super::layers::{RowSamples, Sample};
-use super::surface::{Patch, Surfaces};
+use super::on_face::{OnFace, home_faces};
+use super::piles::{RowSamples, Sample, SparePiles};
+use super::queue::Queue;
+use super::surface::{LANES, Patches, Surfaces, encoded};
 use crate::capture::images::LoadedView;
-use crate::capture::linear_levels;
-use crate::capture::rig::Face;
 use crate::ldi::EncodedNormal;
-use glam::{DVec3, Vec2, Vec3};
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, dispatch, f32x16, i32x16, u32x16};
+use glam::DVec3;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// A cube that images are warped into.
 #[derive(Clone, Copy, Debug)]
@@ -27,224 +30,217 @@ pub(super) struct WarpTarget {
     pub(super) tolerance: f32,
     /// Standard deviation of the images' inverse depths, 1/m.
     pub(super) noise: f32,
+    pub(super) level: Level,
 }
 
 /// Rows of an image that are warped together.
 const ROWS: u32 = 32;
 
 /// The widest footprint, face pixels: what is magnified more is seen from much nearer than it was recorded.
-const MAX_REACH_PX: f32 = 24.0;
+pub(super) const MAX_REACH_PX: f32 = 24.0;
 
 /// Parallelograms are this much larger than half of a step to every side: those of neighbours overlap by a hair.
-const OVERLAP: f32 = 1.02;
+pub(super) const OVERLAP: f32 = 1.02;
 
-/// Of a sensor's depth, surfaces that are seen at a cosine below this are left out: their depth is that of an edge.
-const LEAST_COSINE: f32 = 0.03;
+/// Footprints that reach no farther from their middle than this are those of minified images.
+pub(super) const POINT_PX: f32 = 0.75;
+
+/// Sixteen pixels of an image on their way.
+struct Block {
+    /// The first of them.
+    x: u32,
+    y: u32,
+    /// What their samples have in common, wherever they fall.
+    normals: [u32; LANES],
+    weights: [f32; LANES],
+    areas: [f32; LANES],
+}
 
 impl WarpTarget {
     /// Samples of an image, in piles of a few rows each.
-    pub(super) fn warp(&self, view: &LoadedView, image: u32) -> Vec<RowSamples> {
-        let [width, height] = view.size_px;
-        let warp = Warp {
-            target: self,
-            view,
-            eye: (view.pose.eye - self.centre).as_vec3(),
-            image,
-            linear: linear_levels(),
-            axes: Face::ALL.map(|face| [face.right(), face.up(), face.normal()].map(|axis| axis.as_vec3())),
-        };
+    pub(super) fn warp(&self, view: &LoadedView, image: u32, spare: &SparePiles) -> Vec<RowSamples> {
+        let height = view.size_px[1];
         let starts = (0..height).into_par_iter().step_by(ROWS as usize);
         starts
             .map(|start| {
+                let mut pile = spare.pile(self.face_px, image);
                 let rows = start..(start + ROWS).min(height);
-                let surfaces = Surfaces::new(view, rows.clone(), self.centre, self.noise);
-                let mut samples = Vec::with_capacity((ROWS * width) as usize);
-                for (y, x) in rows.flat_map(|y| (0..width).map(move |x| (y, x))) {
-                    if let Some(patch) = surfaces.patch(x, y) {
-                        warp.add(&patch, x, y, &mut samples);
-                    }
-                }
-                RowSamples::new(&samples, self.face_px)
+                dispatch!(self.level, simd => self.warp_rows(simd, view, rows, &mut pile));
+                pile
             })
             .collect()
     }
-}
 
-/// An image on its way.
-struct Warp<'a> {
-    target: &'a WarpTarget,
-    view: &'a LoadedView,
-    /// Relative to the cube's centre.
-    eye: Vec3,
-    image: u32,
-    /// Linear light of every level.
-    linear: &'static [f32; 256],
-    /// Right, up and normal of each face.
-    axes: [[Vec3; 3]; 6],
-}
-
-/// A patch on a face.
-struct OnFace {
-    face: Face,
-    /// Position, face pixels.
-    at: Vec2,
-    /// What a step to the next pixel of the image, right and down, adds to it.
-    steps: [Vec2; 2],
-    inverse_depth: f32,
-    /// What the two steps add to the inverse depth.
-    slopes: Vec2,
-}
-
-impl Warp<'_> {
-    fn add(&self, patch: &Patch, x: u32, y: u32, samples: &mut Vec<Sample>) {
-        let toward = patch.point - self.eye;
-        let cosine = -patch.normal.dot(toward.normalize());
-        if self.target.noise > 0.0 && cosine < LEAST_COSINE {
-            return;
+    #[inline(always)]
+    fn warp_rows<S: Simd>(&self, simd: S, view: &LoadedView, rows: Range<u32>, pile: &mut RowSamples) {
+        let mut surfaces = Surfaces::new(view, rows.clone(), self.centre, self.noise);
+        let mut queue = Queue::new(view, pile);
+        for y in rows.clone() {
+            if y > rows.start {
+                surfaces.next_row(y);
+            }
+            for x in (0..view.size_px[0]).step_by(LANES) {
+                if let Some(patches) = surfaces.patches(simd, x, y) {
+                    self.add(simd, &patches, [x, y], &mut queue);
+                }
+            }
         }
-        // Z^3 / |n . p|: the area of the patch up to the focal length of the image (C10).
-        let area = patch.across.cross(patch.down).length();
-        let normal = EncodedNormal::new(patch.normal);
-        let [r, g, b, _] = self.pixel_color(x, y);
-        let mut sample = Sample {
-            pixel: 0,
-            inverse_depth: 0.0,
-            normal,
-            color: Vec3::from_array([r, g, b].map(|level| self.linear[usize::from(level)])),
-            weight: cosine / toward.length_squared(),
-            area,
-            image: self.image,
+        queue.flush(simd);
+    }
+
+    /// Adds what sixteen pixels see, those from (x, y) on.
+    #[inline(always)]
+    fn add<S: Simd>(&self, simd: S, patches: &Patches<S>, [x, y]: [u32; 2], queue: &mut Queue<'_>) {
+        let block = Block {
+            x,
+            y,
+            normals: encoded(patches.normal).to_array(),
+            weights: patches.weight.to_array(),
+            areas: patches.area.to_array(),
         };
-        let (home, _) = Face::locate(patch.point);
-        let Some(on_face) = self.on_face(patch, home) else { return };
-        let reach = |steps: &[Vec2; 2]| (steps[0].abs() + steps[1].abs()) * (0.5 * OVERLAP);
-        let extent = reach(&on_face.steps);
-        if extent.max_element() <= 0.75 {
-            self.add_point(&on_face, &mut sample, samples);
-            return;
-        }
-        self.fill(&on_face, x, y, sample, samples);
-        // What reaches over the edge of its face is drawn on the neighbours as well.
-        let size = self.target.face_px as f32;
-        if (on_face.at - extent).min_element() < 0.0 || (on_face.at + extent).max_element() > size {
-            for face in Face::ALL {
-                if face != home
-                    && face.normal() != -home.normal()
-                    && let Some(on_face) = self.on_face(patch, face)
-                {
-                    self.fill(&on_face, x, y, sample, samples);
+        let homes = home_faces(patches.point);
+        let mut left = patches.known;
+        while left != 0 {
+            let home = homes.to_array()[left.trailing_zeros() as usize % LANES];
+            let here = homes.simd_eq(home).to_bitmask() & left;
+            left &= !here;
+            let on_face = OnFace::new(simd, home, patches, self.face_px);
+            let here = here & on_face.ahead;
+            let reach = on_face.reach(OVERLAP);
+            let points = reach[0].max(reach[1]).simd_le(POINT_PX).to_bitmask() & here;
+            self.add_points(simd, &on_face, points, &block, queue);
+            let filled = here & !points;
+            if filled == 0 {
+                continue;
+            }
+            self.fill(simd, &on_face, filled, &block, queue);
+            // What reaches over the edge of its face is drawn on the neighbours as well.
+            let beyond = on_face.reaching_over(reach, self.face_px) & filled;
+            if beyond != 0 {
+                for face in (0..6).filter(|face| face / 2 != home / 2) {
+                    let on_face = OnFace::new(simd, face, patches, self.face_px);
+                    self.fill(simd, &on_face, beyond & on_face.ahead, &block, queue);
                 }
             }
         }
     }
 
-    fn on_face(&self, patch: &Patch, face: Face) -> Option<OnFace> {
-        let [right, up, normal] = self.axes[face.index()];
-        let depth = patch.point.dot(normal);
-        if depth <= 1e-6 {
-            return None;
+    /// Minified samples, each in the one pixel that it falls into.
+    #[inline(always)]
+    fn add_points<S: Simd>(&self, simd: S, on_face: &OnFace<S>, mut lanes: u64, block: &Block, queue: &mut Queue<'_>) {
+        if lanes == 0 {
+            return;
         }
-        let half = self.target.face_px as f32 / 2.0;
-        let q = 1.0 / depth;
-        let (u, v) = (patch.point.dot(right) * q, patch.point.dot(up) * q);
-        let at = Vec2::new(half * (1.0 + u), half * (1.0 - v));
-        let step = |change: Vec3| {
-            let deeper = change.dot(normal);
-            Vec2::new(change.dot(right) - u * deeper, v * deeper - change.dot(up)) * (half * q)
-        };
-        let slope = |change: Vec3| -change.dot(normal) * q * q;
-        let steps = [step(patch.across), step(patch.down)];
-        Some(OnFace { face, at, steps, inverse_depth: q, slopes: Vec2::new(slope(patch.across), slope(patch.down)) })
+        let last = (self.face_px - 1) as f32;
+        let zero = f32x16::splat(simd, 0.0);
+        let [column, row] = [
+            u32x16::truncate_from(on_face.at[0].max(0.0).min(last)),
+            u32x16::truncate_from(on_face.at[1].max(0.0).min(last)),
+        ];
+        let offset = [f32x16::float_from(column) + 0.5 - on_face.at[0], f32x16::float_from(row) + 0.5 - on_face.at[1]];
+        let own = on_face.inverse_depth;
+        let most = (own * 0.5).min(self.tolerance / 2.0);
+        let shift = on_face.deeper(on_face.steps_to(offset));
+        // A patch without area is not moved.
+        let shift = on_face.regular.select(shift, zero).max(-most).min(most);
+        let inverse_depth = (own + shift).to_array();
+        let share = on_face.determinant.abs().max(1e-3).min(1.0).to_array();
+        let (column, row) = (column.to_array(), row.to_array());
+        while lanes != 0 {
+            let i = lanes.trailing_zeros() as usize % LANES;
+            lanes &= lanes - 1;
+            let sample = block.sample(i, column[i], inverse_depth[i]);
+            let sample = Sample { weight: sample.weight * share[i], ..sample };
+            let row = on_face.face * self.face_px + row[i];
+            queue.add(simd, row, sample, [(block.x + i as u32) as f32, block.y as f32]);
+        }
     }
 
-    /// The number of a pixel of a face.
-    fn pixel(&self, face: Face, x: i32, y: i32) -> u32 {
-        (face.index() as u32 * self.target.face_px + y as u32) * self.target.face_px + x as u32
+    /// Magnified samples, each in every pixel whose middle its parallelogram holds.
+    fn fill<S: Simd>(&self, simd: S, on_face: &OnFace<S>, lanes: u64, block: &Block, queue: &mut Queue<'_>) {
+        simd.vectorize(
+            #[inline(always)]
+            || self.fill_at(simd, on_face, lanes, block, queue),
+        );
     }
 
-    /// A minified sample, in the one pixel that it falls into.
-    fn add_point(&self, on_face: &OnFace, sample: &mut Sample, samples: &mut Vec<Sample>) {
-        let last = self.target.face_px as i32 - 1;
-        let (x, y) = ((on_face.at.x as i32).clamp(0, last), (on_face.at.y as i32).clamp(0, last));
-        let [a, b] = on_face.steps;
-        let offset = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - on_face.at;
-        let most = (self.target.tolerance / 2.0).min(on_face.inverse_depth / 2.0);
-        // `max` and `min` also turn the NaN of a patch without area into a number.
-        let shift = Steps::of([a, b]).map_or(0.0, |steps| on_face.slopes.dot(steps.to(offset)));
-        sample.pixel = self.pixel(on_face.face, x, y);
-        sample.inverse_depth = on_face.inverse_depth + shift.max(-most).min(most);
-        sample.weight *= a.perp_dot(b).abs().clamp(1e-3, 1.0);
-        samples.push(*sample);
-    }
-
-    /// A magnified sample, in every pixel whose middle its parallelogram holds.
-    fn fill(&self, on_face: &OnFace, x: u32, y: u32, sample: Sample, samples: &mut Vec<Sample>) {
-        let [a, b] = on_face.steps;
-        let Some(steps) = Steps::of([a, b]) else { return };
-        let extent = ((a.abs() + b.abs()) * (0.5 * OVERLAP)).min(Vec2::splat(MAX_REACH_PX));
-        let size = self.target.face_px as i32;
-        let first = |c: f32| ((c - 0.5).ceil() as i32).clamp(0, size);
-        let [columns, rows] = [0, 1].map(|i| first(on_face.at[i] - extent[i])..first(on_face.at[i] + extent[i]));
-        for row in rows {
-            for column in columns.clone() {
-                let within = steps.to(Vec2::new(column as f32 + 0.5, row as f32 + 0.5) - on_face.at);
-                let inverse_depth = on_face.inverse_depth + on_face.slopes.dot(within);
-                if within.abs().max_element() > 0.5 * OVERLAP || inverse_depth <= 0.0 {
+    #[inline(always)]
+    fn fill_at<S: Simd>(&self, simd: S, on_face: &OnFace<S>, lanes: u64, block: &Block, queue: &mut Queue<'_>) {
+        let lanes = lanes & on_face.regular.to_bitmask();
+        let reach = on_face.reach(OVERLAP);
+        let columns = Span::new(on_face.at[0], reach[0].min(MAX_REACH_PX), self.face_px);
+        let rows = Span::new(on_face.at[1], reach[1].min(MAX_REACH_PX), self.face_px);
+        let (most_columns, most_rows) = (columns.longest(lanes), rows.longest(lanes));
+        for down in 0..most_rows {
+            let row = rows.first + down;
+            let offset_down = f32x16::float_from(row) + 0.5 - on_face.at[1];
+            for across in 0..most_columns {
+                let column = columns.first + across;
+                let within = on_face.steps_to([f32x16::float_from(column) + 0.5 - on_face.at[0], offset_down]);
+                let inverse_depth = on_face.inverse_depth + on_face.deeper(within);
+                let inside = within[0].abs().max(within[1].abs()).simd_le(0.5 * OVERLAP)
+                    & inverse_depth.simd_gt(0.0)
+                    & column.simd_lt(columns.end)
+                    & row.simd_lt(rows.end);
+                let mut inside = inside.to_bitmask() & lanes;
+                if inside == 0 {
                     continue;
                 }
-                let pixel = self.pixel(on_face.face, column, row);
-                let color = self.color_beside(x, y, within).unwrap_or(sample.color);
-                samples.push(Sample { pixel, inverse_depth, color, ..sample });
+                let [x, y] = [within[0].to_array(), within[1].to_array()];
+                let (row, column) = (row.to_array(), column.to_array());
+                let inverse_depth = inverse_depth.to_array();
+                while inside != 0 {
+                    let i = inside.trailing_zeros() as usize % LANES;
+                    inside &= inside - 1;
+                    let sample = block.sample(i, column[i] as u32, inverse_depth[i]);
+                    let row = on_face.face * self.face_px + row[i] as u32;
+                    let position = [(block.x + i as u32) as f32 + x[i], block.y as f32 + y[i]];
+                    queue.add(simd, row, sample, position);
+                }
             }
         }
     }
+}
 
-    #[inline]
-    fn pixel_color(&self, x: u32, y: u32) -> [u8; 4] {
-        self.view.color[(y * self.view.size_px[0] + x) as usize]
+impl Block {
+    /// A sample of pixel `i`, without its colour.
+    #[inline(always)]
+    fn sample(&self, i: usize, column: u32, inverse_depth: f32) -> Sample {
+        let normal = EncodedNormal::from_bits(self.normals[i]);
+        Sample { column, inverse_depth, normal, weight: self.weights[i], area: self.areas[i], ..Sample::NONE }
+    }
+}
+
+/// The pixels along an axis of a face whose middles lie within the reach of footprints.
+struct Span<S: Simd> {
+    first: i32x16<S>,
+    end: i32x16<S>,
+}
+
+impl<S: Simd> Span<S> {
+    #[inline(always)]
+    fn new(at: f32x16<S>, reach: f32x16<S>, face_px: u32) -> Self {
+        Self { first: first_middle(at - reach, face_px), end: first_middle(at + reach, face_px) }
     }
 
-    /// Linear light of the picture's bilinear colour at up to a pixel beside the middle of one, if anything there is not masked out.
-    fn color_beside(&self, x: u32, y: u32, offset: Vec2) -> Option<Vec3> {
-        let linear = |level: f32| self.linear[usize::from((level + 0.5) as u8)];
-        // Over the four pixels about the position, the first to the left of it and above.
-        let first =
-            [(x, offset.x, self.view.size_px[0]), (y, offset.y, self.view.size_px[1])].map(|(at, off, side)| {
-                let first = if off < 0.0 { at.checked_sub(1)? } else { at };
-                (first + 1 < side).then_some((first, if off < 0.0 { off + 1.0 } else { off }))
-            });
-        if let [Some((left, fx)), Some((top, fy))] = first {
-            let four = [(left, top), (left + 1, top), (left, top + 1), (left + 1, top + 1)];
-            let [a, b, c, d] = four.map(|(x, y)| self.pixel_color(x, y));
-            if [a, b, c, d].iter().all(|color| color[3] > 0) {
-                let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
-                let mix = |i: usize| [a, b, c, d].iter().zip(weights).map(|(color, w)| f32::from(color[i]) * w).sum();
-                return Some(Vec3::new(linear(mix(0)), linear(mix(1)), linear(mix(2))));
-            }
+    /// Of some lanes, how many pixels there are at most.
+    #[inline(always)]
+    fn longest(&self, lanes: u64) -> i32 {
+        let counts = (self.end - self.first).to_array();
+        let (mut longest, mut left) = (0, lanes);
+        while left != 0 {
+            longest = longest.max(counts[left.trailing_zeros() as usize % LANES]);
+            left &= left - 1;
         }
-        let position = [f64::from(x) + 0.5 + f64::from(offset.x), f64::from(y) + 0.5 + f64::from(offset.y)];
-        Some(Vec3::from_array(self.view.color_at(position)?.map(|level| linear(level as f32))))
+        longest
     }
 }
 
-/// From offsets on a face to multiples of the two steps that an image's pixels are apart there.
-struct Steps {
-    steps: [Vec2; 2],
-    reciprocal: f32,
-}
-
-impl Steps {
-    /// `None` if they are parallel.
-    #[inline]
-    fn of(steps: [Vec2; 2]) -> Option<Self> {
-        let determinant = steps[0].perp_dot(steps[1]);
-        (determinant.abs() > 1e-9).then(|| Self { steps, reciprocal: 1.0 / determinant })
-    }
-
-    /// How many of each make up an offset.
-    #[inline]
-    fn to(&self, offset: Vec2) -> Vec2 {
-        let [a, b] = self.steps;
-        Vec2::new(offset.perp_dot(b), a.perp_dot(offset)) * self.reciprocal
-    }
+/// The first pixel of a face whose middle is not before a position.
+#[inline(always)]
+fn first_middle<S: Simd>(position: f32x16<S>, face_px: u32) -> i32x16<S> {
+    let first = (position - 0.5).ceil();
+    // False for NaN.
+    let first = first.simd_gt(0.0).select(first, f32x16::splat(first.token(), 0.0));
+    i32x16::truncate_from(first.min(face_px as f32))
 }

@@ -3,6 +3,7 @@
 //! *Similar depth* is measured in inverse depth, so that it needs no tuning per model (D2). Samples come image by image and are
 //! merged in this order, whatever the threads do.
 
+use super::piles::{RowSamples, Sample};
 use crate::capture::rig::Face;
 use crate::ldi::merge::{MergeRule, SAME_COLOR_LEVELS};
 use crate::ldi::{DepthPixel, EncodedNormal, LayeredDepthImage};
@@ -10,26 +11,7 @@ use crate::srgb::encode_srgb;
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// What an image, or a ray, says of a pixel.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Sample {
-    /// Number of the pixel: face, row and column, in this order of significance.
-    pub(crate) pixel: u32,
-    /// About the cube's centre, 1/m.
-    pub(crate) inverse_depth: f32,
-    /// World axes, turned toward where it was seen from.
-    pub(crate) normal: EncodedNormal,
-    /// Linear.
-    pub(crate) color: Vec3,
-    /// What it counts for in a mean.
-    pub(crate) weight: f32,
-    /// Of the surface that a pixel of its image covers, up to one factor for all (C10).
-    pub(crate) area: f32,
-    /// Which image it is of; image 0 is pinned (C11).
-    pub(crate) image: u32,
-}
-
-/// Depth pixels in the making.
+/// A depth pixel in the making.
 #[derive(Clone, Copy, Debug)]
 struct Layer {
     inverse_depth: f32,
@@ -39,187 +21,157 @@ struct Layer {
     weight: f32,
     area: f32,
     image: u32,
+    /// Another layer of its pixel, an earlier one, or [`NONE`].
+    next: u32,
 }
+
+/// No layer.
+const NONE: u32 = u32::MAX;
 
 /// The layers of a cube, which grow as samples come.
 pub(crate) struct LayerCube {
     face_px: u32,
-    rule: MergeRule,
-    /// The difference of inverse depths that counts as similar, 1/m.
-    tolerance: f32,
+    conflict: Conflict,
     /// Of each row of each face.
     rows: Vec<LayerRow>,
 }
 
-/// One row of a face: the pixel of every layer, and the layers, by pixel.
+/// What becomes of samples that meet.
+#[derive(Clone, Copy)]
+struct Conflict {
+    rule: MergeRule,
+    /// The difference of inverse depths that counts as similar, 1/m.
+    tolerance: f32,
+}
+
+/// One row of a face: a list of layers for each pixel.
 #[derive(Clone, Debug, Default)]
 struct LayerRow {
-    pixels: Vec<u32>,
+    /// The last layer of each pixel, or [`NONE`]; empty until the first sample.
+    heads: Vec<u32>,
     layers: Vec<Layer>,
-}
-
-/// Samples by row of the cube; those of a row in the order in which they came.
-pub(crate) struct RowSamples {
-    /// The first row that has any.
-    first: usize,
-    /// Where those of each row from there on begin, and the end.
-    starts: Vec<u32>,
-    samples: Vec<Sample>,
-}
-
-impl RowSamples {
-    /// Of a cube with faces of `face_px` pixels a side.
-    pub(crate) fn new(samples: &[Sample], face_px: u32) -> Self {
-        let mut places: Vec<u32> = samples.iter().map(|sample| sample.pixel / face_px).collect();
-        let first = places.iter().copied().min().unwrap_or(0);
-        let rows = places.iter().max().map_or(0, |last| last + 1 - first);
-        places.iter_mut().for_each(|row| *row -= first);
-        let (starts, order) = by_place(&places, rows as usize);
-        let samples = order.into_iter().map(|i| samples[i as usize]).collect();
-        Self { first: first as usize, starts, samples }
-    }
-
-    /// Those of a row: face and row, in this order of significance.
-    fn of_row(&self, row: usize) -> &[Sample] {
-        let ends = row.checked_sub(self.first).and_then(|row| self.starts.get(row..row + 2));
-        ends.map_or(&[], |ends| &self.samples[ends[0] as usize..ends[1] as usize])
-    }
-}
-
-/// Sorts things by their places, of which there are `count`: where those of each place begin, and the end; and the numbers of the
-/// things, those of one place in order.
-fn by_place(places: &[u32], count: usize) -> (Vec<u32>, Vec<u32>) {
-    let starts = starts(places.iter().map(|&place| place as usize), count);
-    let (mut next, mut order) = (starts.clone(), vec![0; places.len()]);
-    for (thing, &place) in (0..).zip(places) {
-        let next = &mut next[place as usize];
-        order[*next as usize] = thing;
-        *next += 1;
-    }
-    (starts, order)
-}
-
-/// Where things of each of `count` places begin once they are sorted, and the end.
-fn starts(places: impl Iterator<Item = usize>, count: usize) -> Vec<u32> {
-    let mut starts = vec![0u32; count + 1];
-    places.for_each(|place| starts[place + 1] += 1);
-    let mut total = 0;
-    for start in &mut starts {
-        total += *start;
-        *start = total;
-    }
-    starts
 }
 
 impl LayerCube {
     /// An empty cube.
     pub(crate) fn new(face_px: u32, rule: MergeRule, tolerance: f32) -> Self {
-        Self { face_px, rule, tolerance, rows: vec![LayerRow::default(); 6 * face_px as usize] }
+        let rows = vec![LayerRow::default(); 6 * face_px as usize];
+        Self { face_px, conflict: Conflict { rule, tolerance }, rows }
     }
 
     /// Merges samples into the layers, pile after pile. One that is cut into other piles gives the same layers.
     pub(crate) fn add(&mut self, piles: &[RowSamples]) {
-        let (face_px, rule, tolerance) = (self.face_px as usize, self.rule, self.tolerance);
+        let (face_px, conflict) = (self.face_px as usize, self.conflict);
         self.rows.par_iter_mut().enumerate().for_each(|(number, row)| {
-            let piles: Vec<&[Sample]> = piles.iter().map(|pile| pile.of_row(number)).collect();
-            let first = number * face_px;
-            let came = || piles.iter().copied().flatten();
-            let Some(any) = came().next() else { return };
-            let starts = starts(came().map(|sample| sample.pixel as usize - first), face_px);
-            let (mut next, mut samples) = (starts.clone(), vec![any; starts[face_px] as usize]);
-            for sample in came() {
-                let next = &mut next[sample.pixel as usize - first];
-                samples[*next as usize] = sample;
-                *next += 1;
+            for pile in piles {
+                for samples in pile.row(number) {
+                    row.add(samples, pile.image, conflict, face_px);
+                }
             }
-            row.add(&samples, rule, tolerance);
         });
     }
 
     /// The six faces.
     pub(crate) fn finish(self) -> Vec<LayeredDepthImage> {
         let side = self.face_px as usize;
-        let rows: Vec<&[LayerRow]> = self.rows.chunks(side).collect();
         let finished = |(&face, rows): (&Face, &[LayerRow])| {
             let mut image = LayeredDepthImage::empty(face, self.face_px);
-            let first = (face.index() * side * side) as u32;
-            for pixel in rows.iter().flat_map(|row| &row.pixels) {
-                image.offsets[(pixel - first) as usize + 1] += 1;
+            let total = rows.iter().map(|row| row.layers.len()).sum();
+            let nothing = DepthPixel { inverse_depth: 0.0, normal: EncodedNormal::Z, color_srgb: [0; 4] };
+            image.samples = vec![nothing; total];
+            let (mut left, mut before, mut parts) = (image.samples.as_mut_slice(), 0, Vec::with_capacity(side));
+            for (row, ends) in rows.iter().zip(image.offsets[1..].chunks_exact_mut(side)) {
+                let (samples, rest) = left.split_at_mut(row.layers.len());
+                parts.push((row, ends, before, samples));
+                before += row.layers.len() as u32;
+                left = rest;
             }
-            let mut total = 0;
-            for offset in &mut image.offsets {
-                total += *offset;
-                *offset = total;
-            }
-            let samples: Vec<Vec<DepthPixel>> =
-                rows.par_iter().map(|row| row.layers.iter().map(Layer::finish).collect()).collect();
-            image.samples = samples.concat();
+            parts.into_par_iter().for_each(|(row, ends, before, samples)| row.finish(before, ends, samples));
             image
         };
-        Face::ALL.par_iter().zip(rows).map(finished).collect()
+        Face::ALL.par_iter().zip(self.rows.par_chunks(side)).map(finished).collect()
     }
 }
 
 impl LayerRow {
-    /// Merges samples, by pixel, into the layers.
-    fn add(&mut self, samples: &[&Sample], rule: MergeRule, tolerance: f32) {
-        let mut merged = Self {
-            pixels: Vec::with_capacity(self.pixels.len() + samples.len() / 2),
-            layers: Vec::with_capacity(self.pixels.len() + samples.len() / 2),
-        };
-        let (mut there, mut of_pixel) = (0, Vec::new());
-        for new in samples.chunk_by(|a, b| a.pixel == b.pixel) {
-            let pixel = new[0].pixel;
-            // Both are in order: what lies before is passed once.
-            let before = there + self.pixels[there..].iter().take_while(|&&p| p < pixel).count();
-            let after = before + self.pixels[before..].iter().take_while(|&&p| p == pixel).count();
-            merged.pixels.extend_from_slice(&self.pixels[there..before]);
-            merged.layers.extend_from_slice(&self.layers[there..before]);
+    /// Merges samples of an image into the layers.
+    fn add(&mut self, samples: &[Sample], image: u32, conflict: Conflict, face_px: usize) {
+        if self.heads.is_empty() {
+            self.heads = vec![NONE; face_px];
+        }
+        for sample in samples {
+            let Some(head) = self.heads.get_mut(sample.column as usize) else { continue };
+            insert(&mut self.layers, head, sample, image, conflict);
+        }
+    }
+
+    /// Writes depth pixels, by pixel and farthest first, and where those of each pixel end, if so many come before the row.
+    fn finish(&self, before: u32, ends: &mut [u32], samples: &mut [DepthPixel]) {
+        let (mut done, mut of_pixel) = (0, Vec::new());
+        if self.heads.is_empty() {
+            ends.fill(before);
+            return;
+        }
+        for (&head, end) in self.heads.iter().zip(ends) {
             of_pixel.clear();
-            of_pixel.extend_from_slice(&self.layers[before..after]);
-            new.iter().for_each(|sample| insert(&mut of_pixel, sample, rule, tolerance));
+            let mut at = head;
+            while let Some(layer) = self.layers.get(at as usize) {
+                of_pixel.push(layer);
+                at = layer.next;
+            }
             if of_pixel.len() > 1 {
+                of_pixel.reverse();
                 of_pixel.sort_by(|a, b| a.inverse_depth.total_cmp(&b.inverse_depth));
             }
-            merged.pixels.extend(of_pixel.iter().map(|_| pixel));
-            merged.layers.extend_from_slice(&of_pixel);
-            there = after;
+            for layer in &of_pixel {
+                samples[done] = layer.finish();
+                done += 1;
+            }
+            *end = before + done as u32;
         }
-        merged.pixels.extend_from_slice(&self.pixels[there..]);
-        merged.layers.extend_from_slice(&self.layers[there..]);
-        *self = merged;
     }
 }
 
-/// Adds a sample to the layers of its pixel. Samples come image by image, the central one first.
-fn insert(layers: &mut Vec<Layer>, sample: &Sample, rule: MergeRule, tolerance: f32) {
-    let apart = |layer: &Layer| (layer.inverse_depth - sample.inverse_depth).abs();
-    let nearest = layers.iter_mut().min_by(|a, b| apart(a).total_cmp(&apart(b)));
-    let Some(layer) = nearest.filter(|layer| apart(layer) <= tolerance) else {
-        layers.push(Layer::new(sample));
-        return;
+/// Adds a sample to the layers of its pixel, of which the last is `head`. Samples come image by image, the central one first.
+#[inline]
+fn insert(layers: &mut Vec<Layer>, head: &mut u32, sample: &Sample, image: u32, conflict: Conflict) {
+    let (mut nearest, mut least, mut at) = (NONE, conflict.tolerance, *head);
+    while let Some(layer) = layers.get(at as usize) {
+        let apart = (layer.inverse_depth - sample.inverse_depth).abs();
+        // Of equals the earliest, which comes last.
+        if apart <= least {
+            (nearest, least) = (at, apart);
+        }
+        at = layer.next;
+    }
+    let mut push = |layers: &mut Vec<Layer>| {
+        let last = std::mem::replace(head, layers.len() as u32);
+        layers.push(Layer::new(sample, image, last));
     };
-    match rule {
+    let Some(layer) = layers.get_mut(nearest as usize) else { return push(layers) };
+    match conflict.rule {
         MergeRule::Average => layer.average(sample),
         // Samples of one image are all kept: a surface nearly parallel to the pixel's ray. Those of the central image are
         // never displaced.
-        MergeRule::SmallerArea if layer.image == sample.image => layers.push(Layer::new(sample)),
-        MergeRule::SmallerArea if layer.image != 0 && sample.area < layer.area => *layer = Layer::new(sample),
+        MergeRule::SmallerArea if layer.image == image => push(layers),
+        MergeRule::SmallerArea if layer.image != 0 && sample.area < layer.area => {
+            *layer = Layer::new(sample, image, layer.next);
+        }
         MergeRule::SmallerArea => {}
         MergeRule::ColorsApart => {
             let level = |color: Vec3| color.to_array().map(encode_srgb);
             let (a, b) = (level(layer.color), level(sample.color));
             if (0..3).any(|c| a[c].abs_diff(b[c]) >= SAME_COLOR_LEVELS) {
-                layers.push(Layer::new(sample));
+                push(layers);
             }
         }
     }
 }
 
 impl Layer {
-    fn new(sample: &Sample) -> Self {
-        let &Sample { inverse_depth, normal, color, weight, area, image, .. } = sample;
-        Self { inverse_depth, normal, color, weight, area, image }
+    fn new(sample: &Sample, image: u32, next: u32) -> Self {
+        let &Sample { inverse_depth, normal, color, weight, area, .. } = sample;
+        Self { inverse_depth, normal, color, weight, area, image, next }
     }
 
     fn average(&mut self, sample: &Sample) {
@@ -244,15 +196,29 @@ mod tests {
     use super::*;
     use crate::capture::linear_from_srgb8;
 
-    fn sample(image: u32, inverse_depth: f32, grey: u8, area: f32) -> Sample {
-        let normal = EncodedNormal::new(Vec3::Z);
+    /// A sample of an image.
+    type OfImage = (u32, Sample);
+
+    fn sample(image: u32, inverse_depth: f32, grey: u8, area: f32) -> OfImage {
         let color = Vec3::splat(linear_from_srgb8(grey));
-        Sample { pixel: 0, inverse_depth, normal, color, weight: 1.0, area, image }
+        (image, Sample { inverse_depth, color, weight: 1.0, area, ..Sample::NONE })
     }
 
-    fn merged(rule: MergeRule, samples: &[Sample]) -> Vec<(f32, u8)> {
+    /// A pile for each run of samples of one image, of a cube of `face_px` pixels a side; pixels are numbered in `column`.
+    fn piles(samples: &[OfImage], face_px: u32) -> Vec<RowSamples> {
+        let pile = |run: &[OfImage]| {
+            let mut pile = RowSamples::new(face_px, run[0].0);
+            for &(_, sample) in run {
+                pile.push(sample.column / face_px, Sample { column: sample.column % face_px, ..sample });
+            }
+            pile
+        };
+        samples.chunk_by(|a, b| a.0 == b.0).map(pile).collect()
+    }
+
+    fn merged(rule: MergeRule, samples: &[OfImage]) -> Vec<(f32, u8)> {
         let mut cube = LayerCube::new(1, rule, 0.01);
-        cube.add(&[RowSamples::new(samples, 1)]);
+        cube.add(&piles(samples, 1));
         let faces = cube.finish();
         faces[0].samples.iter().map(|kept| (kept.inverse_depth, kept.color_srgb[0])).collect()
     }
@@ -280,10 +246,11 @@ mod tests {
 
     #[test]
     fn piles_may_be_cut_anywhere() {
-        let samples: Vec<Sample> = (0..600u32)
+        let samples: Vec<OfImage> = (0..600u32)
             .map(|i| {
                 let pixel = i.wrapping_mul(2_654_435_761) % 54;
-                Sample { pixel, ..sample(i / 100, 0.1 + (i % 7) as f32 * 0.02, (i % 251) as u8, (i % 13) as f32) }
+                let (image, sample) = sample(i / 100, 0.1 + (i % 7) as f32 * 0.02, (i % 251) as u8, (i % 13) as f32);
+                (image, Sample { column: pixel, ..sample })
             })
             .collect();
         for rule in [MergeRule::Average, MergeRule::SmallerArea, MergeRule::ColorsApart] {
@@ -291,14 +258,14 @@ mod tests {
                 let mut cube = LayerCube::new(3, rule, 0.015);
                 let mut start = 0;
                 for &end in cuts {
-                    cube.add(&[RowSamples::new(&samples[start..end], 3)]);
+                    cube.add(&piles(&samples[start..end], 3));
                     start = end;
                 }
                 cube.finish()
             };
             assert_eq!(of(&[600]), of(&[1, 77, 300, 301, 600]), "{rule:?}");
             let mut cube = LayerCube::new(3, rule, 0.015);
-            cube.add(&[RowSamples::new(&samples[..250], 3), RowSamples::new(&samples[250..], 3)]);
+            cube.add(&[piles(&samples[..250], 3), piles(&samples[250..], 3)].into_iter().flatten().collect::<Vec<_>>());
             assert_eq!(of(&[600]), cube.finish(), "{rule:?}");
         }
     }

@@ -10,6 +10,11 @@
 mod footprint;
 pub(crate) mod layers;
 mod near;
+mod on_face;
+#[cfg(test)]
+mod oracle;
+pub(crate) mod piles;
+mod queue;
 mod surface;
 
 pub use near::NearImages;
@@ -19,11 +24,13 @@ use super::merge::MergeRule;
 use super::parameters::CaptureParameters;
 use super::{CaptureInfo, CubeLdi};
 use crate::capture::images::{ImageSet, ImagesError, LoadedView, View};
+use crate::capture::simd;
 use crate::environment::Environment;
-use crate::progress::Progress;
+use crate::progress::{Progress, Silent};
 use footprint::WarpTarget;
 use glam::DVec3;
-use layers::{LayerCube, RowSamples};
+use layers::LayerCube;
+use piles::SparePiles;
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -42,8 +49,11 @@ pub struct ImagesJob {
     pub depth_noise: f32,
 }
 
-/// Views that are in memory at once.
-const BATCH: usize = 8;
+/// Views whose samples are in memory at once.
+const BATCH: usize = 4;
+
+/// The view of a number, in memory.
+type Load<'a> = dyn Fn(usize) -> Result<Arc<LoadedView>, ImagesError> + Sync + 'a;
 
 /// The mean direction of views, if they have one.
 fn ahead(views: &[&View]) -> Option<DVec3> {
@@ -89,42 +99,46 @@ impl ImagesJob {
     /// # Errors
     /// [`ImagesError`] of the first view that cannot be loaded.
     pub fn run(&self, set: &ImageSet, views: &[&View], progress: &dyn Progress) -> Result<CubeLdi, ImagesError> {
-        let (target, mut cube) = self.begin();
         progress.begin("images", "images", views.len() as u64);
-        for (batch, first) in views.chunks(BATCH).zip((0u32..).step_by(BATCH)) {
+        let merged = self.merge(views.len(), &|i| views[i].load().map(Arc::new), progress)?;
+        Ok(self.cube(set, views, merged))
+    }
+
+    /// As [`Self::run`], of views that are in memory.
+    fn run_loaded(&self, set: &ImageSet, views: &[&View], loaded: &[Arc<LoadedView>]) -> Result<CubeLdi, ImagesError> {
+        let merged = self.merge(loaded.len(), &|i| Ok(Arc::clone(&loaded[i])), &Silent)?;
+        Ok(self.cube(set, views, merged))
+    }
+
+    /// Warps so many views, each of which `load` gives by its number, and merges them in their order.
+    fn merge(&self, count: usize, load: &Load<'_>, progress: &dyn Progress) -> Result<LayerCube, ImagesError> {
+        let similar = DepthBins::new(self.half_size_m, self.face_size_px).inverse_depth(1.0) as f32;
+        let tolerance = similar.max(3.0 * self.depth_noise);
+        let target = WarpTarget {
+            centre: self.centre,
+            face_px: self.face_size_px,
+            tolerance,
+            noise: self.depth_noise,
+            level: simd::level(),
+        };
+        let mut cube = LayerCube::new(self.face_size_px, self.merge_rule, tolerance);
+        let spare = SparePiles::default();
+        for first in (0..count).step_by(BATCH) {
             if progress.is_cancelled() {
                 break;
             }
             // Decoding takes longer than warping: a batch of pictures is read side by side.
-            let piles: Result<Vec<Vec<RowSamples>>, ImagesError> = batch
-                .par_iter()
-                .zip(first..first + batch.len() as u32)
-                .map(|(view, image)| {
-                    let piles = target.warp(&view.load()?, image);
-                    progress.advance(1);
-                    Ok(piles)
-                })
-                .collect();
-            cube.add(&piles?.into_iter().flatten().collect::<Vec<_>>());
+            let batch = (first..count.min(first + BATCH)).into_par_iter();
+            let warped = batch.map(|i| {
+                let piles = target.warp(&*load(i)?, i as u32, &spare);
+                progress.advance(1);
+                Ok(piles)
+            });
+            let piles = warped.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect::<Vec<_>>();
+            cube.add(&piles);
+            spare.keep(piles);
         }
-        Ok(self.cube(set, views, cube))
-    }
-
-    /// As [`Self::run`], of views that are in memory.
-    fn run_loaded(&self, set: &ImageSet, views: &[&View], loaded: &[Arc<LoadedView>]) -> CubeLdi {
-        let (target, mut cube) = self.begin();
-        let warp = |(view, image): (&Arc<LoadedView>, u32)| target.warp(view, image);
-        let piles: Vec<Vec<RowSamples>> = loaded.par_iter().zip(0..loaded.len() as u32).map(warp).collect();
-        cube.add(&piles.into_iter().flatten().collect::<Vec<_>>());
-        self.cube(set, views, cube)
-    }
-
-    /// Where views are warped to, and what they are merged in.
-    fn begin(&self) -> (WarpTarget, LayerCube) {
-        let similar = DepthBins::new(self.half_size_m, self.face_size_px).inverse_depth(1.0) as f32;
-        let tolerance = similar.max(3.0 * self.depth_noise);
-        let target = WarpTarget { centre: self.centre, face_px: self.face_size_px, tolerance, noise: self.depth_noise };
-        (target, LayerCube::new(self.face_size_px, self.merge_rule, tolerance))
+        Ok(cube)
     }
 
     /// What was merged of views of a set.

@@ -80,7 +80,7 @@ impl NearImages {
         let loaded = self.load(chosen)?;
         let views: Vec<&View> = chosen.iter().map(|&i| &self.set.views[i]).collect();
         let centre = views.first().map_or(self.job.centre, |view| view.color_pose().eye);
-        Ok(ImagesJob { centre, ..self.job.clone() }.run_loaded(&self.set, &views, &loaded))
+        ImagesJob { centre, ..self.job.clone() }.run_loaded(&self.set, &views, &loaded)
     }
 
     /// Views in memory, which then count as used last.

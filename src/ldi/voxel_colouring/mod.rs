@@ -113,10 +113,26 @@ impl PhotographsJob {
     /// # Errors
     /// [`ImagesError`] of the first view that cannot be loaded.
     pub fn run(&self, set: &ImageSet, views: &[&View], progress: &dyn Progress) -> Result<CubeLdi, ImagesError> {
+        self.run_smaller(set, views, 1, progress)
+    }
+
+    /// As [`Self::run`], of photographs made so many times smaller, and as much coarser: sooner by about the third power.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub fn run_smaller(
+        &self,
+        set: &ImageSet,
+        views: &[&View],
+        times: u32,
+        progress: &dyn Progress,
+    ) -> Result<CubeLdi, ImagesError> {
         let nearest = self.nearest(views);
-        let loaded: Result<Vec<LoadedView>, ImagesError> = nearest.par_iter().map(|view| view.load()).collect();
+        let load = |view: &&View| view.load().map(|loaded| loaded.smaller(times));
+        let loaded: Result<Vec<LoadedView>, ImagesError> = nearest.par_iter().map(load).collect();
         let (photographs, depths) = self.prepare(loaded?);
-        let faces = self.sweep(&photographs, &depths, progress);
+        let face_size_px = (self.face_size_px / times.max(1)).max(16);
+        let faces = Self { face_size_px, ..self.clone() }.sweep(&photographs, &depths, progress);
         // Cameras around an object look all ways; one looks at it as the nearest does.
         let held = nearest.first().map(|view| view.pose.world_from_eye);
         let info = CaptureInfo {

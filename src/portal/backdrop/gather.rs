@@ -15,7 +15,8 @@ use crate::capture::rig::Face;
 use crate::capture::trace::{HitPacket, PACKET, Ray, RayPacket};
 use crate::environment::Environment;
 use crate::ldi::accumulate::DepthBins;
-use crate::ldi::from_images::layers::{LayerCube, RowSamples, Sample};
+use crate::ldi::from_images::layers::LayerCube;
+use crate::ldi::from_images::piles::{RowSamples, Sample};
 use crate::ldi::merge::MergeRule;
 use crate::ldi::parameters::CaptureParameters;
 use crate::ldi::{CaptureInfo, CubeLdi, EncodedNormal};
@@ -37,6 +38,9 @@ const ERROR_PX: f64 = 0.25;
 
 /// Texels a side of the sky behind a portal.
 const ENVIRONMENT_PX: u32 = 64;
+
+/// A sample with its row: face and row of it, in this order of significance.
+type RowSample = (u32, Sample);
 
 /// Rays that are traced together, in the tracer's local frame.
 #[derive(Default)]
@@ -66,7 +70,8 @@ impl CubeJob<'_> {
         let batches = (0..count).into_par_iter().map_init(RayBatch::default, |batch, i| {
             batch.rays.clear();
             fill(i, batch);
-            self.trace(batch)
+            let (samples, misses) = self.trace(batch);
+            ((batch.image, samples), misses)
         });
         let (samples, misses): (Vec<_>, Vec<_>) = batches.unzip();
         let mut reached = vec![false; 6 * (ENVIRONMENT_PX as usize).pow(2)];
@@ -76,7 +81,6 @@ impl CubeJob<'_> {
             true => Environment::of_sky(ENVIRONMENT_PX, self.house.lighting(), |texel| reached[texel]),
             false => Environment::default(),
         };
-        let samples: Vec<Sample> = samples.concat();
         let mut cube = self.merge(&samples, environment);
         if !self.mends {
             return PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto);
@@ -86,8 +90,8 @@ impl CubeJob<'_> {
         primitives::pack(cube, SplatIndexLayout::Normal, Split::Auto, ERROR_PX)
     }
 
-    /// The samples of a batch, and the environment's texels that its misses reach.
-    fn trace(&self, batch: &RayBatch) -> (Vec<Sample>, Vec<u32>) {
+    /// The samples of a batch, each with its row, and the environment's texels that its misses reach.
+    fn trace(&self, batch: &RayBatch) -> (Vec<RowSample>, Vec<u32>) {
         let tracer = self.house.tracer();
         let from_centre = (tracer.origin() - self.centre).as_vec3();
         let most = self.tolerance() / 2.0;
@@ -122,15 +126,9 @@ impl CubeJob<'_> {
                     inverse_depth += shift.max(-most).min(most);
                 }
                 let normal = EncodedNormal::new(normal);
-                samples.push(Sample {
-                    pixel,
-                    inverse_depth,
-                    normal,
-                    color,
-                    weight: 1.0,
-                    area,
-                    image: batch.image.into(),
-                });
+                let column = pixel % self.face_px;
+                let sample = Sample { column, inverse_depth, normal, color, weight: 1.0, area };
+                samples.push((pixel / self.face_px, sample));
             }
         }
         (samples, misses)
@@ -141,10 +139,16 @@ impl CubeJob<'_> {
         DepthBins::new(HALF_SIZE_M, self.face_px).inverse_depth(1.0) as f32
     }
 
-    /// The cube of samples in the order of their rays.
-    fn merge(&self, samples: &[Sample], environment: Environment) -> CubeLdi {
+    /// The cube of samples in the order of their rays, batch by batch, each of an image.
+    fn merge(&self, batches: &[(u8, Vec<RowSample>)], environment: Environment) -> CubeLdi {
+        let pile = |batches: &[(u8, Vec<RowSample>)]| {
+            let mut pile = RowSamples::new(self.face_px, batches[0].0.into());
+            batches.iter().flat_map(|(_, samples)| samples).for_each(|&(row, sample)| pile.push(row, sample));
+            pile
+        };
+        let piles: Vec<RowSamples> = batches.chunk_by(|a, b| a.0 == b.0).map(pile).collect();
         let mut cube = LayerCube::new(self.face_px, self.rule, self.tolerance());
-        cube.add(&[RowSamples::new(samples, self.face_px)]);
+        cube.add(&piles);
         // No strata: what was gathered says where its rays came from.
         let parameters = CaptureParameters { merge_rule: self.rule, ..CaptureParameters::unlit(0, 0) };
         let info = CaptureInfo {
@@ -154,7 +158,7 @@ impl CubeJob<'_> {
             frame: self.house.scene().frame,
             exposure: self.house.lighting().exposure,
             parameters,
-            rays_traced: samples.len() as u64,
+            rays_traced: batches.iter().map(|(_, samples)| samples.len() as u64).sum(),
             ..CaptureInfo::default()
         };
         CubeLdi { info, faces: cube.finish(), environment }
