@@ -35,18 +35,21 @@ impl LinearLight {
         self.srgb[(linear as usize).min(usize::from(Self::MAX))]
     }
 
-    /// The mean of two colours with integer weights, whose sum is 1 to 255.
+    /// The mean of some colours with integer weights, whose sum is 1 to 255.
     #[inline(always)]
-    pub(crate) fn mix(&self, [a, b]: [[u8; 3]; 2], [of_a, of_b]: [u32; 2]) -> [u8; 3] {
-        let total = (of_a + of_b).max(1);
+    pub(crate) fn mix<const N: usize>(&self, colors: [[u8; 3]; N], weights: [u32; N]) -> [u8; 3] {
+        let total = weights.iter().sum::<u32>().max(1);
         let reciprocal = RECIPROCALS[(total as usize).min(RECIPROCALS.len() - 1)];
-        let linear = |c: u8| u32::from(self.linear[usize::from(c)]);
-        let mean = |a: u8, b: u8| {
-            let sum = u64::from(linear(a) * of_a + linear(b) * of_b + total / 2);
+        let mut mixed = [0; 3];
+        for (channel, mixed) in mixed.iter_mut().enumerate() {
+            let mut sum = total / 2;
+            for (color, weight) in colors.iter().zip(weights) {
+                sum += u32::from(self.linear[usize::from(color[channel])]) * weight;
+            }
             // sum / total, as sum is below 2^21.
-            self.srgb[((sum * reciprocal) >> 32) as usize & usize::from(Self::MAX)]
-        };
-        [mean(a[0], b[0]), mean(a[1], b[1]), mean(a[2], b[2])]
+            *mixed = self.srgb[((u64::from(sum) * reciprocal) >> 32) as usize & usize::from(Self::MAX)];
+        }
+        mixed
     }
 
     /// A straight colour over another, each with the share of 255 that it covers.

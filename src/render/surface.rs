@@ -3,7 +3,7 @@
 //! With *over* alone, a splat that is larger than a pixel blends its rim over neighbours that are drawn already, also
 //! where it is a hidden far layer of the next pixel: backgrounds bleed through (C12). Here each pixel remembers the inverse depth of its front surface. A splat that lies on it adds to
 //! a weighted mean, as bilinear interpolation does; a nearer one first sends the mean behind itself. Because drawing is
-//! strictly back to front, one mean and one blended colour behind it are enough.
+//! back to front, pixel of the LDI by pixel, two means and one blended colour behind them are enough.
 //! Cell by cell, with branches: docs/decisions.md: surfaces are averaged before they are blended.
 
 mod cell;
@@ -17,7 +17,7 @@ use super::size::LANES;
 use super::splat::{Canvas, Splats, load};
 use super::tent::{ONE, SIDE, SmallWeights, Tents};
 use crate::render::Spans;
-use cell::{Added, Cell};
+use cell::{Added, Cell, Second};
 use fearless_simd::{Level, Simd, dispatch, prelude::*};
 use std::ops::Range;
 use tiles::Tiles;
@@ -76,17 +76,20 @@ impl SurfaceCanvas {
                     farthest_in_front: farthest_in_front[lane],
                 };
                 let at = (rows.start - first_row) as usize * stride + columns.start as usize;
-                let Some(cells) = self.tiles.cells_mut().get_mut(at..) else { continue };
+                let Some((cells, seconds)) = self.tiles.cells_from(at) else { continue };
                 let small = Small { weights: &small, lane, rows: rows.len() };
                 match if rows.len() <= SIDE { columns.len() } else { usize::MAX } {
-                    1 => small.add::<1>(cells, stride, &added, light),
-                    2 => small.add::<2>(cells, stride, &added, light),
-                    3 => small.add::<3>(cells, stride, &added, light),
-                    SIDE => small.add::<SIDE>(cells, stride, &added, light),
+                    1 => small.add::<1>(cells, seconds, stride, &added, light),
+                    2 => small.add::<2>(cells, seconds, stride, &added, light),
+                    3 => small.add::<3>(cells, seconds, stride, &added, light),
+                    SIDE => small.add::<SIDE>(cells, seconds, stride, &added, light),
                     _ => {
-                        for (row, weights) in cells.chunks_mut(stride).take(rows.len()).zip(self.tents.any(i)) {
-                            for (cell, weight) in row.iter_mut().take(columns.len()).zip(weights) {
-                                cell.add(&added, weight, light);
+                        let of_rows = cells.chunks_mut(stride).take(rows.len()).zip(self.tents.any(i));
+                        for (row, (cells, weights)) in of_rows.enumerate() {
+                            for (column, (cell, weight)) in
+                                cells.iter_mut().take(columns.len()).zip(weights).enumerate()
+                            {
+                                cell.add(seconds, row * stride + column, &added, weight, light);
                             }
                         }
                     }
@@ -106,8 +109,8 @@ impl SurfaceCanvas {
             let (nearest_behind, farthest_in_front) = (q - apart, q + apart);
             let added = Added { color: cell::lanes(rim.color), inverse_depth: q, nearest_behind, farthest_in_front };
             let [column, row] = rim.pixel.map(|v| v as usize);
-            if let Some(cell) = self.tiles.cell_mut(simd, column, row) {
-                cell.add(&added, (u64::from(rim.color[3]) * ONE + 127) / 255, light);
+            if let Some((cell, seconds)) = self.tiles.cell_mut(simd, column, row) {
+                cell.add(seconds, 0, &added, (u64::from(rim.color[3]) * ONE + 127) / 255, light);
             }
         }
     }
@@ -119,7 +122,7 @@ impl SurfaceCanvas {
         for (piece, cells) in self.tiles.pieces(row, column..column + to.len()) {
             let to = &mut to[piece.start - column..piece.end - column];
             match (cells, ground.get(piece)) {
-                (Some(cells), _) => cell::resolve(simd, cells, to),
+                (Some((cells, seconds)), _) => cell::resolve(simd, cells, seconds, to),
                 (None, Some(ground)) => to.copy_from_slice(ground),
                 (None, None) => to.fill([0; 4]),
             }
@@ -147,13 +150,21 @@ impl Small<'_> {
     /// Adds it to `COLUMNS` cells of each of its rows: a number that is known here, for a loop without an end that no processor
     /// foresees. `cells` begin with its first, in rows of `stride`.
     #[inline(always)]
-    fn add<const COLUMNS: usize>(&self, cells: &mut [Cell], stride: usize, added: &Added, light: &LinearLight) {
+    fn add<const COLUMNS: usize>(
+        &self,
+        cells: &mut [Cell],
+        seconds: &mut [Second],
+        stride: usize,
+        added: &Added,
+        light: &LinearLight,
+    ) {
         for (row, weights) in self.weights.iter().take(self.rows).enumerate() {
-            let Some(cells) = cells.get_mut(row * stride..).and_then(|cells| cells.first_chunk_mut::<COLUMNS>()) else {
+            let at = row * stride;
+            let Some(cells) = cells.get_mut(at..).and_then(|cells| cells.first_chunk_mut::<COLUMNS>()) else {
                 return;
             };
-            for (cell, weights) in cells.iter_mut().zip(weights) {
-                cell.add(added, u64::from(weights[self.lane]), light);
+            for (column, (cell, weights)) in cells.iter_mut().zip(weights).enumerate() {
+                cell.add(seconds, at + column, added, u64::from(weights[self.lane]), light);
             }
         }
     }
@@ -196,7 +207,7 @@ impl Canvas for SurfaceCanvas {
         for (piece, cells) in self.tiles.pieces(row, column..column + to.len()) {
             let to = &mut to[piece.start - column..piece.end - column];
             match (cells, ground.get(piece)) {
-                (Some(cells), _) => to.iter_mut().zip(cells).for_each(|(to, cell)| *to = cell.inverse_depth),
+                (Some((cells, _)), _) => to.iter_mut().zip(cells).for_each(|(to, cell)| *to = cell.inverse_depth),
                 (None, Some(ground)) => to.iter_mut().zip(ground).for_each(|(to, ground)| *to = ground.max(0.0)),
                 (None, None) => to.fill(0.0),
             }

@@ -1,4 +1,4 @@
-//! A pixel of a canvas of surfaces: one mean in front, one colour behind it.
+//! A pixel of a canvas of surfaces: one mean in front, one behind it, and one colour behind both.
 
 use crate::render::linear::LinearLight;
 use crate::render::size::LANES;
@@ -16,20 +16,32 @@ pub(in crate::render) const OPAQUE: u64 = 120;
 /// The least share of 255 of a pixel that a surface has where it has any.
 pub(in crate::render) const MIN_SHARE: u64 = 13;
 
-/// One pixel: 16 bytes.
+/// One pixel: 16 bytes, all that most splats touch; the rest is its [`Second`].
 #[derive(Clone, Copy, Default, Pod, Zeroable)]
 #[repr(C, align(16))]
 pub(super) struct Cell {
     /// Of the front surface, 16 bits each from the lowest: red, green and blue times weight, and weight. No lane
-    /// overflows into the next, so that one multiplication and one addition serve all four.
+    /// overflows into the next, so that one multiplication and one addition serve all four. The highest bit, which no weight reaches,
+    /// is [`HAS_SECOND`].
     pub(super) sum: u64,
     /// 1 / eye depth of the front surface, 1/m: the largest in the mean. 0 for none.
     pub(super) inverse_depth: f32,
-    /// What is behind it: straight colour, and the share of the pixel that is covered.
+    /// What is behind both surfaces: straight colour, and the share of the pixel that is covered.
     behind: [u8; 4],
 }
 
 const _: () = assert!(size_of::<Cell>() == 16, "one SIMD register a pixel");
+
+/// Of a [`Cell::sum`]: there is a second surface. Where there is none, what its [`Second`] holds does not matter.
+const HAS_SECOND: u64 = 1 << 63;
+
+/// The surface behind the front one of a pixel, as in [`Cell`]: without it splats of what is behind it, drawn in turns with its own, would
+/// share its place (docs/decisions.md: three surfaces in a pixel).
+#[derive(Clone, Copy, Default)]
+pub(super) struct Second {
+    sum: u64,
+    inverse_depth: f32,
+}
 
 /// Red, green, blue and 1, 16 bits each: times a weight, what a splat adds to a sum.
 #[inline]
@@ -39,85 +51,134 @@ pub(super) fn lanes([r, g, b, _]: [u8; 4]) -> u64 {
 
 static RECIPROCALS: [u64; MAX_WEIGHT as usize + 1] = splat::reciprocals();
 
-impl Cell {
-    /// Weight of the front surface.
-    #[inline]
-    fn weight(&self) -> u64 {
-        self.sum >> 48
-    }
+/// Weight of a sum.
+#[inline]
+fn weight_of(sum: u64) -> u64 {
+    sum >> 48 & 0x7fff
+}
 
-    /// The front surface over what is behind it.
+/// The share of 255 of the pixel that a surface with a sum has.
+#[inline(always)]
+fn share_of(sum: u64) -> u8 {
+    (weight_of(sum) * 255 / OPAQUE).clamp(MIN_SHARE, 255) as u8
+}
+
+/// Mean colour of a sum, if it has any weight.
+#[inline(always)]
+fn mean_of(sum: u64) -> [u8; 3] {
+    let weight = weight_of(sum);
+    let reciprocal = RECIPROCALS[(weight as usize).min(RECIPROCALS.len() - 1)];
+    let mean = |lane: u32| {
+        let sum = (sum >> (16 * lane)) & 0xffff;
+        (((sum + weight / 2) * reciprocal) >> 32) as u8
+    };
+    [mean(0), mean(1), mean(2)]
+}
+
+/// Half of a sum, so that more splats have room. An odd weight first loses one mean colour: rounding it down alone
+/// would brighten.
+#[cold]
+fn halved(mut sum: u64) -> u64 {
+    let flag = sum & HAS_SECOND;
+    sum -= flag;
+    if weight_of(sum) % 2 == 1 {
+        let [r, g, b] = mean_of(sum);
+        sum -= lanes([r, g, b, 0]);
+    }
+    sum >> 1 & 0x7fff_7fff_7fff_7fff | flag
+}
+
+/// Adds a splat of the same surface to its mean.
+#[inline(always)]
+fn join(sum: &mut u64, inverse_depth: &mut f32, added: &Added, weight: u64) {
+    if weight_of(*sum) + weight > MAX_WEIGHT {
+        *sum = halved(*sum);
+    }
+    *sum += added.color * weight;
+    *inverse_depth = inverse_depth.max(added.inverse_depth);
+}
+
+impl Cell {
+    /// Both surfaces over what is behind them.
     #[inline(always)]
-    fn flattened(&self, light: &LinearLight) -> [u8; 4] {
-        let weight = self.weight();
-        if weight == 0 {
+    pub(super) fn flattened(&self, second: &Second, light: &LinearLight) -> [u8; 4] {
+        if self.sum == 0 {
             return self.behind;
         }
-        let [r, g, b] = self.mean();
-        let share = (weight * 255 / OPAQUE).clamp(MIN_SHARE, 255) as u8;
+        let ([r, g, b], share) = (mean_of(self.sum), share_of(self.sum));
         if share == 255 {
             return [r, g, b, share];
         }
-        beside([r, g, b, share], self.behind, light)
-    }
-
-    /// Mean colour of the front surface, if there is one.
-    #[inline(always)]
-    fn mean(&self) -> [u8; 3] {
-        let weight = self.weight();
-        let reciprocal = RECIPROCALS[(weight as usize).min(RECIPROCALS.len() - 1)];
-        let mean = |lane: u32| {
-            let sum = (self.sum >> (16 * lane)) & 0xffff;
-            (((sum + weight / 2) * reciprocal) >> 32) as u8
-        };
-        [mean(0), mean(1), mean(2)]
-    }
-
-    /// Halves the sums, so that more splats have room. An odd weight first loses one mean colour: rounding it down alone
-    /// would brighten.
-    #[cold]
-    fn halve(&mut self) {
-        if self.weight() % 2 == 1 {
-            let [r, g, b] = self.mean();
-            self.sum -= lanes([r, g, b, 0]);
+        let front = [r, g, b, share];
+        if self.sum & HAS_SECOND == 0 {
+            return beside(front, self.behind, light);
         }
-        self.sum = self.sum >> 1 & 0x7fff_7fff_7fff_7fff;
+        let (second, [r, g, b, behind]) = (second.sum, self.behind);
+        let of_second = share_of(second).min(255 - share);
+        let rest = behind.min(255 - share - of_second);
+        let shares = [share, of_second, rest];
+        let [r, g, b] = light.mix([mean_of(self.sum), mean_of(second), [r, g, b]], shares.map(u32::from));
+        [r, g, b, shares.iter().sum()]
+    }
+
+    /// The second surface, if there is one, over what is behind it.
+    #[inline(always)]
+    fn behind_front(&self, second: &Second, light: &LinearLight) -> [u8; 4] {
+        if self.sum & HAS_SECOND == 0 {
+            return self.behind;
+        }
+        let [r, g, b] = mean_of(second.sum);
+        beside([r, g, b, share_of(second.sum)], self.behind, light)
     }
 
     /// Makes way for a nearer surface. Out of the loop, like [`Self::add_behind`], whose registers it would take.
     #[inline(never)]
-    fn send_behind(&mut self, light: &LinearLight) {
-        self.behind = self.flattened(light);
+    fn send_behind(&mut self, second: &mut Second, light: &LinearLight) {
+        // What is behind a surface that fills the pixel never shows again.
+        if weight_of(self.sum) < OPAQUE {
+            self.behind = self.behind_front(second, light);
+        }
+        *second = Second { sum: self.sum & !HAS_SECOND, inverse_depth: self.inverse_depth };
     }
 
     /// Adds a splat behind a surface that does not fill the pixel (yet).
     #[inline(never)]
-    fn add_behind(&mut self, color: u64, weight: u64, light: &LinearLight) {
-        let lane = |lane: u32| (color >> (16 * lane)) as u8;
-        let share = (weight * 255 / OPAQUE).min(255) as u8;
-        self.behind = beside([lane(0), lane(1), lane(2), share], self.behind, light);
+    fn add_behind(&mut self, second: &mut Second, added: &Added, weight: u64, light: &LinearLight) {
+        if self.sum & HAS_SECOND == 0 || second.inverse_depth < added.nearest_behind {
+            self.behind = self.behind_front(second, light);
+            self.sum |= HAS_SECOND;
+            *second = Second { sum: added.color * weight, inverse_depth: added.inverse_depth };
+        } else if second.inverse_depth <= added.farthest_in_front {
+            join(&mut second.sum, &mut second.inverse_depth, added, weight);
+        } else if weight_of(self.sum) + weight_of(second.sum) < OPAQUE {
+            let lane = |lane: u32| (added.color >> (16 * lane)) as u8;
+            let share = (weight * 255 / OPAQUE).min(255) as u8;
+            self.behind = beside([lane(0), lane(1), lane(2), share], self.behind, light);
+        }
     }
 
-    /// Adds a splat by a weight, which may be 0.
+    /// Adds a splat by a weight, which may be 0. Its second surface is `seconds[at]`.
     #[inline(always)]
-    pub(super) fn add(&mut self, added: &Added, weight: u64, light: &LinearLight) {
+    pub(super) fn add(&mut self, seconds: &mut [Second], at: usize, added: &Added, weight: u64, light: &LinearLight) {
         if weight == 0 {
             return;
         }
         if self.inverse_depth < added.nearest_behind {
-            if self.sum != 0 {
-                self.send_behind(light);
+            let mut flag = 0;
+            if self.sum != 0
+                && let Some(second) = seconds.get_mut(at)
+            {
+                self.send_behind(second, light);
+                flag = HAS_SECOND;
             }
-            self.sum = added.color * weight;
+            self.sum = added.color * weight | flag;
             self.inverse_depth = added.inverse_depth;
         } else if self.inverse_depth <= added.farthest_in_front {
-            if self.weight() + weight > MAX_WEIGHT {
-                self.halve();
-            }
-            self.sum += added.color * weight;
-            self.inverse_depth = self.inverse_depth.max(added.inverse_depth);
-        } else if self.weight() < OPAQUE {
-            self.add_behind(added.color, weight, light);
+            join(&mut self.sum, &mut self.inverse_depth, added, weight);
+        } else if weight_of(self.sum) < OPAQUE
+            && let Some(second) = seconds.get_mut(at)
+        {
+            self.add_behind(second, added, weight, light);
         }
     }
 }
@@ -134,6 +195,9 @@ impl Cell {
 fn beside(front: [u8; 4], behind: [u8; 4], light: &LinearLight) -> [u8; 4] {
     let share = front[3];
     let rest = behind[3].min(255 - share);
+    if rest == 0 {
+        return front;
+    }
     let rgb = |[r, g, b, _]: [u8; 4]| [r, g, b];
     let [r, g, b] = light.mix([rgb(front), rgb(behind)], [u32::from(share), u32::from(rest)]);
     [r, g, b, share + rest]
@@ -169,26 +233,28 @@ pub(super) fn of_ground<S: Simd>(simd: S, colors: &[[u8; 4]; LANES], inverse_dep
     bytemuck::cast([first.0.to_array(), first.1.to_array(), second.0.to_array(), second.1.to_array()])
 }
 
-/// Writes [`Cell::flattened`] of each cell.
+/// Writes [`Cell::flattened`] of each cell and its second surface.
 #[inline(always)]
-pub(super) fn resolve<S: Simd>(simd: S, from: &[Cell], to: &mut [[u8; 4]]) {
+pub(super) fn resolve<S: Simd>(simd: S, from: &[Cell], seconds: &[Second], to: &mut [[u8; 4]]) {
     let light = LinearLight::tables();
-    let ((from, from_rest), (to, to_rest)) = (from.as_chunks::<LANES>(), to.as_chunks_mut::<LANES>());
-    for (from, to) in from.iter().zip(to) {
+    let (from, from_rest) = from.as_chunks::<LANES>();
+    let (seconds, seconds_rest) = seconds.as_chunks::<LANES>();
+    let (to, to_rest) = to.as_chunks_mut::<LANES>();
+    for ((from, seconds), to) in from.iter().zip(seconds).zip(to) {
         let mut others;
         (*to, others) = fronts(simd, from);
         while others != 0 {
             let i = others.trailing_zeros() as usize;
             others &= others - 1;
-            to[i] = from[i].flattened(light);
+            to[i] = from[i].flattened(&seconds[i], light);
         }
     }
-    for (to, cell) in to_rest.iter_mut().zip(from_rest) {
-        *to = cell.flattened(light);
+    for ((to, cell), second) in to_rest.iter_mut().zip(from_rest).zip(seconds_rest) {
+        *to = cell.flattened(second, light);
     }
 }
 
-/// [`Cell::mean`] and 255 for cells whose front surface fills the pixel; of the others, the bits.
+/// [`mean_of`] the sum, and 255, for cells whose front surface fills the pixel; of the others, the bits.
 #[inline(always)]
 fn fronts<S: Simd>(simd: S, cells: &[Cell; LANES]) -> ([[u8; 4]; LANES], u64) {
     let words: &[u32; 4 * LANES] = bytemuck::cast_ref(cells);
@@ -199,7 +265,7 @@ fn fronts<S: Simd>(simd: S, cells: &[Cell; LANES]) -> ([[u8; 4]; LANES], u64) {
         simd.deinterleave_u32x16(u32x16::from_slice(simd, &cd[..LANES]), u32x16::from_slice(simd, &cd[LANES..]));
     let (low, _) = simd.deinterleave_u32x16(first.0, second.0);
     let (high, _) = simd.deinterleave_u32x16(first.1, second.1);
-    let weight = high >> 16;
+    let weight = (high >> 16) & 0x7fff;
     let fills = weight.simd_ge(OPAQUE as u32);
     let reciprocal = f32x16::splat(simd, 1.0) / f32x16::float_from(weight.max(1));
     let (red, green) = (mean(low & 0xffff, weight, reciprocal), mean(low >> 16, weight, reciprocal));
@@ -234,7 +300,13 @@ mod tests {
         for ((cell, color), q) in cells.iter().zip(colors).zip(inverse_depths) {
             let mut expected = Cell::default();
             if color[3] == 255 {
-                expected.add(&added(color, f32::max(q, 0.0), 0.01), ONE, LinearLight::tables());
+                expected.add(
+                    &mut [Second::default()],
+                    0,
+                    &added(color, f32::max(q, 0.0), 0.01),
+                    ONE,
+                    LinearLight::tables(),
+                );
                 expected.inverse_depth = f32::max(q, 0.0);
                 expected.sum = lanes(color) * ONE;
             }
@@ -251,8 +323,7 @@ mod tests {
     fn means_are_exact_divisions() {
         for weight in 1..=MAX_WEIGHT {
             for sum in (0..=255 * weight).step_by(7).chain([255 * weight]) {
-                let cell = Cell { sum: sum | weight << 48, ..Cell::default() };
-                assert_eq!(u64::from(cell.mean()[0]), (sum + weight / 2) / weight, "{sum} / {weight}");
+                assert_eq!(u64::from(mean_of(sum | weight << 48)[0]), (sum + weight / 2) / weight, "{sum} / {weight}");
             }
         }
     }
@@ -264,7 +335,8 @@ mod tests {
             for start in (0..=255 * weight).step_by(LANES) {
                 let cells: [Cell; LANES] = std::array::from_fn(|i| {
                     let red = (start + i as u64).min(255 * weight);
-                    let sum = red | (255 * weight - red) << 16 | (red / 2) << 32 | weight << 48;
+                    let sum =
+                        red | (255 * weight - red) << 16 | (red / 2) << 32 | weight << 48 | (start / 16 % 2) << 63;
                     Cell { sum, inverse_depth: 1.0, behind: [255; 4] }
                 });
                 for level in crate::capture::simd::levels() {
@@ -272,7 +344,7 @@ mod tests {
                     assert_eq!(
                         colors,
                         cells.map(|cell| {
-                            let [r, g, b] = cell.mean();
+                            let [r, g, b] = mean_of(cell.sum);
                             [r, g, b, 255]
                         }),
                         "{weight}"
@@ -287,36 +359,64 @@ mod tests {
     fn one_colour_stays_one_colour_however_many_splats() {
         let color = [201, 0, 255, 255];
         for weights in [[1, 3, 5, 7], [127, 128, 1, 2], [0, 0, 64, 91], [37, 99, 128, 128]] {
-            let mut cell = Cell::default();
+            let (mut cell, mut second) = (Cell::default(), [Second::default()]);
             for i in 0..10_000 {
                 let weight = weights[i % 4];
                 if weight > 0 {
-                    cell.add(&added(color, 1.0, 0.01), weight, LinearLight::tables());
-                    assert_eq!(cell.flattened(LinearLight::tables())[..3], color[..3]);
-                    assert!(cell.weight() <= MAX_WEIGHT);
+                    cell.add(&mut second, 0, &added(color, 1.0, 0.01), weight, LinearLight::tables());
+                    assert_eq!(cell.flattened(&second[0], LinearLight::tables())[..3], color[..3]);
+                    assert!(weight_of(cell.sum) <= MAX_WEIGHT);
                 }
             }
-            assert_eq!(cell.flattened(LinearLight::tables()), color);
+            assert_eq!(cell.flattened(&second[0], LinearLight::tables()), color);
         }
     }
 
     #[test]
     fn surfaces_are_blended_in_depth_order() {
         let (red, blue, green) = ([250, 0, 0, 255], [0, 0, 250, 255], [0, 250, 0, 255]);
-        let add = |cell: &mut Cell, color, weight, q: f32| {
-            cell.add(&added(color, q, 0.05), weight, LinearLight::tables());
-        };
-        let mut cell = Cell::default();
-        add(&mut cell, blue, ONE, 1.0);
-        add(&mut cell, red, OPAQUE / 2, 2.0);
-        let [r, g, b, share] = cell.flattened(LinearLight::tables());
+        let mut pixel = Pixel::default();
+        pixel.add(blue, ONE, 1.0);
+        pixel.add(red, OPAQUE / 2, 2.0);
+        let [r, g, b, share] = pixel.color();
         assert!(r.abs_diff(184) <= 2 && g == 0 && b.abs_diff(184) <= 2 && share == 255, "half red over blue");
-        add(&mut cell, green, ONE, 1.5);
-        let [r, g, b, _] = cell.flattened(LinearLight::tables());
+        pixel.add(green, ONE, 1.5);
+        let [r, g, b, _] = pixel.color();
         assert!(r.abs_diff(184) <= 2 && g.abs_diff(184) <= 2 && b == 0, "green comes between");
-        add(&mut cell, red, ONE, 2.02);
-        assert_eq!(cell.flattened(LinearLight::tables()), red);
-        add(&mut cell, green, ONE, 1.5);
-        assert_eq!(cell.flattened(LinearLight::tables()), red, "hidden");
+        pixel.add(red, ONE, 2.02);
+        assert_eq!(pixel.color(), red);
+        pixel.add(green, ONE, 1.5);
+        assert_eq!(pixel.color(), red, "hidden");
+    }
+
+    #[derive(Default)]
+    struct Pixel(Cell, [Second; 1]);
+
+    impl Pixel {
+        fn add(&mut self, color: [u8; 4], weight: u64, q: f32) {
+            self.0.add(&mut self.1, 0, &added(color, q, 0.05), weight, LinearLight::tables());
+        }
+
+        fn color(&self) -> [u8; 4] {
+            self.0.flattened(&self.1[0], LinearLight::tables())
+        }
+    }
+
+    #[test]
+    fn what_is_behind_a_whole_surface_is_hidden_whoever_else_is_in_front() {
+        let (curtain, wall, tree) = ([250, 0, 0, 255], [0, 0, 250, 255], [0, 250, 0, 255]);
+        // The samples of four LDI pixels, each back to front; in some the curtain is in front of the wall, and hides it for good.
+        for in_front in 0..16 {
+            let mut pixel = Pixel::default();
+            for ldi_pixel in 0..4 {
+                pixel.add(tree, ONE / 4, 1.0);
+                pixel.add(wall, ONE / 4, 2.0);
+                if in_front >> ldi_pixel & 1 == 1 {
+                    pixel.add(curtain, ONE / 8, 3.0);
+                }
+            }
+            let [_, green, _, share] = pixel.color();
+            assert_eq!((green, share), (0, 255), "{in_front:04b}");
+        }
     }
 }

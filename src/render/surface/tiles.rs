@@ -3,7 +3,7 @@
 //! Where pictures on planes or the environment fill a frame, most pixels never meet a splat. These need no cell: what they show is
 //! what the ground under the canvas shows (docs/decisions.md: cells are made where splats come).
 
-use super::cell::{self, Cell};
+use super::cell::{self, Cell, Second};
 use crate::render::planes::PlaneCanvas;
 use fearless_simd::Simd;
 use std::ops::Range;
@@ -22,6 +22,8 @@ pub(super) struct Tiles {
     width: usize,
     /// Row by row, [`Self::stride`] a row, also those that are not made.
     cells: Vec<Cell>,
+    /// What each cell has beside it.
+    seconds: Vec<Second>,
     /// Of each tile, row by row.
     is_made: Vec<bool>,
 }
@@ -33,6 +35,7 @@ impl Tiles {
         let (across, down) = (self.tiles_across(), rows.div_ceil(TILE_ROWS));
         // What the cells hold does not matter before they are made.
         self.cells.resize(across * TILE_COLUMNS * down * TILE_ROWS, Cell::default());
+        self.seconds.resize(self.cells.len(), Second::default());
         self.is_made.clear();
         self.is_made.resize(across * down, false);
     }
@@ -46,10 +49,10 @@ impl Tiles {
         self.tiles_across() * TILE_COLUMNS
     }
 
-    /// All cells.
+    /// The cells from one on, with what they have beside them.
     #[inline]
-    pub(super) fn cells_mut(&mut self) -> &mut [Cell] {
-        &mut self.cells
+    pub(super) fn cells_from(&mut self, at: usize) -> Option<(&mut [Cell], &mut [Second])> {
+        Some((self.cells.get_mut(at..)?, self.seconds.get_mut(at..)?))
     }
 
     /// Makes the cells in some columns and rows.
@@ -93,23 +96,30 @@ impl Tiles {
         }
     }
 
-    /// The cell of a pixel, made if it is not.
+    /// The cell of a pixel, made if it is not, and the second surfaces from its own on.
     #[inline(always)]
-    pub(super) fn cell_mut<S: Simd>(&mut self, simd: S, column: usize, row: usize) -> Option<&mut Cell> {
+    pub(super) fn cell_mut<S: Simd>(
+        &mut self,
+        simd: S,
+        column: usize,
+        row: usize,
+    ) -> Option<(&mut Cell, &mut [Second])> {
         if column >= self.width {
             return None;
         }
         self.make(simd, column..column + 1, row..row + 1);
         let stride = self.stride();
-        self.cells.get_mut(row * stride + column)
+        let at = row * stride + column;
+        self.cells.get_mut(at).zip(self.seconds.get_mut(at..))
     }
 
-    /// Some columns of a row, in runs of tiles that are made or not: which, and their cells if they are made.
+    /// Some columns of a row, in runs of tiles that are made or not: which, and their cells with what these have beside them if they are
+    /// made.
     pub(super) fn pieces(
         &self,
         row: usize,
         columns: Range<usize>,
-    ) -> impl Iterator<Item = (Range<usize>, Option<&[Cell]>)> {
+    ) -> impl Iterator<Item = (Range<usize>, Option<(&[Cell], &[Second])>)> {
         let (start, tiles) = (row * self.stride(), row / TILE_ROWS * self.tiles_across());
         let of_row = self.is_made.get(tiles..tiles + self.tiles_across()).unwrap_or(&[]);
         let mut next = columns.start;
@@ -119,7 +129,9 @@ impl Tiles {
             let run = of_row[first..].iter().take_while(|made| **made == is_made).count();
             let piece = next..((first + run) * TILE_COLUMNS).min(columns.end);
             next = piece.end;
-            let cells = is_made.then(|| self.cells.get(start + piece.start..start + piece.end)).flatten();
+            let of_piece = start + piece.start..start + piece.end;
+            let both = self.cells.get(of_piece.clone()).zip(self.seconds.get(of_piece));
+            let cells = is_made.then_some(both).flatten();
             Some((piece, cells))
         })
     }
@@ -150,7 +162,7 @@ mod tests {
                     let mut next = 0;
                     for (piece, cells) in tiles.pieces(row, 0..width) {
                         assert_eq!(piece.start, next);
-                        assert!(cells.is_none_or(|cells| cells.len() == piece.len()));
+                        assert!(cells.is_none_or(|(cells, _)| cells.len() == piece.len()));
                         next = piece.end;
                         for column in piece {
                             let is_made = made_columns.contains(&column) && made_rows.contains(&row);
