@@ -10,10 +10,12 @@ const FRAME_PER_FACE_PX: f64 = 1.7;
 /// Rough figures; `benches/primitives.rs` measures whole frames.
 const NS: [f64; 4] = [250.0, 25.0, 3.0, 12.0];
 
-/// True if a picture of some texels is better than the samples that it stands for: neither larger nor slower.
-pub(super) fn pays(samples: usize, width: u16, height: u16) -> bool {
+/// What a picture of some texels saves over the samples that it stands for, by bytes and by time, each in samples; `None` if it is
+/// larger or slower.
+pub(super) fn saved(samples: usize, width: u16, height: u16) -> Option<f64> {
     let (samples, width, height) = (samples as f64, f64::from(width), f64::from(height));
     let bytes = BYTES[0] * width * height + 20.0;
     let ns = NS[0] + NS[1] * height * FRAME_PER_FACE_PX.sqrt() + NS[2] * width * height * FRAME_PER_FACE_PX;
-    bytes <= BYTES[1] * samples && ns <= NS[3] * samples
+    let saved = [samples - bytes / BYTES[1], samples - ns / NS[3]];
+    (saved[0] >= 0.0 && saved[1] >= 0.0).then_some(saved[0] + saved[1])
 }

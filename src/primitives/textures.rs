@@ -4,8 +4,9 @@ use super::cost;
 use super::regions::{Grower, NOBODY, Region};
 use crate::packed::{PlaneSet, PlaneTile};
 
-/// Face pixels a side of a tile.
-pub(super) const TILE_PX: i32 = 64;
+/// Face pixels a side of the largest tiles, and of the smallest into which these are cut.
+const LARGEST_PX: i32 = 128;
+const LEAST_PX: i32 = 64;
 
 /// The pictures of a face.
 #[derive(Default)]
@@ -19,30 +20,27 @@ pub(super) struct Pictures {
 /// Of the eight pixels around one that no ray reached, how many must be of a region for it to be a gap in it.
 const GAP_NEIGHBOURS: usize = 6;
 
-/// Draws the regions of a face. Those tiles that do not pay give their samples back to nobody.
+/// Draws the regions of a face. What no tile is worth drawing gives its samples back to nobody.
 pub(super) fn draw(grower: &mut Grower, first_plane: u32) -> Pictures {
     let mut pictures = Pictures::default();
     let regions = std::mem::take(&mut grower.regions);
+    let mut drawn = Drawn::new(grower.face.size_px);
     let mut freed = Vec::new();
     for (id, region) in regions.iter().enumerate() {
         let painter = Painter { grower, region, id: id as u32 };
-        let mut kept = Vec::new();
-        for tile in painter.tiles() {
-            let home = painter.home_samples(tile);
-            let pays = painter.tile(tile, [0; 2]).is_some_and(|t| cost::pays(home.len(), t.width, t.height));
-            if pays {
-                pictures.samples += home.len() as u64;
-                kept.push(tile);
-            } else {
-                freed.extend(home);
+        let kept: Vec<Square> = painter.squares().into_iter().flat_map(|square| painter.choose(square).kept).collect();
+        drawn.begin();
+        kept.iter().for_each(|square| drawn.add(square));
+        for square in &kept {
+            if let Some(rectangle) = painter.tile(square, drawn.lacks_beside(square)) {
+                painter.paint(&rectangle, first_plane, &mut pictures);
             }
         }
-        for [row, column] in &kept {
-            // A cell belongs to the tile of its upper left texel. If that is not drawn, its neighbour draws the cell.
-            let lacks = |tile: [i32; 2]| i32::from(kept.binary_search(&tile).is_err());
-            let more = [lacks([*row, column - 1]), lacks([row - 1, *column])];
-            if let Some(rectangle) = painter.tile([*row, *column], more) {
-                painter.paint(&rectangle, first_plane, &mut pictures);
+        for &pixel in &region.pixels {
+            let [x, y] = [pixel as i32 % painter.size(), pixel as i32 / painter.size()];
+            match drawn.holds(x, y) {
+                true => pictures.samples += painter.own(x, y).count() as u64,
+                false => freed.extend(painter.own(x, y)),
             }
         }
     }
@@ -51,6 +49,76 @@ pub(super) fn draw(grower: &mut Grower, first_plane: u32) -> Pictures {
     }
     grower.regions = regions;
     pictures
+}
+
+/// A square of face pixels, of which a tile may be.
+#[derive(Clone, Copy)]
+struct Square {
+    x: i32,
+    y: i32,
+    side: i32,
+}
+
+impl Square {
+    fn quarters(&self) -> [Self; 4] {
+        let side = self.side / 2;
+        [(0, 0), (side, 0), (0, side), (side, side)].map(|(x, y)| Self { x: self.x + x, y: self.y + y, side })
+    }
+}
+
+/// What is worth drawing of a square.
+#[derive(Default)]
+struct Choice {
+    kept: Vec<Square>,
+    /// What that saves, as [`cost::saved`] counts.
+    saved: f64,
+}
+
+/// Which squares of a face are drawn of one region, by the least ones.
+struct Drawn {
+    /// Of each of the least squares, row by row, the last region.
+    last: Vec<u32>,
+    across: i32,
+    region: u32,
+}
+
+impl Drawn {
+    fn new(size_px: u32) -> Self {
+        let across = (size_px as i32).div_euclid(LEAST_PX) + 1;
+        Self { last: vec![0; (across * across) as usize], across, region: 0 }
+    }
+
+    /// Another region: nothing of it is drawn.
+    fn begin(&mut self) {
+        self.region += 1;
+    }
+
+    fn add(&mut self, square: &Square) {
+        for y in (square.y..square.y + square.side).step_by(LEAST_PX as usize) {
+            for x in (square.x..square.x + square.side).step_by(LEAST_PX as usize) {
+                if let Some(at) = self.index(x, y) {
+                    self.last[at] = self.region;
+                }
+            }
+        }
+    }
+
+    fn index(&self, x: i32, y: i32) -> Option<usize> {
+        let [column, row] = [x, y].map(|v| v.div_euclid(LEAST_PX));
+        let inside = |v: i32| (0..self.across).contains(&v);
+        (inside(column) && inside(row)).then(|| (row * self.across + column) as usize)
+    }
+
+    fn holds(&self, x: i32, y: i32) -> bool {
+        self.index(x, y).is_some_and(|at| self.last[at] == self.region)
+    }
+
+    /// A cell between four texels belongs to the tile of its upper left one. If that is not drawn, its neighbour draws the cell:
+    /// by how many texels a tile begins further left and up.
+    fn lacks_beside(&self, Square { x, y, side }: &Square) -> [i32; 2] {
+        let along = || (0..*side).step_by(LEAST_PX as usize);
+        [along().any(|k| !self.holds(x - 1, y + k)), along().any(|k| !self.holds(x + k, y - 1))].map(i32::from)
+    }
 }
 
 /// A rectangle of texels.
@@ -72,18 +140,37 @@ impl Painter<'_, '_> {
         self.grower.face.size_px as i32
     }
 
-    /// Row and column of each tile that holds pixels of the region, in order.
-    fn tiles(&self) -> Vec<[i32; 2]> {
-        let mut tiles = Vec::new();
+    /// The largest squares that hold pixels of the region, in order.
+    fn squares(&self) -> Vec<Square> {
+        let mut squares = Vec::new();
         for &pixel in &self.region.pixels {
-            let tile = [pixel as i32 / self.size() / TILE_PX, pixel as i32 % self.size() / TILE_PX];
-            if tiles.last() != Some(&tile) {
-                tiles.push(tile);
+            let square = [pixel as i32 / self.size(), pixel as i32 % self.size()].map(|v| v / LARGEST_PX * LARGEST_PX);
+            if squares.last() != Some(&square) {
+                squares.push(square);
             }
         }
-        tiles.sort_unstable();
-        tiles.dedup();
-        tiles
+        squares.sort_unstable();
+        squares.dedup();
+        squares.into_iter().map(|[y, x]| Square { x, y, side: LARGEST_PX }).collect()
+    }
+
+    /// The tiles, of a square or of parts of it, that save most.
+    fn choose(&self, square: Square) -> Choice {
+        let samples = self.home_samples(&square).count();
+        if samples == 0 {
+            return Choice::default();
+        }
+        let saved = self.tile(&square, [0; 2]).and_then(|t| cost::saved(samples, t.width, t.height));
+        let whole = saved.map_or(Choice::default(), |saved| Choice { kept: vec![square], saved });
+        if square.side == LEAST_PX {
+            return whole;
+        }
+        let mut parts = Choice::default();
+        for quarter in square.quarters().map(|quarter| self.choose(quarter)) {
+            parts.kept.extend(quarter.kept);
+            parts.saved += quarter.saved;
+        }
+        if parts.saved > whole.saved { parts } else { whole }
     }
 
     /// The samples of the region in pixel (x, y), as indices.
@@ -94,16 +181,17 @@ impl Painter<'_, '_> {
         (ends[0] as usize..ends[1] as usize).filter(|i| self.grower.owner[*i] == self.id)
     }
 
-    /// The region's samples that lie in a tile.
-    fn home_samples(&self, [row, column]: [i32; 2]) -> Vec<usize> {
-        let of = |tile: i32| tile * TILE_PX..((tile + 1) * TILE_PX).min(self.size());
-        of(row).flat_map(|y| of(column).flat_map(move |x| self.own(x, y))).collect()
+    /// The region's samples that lie in a square.
+    fn home_samples(&self, square: &Square) -> impl Iterator<Item = usize> {
+        let of = |start: i32| start..(start + square.side).min(self.size());
+        let columns = of(square.x);
+        of(square.y).flat_map(move |y| columns.clone().flat_map(move |x| self.own(x, y)))
     }
 
-    /// The texels of a tile that are of any use; the tile begins so many texels further left and up.
-    fn tile(&self, [row, column]: [i32; 2], more: [i32; 2]) -> Option<Rectangle> {
-        let of = |tile: i32, more: i32| [tile * TILE_PX - more, ((tile + 1) * TILE_PX).min(self.size())];
-        let ([left, right], [top, bottom]) = (of(column, more[0]), of(row, more[1]));
+    /// The texels of a square that are of any use; the tile begins so many texels further left and up.
+    fn tile(&self, square: &Square, more: [i32; 2]) -> Option<Rectangle> {
+        let of = |start: i32, more: i32| [start - more, (start + square.side).min(self.size())];
+        let ([left, right], [top, bottom]) = (of(square.x, more[0]), of(square.y, more[1]));
         let mut bounds: Option<[i32; 4]> = None;
         for y in top - 1..=bottom + 1 {
             for x in left - 1..=right + 1 {

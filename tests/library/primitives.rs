@@ -135,6 +135,22 @@ fn no_eye_sees_anything_elsewhere_by_more_than_the_bound() {
     }
 }
 
+/// What is one wall is drawn by few pictures, and what is full of holes by smaller ones, which cost no more than its samples.
+#[test]
+fn pictures_are_as_large_as_pays() {
+    for (scene, has_large) in [(room(6.0), true), (leaves(6.0), false)] {
+        let mut ldi = quick(&scene, FACE_PX);
+        let before: usize = ldi.faces.iter().map(|face| face.samples.len()).sum();
+        let set = choose(&mut ldi, DEFAULT_ERROR_PX);
+        let left: usize = ldi.faces.iter().map(|face| face.samples.len()).sum();
+        assert_eq!(set.samples, (before - left) as u64);
+        let sides = || set.tiles.iter().flat_map(|tile| [tile.width, tile.height]);
+        // A line of texels more on each side where nothing else draws it.
+        assert!(sides().all(|side| side <= 128 + 2), "{:?}", sides().max());
+        assert!(sides().any(|side| side > 64 + 2) || !has_large, "{:?}", sides().max());
+    }
+}
+
 /// dB of PSNR, and share of FLIP, by which frames with pictures may be worse than those of all samples, in the mean over eyes.
 const LOSS_DB: f64 = 0.25;
 const LOSS_OF_FLIP: f64 = 0.05;
