@@ -171,7 +171,7 @@ impl Cell {
                 self.send_behind(second, light);
                 flag = HAS_SECOND;
             }
-            self.sum = added.color * weight | flag;
+            self.sum = (added.color * weight) | flag;
             self.inverse_depth = added.inverse_depth;
         } else if self.inverse_depth <= added.farthest_in_front {
             join(&mut self.sum, &mut self.inverse_depth, added, weight);

@@ -14,6 +14,9 @@ pub(super) const TILE_COLUMNS: usize = 16;
 /// Rows of a tile.
 const TILE_ROWS: usize = 4;
 
+/// Cells of a piece of a row, and what each has beside it.
+type MadeCells<'a> = (&'a [Cell], &'a [Second]);
+
 /// Cells of some rows of a frame. A cell that is not made shows what the ground shows.
 #[derive(Default)]
 pub(super) struct Tiles {
@@ -119,7 +122,7 @@ impl Tiles {
         &self,
         row: usize,
         columns: Range<usize>,
-    ) -> impl Iterator<Item = (Range<usize>, Option<(&[Cell], &[Second])>)> {
+    ) -> impl Iterator<Item = (Range<usize>, Option<MadeCells<'_>>)> {
         let (start, tiles) = (row * self.stride(), row / TILE_ROWS * self.tiles_across());
         let of_row = self.is_made.get(tiles..tiles + self.tiles_across()).unwrap_or(&[]);
         let mut next = columns.start;
