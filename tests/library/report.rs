@@ -232,6 +232,14 @@ fn sentences_agree_with_rows() {
     assert!(five[0].contains(&format!("**{choice}**")), "{}", five[0]);
     let rows: Vec<&Row> = REPORT.group("builtin:bump", "representation").collect();
     let at: Vec<[f64; 2]> = rows.iter().map(|row| [row.ms_median, row.flip]).collect();
+    let small = text.lines().find_map(|line| line.strip_prefix("Where memory is short, use **")?.split_once("**"));
+    let named = rows.iter().find(|row| row.variant == small.expect("a choice").0).expect("a row");
+    let drawn = || rows.iter().filter(|row| !row.traces);
+    let least = drawn().map(|row| row.flip).fold(f64::INFINITY, f64::min);
+    assert!(!named.traces && named.flip <= 1.1 * least, "{}", named.variant);
+    assert!(drawn().all(|row| row.bytes >= named.bytes || row.flip > 1.1 * least), "{}", named.variant);
+    // The five lines name the same, or the choice itself.
+    assert!(five[4].contains(&format!("**{}**", named.variant)) || named.variant == choice, "{}", five[4]);
     let front = pareto_front(&at);
     let sentence = text.lines().find(|line| line.starts_with("Nothing is both")).expect("the front");
     for (i, row) in rows.iter().enumerate() {

@@ -128,6 +128,32 @@ fn missing_and_wrong_files_are_exit_1_and_named() {
 }
 
 #[test]
+fn truth_says_what_its_noise_means() {
+    let dir = tempfile::tempdir().unwrap();
+    let truth = |more: &[&str]| {
+        let usual = ["truth", "builtin:miniature", "-o", "t.png", "--size", "32x24"];
+        succeeds(dir.path(), &[usual.as_slice(), more].concat())
+    };
+    let noisy = truth(&["--samples", "1"]);
+    assert!(noisy.contains("dB (PSNR): what is compared with it is at most so good"), "{noisy}");
+    // A picture of nothing but the sky has no noise.
+    let clean = truth(&["--samples", "4", "--eye", "0,50,0", "--look-at", "0,100,1"]);
+    assert!(clean.contains("(PSNR)") && !clean.contains("compared"), "{clean}");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_pipe_that_is_waited_for_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let pipe = dir.path().join("pipe.obj");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let writer = std::thread::spawn(move || std::fs::write(pipe, "v 0 0 0\n"));
+    let message = refused(dir.path(), 1, &["capture", "pipe.obj", "-o", "x.ldi"]);
+    assert!(message.starts_with("note: pipe.obj is a pipe; waiting for what is written to it"), "{message}");
+    writer.join().unwrap().unwrap();
+}
+
+#[test]
 fn a_damaged_capture_is_refused_and_named() {
     let dir = tempfile::tempdir().unwrap();
     capture(dir.path(), &["-o", "a.ldi"]);

@@ -55,6 +55,18 @@ fn a_sample_is_the_sum_of_its_parts() {
 }
 
 #[test]
+fn without_light_surfaces_are_as_bright_as_they_are_painted() {
+    let exposure = |lit: bool, asked: &str| {
+        let asked = asked.parse().expect("an exposure");
+        let scene = Scene { exposure: asked, ..Scene::clone(tracer().scene()) };
+        Lighting::prepare(&Tracer::new(Arc::new(scene), DVec3::ZERO), 0, lit).exposure
+    };
+    assert_eq!([exposure(false, "auto"), exposure(false, "auto+1"), exposure(false, "-2")], [1.0, 2.0, 0.25]);
+    // This scene is not one that happens to be exposed so.
+    assert!((exposure(true, "auto") - 1.0).abs() > 0.1, "{}", exposure(true, "auto"));
+}
+
+#[test]
 fn packets_see_the_sun_that_single_rays_see() {
     let tracer = tracer();
     let (lighting, requests) = (Lighting::of_scene(&tracer, 0), requests(&tracer));

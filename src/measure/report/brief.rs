@@ -1,7 +1,7 @@
 //! The first lines of a summary: what to use, how good it is, what it costs.
 
 use super::figures::short;
-use super::row::{Report, Row, SceneFacts, chosen};
+use super::row::{Report, Row, SceneFacts, chosen, smallest};
 use super::words::{bytes, list, ms, times};
 use std::fmt::Write;
 
@@ -34,7 +34,7 @@ pub(super) fn brief(report: &Report) -> String {
     );
     let _ = writeln!(text, "- **What does it cost?** {time} a frame, {size} in memory.{capture}");
     let _ = writeln!(text, "- **And without it?** {}", without(&scenes));
-    let _ = writeln!(text, "- **If memory is short?** {}", smallest(&scenes));
+    let _ = writeln!(text, "- **If memory is short?** {}", small(&scenes));
     text
 }
 
@@ -104,15 +104,14 @@ fn without(scenes: &[Scene]) -> String {
     if against.is_empty() { "Nothing that traces was measured.".into() } else { format!("{}.", against.join("; ")) }
 }
 
-/// The smallest that draws, where it is not the choice.
-fn smallest(scenes: &[Scene]) -> String {
-    let smallest = scenes.iter().filter_map(|scene| {
-        let drawn = scene.rows.iter().filter(|row| !row.traces);
-        let row = drawn.min_by_key(|row| row.bytes).filter(|row| row.bytes < scene.best.bytes)?;
+/// The smallest that is as exact, where it is not the choice.
+fn small(scenes: &[Scene]) -> String {
+    let small = scenes.iter().filter_map(|scene| {
+        let row = smallest(&scene.rows).filter(|row| row.bytes < scene.best.bytes)?;
         Some(format!("**{}** for {} ({}, FLIP {:.3})", row.variant, scene.name, bytes(row.bytes), row.flip))
     });
-    let smallest: Vec<String> = smallest.collect();
-    if smallest.is_empty() { "Nothing measured is smaller.".into() } else { format!("{}.", list(smallest)) }
+    let small: Vec<String> = small.collect();
+    if small.is_empty() { "Nothing as exact is smaller.".into() } else { format!("{}.", list(small)) }
 }
 
 /// `a`, or `a to b` where least and most read differently.

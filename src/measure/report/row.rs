@@ -250,9 +250,19 @@ fn quoted(cell: &str) -> String {
     if cell.contains([',', '"', '\n']) { format!("\"{}\"", cell.replace('"', "\"\"")) } else { cell.to_owned() }
 }
 
-/// What to look around with: of the rows that do not trace and are within 10 % of the least error, the fastest.
-pub(super) fn chosen<'a>(rows: &[&'a Row]) -> Option<&'a Row> {
+/// The rows that do not trace and are within 10 % of the least error of such.
+fn exact<'a>(rows: &[&'a Row]) -> impl Iterator<Item = &'a Row> {
     let drawn = || rows.iter().copied().filter(|row| !row.traces);
-    let least = drawn().map(|row| row.flip).min_by(f64::total_cmp)?;
-    drawn().filter(|row| row.flip <= least * 1.1).min_by(|a, b| a.ms_median.total_cmp(&b.ms_median))
+    let least = drawn().map(|row| row.flip).fold(f64::INFINITY, f64::min);
+    drawn().filter(move |row| row.flip <= least * 1.1)
+}
+
+/// What to look around with: the fastest of the exact rows.
+pub(super) fn chosen<'a>(rows: &[&'a Row]) -> Option<&'a Row> {
+    exact(rows).min_by(|a, b| a.ms_median.total_cmp(&b.ms_median))
+}
+
+/// What to use where memory is short: the smallest of the exact rows, of equals the fastest.
+pub(super) fn smallest<'a>(rows: &[&'a Row]) -> Option<&'a Row> {
+    exact(rows).min_by(|a, b| a.bytes.cmp(&b.bytes).then(a.ms_median.total_cmp(&b.ms_median)))
 }

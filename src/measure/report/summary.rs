@@ -3,7 +3,7 @@
 use super::brief::brief;
 use super::figures::short;
 use super::rival::KernelAgainstRival;
-use super::row::{Report, Row, SceneFacts, chosen};
+use super::row::{Report, Row, SceneFacts, chosen, smallest};
 use super::wall::CURVE;
 use super::words::{bytes, list, ms, times};
 use crate::measure::stats::pareto_front;
@@ -200,9 +200,7 @@ fn crossing(report: &Report, scene: &str) -> Option<f64> {
 fn short_of(report: &Report, scene: &str) -> String {
     let mut text = String::new();
     let rows: Vec<&Row> = report.group(scene, "representation").collect();
-    let drawn = || rows.iter().filter(|row| !row.traces);
-    let least = drawn().map(|row| row.flip).fold(f64::INFINITY, f64::min);
-    if let Some(small) = drawn().filter(|row| row.flip <= least * 1.1).min_by_key(|row| row.bytes) {
+    if let Some(small) = smallest(&rows) {
         let smallest_scene = rows.iter().filter(|row| row.traces).map(|row| row.bytes).min();
         let traced = smallest_scene.filter(|scene| *scene < small.bytes);
         let _ = writeln!(

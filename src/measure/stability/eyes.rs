@@ -279,7 +279,7 @@ fn default() -> RenderSettings {
 }
 
 /// What tents change as the eye passes through the centre, levels.
-const TENT_LEVELS: f64 = 5.0;
+const TENT_LEVELS: f64 = 3.0;
 
 /// What a frame may change as the eye passes through the centre, levels.
 fn bound_through_centre() -> f64 {

@@ -403,6 +403,23 @@ mod tests {
     }
 
     #[test]
+    fn a_surface_that_is_halved_keeps_what_is_behind_it() {
+        let (red, blue) = ([250, 0, 0, 255], [0, 0, 250, 255]);
+        let mut pixel = Pixel::default();
+        pixel.add(red, 1, 2.0);
+        for _ in 0..600 {
+            pixel.add(blue, 1, 1.0);
+            // No more than a pixel's weights: the next is halved, and no colour runs into another.
+            assert!(weight_of(pixel.1[0].sum) <= MAX_WEIGHT);
+        }
+        assert_eq!(mean_of(pixel.1[0].sum), [0, 0, 250]);
+        let mut pixel = Pixel::default();
+        pixel.add(blue, 100, 1.0);
+        (0..600).for_each(|_| pixel.add(red, 1, 2.0));
+        assert_eq!((pixel.0.sum & HAS_SECOND, weight_of(pixel.1[0].sum)), (HAS_SECOND, 100));
+    }
+
+    #[test]
     fn what_is_behind_a_whole_surface_is_hidden_whoever_else_is_in_front() {
         let (curtain, wall, tree) = ([250, 0, 0, 255], [0, 0, 250, 255], [0, 250, 0, 255]);
         // The samples of four LDI pixels, each back to front; in some the curtain is in front of the wall, and hides it for good.
