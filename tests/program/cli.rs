@@ -146,7 +146,7 @@ fn truth_says_what_its_noise_means() {
 fn a_pipe_that_is_waited_for_is_told() {
     let dir = tempfile::tempdir().unwrap();
     let pipe = dir.path().join("pipe.obj");
-    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     let writer = std::thread::spawn(move || std::fs::write(pipe, "v 0 0 0\n"));
     let message = refused(dir.path(), 1, &["capture", "pipe.obj", "-o", "x.ldi"]);
     assert!(message.starts_with("note: pipe.obj is a pipe; waiting for what is written to it"), "{message}");
