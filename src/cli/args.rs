@@ -252,7 +252,7 @@ impl CameraArgs {
     pub(super) fn aim(&self, scene: &Arc<Scene>) -> anyhow::Result<(Camera, Tracer)> {
         let eye = match self.eye {
             Some(eye) => scene.frame.world_from_file(eye),
-            None => super::capture::place_headbox(scene, None, None)?.centre,
+            None => super::place::place_headbox(scene, None, None)?.centre,
         };
         let tracer = Tracer::new(Arc::clone(scene), eye);
         let camera = self.camera(&scene.frame, &DefaultCamera::of_scene(&tracer, eye))?;

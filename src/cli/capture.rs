@@ -5,13 +5,14 @@ use super::capture_deep::{self, is_deep_picture};
 use super::estimate::{Estimate, rays_of};
 use super::images::{SetArgs, is_image_set};
 use super::output::{CUBE, Outputs, SHARD, memory_bytes, name_of, peak_rss_mb, print_json};
+use super::packing::{PackingArgs, what_is_kept};
+use super::place::{figure, place_headbox, triple};
 use super::progress::{Bar, duration};
 use super::words::{UsageError, counted, quoted};
 use crate::capture::light::Lighting;
-use crate::capture::scene::{FileFrame, Headbox};
+use crate::capture::scene::Headbox;
 use crate::capture::trace::Tracer;
-use crate::capture::viewpoint::HeadboxError;
-use crate::capture::{Scene, files, viewpoint};
+use crate::capture::{files, viewpoint};
 use crate::gaps;
 use crate::ldi::Holes;
 use crate::ldi::build;
@@ -20,8 +21,7 @@ use crate::ldi::job::CaptureJob;
 use crate::ldi::parameters::{CaptureParameters, Resources};
 use crate::ldi::shard::{self, ShardInfo};
 use crate::ldi::voxel_colouring::Backdrop;
-use crate::packed::{PackedCube, SplatIndexLayout, Split};
-use crate::primitives::{self, MAX_ERROR_PX};
+use crate::packed::PackedCube;
 use crate::scene_source::{SceneSource, fingerprint};
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
@@ -96,28 +96,6 @@ pub(super) struct QualityArgs {
     pub(super) parameters: CaptureParameters,
 }
 
-/// How a cube LDI is packed.
-#[derive(Args)]
-pub(super) struct PackingArgs {
-    /// What the splat index holds: the paper's normal and depth, or all bits for the normal
-    #[arg(long, default_value = "normal")]
-    layout: SplatIndexLayout,
-    /// Near/far split of each face: auto, none, or an eye depth
-    #[arg(long, default_value = "auto", value_parser = parse_split, allow_hyphen_values = true)]
-    split: Split,
-    /// Show what is flat as pictures on planes, where nobody in the headbox sees it elsewhere by more than E frame pixels; 0
-    /// keeps every sample
-    #[arg(long, value_name = "E", default_value_t = primitives::DEFAULT_ERROR_PX, value_parser = parse_error_px, allow_hyphen_values = true)]
-    error_px: f64,
-}
-
-fn parse_error_px(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(error) if (0.0..=MAX_ERROR_PX).contains(&error) => Ok(error),
-        _ => Err(format!("give a number of frame pixels from 0 to {MAX_ERROR_PX}")),
-    }
-}
-
 /// Qualities by name; their numbers are in [`Preset::NUMBERS`].
 #[derive(Clone, Copy, ValueEnum)]
 pub(super) enum Preset {
@@ -173,15 +151,6 @@ fn parse_backdrop(text: &str) -> Result<Backdrop, String> {
     }
 }
 
-/// The depth in the file's own unit.
-fn parse_split(text: &str) -> Result<Split, String> {
-    match text {
-        "auto" => Ok(Split::Auto),
-        "none" => Ok(Split::None),
-        depth => parse_length(depth).map(Split::AtDepth).map_err(|_| "give auto, none, or an eye depth above 0".into()),
-    }
-}
-
 /// Parts are numbered from 0 or from 1: part N of N is part 0.
 fn parse_shard(text: &str) -> Result<(u32, u32), String> {
     let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse::<u32>().ok()?, n.parse::<u32>().ok()?)));
@@ -191,53 +160,11 @@ fn parse_shard(text: &str) -> Result<(u32, u32), String> {
     }
 }
 
-impl PackingArgs {
-    pub(super) fn pack(&self, ldi: crate::ldi::CubeLdi) -> anyhow::Result<PackedCube> {
-        let split = match self.split {
-            Split::AtDepth(depth) => Split::AtDepth(depth * ldi.info.frame.unit_m),
-            split => split,
-        };
-        Ok(primitives::pack(ldi, self.layout, split, self.error_px)?)
-    }
-}
-
 impl QualityArgs {
     /// The capture of a headbox with this quality.
     fn job(&self, scene: SceneSource, centre: DVec3, half_size_m: f64) -> CaptureJob {
         let (face_size_px, parameters) = (self.face_size, self.parameters);
         CaptureJob { scene, centre, half_size_m, face_size_px, parameters }
-    }
-}
-
-/// Where the headbox goes: what the user said, in the file's own axes and unit, else what the scene suggests, else free space.
-pub(super) fn place_headbox(
-    scene: &Arc<Scene>,
-    center: Option<DVec3>,
-    half_size: Option<f64>,
-) -> Result<Headbox, UsageError> {
-    let centre = center.map(|center| scene.frame.world_from_file(center));
-    let half_size_m = half_size.map(|half_size| half_size * scene.frame.unit_m);
-    viewpoint::place_headbox(scene, centre, half_size_m).map_err(|error| UsageError(misplaced(&error, &scene.frame)))
-}
-
-/// What is wrong with a headbox, in the file's axes and unit.
-fn misplaced(error: &HeadboxError, frame: &FileFrame) -> String {
-    match *error {
-        HeadboxError::TooFar { centre, low, high } => {
-            let [centre, low, high] = [centre, low, high].map(|point| frame.file_from_world(point));
-            format!(
-                "a headbox about {} is so far from the scene that nothing of it would be seen; choose a place near it: it reaches \
-                 from {} to {} (in the file's axes and unit)",
-                triple(centre),
-                triple(low.min(high)),
-                triple(low.max(high))
-            )
-        }
-        HeadboxError::HalfSize(metres) => {
-            let [half_size, least, most] = [metres, 1e-9, 1e9].map(|metres| figure(metres / frame.unit_m));
-            format!("a headbox of half-size {half_size}; choose one between {least} and {most} (in the file's unit)")
-        }
-        HeadboxError::Centre(_) => error.to_string(),
     }
 }
 
@@ -268,39 +195,6 @@ fn spill_folder(output: &Path) -> PathBuf {
 /// Rays for each pixel of the faces.
 fn rays_per_pixel(job: &CaptureJob) -> f64 {
     rays_of(job) / (6.0 * f64::from(job.face_size_px).powi(2))
-}
-
-/// A length with four digits that count.
-fn rounded(length: f64) -> f64 {
-    let digits = (3.0 - length.abs().max(f64::MIN_POSITIVE).log10().floor()).clamp(0.0, 12.0);
-    let scale = 10_f64.powf(digits);
-    // Zero has no sign to people.
-    (length * scale).round() / scale + 0.0
-}
-
-/// The same as text, with an exponent where there would be many zeros.
-pub(super) fn figure(length: f64) -> String {
-    match length.abs() {
-        1e7.. => format!("{length:.3e}").replace(".000e", "e"),
-        size if size > 0.0 && size < 1e-5 => format!("{length:.3e}").replace(".000e", "e"),
-        _ => rounded(length).to_string(),
-    }
-}
-
-/// A position as the command line takes it.
-pub(super) fn triple(position: DVec3) -> String {
-    position.to_array().map(figure).join(",")
-}
-
-/// Depth pixels, and what else there is.
-pub(super) fn what_is_kept(cube: &PackedCube) -> String {
-    let (count, planes) = (cube.depth_pixel_count(), &cube.planes);
-    match planes.tiles.is_empty() {
-        true => format!("{count} depth pixels"),
-        false => {
-            format!("{count} depth pixels and, for {} more, pictures on {} planes", planes.samples, planes.planes.len())
-        }
-    }
 }
 
 /// Refuses the first of some flags that is given.

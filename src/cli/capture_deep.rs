@@ -1,7 +1,7 @@
 //! `headbox capture F.exr`: deep pictures of film renderers as cube LDIs.
 
-use super::capture::{PackingArgs, what_is_kept};
 use super::output::{CUBE, Outputs, peak_rss_mb, print_json};
+use super::packing::{PackingArgs, what_is_kept};
 use crate::capture::deep_exr::DeepImage;
 use crate::ldi::from_deep::{DeepPlace, cube};
 use anyhow::{Context, bail};

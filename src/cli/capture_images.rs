@@ -1,8 +1,9 @@
 //! `headbox capture FOLDER`: sets of images as cube LDIs.
 
-use super::capture::{CaptureCommand, what_is_kept};
+use super::capture::CaptureCommand;
 use super::images::SetJob;
 use super::output::{CUBE, Outputs, peak_rss_mb, print_json};
+use super::packing::what_is_kept;
 use super::progress::Bar;
 use anyhow::bail;
 use serde_json::json;

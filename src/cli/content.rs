@@ -1,8 +1,8 @@
 //! What `headbox render` draws: one way to render a pose of anything, and to say what it took.
 
-use super::capture::{figure, triple};
 use super::geometry::{GeometryContent, GeometryRendered};
 use super::house_file::HouseContent;
+use super::place::{figure, triple};
 use super::words::counted;
 use crate::capture::Camera;
 use crate::capture::scene::FileFrame;

@@ -1,8 +1,9 @@
 //! `headbox demo`: the main job, end to end.
 
-use super::capture::{place_headbox, what_is_kept};
 use super::demo_sprites::print_sprite_rows;
 use super::output::{Outputs, peak_rss_mb, save_picture, write_text};
+use super::packing::what_is_kept;
+use super::place::place_headbox;
 use super::progress::{Bar, Planned};
 use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;

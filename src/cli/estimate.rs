@@ -4,8 +4,8 @@
 //! know. So the whole capture is made once in small, with as many rays for each pixel of its faces and as much light, in some tenths of a
 //! second; each stage is timed and grows by its own law. What is captured afterwards knows nothing of it.
 
-use super::capture::PackingArgs;
 use super::output::memory_bytes;
+use super::packing::PackingArgs;
 use super::progress::Planned;
 use crate::capture::light::Lighting;
 use crate::capture::trace::Tracer;

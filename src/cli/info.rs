@@ -1,11 +1,11 @@
 //! `headbox info`.
 
 use super::args::vertical_fov_deg;
-use super::capture::{figure, triple};
 use super::house_file;
 use super::images::{ImagesCommand, is_image_set};
 use super::lumigraph;
 use super::output::print_json;
+use super::place::{figure, triple};
 use super::words::counted;
 use crate::container::Container;
 use crate::ldi::shard::{self, SHARD};

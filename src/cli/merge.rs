@@ -1,7 +1,8 @@
 //! `headbox merge`.
 
-use super::capture::{PackingArgs, budget, warn_if_blocked, what_is_kept};
+use super::capture::{budget, warn_if_blocked};
 use super::output::{CUBE, Outputs, name_of, peak_rss_mb, print_json};
+use super::packing::{PackingArgs, what_is_kept};
 use super::progress::Bar;
 use super::words::{UsageError, counted};
 use crate::capture::light::Lighting;

@@ -35,6 +35,8 @@ mod lumigraph;
 mod lumigraph_images;
 mod merge;
 mod output;
+mod packing;
+mod place;
 mod polygons;
 mod progress;
 mod radiance;

@@ -1,11 +1,11 @@
 //! `headbox report`.
 
 use super::args::{SourceArgs, named_parts, parse_length, parse_unit, parse_up, parse_vector};
-use super::capture::place_headbox;
 use super::geometry::GeometryArgs;
 use super::images::{SetArgs, is_image_set};
 use super::images_report;
 use super::output::{NO_INPUTS, Outputs, PAGE, save_picture, write_text};
+use super::place::place_headbox;
 use super::progress::{Bar, Planned};
 use super::words::UsageError;
 use crate::cache;

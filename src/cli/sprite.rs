@@ -14,7 +14,7 @@ use crate::measure::sprite_range::SpriteRange;
 use crate::scene_source::SceneSource;
 use crate::sprite::{
     DepthImport, DepthPicture, DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, SpriteWithDepth, capture_slabs,
-    slabs_at_gaps,
+    slabs_at_gaps, sprites_of_layers,
 };
 use anyhow::{Context, bail};
 use clap::Args;
@@ -251,6 +251,27 @@ impl SpriteCommand {
             SpriteWithDepth::new(sprite.sprite().clone(), displacement)
         };
         Ok(SpriteSet::new(sprites.into_iter().map(reduced).collect::<Result<_, _>>()?))
+    }
+
+    /// Sprites of the layers of a folder of images.
+    fn of_sequence(&self, name: &str) -> anyhow::Result<SpriteSet> {
+        self.refuse_flags_of_scenes()?;
+        let (layers, frame) = self.sequence.layers(name, self.range.as_deref())?;
+        if !self.json {
+            eprintln!("{} with {}", layers.used[0], layers.used[1..].join(", "));
+        }
+        let mut sprites = self.set(sprites_of_layers(&layers, self.displacement)?)?;
+        sprites.info = SpriteInfo { source: name.into(), frame, ..SpriteInfo::default() };
+        Ok(sprites)
+    }
+
+    /// Photographs were taken from where they were, in the light that there was.
+    fn refuse_flags_of_scenes(&self) -> Result<(), UsageError> {
+        let flags = self.source.given().into_iter().chain(self.camera.given()).chain([("--unlit", self.quality.unlit)]);
+        match flags.into_iter().find(|(_, is_given)| *is_given) {
+            Some((flag, _)) => Err(UsageError(format!("{flag} has no meaning for images; leave it out"))),
+            None => Ok(()),
+        }
     }
 }
 

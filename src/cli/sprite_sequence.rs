@@ -3,14 +3,13 @@
 use super::images::SetArgs;
 use super::output::{save_picture, write_text};
 use super::progress::Bar;
-use super::sprite::SpriteCommand;
 use super::words::UsageError;
 use crate::capture::images::ImageSet;
 use crate::capture::images::planar_layers::{Frames, LayerJob, Mask, PlanarLayers};
 use crate::capture::picture;
+use crate::capture::scene::FileFrame;
 use crate::measure::sequence;
 use crate::progress::Progress;
-use crate::sprite::{SpriteInfo, SpriteSet, sprites_of_layers};
 use anyhow::{Context, bail};
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -55,6 +54,20 @@ impl SequenceArgs {
         }
     }
 
+    /// The layers of a folder of images, and its axes and unit; judged by photographs left out if a folder for that is given.
+    pub(super) fn layers(&self, name: &str, range: Option<&Path>) -> anyhow::Result<(PlanarLayers, FileFrame)> {
+        let set = self.set.open_registered(Path::new(name))?;
+        let job = self.job(&set)?;
+        let bar = Bar::new();
+        let (report, layers) = match range {
+            Some(folder) => judged(&set, &job, &bar, folder)?,
+            None => (String::new(), job.layers(&load(&set, &job, &bar)?)?),
+        };
+        bar.finish();
+        print!("{report}");
+        Ok((layers, set.frame))
+    }
+
     fn job(&self, set: &ImageSet) -> anyhow::Result<LayerJob> {
         let mut job = LayerJob::suggest(set);
         if let Some(name) = &self.view {
@@ -91,45 +104,6 @@ fn masks(folder: &Path) -> anyhow::Result<Vec<Mask>> {
         Ok(Mask { picture: picture.to_luma8(), path })
     };
     paths.into_iter().map(read).collect()
-}
-
-impl SpriteCommand {
-    /// Sprites of the layers of a folder of images.
-    pub(super) fn of_sequence(&self, name: &str) -> anyhow::Result<SpriteSet> {
-        let args = &self.sequence;
-        self.refuse_flags_of_scenes()?;
-        let set = args.set.open_registered(Path::new(name))?;
-        let job = args.job(&set)?;
-        let bar = Bar::new();
-        let layers = match &self.range {
-            Some(folder) => {
-                let (report, layers) = judged(&set, &job, &bar, folder)?;
-                bar.finish();
-                print!("{report}");
-                layers
-            }
-            None => {
-                let layers = job.layers(&load(&set, &job, &bar)?)?;
-                bar.finish();
-                layers
-            }
-        };
-        if !self.json {
-            eprintln!("{} with {}", layers.used[0], layers.used[1..].join(", "));
-        }
-        let mut sprites = self.set(sprites_of_layers(&layers, self.displacement)?)?;
-        sprites.info = SpriteInfo { source: name.into(), frame: set.frame, ..SpriteInfo::default() };
-        Ok(sprites)
-    }
-
-    /// Photographs were taken from where they were, in the light that there was.
-    fn refuse_flags_of_scenes(&self) -> Result<(), UsageError> {
-        let flags = self.source.given().into_iter().chain(self.camera.given()).chain([("--unlit", self.quality.unlit)]);
-        match flags.into_iter().find(|(_, is_given)| *is_given) {
-            Some((flag, _)) => Err(UsageError(format!("{flag} has no meaning for images; leave it out"))),
-            None => Ok(()),
-        }
-    }
 }
 
 fn load(set: &ImageSet, job: &LayerJob, bar: &Bar) -> anyhow::Result<Frames> {

@@ -1,7 +1,7 @@
 //! How the last frame came about, for overlays: whose pictures its pixels show, where its triangles meet, how many cameras see a place.
 
 use super::scan::{BAND_ROWS, Described, LANES, MOST_CAMERAS, OWNER_BITS, Pixels, Scanner, UNCOVERED};
-use super::texture::TextureCamera;
+use super::texture_camera::TextureCamera;
 use super::{GeometryRenderer, ViewGeometry};
 use rayon::prelude::*;
 

@@ -16,6 +16,7 @@ mod effort;
 mod fuse;
 mod inspect;
 mod kept;
+mod lattice;
 #[cfg(test)]
 mod oracle;
 mod owners;
@@ -32,6 +33,7 @@ mod store;
 #[cfg(test)]
 pub(crate) mod tests;
 mod texture;
+mod texture_camera;
 
 pub use effort::TimeBudget;
 pub use inspect::Shown;

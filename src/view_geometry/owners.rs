@@ -4,8 +4,9 @@
 //! others, so that most triangles would be textured by several cameras although the best sees all of them. The paper has the best
 //! camera supply most (C27): here it does, wherever its own depth agrees.
 
-use super::fuse::{Grid, NOBODY, SUBPIXELS};
-use super::texture::TextureCamera;
+use super::fuse::{Grid, NOBODY};
+use super::lattice::SUBPIXELS;
+use super::texture_camera::TextureCamera;
 use rayon::prelude::*;
 
 /// Nodes that a thread takes at a time.

@@ -1,6 +1,6 @@
 //! Samples of a camera as a frame sees them (E7, its first step), sixteen at a time.
 
-use super::fuse::{Lattice, SUBPIXELS};
+use super::lattice::{Lattice, SUBPIXELS};
 use super::samples::Points;
 use crate::capture::Camera;
 use fearless_simd::prelude::*;

@@ -8,8 +8,9 @@
 //! the far one, as the picture of the near one's camera says.
 
 use super::EdgeRule;
-use super::fuse::{Grid, SUBPIXELS};
-use super::texture::TextureCamera;
+use super::fuse::Grid;
+use super::lattice::SUBPIXELS;
+use super::texture_camera::TextureCamera;
 use rayon::prelude::*;
 use std::ops::Range;
 

@@ -206,7 +206,7 @@ fn pixels_are_those_of_the_slow_way() {
     for corners in renderer.mesh.triangles().iter().filter(|corners| renderer.grid.holds(corners)) {
         let at = corners.map(|node| {
             let node = node as usize;
-            [renderer.grid.x[node], renderer.grid.y[node]].map(|part| f64::from(part) / f64::from(fuse::SUBPIXELS))
+            [renderer.grid.x[node], renderer.grid.y[node]].map(|part| f64::from(part) / f64::from(lattice::SUBPIXELS))
         });
         let corner = |k: usize| {
             let node = corners[k] as usize;

@@ -3,7 +3,7 @@
 //! The scene keeps no groups, so this is a pass of its own over the text; it takes place only where a name says something.
 
 use super::lines::{keyword, lines, words};
-use super::orientation::{FLOORS, Lying, WALLS};
+use super::lying::{FLOORS, Lying, WALLS};
 use glam::DVec3;
 
 /// What faces under such names are.

@@ -9,6 +9,7 @@ pub(crate) mod gltf;
 mod group_names;
 mod lights;
 mod lines;
+mod lying;
 mod model;
 mod mtl;
 mod notes;

@@ -9,6 +9,7 @@
 
 use super::LoadOptions;
 use super::group_names::GroupNames;
+use super::lying::{FLOORS, Lying, WALLS, along};
 use crate::scene::{FileFrame, Scene, UpAxis};
 use glam::DVec3;
 
@@ -37,13 +38,8 @@ const SAID: f64 = 30.0;
 const LEVELS: usize = 400;
 /// Share of the area at each end of an axis that does not count as standing there.
 const OUTLYING: f64 = 0.02;
-/// Normals within some 11 degrees of an axis lie along it.
-const ALONG: f64 = 0.98;
 /// A room whose floor and walls are named is higher than this, metres.
 const LOWEST_ROOM_M: f64 = 1.5;
-/// Names of what lies, in lower case, and of what stands.
-pub(super) const FLOORS: [&str; 7] = ["floor", "ground", "carpet", "parquet", "ceiling", "grass", "pavement"];
-pub(super) const WALLS: [&str; 2] = ["wall", "facade"];
 
 impl Hints {
     /// Of a file that is no text: none.
@@ -355,28 +351,6 @@ fn outlying(areas: impl Iterator<Item = f64>, all: f64) -> usize {
         sum < OUTLYING * all
     };
     areas.take_while(is_outside).count()
-}
-
-/// How several surfaces lie.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Lying {
-    /// Their area that lies flat along each axis.
-    along: DVec3,
-    /// All of it.
-    area: f64,
-}
-
-impl Lying {
-    /// Takes in a surface by its area along its normal.
-    pub(super) fn add(&mut self, area: DVec3) {
-        self.along += along(area.normalize_or_zero()) * area.length();
-        self.area += area.length();
-    }
-}
-
-/// Along which axes a surface of this normal lies flat: 1 or 0 each.
-fn along(normal: DVec3) -> DVec3 {
-    DVec3::select(normal.abs().cmpgt(DVec3::splat(ALONG)), DVec3::ONE, DVec3::ZERO)
 }
 
 /// How a triangle lies.

@@ -3,7 +3,7 @@
 //! One code for every SIMD level, without fused multiply-adds and approximate reciprocals, so that all give the same bits.
 
 use super::Rim;
-use super::plan::{FrameSize, TileInView};
+use super::plan::{FrameSize, Span, TileInView};
 use crate::render::splat;
 pub(super) use crate::texels::LANES;
 use crate::texels::{between, fours};
@@ -15,16 +15,6 @@ const ALPHA_SHIFT: u32 = u32::from_ne_bytes([0, 0, 0, 1]).trailing_zeros();
 
 /// Below this alpha, a texel is not there: a canvas gives whatever is there a twentieth of its pixel.
 const MIN_ALPHA: u32 = 8;
-
-/// Which pixels of a row a picture covers, and what of it they show.
-pub(super) struct Span {
-    /// Of the frame.
-    pub(super) columns: Range<u32>,
-    /// At the first column: texel column and row times 1/w, 1/w, inverse depth.
-    pub(super) start: [f32; 4],
-    /// From column to column.
-    pub(super) step: [f32; 4],
-}
 
 /// Rows of a frame, each of `stride` pixels: longer than the frame is wide by at least [`LANES`].
 pub(super) struct Rows<'a> {

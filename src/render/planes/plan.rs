@@ -1,6 +1,5 @@
 //! What of the planes a frame shows, and how.
 
-use super::kernel::Span;
 use crate::capture::Camera;
 use crate::capture::rig::Face;
 use crate::packed::{Plane, PlaneSet, PlaneTile, mips};
@@ -60,6 +59,16 @@ pub(super) struct TileInView {
     /// Largest inverse depth, 1/m.
     nearest: f64,
     pub(super) index: u32,
+}
+
+/// Which pixels of a row a picture covers, and what of it they show.
+pub(super) struct Span {
+    /// Of the frame.
+    pub(super) columns: Range<u32>,
+    /// At the first column: texel column and row times 1/w, 1/w, inverse depth.
+    pub(super) start: [f32; 4],
+    /// From column to column.
+    pub(super) step: [f32; 4],
 }
 
 /// Where a picture may lie: a half plane of the frame.

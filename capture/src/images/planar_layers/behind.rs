@@ -140,7 +140,7 @@ impl Looking<'_> {
             return !self.canvas.inside[pixel];
         }
         let front = &self.planes[usize::from(own)];
-        let hidden = -self.canvas.off_px(front, pixel, inverse_depth as f32) > self.canvas.on_plane_px;
+        let hidden = -front.off_px(self.canvas, pixel, inverse_depth as f32) > self.canvas.on_plane_px;
         usize::from(own) != label && (hidden || self.near[pixel] >> label & 1 == 1)
     }
 }

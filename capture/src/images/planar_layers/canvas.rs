@@ -1,7 +1,6 @@
 //! What layers are made on: the middle frame's picture, wider all round, its pixels square and its principal point in the middle.
 
 use super::frames::{Frame, Frames};
-use super::planes::Affine;
 use crate::Camera;
 use crate::images::Lens;
 use glam::DVec3;
@@ -64,11 +63,6 @@ impl Canvas {
     pub(super) fn point(&self, pixel: usize, inverse_depth: f64) -> DVec3 {
         let [x, y] = self.center(pixel);
         self.camera.eye() + self.camera.direction(x, y) / inverse_depth
-    }
-
-    /// By how many pixels of parallax a point is nearer than a plane.
-    pub(super) fn off_px(&self, plane: &Affine, pixel: usize, inverse_depth: f32) -> f64 {
-        (f64::from(inverse_depth) - plane.at(self.center(pixel))) * self.px_per_inverse_depth
     }
 
     /// The pixels around one, itself among them, within a square of `2 radius + 1`.

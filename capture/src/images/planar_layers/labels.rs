@@ -54,7 +54,7 @@ fn costs(canvas: &Canvas, frames: &Frames, planes: &[Affine]) -> Vec<f32> {
         let unlike = &unlike;
         planes.iter().enumerate().map(move |(label, plane)| {
             let known = canvas.inverse_depth[pixel];
-            let off = canvas.off_px(plane, pixel, known).abs() as f32;
+            let off = plane.off_px(canvas, pixel, known).abs() as f32;
             let by_depth = if known > 0.0 { OFF_PLANE * (off / far).min(1.0) } else { 0.0 };
             by_depth + UNLIKE * ((unlike[label][pixel] - NOISE_LEVELS) / LEVELS).clamp(0.0, 1.0)
         })

@@ -87,7 +87,7 @@ impl Built {
 /// How far a pixel's depth is off its layer's plane, 1/m; `None` where it is unknown, or another plane's by far.
 fn own_residual(canvas: &Canvas, planes: &[Affine], label: usize, pixel: usize) -> Option<f32> {
     let inverse_depth = canvas.inverse_depth[pixel];
-    let off = |plane: &Affine| canvas.off_px(plane, pixel, inverse_depth).abs();
+    let off = |plane: &Affine| plane.off_px(canvas, pixel, inverse_depth).abs();
     let nearest = planes.iter().map(off).fold(f64::INFINITY, f64::min);
     let agrees = off(&planes[label]) <= nearest + STEP * canvas.on_plane_px;
     (inverse_depth > 0.0 && agrees).then(|| (f64::from(inverse_depth) - planes[label].at(canvas.center(pixel))) as f32)

@@ -80,6 +80,11 @@ impl Affine {
         Some(Self { coefficients: DVec3::new(a, b, mean.z - a * mean.x - b * mean.y) })
     }
 
+    /// By how many pixels of parallax a point that a pixel shows is nearer than the plane.
+    pub(super) fn off_px(&self, canvas: &Canvas, pixel: usize, inverse_depth: f32) -> f64 {
+        (f64::from(inverse_depth) - self.at(canvas.center(pixel))) * canvas.px_per_inverse_depth
+    }
+
     /// Unit normal and signed distance of the world's origin, metres.
     pub(super) fn in_world(&self, canvas: &Canvas) -> (DVec3, f64) {
         let camera = &canvas.camera;

@@ -1,6 +1,6 @@
 //! What surfaces of a Sweet Home 3D home look like.
 
-use super::home::number;
+use super::xml::number;
 use glam::DVec2;
 use roxmltree::Node;
 

@@ -2,6 +2,7 @@
 //! centimetres, angles clockwise in plan.
 
 use super::finish::{Finish, color, finish};
+use super::xml::{elements, number};
 use glam::{DMat3, DVec2, DVec3};
 use roxmltree::{Document, Node};
 use std::collections::{HashMap, HashSet};
@@ -199,19 +200,9 @@ impl Home {
     }
 }
 
-/// All elements of a name below a node, in the order of the file (doors may stand in groups of furniture).
-fn elements<'a>(root: Node<'a, 'a>, name: &'static str) -> impl Iterator<Item = Node<'a, 'a>> {
-    root.descendants().filter(move |node| node.has_tag_name(name))
-}
-
 /// Whether a storey is not hidden with all that stands on it. (`visible` says which storeys the user's window showed last.)
 fn is_viewable(level: &Node) -> bool {
     level.attribute("viewable") != Some("false")
-}
-
-/// A finite number in an attribute.
-pub(super) fn number(node: Node, attribute: &str) -> Option<f64> {
-    node.attribute(attribute)?.parse().ok().filter(|value: &f64| value.is_finite())
 }
 
 fn room(node: Node, level: Level) -> Option<Room> {

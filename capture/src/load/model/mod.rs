@@ -11,6 +11,7 @@ mod plain;
 mod split;
 mod sweethome;
 mod toml;
+mod xml;
 
 use super::{LoadError, extension_of};
 use crate::portal_model::{Finding, PortalModel};

@@ -1,0 +1,58 @@
+//! How cube LDIs are packed, and what is said of one that is.
+
+use super::args::parse_length;
+use crate::packed::{PackedCube, SplatIndexLayout, Split};
+use crate::primitives::{self, MAX_ERROR_PX};
+use clap::Args;
+
+/// How a cube LDI is packed.
+#[derive(Args)]
+pub(super) struct PackingArgs {
+    /// What the splat index holds: the paper's normal and depth, or all bits for the normal
+    #[arg(long, default_value = "normal")]
+    layout: SplatIndexLayout,
+    /// Near/far split of each face: auto, none, or an eye depth
+    #[arg(long, default_value = "auto", value_parser = parse_split, allow_hyphen_values = true)]
+    split: Split,
+    /// Show what is flat as pictures on planes, where nobody in the headbox sees it elsewhere by more than E frame pixels; 0
+    /// keeps every sample
+    #[arg(long, value_name = "E", default_value_t = primitives::DEFAULT_ERROR_PX, value_parser = parse_error_px, allow_hyphen_values = true)]
+    error_px: f64,
+}
+
+fn parse_error_px(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(error) if (0.0..=MAX_ERROR_PX).contains(&error) => Ok(error),
+        _ => Err(format!("give a number of frame pixels from 0 to {MAX_ERROR_PX}")),
+    }
+}
+
+/// The depth in the file's own unit.
+fn parse_split(text: &str) -> Result<Split, String> {
+    match text {
+        "auto" => Ok(Split::Auto),
+        "none" => Ok(Split::None),
+        depth => parse_length(depth).map(Split::AtDepth).map_err(|_| "give auto, none, or an eye depth above 0".into()),
+    }
+}
+
+impl PackingArgs {
+    pub(super) fn pack(&self, ldi: crate::ldi::CubeLdi) -> anyhow::Result<PackedCube> {
+        let split = match self.split {
+            Split::AtDepth(depth) => Split::AtDepth(depth * ldi.info.frame.unit_m),
+            split => split,
+        };
+        Ok(primitives::pack(ldi, self.layout, split, self.error_px)?)
+    }
+}
+
+/// Depth pixels, and what else there is.
+pub(super) fn what_is_kept(cube: &PackedCube) -> String {
+    let (count, planes) = (cube.depth_pixel_count(), &cube.planes);
+    match planes.tiles.is_empty() {
+        true => format!("{count} depth pixels"),
+        false => {
+            format!("{count} depth pixels and, for {} more, pictures on {} planes", planes.samples, planes.planes.len())
+        }
+    }
+}
