@@ -1,16 +1,19 @@
 //! A scene in memory: triangles in world metres, materials, textures, and how the file's axes map to the world.
 
+mod exposure;
 mod lights;
 mod sky_picture;
 mod sky_sun;
 mod stitch;
 mod surface;
+mod tone;
 
+pub use exposure::Exposure;
 pub use lights::{Lamp, Reach, Sky, SkyGradient, Sun};
 pub use sky_picture::{SkyError, SkyPicture};
 pub use surface::Surface;
+pub use tone::ToneMap;
 
-use crate::light::{Exposure, ToneMap};
 use crate::material::{Material, Texture};
 use glam::{DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};

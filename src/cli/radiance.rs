@@ -2,7 +2,7 @@
 
 use super::output::cannot_write;
 use crate::capture::files::write_whole;
-use crate::capture::light::ToneMap;
+use crate::capture::scene::ToneMap;
 use crate::ldi::CaptureInfo;
 use exr::prelude::{Image, SpecificChannels, WritableImage};
 use image::RgbImage;

@@ -5,8 +5,8 @@
 
 use super::AT_LEAST;
 use crate::capture::bake::{BakeOptions, bake_unmetered};
-use crate::capture::light::ToneMap;
 use crate::capture::rig::Face;
+use crate::capture::scene::ToneMap;
 use crate::capture::scene::{Scene, SceneError, Sky, SkyError, SkyPicture};
 use crate::capture::{Camera, linear_from_srgb8};
 use crate::environment::Environment;

@@ -7,7 +7,7 @@ use super::accumulate::DepthBins;
 use super::coverage::BinSpan;
 use super::shade::LitPart;
 use super::{DepthPixel, EncodedNormal};
-use crate::capture::light::ToneMap;
+use crate::capture::scene::ToneMap;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 

@@ -38,9 +38,8 @@ pub mod voxel_colouring;
 pub use validate::{LdiError, MAX_FACE_SIZE_PX};
 
 use crate::capture::images::ImageSet;
-use crate::capture::light::ToneMap;
 use crate::capture::rig::Face;
-use crate::capture::scene::FileFrame;
+use crate::capture::scene::{FileFrame, ToneMap};
 use crate::environment::Environment;
 use crate::scene_source::LightParameters;
 use glam::{DVec3, Vec3};

@@ -1,7 +1,7 @@
 //! What a person says of a scene's light, stated once: sources of scenes, the headers of files and the command line hold this type.
 
-use crate::capture::light::{Exposure, ToneMap, luminance};
-use crate::capture::scene::{FileFrame, Scene, Sky, SkyError, SkyPicture, Sun};
+use crate::capture::light::luminance;
+use crate::capture::scene::{Exposure, FileFrame, Scene, Sky, SkyError, SkyPicture, Sun, ToneMap};
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 use std::fmt;

@@ -3,7 +3,8 @@
 use crate::sprite_files::card;
 use crate::sprite_oracle::look;
 use glam::{DVec3, Vec2, Vec3, dvec3};
-use headbox::capture::light::{Lighting, ToneMap};
+use headbox::capture::light::Lighting;
+use headbox::capture::scene::ToneMap;
 use headbox::capture::scene::{Scene, Triangle};
 use headbox::capture::trace::Tracer;
 use headbox::capture::{Camera, Material};

@@ -8,7 +8,6 @@
 
 mod arrival;
 mod emitters;
-mod exposure;
 mod gloss;
 mod guide;
 mod light_tree;
@@ -17,14 +16,11 @@ mod sequence;
 mod sharp;
 mod sky;
 mod square;
-mod tone;
 
 pub use arrival::Arrival;
-pub use exposure::Exposure;
-pub use tone::ToneMap;
 
 use crate::sampler::{random4, unit_float};
-use crate::scene::{Sky, Sun};
+use crate::scene::{Sky, Sun, ToneMap};
 use crate::trace::{Hit, Ray, Tracer};
 use emitters::Emitters;
 use glam::Vec3;
@@ -199,7 +195,7 @@ impl Lighting {
     /// The lights of `scene`, with exposure and fill chosen by a pilot: what is seen, sky included, from seeded points in
     /// the headbox that the scene suggests (or [`crate::viewpoint::suggest_headbox`] finds). The logarithmic mean of luminance is
     /// exposed to a middle grey, as a photographer's meter does (Reinhard et al. 2002, "Photographic tone reproduction",
-    /// without the compression), unless the scene says otherwise ([`Exposure`]). If more than a third of the surfaces seen get under
+    /// without the compression), unless the scene says otherwise ([`crate::scene::Exposure`]). If more than a third of the surfaces seen get under
     /// 1 % of the brightest tenth, a fill light of a tenth of it (or 1 in total darkness) is added.
     pub fn measure(tracer: &Tracer, bounces: u32) -> Self {
         let mut lighting = Self::of_scene(tracer, bounces);

@@ -3,9 +3,9 @@
 use crate::folder::Folder;
 use glam::{DVec3, Vec3, dvec3};
 use headbox_capture::Material;
-use headbox_capture::light::{Exposure, LightSample, Lighting, LitPoint, luminance};
+use headbox_capture::light::{LightSample, Lighting, LitPoint, luminance};
 use headbox_capture::load::LoadOptions;
-use headbox_capture::scene::{Lamp, Reach, Scene, Sky, SkyGradient, SkyPicture, Sun, Triangle};
+use headbox_capture::scene::{Exposure, Lamp, Reach, Scene, Sky, SkyGradient, SkyPicture, Sun, Triangle};
 use headbox_capture::trace::Tracer;
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
