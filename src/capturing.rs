@@ -11,7 +11,7 @@ use crate::ldi::MAX_FACE_SIZE_PX;
 use crate::ldi::job::CaptureJob;
 use crate::ldi::parameters::{CaptureParameters, Resources};
 use crate::packed::{PackedCube, SplatIndexLayout, Split};
-use crate::primitives::{self, DEFAULT_ERROR_PX, MAX_ERROR_PX};
+use crate::primitives::{self, DEFAULT_ERROR_PX, MAX_ERROR_PX, fineness};
 use crate::progress::{Progress, Silent};
 use crate::sprite::{DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, capture_slabs, slabs_at_gaps};
 use crate::{Error, Scene};
@@ -41,6 +41,8 @@ pub struct Capture<'a> {
     face_size_px: u32,
     parameters: CaptureParameters,
     error_px: f64,
+    /// Of frames that are to be made of it, if faces are to be as fine as these.
+    frames_focal_px: Option<f64>,
     resources: Resources,
     progress: &'a dyn Progress,
 }
@@ -55,6 +57,7 @@ impl<'a> Capture<'a> {
             face_size_px: CaptureJob::DEFAULT_FACE_SIZE_PX,
             parameters: CaptureParameters::DEFAULT,
             error_px: DEFAULT_ERROR_PX,
+            frames_focal_px: None,
             resources: Resources::default(),
             progress: &Silent,
         }
@@ -75,6 +78,13 @@ impl<'a> Capture<'a> {
     /// Pixels a side of each cube face.
     pub fn face_size(mut self, face_size_px: u32) -> Self {
         self.face_size_px = face_size_px;
+        self
+    }
+
+    /// Faces as fine as frames of such a camera show from nearly anywhere in the headbox, to within [`Self::error_px`], instead of
+    /// [`Self::face_size`], with as many rays for each of their pixels; where the camera stands does not matter.
+    pub fn for_frames(mut self, camera: &Camera) -> Self {
+        self.frames_focal_px = Some(camera.focal_px());
         self
     }
 
@@ -147,7 +157,7 @@ impl<'a> Capture<'a> {
     pub fn run(self) -> Result<PackedCube, Error> {
         self.check()?;
         let Headbox { centre, half_size_m } = place_headbox(self.scene.loaded(), self.centre, self.half_size_m)?;
-        let job = CaptureJob {
+        let mut job = CaptureJob {
             scene: self.scene.source().clone(),
             centre,
             half_size_m,
@@ -155,6 +165,9 @@ impl<'a> Capture<'a> {
             parameters: self.parameters,
         };
         let tracer = Tracer::new(Arc::clone(self.scene.loaded()), centre);
+        if let Some(focal_px) = self.frames_focal_px {
+            fineness::settle(&mut job, &tracer, focal_px, self.error_px);
+        }
         let lighting = Lighting::prepare(&tracer, job.parameters.bounces, job.parameters.light_samples > 0);
         let (ldi, _) = gaps::capture(&job, &tracer, &lighting, &self.resources, self.progress)?;
         Ok(primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, self.error_px)?)

@@ -3,7 +3,9 @@
 use super::args::{SceneArgs, parse_length, parse_vector};
 use super::capture_deep::{self, is_deep_picture};
 use super::estimate::{Estimate, rays_of};
-use super::images::{SetArgs, is_image_set};
+use super::face_size::FaceSize;
+use super::image_set::SetArgs;
+use super::images::is_image_set;
 use super::output::{CUBE, Outputs, SHARD, memory_bytes, name_of, peak_rss_mb, print_json};
 use super::packing::{PackingArgs, what_is_kept};
 use super::place::{figure, place_headbox, triple};
@@ -88,10 +90,10 @@ pub(super) struct QualityArgs {
     /// Faces, strata, rays and light together, where they are not given one by one; best if absent
     #[arg(long)]
     quality: Option<Preset>,
-    /// Pixels a side of each cube face
-    #[arg(long, value_name = "PX", default_value_t = CaptureJob::DEFAULT_FACE_SIZE_PX,
-          value_parser = clap::value_parser!(u32).range(1..=i64::from(crate::ldi::MAX_FACE_SIZE_PX)))]
-    pub(super) face_size: u32,
+    /// Pixels a side of each cube face; or auto, or auto:WIDTHxHEIGHT@DEGREES: as fine as such frames (1024x768@60) show to within
+    /// --error-px, with strata to match
+    #[arg(long, value_name = "PX", default_value_t = FaceSize::Px(CaptureJob::DEFAULT_FACE_SIZE_PX))]
+    pub(super) face_size: FaceSize,
     #[command(flatten)]
     pub(super) parameters: CaptureParameters,
 }
@@ -115,6 +117,17 @@ impl Preset {
         ("rays_per_stratum", ["8", "8"]),
         ("light_samples", ["1", "2"]),
     ];
+
+    /// Pixels a side of the faces for which the strata of a preset are meant.
+    fn face_size(preset: Option<Self>) -> u32 {
+        let [(_, [draft, good]), ..] = Self::NUMBERS;
+        let size = match preset {
+            Some(Self::Draft) => draft,
+            Some(Self::Good) => good,
+            Some(Self::Best) | None => "",
+        };
+        size.parse().unwrap_or(CaptureJob::DEFAULT_FACE_SIZE_PX)
+    }
 }
 
 impl QualityArgs {
@@ -125,7 +138,7 @@ impl QualityArgs {
         } = self.parameters;
         let usual = CaptureParameters::DEFAULT;
         [
-            ("--face-size", self.face_size != CaptureJob::DEFAULT_FACE_SIZE_PX),
+            ("--face-size", self.face_size != FaceSize::Px(CaptureJob::DEFAULT_FACE_SIZE_PX)),
             ("--strata", strata != usual.strata),
             ("--rays", rays_per_stratum != usual.rays_per_stratum),
             ("--bounces", bounces != usual.bounces),
@@ -163,7 +176,7 @@ fn parse_shard(text: &str) -> Result<(u32, u32), String> {
 impl QualityArgs {
     /// The capture of a headbox with this quality.
     fn job(&self, scene: SceneSource, centre: DVec3, half_size_m: f64) -> CaptureJob {
-        let (face_size_px, parameters) = (self.face_size, self.parameters);
+        let (face_size_px, parameters) = (self.face_size.or(Preset::face_size(self.quality)), self.parameters);
         CaptureJob { scene, centre, half_size_m, face_size_px, parameters }
     }
 }
@@ -253,6 +266,7 @@ impl CaptureCommand {
             job.half_size_m = viewpoint::fitting_half_size(half_size_m, rays_per_pixel(&job));
         }
         let tracer = Tracer::new(Arc::clone(&scene), centre);
+        self.quality.face_size.settle(&mut job, &tracer, &self.packing);
         eprintln!(
             "headbox: centre {}, half-size {} (in the file's axes and unit)",
             triple(scene.frame.file_from_world(centre)),

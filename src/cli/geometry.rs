@@ -1,7 +1,8 @@
 //! Folders of images drawn by view-dependent geometry instead of a cube LDI.
 
 use super::args::DefaultCamera;
-use super::images::{SetArgs, with_depth};
+use super::image_set::SetArgs;
+use super::images::with_depth;
 use super::progress::Bar;
 use super::words::UsageError;
 use crate::cache;

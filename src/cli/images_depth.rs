@@ -1,6 +1,6 @@
 //! `headbox images --depth`: depth of photographs, found from the photographs.
 
-use super::images::SetArgs;
+use super::image_set::SetArgs;
 use super::progress::Bar;
 use crate::capture::files;
 use crate::capture::images::dense_depth::{Agreement, DenseDepth};

@@ -1,7 +1,8 @@
 //! `headbox lumigraph`.
 
 use super::args::{Names, SourceArgs, by_name, parse_length, parse_size, parse_vector};
-use super::images::{SetArgs, is_image_set};
+use super::image_set::SetArgs;
+use super::images::is_image_set;
 use super::output::{LUMIGRAPH, Outputs, peak_rss_mb, print_json};
 use super::place::place_headbox;
 use super::progress::Bar;

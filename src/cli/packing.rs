@@ -37,6 +37,11 @@ fn parse_split(text: &str) -> Result<Split, String> {
 }
 
 impl PackingArgs {
+    /// By how much what is shown may be elsewhere, frame pixels; 0 for not at all.
+    pub(super) fn error_px(&self) -> f64 {
+        self.error_px
+    }
+
     pub(super) fn pack(&self, ldi: crate::ldi::CubeLdi) -> anyhow::Result<PackedCube> {
         let split = match self.split {
             Split::AtDepth(depth) => Split::AtDepth(depth * ldi.info.frame.unit_m),

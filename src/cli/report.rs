@@ -2,7 +2,8 @@
 
 use super::args::{SourceArgs, named_parts, parse_length, parse_unit, parse_up, parse_vector};
 use super::geometry::GeometryArgs;
-use super::images::{SetArgs, is_image_set};
+use super::image_set::SetArgs;
+use super::images::is_image_set;
 use super::images_report;
 use super::output::{NO_INPUTS, Outputs, PAGE, save_picture, write_text};
 use super::place::place_headbox;

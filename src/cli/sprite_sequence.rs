@@ -1,6 +1,6 @@
 //! `headbox sprite FOLDER`: sprites of a sequence of photographs.
 
-use super::images::SetArgs;
+use super::image_set::SetArgs;
 use super::output::{save_picture, write_text};
 use super::progress::Bar;
 use super::words::UsageError;

@@ -2,7 +2,8 @@
 
 use super::args::{Names, SourceArgs, by_name, parse_size};
 use super::geometry::{GEOMETRY_ALONE, GeometryArgs, open_geometry, texturing_of};
-use super::images::{self, SetArgs, is_image_set};
+use super::image_set::SetArgs;
+use super::images::{self, is_image_set};
 use super::output::{Outputs, WINDOW, name_of, print_json};
 use super::progress::Bar;
 use super::words::UsageError;

@@ -9,6 +9,7 @@
 mod by_depth;
 mod order;
 mod polygons;
+mod stand;
 
 pub use polygons::{Polygons, PolygonsError, place};
 
@@ -18,14 +19,14 @@ use crate::frame::Frame;
 use crate::packed::PackedCube;
 use crate::render::finish::{Background, Pixels};
 use crate::render::linear::LinearLight;
-use crate::render::{RenderSettings, Renderer, Standing};
+use crate::render::{RenderSettings, Renderer};
 use crate::sprite::{Outcome, RenderOptions, SpriteLayer, SpriteRenderer, SpriteSet, straight};
 use by_depth::{LayerPicture, lay_by_depth};
 use glam::DVec3;
 use order::CubePoints;
-use polygons::Stand;
 use rayon::prelude::*;
 use serde::Serialize;
+use stand::Stand;
 use std::time::Instant;
 
 /// A layer of a [`Composition`].
@@ -227,7 +228,7 @@ impl Composition {
                 let cubes = RenderSettings { depth: picture.is_some() || settings.cubes.depth, ..settings.cubes };
                 let (drawn, cube_stats) = match self.polygons.is_empty() {
                     true => composer.cubes.render_with_stats(cube, camera, &cubes),
-                    false => composer.cubes.render_among(cube, composer.polygons.standing(), camera, &cubes),
+                    false => composer.cubes.render_among(cube, &composer.polygons.standing(), camera, &cubes),
                 };
                 stats.depth_pixels_in += cube_stats.depth_pixels_in;
                 stats.splatted += cube_stats.splatted;
@@ -240,11 +241,11 @@ impl Composition {
                 stats.cubes_ms += started.elapsed().as_secs_f64() * 1e3;
             }
             Layer::Polygons => {
-                let Standing { colors, inverse_depth } = composer.polygons.standing();
-                let pixels = colors.par_iter().zip(inverse_depth);
-                let colors = pixels.map(|(&[r, g, b, _], depth)| [r, g, b, if *depth > 0.0 { 255 } else { 0 }]);
+                let (standing, width) = (composer.polygons.standing(), camera.width() as usize);
+                let pixels = (0..frame.color.len()).into_par_iter().map(|i| standing.pixel(i % width, i / width));
+                let colors = pixels.clone().map(|(color, _)| color);
                 match picture {
-                    Some(picture) => picture.set(colors, inverse_depth.par_iter().copied()),
+                    Some(picture) => picture.set(colors, pixels.map(|(_, inverse_depth)| inverse_depth)),
                     None => lay_over(&mut frame.color, colors),
                 }
                 stats.polygons_ms += started.elapsed().as_secs_f64() * 1e3;

@@ -1,21 +1,18 @@
 //! Polygons among images (S25): what is nearer than an image can serve, or is put into a place that was captured without it.
 //!
-//! They are rasterised ([`crate::raster`]) once for a frame, and stand in it with a depth for each pixel ([`Standing`]), against which cube
+//! They are rasterised ([`crate::raster`]) once for a frame, and stand in it with a depth for each pixel (`stand.rs`), against which cube
 //! LDIs are drawn.
 
-use super::AT_LEAST;
+use crate::capture::Camera;
 use crate::capture::bake::{BakeOptions, bake_unmetered};
 use crate::capture::rig::Face;
 use crate::capture::scene::ToneMap;
 use crate::capture::scene::{Scene, SceneError, Sky, SkyError, SkyPicture};
-use crate::capture::{Camera, linear_from_srgb8};
-use crate::environment::Environment;
 use crate::packed::PackedCube;
 use crate::progress::Progress;
-use crate::raster::{GroupWindow, RasterMesh, RasterView, Rasterizer};
-use crate::render::{RenderSettings, Renderer, Standing};
+use crate::raster::RasterMesh;
+use crate::render::{RenderSettings, Renderer};
 use glam::DVec3;
-use rayon::prelude::*;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -38,6 +35,8 @@ pub enum PolygonsError {
 #[derive(Debug)]
 pub struct Polygons {
     mesh: RasterMesh,
+    /// Its lowest and highest corner, world metres.
+    bounds: [DVec3; 2],
     /// How the images among which it stands store light.
     tone: ToneMap,
 }
@@ -55,7 +54,7 @@ impl Polygons {
         let all = 0..scene.triangles.len() as u32;
         let [low, high] = scene.bounds();
         let mesh = RasterMesh::new(Arc::new(scene), std::slice::from_ref(&all), (low + high) / 2.0);
-        Ok(Self { mesh, tone: ToneMap::default() })
+        Ok(Self { mesh, bounds: [low, high], tone: ToneMap::default() })
     }
 
     /// The same in the light of what a cube LDI shows from the middle of the polygons, or from that place of its headbox which is nearest
@@ -84,6 +83,20 @@ impl Polygons {
         });
         Ok(Self { tone: cube.info.tone, ..Self::new(baked.scene)? })
     }
+
+    pub(super) fn mesh(&self) -> &RasterMesh {
+        &self.mesh
+    }
+
+    pub(super) fn tone(&self) -> ToneMap {
+        self.tone
+    }
+
+    /// The corners of a box that holds them, world metres.
+    pub(super) fn corners(&self) -> impl Iterator<Item = DVec3> + use<> {
+        let bounds = self.bounds;
+        (0..8).map(move |i| DVec3::from_array([0, 1, 2].map(|axis| bounds[i >> axis & 1][axis])))
+    }
 }
 
 /// What a cube shows from a place, as light: linear, under its exposure.
@@ -111,49 +124,6 @@ fn surroundings(cube: &PackedCube, place: DVec3) -> Result<SkyPicture, PolygonsE
         [color[0], color[1], color[2]].map(|level| cube.info.tone.exposed(level))
     };
     Ok(SkyPicture::new([2 * side, side], (0..2 * side * side).map(texel).collect(), 0.0)?)
-}
-
-/// All polygons of a frame, nearest first.
-#[derive(Default)]
-pub(super) struct Stand {
-    rasterizer: Rasterizer,
-    colors: Vec<[u8; 4]>,
-    inverse_depth: Vec<f32>,
-}
-
-impl Stand {
-    /// Draws polygons, each where it is nearer than the others.
-    pub(super) fn draw(&mut self, polygons: &[Polygons], camera: &Camera) {
-        let groups = [GroupWindow { group: 0, window: None }];
-        let view = RasterView { groups: &groups, markers: &[], exposure: 1.0, hole_color_srgb: [0; 3] };
-        for (number, polygons) in polygons.iter().enumerate() {
-            self.rasterizer.draw(&polygons.mesh, camera, &view, &Environment::default());
-            let drawn = self.rasterizer.output_mut();
-            if polygons.tone != ToneMap::SrgbClipped {
-                let stored: [u8; 256] =
-                    std::array::from_fn(|level| polygons.tone.level(linear_from_srgb8(level as u8)));
-                let colors = drawn.frame.color.par_iter_mut().with_min_len(AT_LEAST);
-                colors.for_each(|[r, g, b, _]| [r, g, b].into_iter().for_each(|c| *c = stored[usize::from(*c)]));
-            }
-            if number == 0 {
-                std::mem::swap(&mut self.colors, &mut drawn.frame.color);
-                std::mem::swap(&mut self.inverse_depth, &mut drawn.inverse_depth);
-                continue;
-            }
-            let theirs = drawn.frame.color.par_iter().zip(&drawn.inverse_depth);
-            let ours = self.colors.par_iter_mut().zip(&mut self.inverse_depth);
-            ours.zip(theirs).with_min_len(AT_LEAST).for_each(|((color, depth), (their_color, their_depth))| {
-                if their_depth > depth {
-                    (*color, *depth) = (*their_color, *their_depth);
-                }
-            });
-        }
-    }
-
-    /// What was drawn last.
-    pub(super) fn standing(&self) -> Standing<'_> {
-        Standing { colors: &self.colors, inverse_depth: &self.inverse_depth }
-    }
 }
 
 /// Moves a scene: scaled about its own origin, turned about the up axis, world axes, from north (-Z) to east (+X), and its origin put to a place.

@@ -6,7 +6,7 @@
 //! before a far wall has a range of all. A square counts with the next ones to the right, below and between: then one look answers
 //! for whatever begins in the square and is not larger.
 
-use super::plan::LayerInView;
+use super::layer_in_view::LayerInView;
 use super::pyramid::{Level, Pyramid};
 use super::taps::LANES;
 use fearless_simd::{Simd, f32x16, i32x16, prelude::*, u32x16};

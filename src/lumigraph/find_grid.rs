@@ -1,6 +1,6 @@
 //! The grid that cameras stand in, found from where they stand (the paper's limitation 1): their plane, its rows and columns.
 
-use super::from_images::FromImagesError;
+use super::from_images_error::FromImagesError;
 use crate::capture::images::Pose;
 use crate::capture::scene::FileFrame;
 use glam::{DMat3, DVec2, DVec3};

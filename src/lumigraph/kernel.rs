@@ -11,8 +11,9 @@
 use super::Lumigraph;
 use super::cells::Batch;
 use super::grid::LEAST_FORWARD;
+use super::layer_in_view::LayerInView;
 use super::pending::Pending;
-use super::plan::{LayerInView, LumigraphPlan, Step, cell};
+use super::plan::{LumigraphPlan, Step, cell};
 use super::rays::{Rays, TILE, inside};
 use super::settings::Blend;
 use super::taps::{LANES, nearest};

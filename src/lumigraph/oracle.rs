@@ -2,8 +2,9 @@
 
 use super::Lumigraph;
 use super::grid::PlaneView;
+use super::layer_in_view::MergedLayer;
 use super::merge::Merger;
-use super::plan::{MergedLayer, Step, merged_layers, steps};
+use super::plan::{Step, merged_layers, steps};
 use super::pyramid::{Level, Texel};
 use super::settings::{Blend, LumigraphSettings};
 use crate::capture::{Camera, srgb8_from_linear};

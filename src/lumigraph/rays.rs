@@ -1,7 +1,8 @@
 //! The rays of sixteen pixels: their slopes, the four cameras that each lies between, and where these look (L9, C21).
 
 use super::cells::Bundle;
-use super::plan::{LayerInView, LumigraphPlan, cell};
+use super::layer_in_view::LayerInView;
+use super::plan::{LumigraphPlan, cell};
 use super::pyramid::Level;
 use super::taps::LANES;
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*, u32x16};

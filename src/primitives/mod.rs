@@ -2,6 +2,7 @@
 //! `docs/primitives.md`).
 //!
 //! * [`bound`]: from an error in frame pixels to one in inverse depth.
+//! * [`fineness`]: how large faces must be for such an error.
 //! * `fit`, `regions`: planes, where inverse depth is affine in face pixels within the bound.
 //! * `textures`: their pictures; `cost`: which of them are worth it.
 //!
@@ -9,6 +10,7 @@
 
 pub mod bound;
 mod cost;
+pub mod fineness;
 mod fit;
 mod regions;
 mod textures;

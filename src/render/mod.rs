@@ -218,7 +218,7 @@ struct Source<'a> {
     /// Depth pixels to draw instead of the packed ones, for each segment.
     exact: Option<&'a [Vec<ExactDepthPixel>]>,
     /// What else stands in the frame.
-    standing: Option<Standing<'a>>,
+    standing: Option<&'a Standing<'a>>,
 }
 
 impl<'a> Source<'a> {
@@ -290,7 +290,7 @@ impl Renderer {
     pub(crate) fn render_among(
         &mut self,
         cube: &PackedCube,
-        standing: Standing,
+        standing: &Standing,
         camera: &Camera,
         settings: &RenderSettings,
     ) -> (&Frame, &FrameStats) {

@@ -7,6 +7,7 @@
 mod common;
 
 mod capture;
+mod circles;
 mod citations;
 mod compose;
 mod from_images;

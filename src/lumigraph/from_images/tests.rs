@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::capture::images::{DepthPicture, ImageSetOptions};
-use crate::capture::scene::UpAxis;
+use crate::capture::scene::{FileFrame, UpAxis};
 use crate::capture::trace::Ray;
 use crate::capture::{Camera, srgb8_from_linear};
 use crate::lumigraph::tests::{Bed, psnr_db, render};

@@ -40,13 +40,26 @@ pub(crate) struct Rim {
     pub(crate) inverse_depth: f32,
 }
 
-/// What else stands in a frame, drawn by somebody else (S25): row-major, as large as the frame.
-#[derive(Clone, Copy, Debug)]
+/// What else stands in a frame, drawn by somebody else (S25).
+#[derive(Clone, Debug)]
 pub(crate) struct Standing<'a> {
-    /// Straight colours of opaque surfaces, sRGB; the alpha is not looked at.
+    /// Columns and rows of the frame that the pixels below are, row-major.
+    pub(crate) window: [Range<usize>; 2],
+    /// Straight colours, sRGB, and the share of 255 that each covers of its pixel.
     pub(crate) colors: &'a [[u8; 4]],
     /// 1 / eye depth, 1/m; 0 where nothing stands.
     pub(crate) inverse_depth: &'a [f32],
+}
+
+impl Standing<'_> {
+    /// Colour and inverse depth in a column and row of the frame; zeros where nothing stands.
+    pub(crate) fn pixel(&self, x: usize, y: usize) -> ([u8; 4], f32) {
+        let [columns, rows] = &self.window;
+        let at = |i: usize| Some((*self.colors.get(i)?, *self.inverse_depth.get(i)?));
+        let is_inside = columns.contains(&x) && rows.contains(&y);
+        let index = is_inside.then(|| (y - rows.start) * columns.len() + x - columns.start);
+        index.and_then(at).unwrap_or_default()
+    }
 }
 
 /// Columns that a row has at its end for whole registers.
@@ -76,12 +89,13 @@ impl PlaneCanvas {
         &mut self,
         set: &PlaneSet,
         view: &PlanesInView,
-        standing: Option<Standing>,
+        standing: Option<&Standing>,
         width: u32,
         rows: Range<u32>,
         level: Level,
     ) {
         (self.width, self.first_row) = (width as usize, rows.start as usize);
+        let height = rows.len();
         let stride = self.width + MARGIN;
         self.clear();
         self.colors.resize(stride * rows.len(), [0; 4]);
@@ -98,7 +112,7 @@ impl PlaneCanvas {
             kernel::draw(tile, set.texels_at(tile.index as usize, tile.level), &mut to, level);
         }
         if let Some(standing) = standing {
-            self.stand(standing);
+            self.stand(standing, height);
         }
         let (depths, at) = (&self.inverse_depth, |[column, row]: [u32; 2]| row as usize * stride + column as usize);
         self.rims.retain(|rim| depths.get(at(rim.pixel)).is_some_and(|depth| rim.inverse_depth > *depth));
@@ -106,19 +120,22 @@ impl PlaneCanvas {
         self.rims.reverse();
     }
 
-    /// Puts what stands in the frame where it is nearer than the planes.
-    fn stand(&mut self, standing: Standing) {
-        let (width, start) = (self.width.max(1), self.first_row * self.width);
-        let there = [standing.colors.len(), standing.inverse_depth.len()].into_iter().min().unwrap_or(0);
-        let there = start.min(there)..there;
-        let theirs = standing.colors[there.clone()].chunks(width).zip(standing.inverse_depth[there].chunks(width));
-        let stride = self.width + MARGIN;
-        let ours = self.colors.chunks_mut(stride).zip(self.inverse_depth.chunks_mut(stride));
-        for ((colors, depths), (their_colors, their_depths)) in ours.zip(theirs) {
-            let theirs = their_colors.iter().zip(their_depths);
-            for ((color, depth), (&[r, g, b, _], &nearness)) in colors.iter_mut().zip(depths).zip(theirs) {
-                if nearness > depth.max(0.0) {
-                    (*color, *depth) = ([r, g, b, 255], nearness);
+    /// Puts what stands in the frame where it is nearer than the planes: over them, or, where it covers a pixel in part, among what is
+    /// blended last.
+    fn stand(&mut self, standing: &Standing, height: usize) {
+        let [columns, rows] = &standing.window;
+        let columns = columns.start..columns.end.min(self.width);
+        for y in rows.start.max(self.first_row)..rows.end.min(self.first_row + height) {
+            let row = y - self.first_row;
+            for x in columns.clone() {
+                let (color, nearness) = standing.pixel(x, y);
+                let at = row * (self.width + MARGIN) + x;
+                if nearness <= self.inverse_depth[at].max(0.0) {
+                    continue;
+                }
+                match color[3] {
+                    255 => (self.colors[at], self.inverse_depth[at]) = (color, nearness),
+                    _ => self.rims.push(Rim { pixel: [x as u32, row as u32], color, inverse_depth: nearness }),
                 }
             }
         }

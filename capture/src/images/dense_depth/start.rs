@@ -1,6 +1,7 @@
-//! How a view's depth is begun: in its smallest picture, which also tells which other views serve best.
+//! How a view's depth is begun: in its smallest picture, which also tells which other views serve best, and from there alone in finer ones.
 
-use super::hypotheses::Chequerboard;
+use super::DenseDepthError;
+use super::hypotheses::{Chequerboard, Hypothesis};
 use super::neighbors::{self, Candidate};
 use super::picture::MatchView;
 use super::work::{ROUNDS, Work, matcher_alone, rounds};
@@ -11,19 +12,19 @@ use glam::DVec3;
 const GOOD_COST: f32 = 0.25;
 
 /// What the smallest picture says of a view.
-pub(super) struct Start {
+struct Start {
     /// Which of the views near it are asked from now on.
-    pub(super) asked: Vec<usize>,
+    asked: Vec<usize>,
     /// Between which inverse depths to look, 1/m.
-    pub(super) range: [f32; 2],
-    pub(super) board: Chequerboard,
-    pub(super) seed: u64,
+    range: [f32; 2],
+    board: Chequerboard,
+    seed: u64,
 }
 
 impl Work<'_> {
     /// Planes of a view in its smallest picture by some of the views near it, and which of these serve best now that it is known how far away things are. `None` if
     /// nobody sees what the view sees.
-    pub(super) fn start(
+    fn start(
         &mut self,
         view: usize,
         near: &[usize],
@@ -49,6 +50,34 @@ impl Work<'_> {
             range = [range[0].max(near_and_far[0]), range[1].min(near_and_far[1])];
         }
         Ok(Some(Start { asked, range, board, seed }))
+    }
+
+    /// Planes of a view that knows nothing of others' planes.
+    pub(super) fn alone(&mut self, view: usize) -> Result<(), DenseDepthError> {
+        let own = self.shelf.get(view)?;
+        let eyes: Vec<_> = self.views.iter().map(|view| view.color_pose().eye).collect();
+        let near = neighbors::candidates(&eyes, view);
+        let candidates: Vec<Candidate> = near.iter().map(|&i| self.candidate(i)).collect();
+        let here = self.candidate(view);
+        let most = self.most();
+        let asked = neighbors::choose(&here, &candidates, &neighbors::anywhere(&here, &candidates), most);
+        let suits = |here: &Candidate, points| neighbors::choose(here, &candidates, &[points], most);
+        let Some(Start { mut asked, range, mut board, seed }) = self.start(view, &near, &candidates, asked, suits)?
+        else {
+            let planes = own.level(0).width * own.level(0).height;
+            return self.keep(view, Vec::new(), &vec![Hypothesis::default(); planes]);
+        };
+        let coarsest = own.levels() - 1;
+        let pictures = self.pictures(&near, &asked)?;
+        for level in (0..coarsest).rev() {
+            let picture = own.level(level);
+            board = board.doubled(picture.width, picture.height);
+            let finer = matcher_alone(&own, &pictures, level, range, seed);
+            finer.evaluate(&mut board);
+            rounds(&finer, &mut board, ROUNDS[level.min(1)], false);
+        }
+        asked.iter_mut().for_each(|i| *i = near[*i]);
+        self.keep(view, asked, &board.rows())
     }
 
     /// The views, at most `most`, from which a view's depth is found best: first some at all distances are asked, then those that suit what they say. None if all were

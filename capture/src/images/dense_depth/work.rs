@@ -2,12 +2,11 @@
 
 use super::consistency::{Verdict, judge, remove_specks};
 use super::hypotheses::{Chequerboard, Hypothesis};
-use super::neighbors::{self, Candidate};
+use super::neighbors::Candidate;
 use super::patch_match::{Draw, Known, MOST_OTHERS, Matcher, Other};
 use super::picture::{Grey, MatchView};
 use super::relative::{CameraAt, Relative};
 use super::shelf::{Shelf, Spool};
-use super::start::Start;
 use super::{DenseDepth, DenseDepthError, FoundDepth};
 use crate::images::{ImagesError, LoadedView, Pinhole, View, backdrop};
 use crate::simd;
@@ -98,36 +97,15 @@ impl<'a> Work<'a> {
         DenseDepthError::Spool { folder: self.folder.into(), cause }
     }
 
-    /// Planes of a view that knows nothing of others' planes.
-    pub(super) fn alone(&mut self, view: usize) -> Result<(), DenseDepthError> {
-        let own = self.shelf.get(view)?;
-        let eyes: Vec<_> = self.views.iter().map(|view| view.color_pose().eye).collect();
-        let near = neighbors::candidates(&eyes, view);
-        let candidates: Vec<Candidate> = near.iter().map(|&i| self.candidate(i)).collect();
-        let here = self.candidate(view);
-        let most = self.most();
-        let asked = neighbors::choose(&here, &candidates, &neighbors::anywhere(&here, &candidates), most);
-        let suits = |here: &Candidate, points| neighbors::choose(here, &candidates, &[points], most);
-        let Some(Start { mut asked, range, mut board, seed }) = self.start(view, &near, &candidates, asked, suits)?
-        else {
-            let planes = own.level(0).width * own.level(0).height;
-            return self
-                .found
-                .write(view, &vec![Hypothesis::default(); planes])
-                .map_err(|cause| self.spool_error(cause));
-        };
-        let coarsest = own.levels() - 1;
-        let pictures = self.pictures(&near, &asked)?;
-        for level in (0..coarsest).rev() {
-            let picture = own.level(level);
-            board = board.doubled(picture.width, picture.height);
-            let finer = matcher_alone(&own, &pictures, level, range, seed);
-            finer.evaluate(&mut board);
-            rounds(&finer, &mut board, ROUNDS[level.min(1)], false);
-        }
-        asked.iter_mut().for_each(|i| *i = near[*i]);
+    /// Keeps what was found of a view, and which others are asked about it from now on.
+    pub(super) fn keep(
+        &mut self,
+        view: usize,
+        asked: Vec<usize>,
+        planes: &[Hypothesis],
+    ) -> Result<(), DenseDepthError> {
         self.asked[view] = asked;
-        self.found.write(view, &board.rows()).map_err(|cause| self.spool_error(cause))
+        self.found.write(view, planes).map_err(|cause| self.spool_error(cause))
     }
 
     /// Other views that are asked about each.
