@@ -1,7 +1,6 @@
 //! The four texels around each of sixteen places of a picture, and the colour between them.
 
-use crate::capture::simd::permutes;
-use fearless_simd::{ExtractToken, Simd, prelude::*, u8x64, u16x32, u32x4, u32x16};
+use fearless_simd::{ExtractToken, Simd, prelude::*, u16x32, u32x4, u32x16};
 
 /// Places at a time.
 pub(crate) const LANES: usize = 16;
@@ -28,79 +27,6 @@ pub(crate) fn fours<S: Simd>(simd: S, texels: &[[u8; 4]], index: u32x16<S>, stri
     }
     let ([upper_left, upper_right], [lower_left, lower_right]) = (left_and_right(above), left_and_right(below));
     Some([upper_left, upper_right, lower_left, lower_right])
-}
-
-/// Texels of a row that serve four places.
-const NEAR: usize = 5;
-
-/// The first place of each four, in all four lanes; and from it on.
-const FIRST_OF_FOUR: [u8; 64] = bytes_of([0; 4]);
-const BACKWARD: [u8; 64] = bytes_of([3, 2, 1, 0]);
-
-/// Which bytes of a block of four words are those of some words, in every block.
-const fn bytes_of(words: [u8; 4]) -> [u8; 64] {
-    let mut bytes = [0; 64];
-    let mut i = 0;
-    while i < 64 {
-        bytes[i] = words[i / 4 % 4] * 4 + (i % 4) as u8;
-        i += 1;
-    }
-    bytes
-}
-
-/// As [`fours`], by columns and rows, where neighbours look at neighbours: of each four places the columns lie within four texels and the
-/// rows within two, as in pictures that are hardly made smaller and hardly turned. These need three rows of five texels, of which each place
-/// takes its own by a permutation, instead of four loads each. `None` where it is not so, and near the end of the last rows.
-#[inline(always)]
-pub(crate) fn fours_near<S: Simd>(
-    simd: S,
-    texels: &[[u8; 4]],
-    [column, row]: [u32x16<S>; 2],
-    stride: usize,
-) -> Option<[u32x16<S>; 4]> {
-    if !permutes(simd.level()) {
-        return None;
-    }
-    let (first_column, first_row) = (least_of_four(column), least_of_four(row));
-    // What lies before the first wraps round to what is far behind it.
-    let (right, down) = (column - first_column, row - first_row);
-    if !(right.simd_lt(4) & down.simd_lt(2)).all_true() {
-        return None;
-    }
-    let starts = (first_row * stride as u32 + first_column).to_array();
-    let (mut left, mut beside) = ([[u32x4::splat(simd, 0); 4]; 3], [[u32x4::splat(simd, 0); 4]; 3]);
-    for block in 0..4 {
-        let rows = texels.get(starts[4 * block] as usize..)?;
-        for k in 0..3 {
-            let [a, b, c, d, e] = *rows.get(k * stride..)?.first_chunk::<NEAR>()?;
-            left[k][block] = u32x4::load_array(simd, bytemuck::cast([a, b, c, d]));
-            beside[k][block] = u32x4::load_array(simd, bytemuck::cast([b, c, d, e]));
-        }
-    }
-    let bytes: u8x64<S> = (right * 0x0404_0404 + 0x0302_0100).bitcast();
-    let is_lower = down.simd_eq(1);
-    let [left_0, left_1, left_2] = [own(left[0], bytes), own(left[1], bytes), own(left[2], bytes)];
-    let [right_0, right_1, right_2] = [own(beside[0], bytes), own(beside[1], bytes), own(beside[2], bytes)];
-    Some([
-        is_lower.select(left_1, left_0),
-        is_lower.select(right_1, right_0),
-        is_lower.select(left_2, left_1),
-        is_lower.select(right_2, right_1),
-    ])
-}
-
-/// The least of each four places, in all four lanes, if they ascend or descend.
-#[inline(always)]
-fn least_of_four<S: Simd>(places: u32x16<S>) -> u32x16<S> {
-    let simd = places.token();
-    let backward = places.swizzle_dyn_within_blocks(u8x64::load_array(simd, BACKWARD));
-    places.min(backward).swizzle_dyn_within_blocks(u8x64::load_array(simd, FIRST_OF_FOUR))
-}
-
-/// Of four texels for each four places, that of each place.
-#[inline(always)]
-fn own<S: Simd>([a, b, c, d]: [u32x4<S>; 4], bytes: u8x64<S>) -> u32x16<S> {
-    a.combine(b).combine(c.combine(d)).swizzle_dyn_within_blocks(bytes)
 }
 
 /// Of pairs of texels, the left ones and the right ones.
@@ -198,60 +124,6 @@ mod tests {
                 }
             }
         }
-    }
-
-    #[inline(always)]
-    fn look_near<S: Simd>(
-        simd: S,
-        texels: &[[u8; 4]],
-        place: &[[u32; LANES]; 2],
-        stride: usize,
-    ) -> Option<[[u32; LANES]; 4]> {
-        let place = [u32x16::load_array(simd, place[0]), u32x16::load_array(simd, place[1])];
-        let [a, b, c, d] = fours_near(simd, texels, place, stride)?;
-        Some([a.to_array(), b.to_array(), c.to_array(), d.to_array()])
-    }
-
-    #[test]
-    fn what_is_near_is_what_is_there_or_nothing() {
-        let mut random = Rng::keyed(12);
-        let [width, height] = [40usize, 24];
-        let texels: Vec<[u8; 4]> =
-            (0..width * height).map(|i| (i as u32).wrapping_mul(2_654_435_761).to_ne_bytes()).collect();
-        let (mut found, mut left_out) = (0, 0);
-        for _ in 0..2000 {
-            let mut along = |side: usize, steepest: f64| {
-                let (start, step) = (random.between(-2.0, side as f64), random.between(-steepest, steepest));
-                [0; LANES].map({
-                    let mut lane = -1.0;
-                    move |_: u32| {
-                        lane += 1.0;
-                        (start + lane * step).clamp(0.0, side as f64 - 2.0) as u32
-                    }
-                })
-            };
-            let place = [along(width, 1.4), along(height, 0.6)];
-            let is_near = |of: &[u32; LANES], most: u32| of.chunks(4).all(|four| four[0].abs_diff(four[3]) <= most);
-            let lowest = place[1].chunks(4).map(|four| four[0].min(four[3])).max();
-            let expected =
-                is_near(&place[0], 3) && is_near(&place[1], 1) && lowest.is_some_and(|row| row as usize + 3 < height);
-            for level in simd::levels() {
-                let four = dispatch!(level, simd => look_near(simd, &texels, &place, width));
-                match four {
-                    None => left_out += 1,
-                    Some(four) => {
-                        found += 1;
-                        for i in 0..LANES {
-                            let first = place[1][i] as usize * width + place[0][i] as usize;
-                            let expected = [first, first + 1, first + width, first + width + 1].map(|k| texels[k]);
-                            assert_eq!(four.map(|of| of[i].to_ne_bytes()), expected, "{level:?} {place:?}");
-                        }
-                    }
-                }
-                assert!(four.is_some() || !(expected && permutes(level)), "{level:?} {place:?}");
-            }
-        }
-        assert!(found > 500 && left_out > 500, "{found} {left_out}");
     }
 
     #[test]

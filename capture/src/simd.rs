@@ -58,15 +58,6 @@ pub fn levels() -> Vec<Level> {
     levels
 }
 
-/// Whether bytes are permuted by one instruction: on x86-64 from SSE4.2 on.
-#[inline(always)]
-pub fn permutes(level: Level) -> bool {
-    #[cfg(target_arch = "x86_64")]
-    return level.as_sse4_2().is_some();
-    #[cfg(not(target_arch = "x86_64"))]
-    return !level.is_fallback();
-}
-
 /// `fallback` (what every processor of the architecture has: SSE2 on x86-64, scalars elsewhere), `sse4.2`, `avx2`, `avx512`,
 /// or `neon`.
 pub fn name(level: Level) -> &'static str {

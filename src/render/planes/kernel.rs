@@ -6,7 +6,7 @@ use super::Rim;
 use super::plan::{FrameSize, Span, TileInView};
 use crate::render::splat;
 pub(super) use crate::texels::LANES;
-use crate::texels::{between, fours, fours_near};
+use crate::texels::{between, fours};
 use fearless_simd::{Level, Simd, SimdCvtTruncate, dispatch, f32x16, prelude::*, u32x16};
 use std::ops::Range;
 
@@ -60,8 +60,6 @@ fn draw_span<S: Simd>(simd: S, tile: &TileInView, texels: &[[u8; 4]], span: &Spa
         };
         let k = lane + at as f32;
         let inside = k.simd_lt(count as f32);
-        // What lies beyond looks where the last does.
-        let k = k.min(count as f32 - 1.0);
         at += LANES;
         let q = k * span.step[3] + span.start[3];
         let old = f32x16::from_slice(simd, depths);
@@ -73,14 +71,8 @@ fn draw_span<S: Simd>(simd: S, tile: &TileInView, texels: &[[u8; 4]], span: &Spa
         let u = ((k * span.step[0] + span.start[0]) * w).max(0.0).min(right);
         let v = ((k * span.step[1] + span.start[1]) * w).max(0.0).min(lower);
         let (column, row) = (u.floor().min(right - 1.0), v.floor().min(lower - 1.0));
-        let (places, stride) = ([u32x16::truncate_from(column), u32x16::truncate_from(row)], tile.width as usize);
-        let found = match fours_near(simd, texels, places, stride) {
-            Some(found) => found,
-            None => match fours(simd, texels, places[1] * tile.width + places[0], stride) {
-                Some(found) => found,
-                None => return,
-            },
-        };
+        let upper_left = u32x16::truncate_from(row) * tile.width + u32x16::truncate_from(column);
+        let Some(found) = fours(simd, texels, upper_left, tile.width as usize) else { return };
         let color = between(found, [share(u - column), share(v - row)]);
         let alpha = color >> ALPHA_SHIFT;
         let whole = alpha.simd_eq(255);
