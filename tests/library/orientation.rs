@@ -219,7 +219,7 @@ fn a_room_without_a_ceiling_far_from_the_origin_stands_on_its_floor() {
 #[test]
 fn flat_ground_lies_where_its_name_says_so_and_a_picture_stands() {
     let flat = |name: &str| {
-        let mut text = format!("usemtl {name}\n");
+        let mut text = format!("g {name}\n");
         patch(&mut text, DVec3::new(-40.0, -25.0, 0.0), [DVec3::X * 80.0, DVec3::Y * 50.0], 4);
         guess(&text)
     };
