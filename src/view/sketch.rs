@@ -1,7 +1,9 @@
-//! What stands in for a file that takes seconds to read: of an OBJ some of its vertices, of a folder of images one of them.
+//! What stands in for a file that takes seconds to read: of an OBJ some of its vertices, of a home its plan, of a folder of images one
+//! of them.
 
+use crate::capture::load::home_walls;
 use crate::capture::picture;
-use glam::{DVec3, dvec3};
+use glam::{DVec2, DVec3, dvec2, dvec3};
 use headbox_viewer::Thumbnail;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -14,6 +16,8 @@ const PLACES: u64 = 20_000;
 const REACH_BYTES: usize = 512;
 /// Vertices outside of this share at each end of an axis do not decide what is shown.
 const OUTLYING: f64 = 0.01;
+/// Share of a plan's picture that is left free at each side.
+const MARGIN: f64 = 0.06;
 /// Behind the points, as the window is, and the points, from far to near.
 const BACKGROUND: [u8; 4] = [16, 16, 16, 255];
 const FAR: f64 = 70.0;
@@ -24,12 +28,42 @@ const DEPTH_NAMES: [&str; 3] = ["depth", "disp", "mask"];
 /// A picture of what a file holds, of what can be seen without reading all of it; `None` where there is nothing such.
 pub fn sketch(path: &Path) -> Option<Thumbnail> {
     let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
-    if path.is_dir() {
-        photograph(path)
-    } else if extension.as_deref() == Some("obj") {
-        points(&vertices(path)?)
-    } else {
-        None
+    match extension.as_deref() {
+        _ if path.is_dir() => photograph(path),
+        Some("obj") => points(&vertices(path)?),
+        Some("xml" | "sh3d") => plan(&home_walls(path).ok()?),
+        _ => None,
+    }
+}
+
+/// The walls of a home from above; `None` if there are none.
+fn plan(walls: &[[DVec2; 2]]) -> Option<Thumbnail> {
+    let low = walls.iter().flatten().copied().reduce(DVec2::min)?;
+    let high = walls.iter().flatten().copied().reduce(DVec2::max)?;
+    let size = dvec2(f64::from(SIZE[0]), f64::from(SIZE[1]));
+    let extent = (high - low).max(DVec2::splat(f64::MIN_POSITIVE));
+    let scale = (size * (1.0 - 2.0 * MARGIN) / extent).min_element();
+    let mut pixels = vec![BACKGROUND; (SIZE[0] * SIZE[1]) as usize];
+    for [start, end] in walls.iter().map(|wall| wall.map(|end| (end - (low + high) / 2.0) * scale + size / 2.0)) {
+        // Half a pixel apart; what is not finite makes no steps.
+        let steps = (start.distance(end) * 2.0).min(size.length() * 2.0) as u32;
+        for step in 0..=steps {
+            let at = start.lerp(end, f64::from(step) / f64::from(steps.max(1)));
+            dot(&mut pixels, at, NEAR as u8);
+        }
+    }
+    Some(Thumbnail { width: SIZE[0], height: SIZE[1], pixels })
+}
+
+/// A point two pixels wide and high: one alone is hardly seen. Of two the brighter remains.
+fn dot(pixels: &mut [[u8; 4]], at: DVec2, grey: u8) {
+    if !(0.0..f64::from(SIZE[0] - 1)).contains(&at.x) || !(0.0..f64::from(SIZE[1] - 1)).contains(&at.y) {
+        return;
+    }
+    for (right, down) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+        let pixel = &mut pixels[((at.y as u32 + down) * SIZE[0] + at.x as u32 + right) as usize];
+        let grey = grey.max(pixel[0]);
+        *pixel = [grey, grey, grey, 255];
     }
 }
 
@@ -80,16 +114,9 @@ fn points(vertices: &[DVec3]) -> Option<Thumbnail> {
     for place in vertices {
         let from_middle = *place - middle;
         let at = [from_middle.dot(right), -from_middle.dot(above)].map(|length| length * scale);
-        let (x, y) = (at[0] + f64::from(SIZE[0]) / 2.0, at[1] + f64::from(SIZE[1]) / 2.0);
-        let inside = (0.0..f64::from(SIZE[0] - 1)).contains(&x) && (0.0..f64::from(SIZE[1] - 1)).contains(&y);
+        let at = DVec2::from(at) + dvec2(f64::from(SIZE[0]), f64::from(SIZE[1])) / 2.0;
         let nearness = (0.5 - from_middle.dot(ahead) / extent.length()).clamp(0.0, 1.0);
-        let grey = (FAR + (NEAR - FAR) * nearness) as u8;
-        // A point is two pixels wide and high: one alone is hardly seen.
-        for (right, down) in [(0, 0), (1, 0), (0, 1), (1, 1)].into_iter().filter(|_| inside) {
-            let pixel = &mut pixels[((y as u32 + down) * SIZE[0] + x as u32 + right) as usize];
-            let grey = grey.max(pixel[0]);
-            *pixel = [grey, grey, grey, 255];
-        }
+        dot(&mut pixels, at, (FAR + (NEAR - FAR) * nearness) as u8);
     }
     Some(Thumbnail { width: SIZE[0], height: SIZE[1], pixels })
 }
@@ -138,6 +165,14 @@ mod tests {
         std::fs::write(file("short.obj"), "v 0 0 0\n").expect("written");
         assert_eq!(sketch(&file("short.obj")), None);
         assert_eq!(sketch(&file("absent.glb")), None);
+        let home = r#"<home wallHeight="250"><wall xStart="0" yStart="0" xEnd="500" yEnd="0" height="250" thickness="10"/>
+            <wall xStart="500" yStart="0" xEnd="500" yEnd="300" height="250" thickness="10"/></home>"#;
+        std::fs::write(file("Home.xml"), home).expect("written");
+        let picture = sketch(&file("Home.xml")).expect("a plan");
+        let lit = picture.pixels.iter().filter(|pixel| **pixel != BACKGROUND).count();
+        // Two walls, each two pixels wide, that fill 88 % of the height.
+        let expected = 2.0 * 0.88 * f64::from(SIZE[1]) * (1.0 + 500.0 / 300.0);
+        assert!((lit as f64 / expected - 1.0).abs() < 0.05, "{lit} of {expected}");
 
         std::fs::create_dir(file("images")).expect("made");
         assert_eq!(sketch(folder.path()), None, "no picture");

@@ -198,7 +198,7 @@ fn patch(text: &mut String, corner: DVec3, [u, v]: [DVec3; 2], rows: u32) {
     }
 }
 
-/// As a programme for planning kitchens wrote one: decimetres, far from the origin both ways, no ceiling, walls with two sides.
+/// As a program for planning kitchens wrote one: decimetres, far from the origin both ways, no ceiling, walls with two sides.
 #[test]
 fn a_room_without_a_ceiling_far_from_the_origin_stands_on_its_floor() {
     let [x, y, z] = [DVec3::X * 68.0, DVec3::Y * 40.0, DVec3::Z * 27.0];

@@ -12,6 +12,8 @@ mod split;
 mod sweethome;
 mod toml;
 
+pub use sweethome::home_walls;
+
 use super::{LoadError, extension_of};
 use crate::portal_model::{Finding, PortalModel};
 use crate::trace::Tracer;
