@@ -82,7 +82,8 @@ pub(super) fn by_name<T: Copy + Send + Sync + 'static>(names: Names<T>) -> impl 
 }
 
 /// Units of a file's lengths, metres.
-pub(super) const UNITS: Names<f64> = &[("m", "", 1.0), ("cm", "", 0.01), ("mm", "", 0.001), ("in", "", 0.0254)];
+pub(super) const UNITS: Names<f64> =
+    &[("m", "", 1.0), ("dm", "", 0.1), ("cm", "", 0.01), ("mm", "", 0.001), ("in", "", 0.0254), ("ft", "", 0.3048)];
 
 /// A scene.
 #[derive(Args)]

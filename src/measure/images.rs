@@ -295,7 +295,7 @@ impl ImagesReport {
             "# Views left out of an image set\n\n{} views left out (1 in {}), shown from the others and judged against their \
              photographs where all ways show something.\nBeside the nearest image alone, the LDI of the {} nearest is {:.2} dB nearer to \
              the photograph, that of all images {:.2} dB; it covers {} of it instead of {}.\nCommit {}, {}, {} threads, {}.\n\n{table}\n\
-             Mean absolute differences over that of the nearest picture as it is (E-N3):\n\n{}\nWeights of distance, angle and visibility by \
+             Mean absolute differences over that of the nearest picture as it is:\n\n{}\nWeights of distance, angle and visibility by \
              which cameras are ranked ({}), judged where all of them show something:\n\n{}",
             ldi.count(),
             self.hold_out,

@@ -37,6 +37,7 @@ mod overlay;
 mod photographs;
 mod points;
 mod reference;
+mod sketch;
 mod sprite;
 mod terms;
 #[cfg(test)]
@@ -44,6 +45,8 @@ mod tests;
 mod variation;
 
 pub use library::{OpenError, SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_photographs};
+
+pub use sketch::sketch;
 
 use crate::capture::Camera;
 use crate::capture::viewpoint::level_up;

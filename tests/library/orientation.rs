@@ -186,3 +186,45 @@ fn where_nothing_tells_it_is_told_that_y_was_taken() {
     let said = format!("# Y up, metres\n{}", coarse_box([3.0, 3.0, 3.0]));
     assert!(!guess(&said).1.iter().any(|note| note.contains("taken as up")));
 }
+
+/// A quadrilateral in `rows` by `rows` parts: corner, two edges.
+fn patch(text: &mut String, corner: DVec3, [u, v]: [DVec3; 2], rows: u32) {
+    for (i, j) in (0..rows * rows).map(|k| (f64::from(k % rows), f64::from(k / rows))) {
+        for (a, b) in [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)] {
+            let DVec3 { x, y, z } = corner + (u * (i + a) + v * (j + b)) / f64::from(rows);
+            writeln!(text, "v {x} {y} {z}").unwrap();
+        }
+        writeln!(text, "f -4 -3 -2 -1").unwrap();
+    }
+}
+
+/// As a program for planning kitchens wrote one: decimetres, far from the origin both ways, no ceiling, walls with two sides.
+#[test]
+fn a_room_without_a_ceiling_far_from_the_origin_stands_on_its_floor() {
+    let [x, y, z] = [DVec3::X * 68.0, DVec3::Y * 40.0, DVec3::Z * 27.0];
+    let corner = DVec3::new(82.0, 119.0, -0.5);
+    let mut text = String::new();
+    for (side, back) in [(0.0, 1.0), (1.0, 0.0)] {
+        patch(&mut text, corner + y * side, [[x, z], [z, x]][side as usize], 4);
+        patch(&mut text, corner + x * side, [[y, z], [z, y]][back as usize], 4);
+    }
+    patch(&mut text, corner, [x, y], 4);
+    // A worktop along the wall.
+    patch(&mut text, corner + z * 0.33, [x, y * 0.15], 4);
+    let (frame, notes) = guess(&text);
+    assert_eq!(frame, FileFrame { up: UpAxis::Z, unit_m: 1.0 }, "{notes:?}");
+    assert!(notes[0].contains("m high") && notes[0].contains("--unit dm"), "a kitchen of 27 m is told: {notes:?}");
+}
+
+#[test]
+fn flat_ground_lies_where_its_name_says_so_and_a_picture_stands() {
+    let flat = |name: &str| {
+        let mut text = format!("g {name}\n");
+        patch(&mut text, DVec3::new(-40.0, -25.0, 0.0), [DVec3::X * 80.0, DVec3::Y * 50.0], 4);
+        guess(&text)
+    };
+    let (field, notes) = flat("stadium_grass");
+    assert_eq!(field.up, UpAxis::Z, "{notes:?}");
+    let (picture, notes) = flat("poster");
+    assert_eq!((picture, notes), (FileFrame::default(), Vec::new()));
+}

@@ -12,7 +12,7 @@ use crate::{
 };
 use egui::{Context, ViewportCommand};
 use std::{
-    path::Path,
+    path::{Path, PathBuf},
     sync::{Arc, Mutex},
 };
 
@@ -75,11 +75,19 @@ impl Viewer {
         ctx.send_viewport_cmd(ViewportCommand::Title("headbox".into()));
     }
 
+    /// Shows that something is being opened, with a picture of it where one can be had soon.
+    pub(crate) fn await_opening(&mut self, what: String) {
+        if let Some(make) = self.options.sketch {
+            self.session.sketch(make, PathBuf::from(&what), what.clone());
+        }
+        self.opening = Some(Opening::begin(what));
+    }
+
     fn open(&mut self, location: Location) {
-        self.opening = Some(Opening::begin(match &location {
+        self.await_opening(match &location {
             Location::Entry(id) => id.clone(),
             Location::File(path) => path.display().to_string(),
-        }));
+        });
         self.opening_file = match &location {
             Location::Entry(_) => None,
             Location::File(path) => Some(path.clone()),

@@ -129,6 +129,17 @@ pub struct Thumbnail {
     pub pixels: Vec<[u8; 4]>,
 }
 
+impl Thumbnail {
+    /// As a texture; `None` if its pixels are not as many as it says.
+    pub(crate) fn texture(&self, ctx: &egui::Context, name: &str) -> Option<egui::TextureHandle> {
+        let size = [self.width as usize, self.height as usize];
+        (size[0] * size[1] == self.pixels.len()).then(|| {
+            let image = egui::ColorImage::from_rgba_unmultiplied(size, bytemuck::cast_slice(&self.pixels));
+            ctx.load_texture(name, image, egui::TextureOptions::LINEAR)
+        })
+    }
+}
+
 /// How the eye moves.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Navigation {

@@ -5,7 +5,7 @@ use crate::{
     automation::Outcome,
     options::{Exit, Summary, ViewerError, ViewerOptions},
     panels::theme,
-    session::{Opening, Session},
+    session::Session,
     source::FrameSource,
 };
 use eframe::{App, CreationContext, Frame, NativeOptions, Renderer};
@@ -83,7 +83,9 @@ fn create(
         Arc::new(move || waker.request_repaint_after(ONE_PASS)),
     )?;
     let mut viewer = Viewer::new(session, options, can_open, outcome);
-    viewer.opening = opening.map(Opening::begin);
+    if let Some(what) = opening {
+        viewer.await_opening(what);
+    }
     Ok(Box::new(Desktop(viewer)))
 }
 

@@ -21,7 +21,7 @@ mod textures;
 
 pub use builder::{Group, GroupedScene};
 pub use gltf::HEADBOX_HALF_SIZE;
-pub use model::{HOMES, LoadedModel, ModelOptions, load_model};
+pub use model::{HOMES, LoadedModel, ModelOptions, home_walls, load_model};
 
 use crate::scene::{FileFrame, Scene, SceneError, UpAxis};
 use std::path::{Path, PathBuf};

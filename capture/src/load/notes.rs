@@ -21,7 +21,7 @@ pub(super) enum Note {
     BufferUnreadable,
     AccessorUnreadable,
     LightUnreadable,
-    SkinAtRest,
+    SkinUnreadable,
     NodeCycle,
     NonTriangles,
     EmptyGroup,
@@ -62,7 +62,9 @@ impl Note {
             Self::BufferUnreadable => ["buffer", "buffers", "could not be read"],
             Self::AccessorUnreadable => ["mesh part or attribute", "mesh parts or attributes", "damaged and left out"],
             Self::LightUnreadable => ["light", "lights", "damaged and left out"],
-            Self::SkinAtRest => ["skinned mesh", "skinned meshes", "shown at rest"],
+            Self::SkinUnreadable => {
+                ["skinned mesh", "skinned meshes", "shown unbent, as joints or weights are damaged"]
+            }
             Self::NodeCycle => ["node", "nodes", "reached more than once and kept only the first time"],
             Self::NonTriangles => ["element", "elements", "left out, as points, lines and curves have no surface"],
             Self::EmptyGroup => ["group", "groups", "without faces"],

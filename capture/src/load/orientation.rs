@@ -26,7 +26,7 @@ pub(super) struct Hints {
 
 /// Fewer triangles than a box has say nothing.
 const FEWEST_TRIANGLES: usize = 12;
-/// A scene that is thinner than this share of its extent is a picture, and has no up.
+/// A scene that is thinner than this share of its extent is a picture or bare ground: of its shape nothing follows for up.
 const THINNEST: f64 = 0.01;
 /// By so much must the evidence for Z exceed that for Y: OBJ files have Y up unless there is reason to think otherwise.
 const PRIOR_FOR_Y: f64 = 2.5;
@@ -34,8 +34,16 @@ const PRIOR_FOR_Y: f64 = 2.5;
 const THIN: f64 = -1.0;
 /// What a file says of itself outweighs what it looks like.
 const SAID: f64 = 30.0;
+/// A scene that is so much higher or wider than rooms and houses are (as log odds) is told what that makes of its unit.
+const ODD_SIZE: f64 = 1.8;
 /// Slices of a scene along an axis.
 const LEVELS: usize = 400;
+/// So many of them at each end are its foot and its top.
+const END_LEVELS: usize = LEVELS / 20;
+/// What begins within this share of its extent of zero begins there.
+const NEAR_ZERO: f64 = 0.02;
+/// And what begins beyond this share does not.
+const OFF_ZERO: f64 = 0.1;
 /// Share of the area at each end of an axis that does not count as standing there.
 const OUTLYING: f64 = 0.02;
 /// A room whose floor and walls are named is higher than this, metres.
@@ -77,6 +85,7 @@ impl Hints {
         let (unit_m, unit_why) = match (unit_m, &shape) {
             (Some(unit_m), _) => (unit_m, None),
             (None, None) => (1.0, None),
+            (None, Some(shape)) if shape.is_thin => (1.0, None),
             (None, Some(shape)) => self.guess_unit(shape, up, scene),
         };
         let up_told = up_why.map(|why| match up {
@@ -91,7 +100,7 @@ impl Hints {
     /// What speaks against Y up and metres, which a glTF has by its format's rule, of a scene whose positions are those of the file;
     /// `None` unless much does. Nothing is taken otherwise for that.
     pub(super) fn doubts(&self, scene: &Scene) -> Option<String> {
-        let shape = Shape::of(scene, &self.groups)?;
+        let shape = Shape::of(scene, &self.groups).filter(|shape| !shape.is_thin)?;
         let mut doubts = Vec::new();
         if self.options.up.is_none()
             && let (UpAxis::Z, Some(why)) = self.guess_up(&shape)
@@ -130,7 +139,8 @@ impl Hints {
             evidence.push((-3.0, "its exporter has Y up".into()));
         }
         let odds: f64 = evidence.iter().map(|(odds, _)| odds).sum();
-        if odds <= THIN {
+        let is_picture = shape.is_thin && evidence.is_empty();
+        if odds <= THIN || is_picture {
             return (UpAxis::Y, None);
         }
         evidence.retain(|(odds, _)| *odds > 0.0);
@@ -146,17 +156,22 @@ impl Hints {
 
     /// The unit in metres, and what to say of it where it is not the metre.
     fn guess_unit(&self, shape: &Shape, up: UpAxis, scene: &Scene) -> (f64, Option<String>) {
-        const UNITS: [(f64, &str, &str, f64); 4] = [
+        const UNITS: [(f64, &str, &str, f64); 6] = [
             (1.0, "metres", "m", 5.0),
             (0.01, "centimetres", "cm", 0.5),
             (0.001, "millimetres", "mm", 0.0),
+            // Too near to metres and centimetres to be told from them by size: only where the file says so.
             (0.0254, "inches", "in", -8.0),
+            (0.1, "decimetres", "dm", -8.0),
+            (0.3048, "feet", "ft", -8.0),
         ];
         let [height, width] = shape.height_and_width(scene, up);
         let is_room = shape.floors.is_some() && shape.walls.is_some();
         let outdoors = named(scene, &["city", "street", "road", "terrain", "mountain", "landscape"]).next().is_some();
+        let off = |length: f64, usual: f64, spread: f64| ((length / usual).ln() / spread).powi(2) / 2.0;
+        // Rooms, houses and trees: some metres high and wide, give or take a factor of three or four.
+        let odd = |metres: f64| off(height * metres, 4.0, 1.1) + off(width * metres, 15.0, 1.4);
         let odds = |&(metres, name, short, prior): &(f64, &str, &str, f64)| {
-            let off = |length: f64, usual: f64, spread: f64| ((length * metres / usual).ln() / spread).powi(2) / 2.0;
             let singular = &name[..name.len() - 1];
             let spellings =
                 [name, singular, short, &name.replace("metre", "meter"), &singular.replace("metre", "meter")];
@@ -168,20 +183,21 @@ impl Hints {
             };
             let too_low = if is_room && height * metres < LOWEST_ROOM_M { 8.0 } else { 0.0 };
             let outdoors = if outdoors && metres == 1.0 { 8.0 } else { 0.0 };
-            // Rooms, houses and trees: some metres high and wide, give or take a factor of three or four.
-            prior - off(height, 4.0, 1.1) - off(width, 15.0, 1.4) - too_low
+            prior - odd(metres) - too_low
                 + if written { SAID } else { 0.0 }
                 + if exporter { 8.0 } else { 0.0 }
                 + outdoors
         };
         let best = UNITS.iter().rev().max_by(|a, b| odds(a).total_cmp(&odds(b))).unwrap_or(&UNITS[0]);
         let (metres, name, _, _) = *best;
+        let is_said = outdoors || self.comments.contains("unit");
+        let otherwise = if metres == 1.0 { "dm, cm or another" } else { "m" };
         let told = format!(
-            "{name}, which makes what stands in it {:.1} m high and {:.1} m wide; --unit m if that is wrong",
+            "{name}, which makes what stands in it {:.1} m high and {:.1} m wide; --unit {otherwise} if that is wrong",
             height * metres,
             width * metres
         );
-        (metres, (metres != 1.0).then_some(told))
+        (metres, (metres != 1.0 || (!is_said && odd(metres) > ODD_SIZE)).then_some(told))
     }
 
     /// Whether the comments say that this is the unit, as in `# File units = meters`.
@@ -211,8 +227,13 @@ fn named<'a>(scene: &'a Scene, words: &'a [&str]) -> impl Iterator<Item = usize>
 struct Shape {
     low: DVec3,
     extent: DVec3,
+    /// Whether all of it lies in one plane, or nearly.
+    is_thin: bool,
     /// The largest share of the scene's area that lies flat in one level, of the lower half of each axis.
     level: DVec3,
+    /// Share of the area that lies flat at the foot of each axis, beyond what lies flat at its top: a floor, where no ceiling or
+    /// opposite wall is like it.
+    foot: DVec3,
     /// Share of the area that lies flat along each axis.
     along: DVec3,
     /// Sum of the triangles' areas as vectors, over the sum of their lengths: 0 of what is closed, up of a ground that has no
@@ -231,9 +252,10 @@ impl Shape {
     fn of(scene: &Scene, groups: &GroupNames) -> Option<Self> {
         let [low, high] = scene.bounds();
         let extent = high - low;
-        if scene.triangles.len() < FEWEST_TRIANGLES || extent.min_element() < THINNEST * extent.max_element() {
+        if scene.triangles.len() < FEWEST_TRIANGLES {
             return None;
         }
+        let is_thin = extent.min_element() < THINNEST * extent.max_element();
         let (mut all, mut all_along, mut facing) = (0.0, DVec3::ZERO, DVec3::ZERO);
         let mut levels = vec![DVec3::ZERO; LEVELS + 1];
         for triangle in 0..scene.triangles.len() {
@@ -247,6 +269,8 @@ impl Shape {
             }
         }
         let level = levels[..LEVELS / 2].iter().copied().fold(DVec3::ZERO, DVec3::max) / all;
+        let flat_in = |levels: &[DVec3]| levels.iter().copied().sum::<DVec3>() / all;
+        let foot = (flat_in(&levels[..END_LEVELS]) - flat_in(&levels[LEVELS - END_LEVELS..])).max(DVec3::ZERO);
         let (along, facing) = (all_along / all, facing / all);
         let share = |words: &[&str], of_groups: Lying| {
             let mut lying = of_groups;
@@ -263,7 +287,7 @@ impl Shape {
             lamps.fold((DVec3::ZERO, 0.0), |(sum, area), lamp| (sum + lamp.normal * lamp.area, area + lamp.area));
         let shining = if area > 0.0 { sum / area } else { DVec3::ZERO };
         let walls = share(&WALLS, groups.walls);
-        Some(Self { low, extent, level, along, facing, floors, walls, shining })
+        Some(Self { low, extent, is_thin, level, foot, along, facing, floors, walls, shining })
     }
 
     /// Pieces of evidence that Z is up rather than Y: log odds and a reason.
@@ -280,18 +304,22 @@ impl Shape {
         if let Some(walls) = self.walls {
             add(2.0 * (walls.y - walls.z), "its walls stand along it");
         }
+        if self.is_thin {
+            return evidence;
+        }
         add((20.0 * (self.level.z - self.level.y)).clamp(-3.0, 3.0), "a floor lies across it");
+        add((8.0 * (self.foot.z - self.foot.y)).clamp(-3.0, 3.0), "more lies at its foot than at its top");
         add(3.0 * (self.along.z - self.along.y), "more lies flat along it");
         add(6.0 * (self.facing.z.max(0.0) - self.facing.y.max(0.0)), "the ground faces along it");
         add(1.5 * ((-self.shining.z).max(0.0) - (-self.shining.y).max(0.0)), "its lamps shine down along it");
-        let starts_at_zero = |low: f64, extent: f64| low.abs() < 0.02 * extent;
-        let reaches_below_zero = |low: f64, extent: f64| low < -0.1 * extent;
+        let starts_at_zero = |low: f64, extent: f64| low.abs() < NEAR_ZERO * extent;
+        let starts_elsewhere = |low: f64, extent: f64| low.abs() > OFF_ZERO * extent;
         let (DVec3 { y: low_y, z: low_z, .. }, DVec3 { x, y, z }) = (self.low, self.extent);
         // What is modelled about the origin stands on it: more so where the origin is in the middle both ways.
         let is_about_zero = |axis: usize| (self.low[axis] / self.extent[axis] + 0.5).abs() < 0.25;
-        if starts_at_zero(low_z, z) && reaches_below_zero(low_y, y) {
+        if starts_at_zero(low_z, z) && starts_elsewhere(low_y, y) {
             add(if is_about_zero(0) && is_about_zero(1) { 3.0 } else { 2.0 }, "it begins at zero");
-        } else if starts_at_zero(low_y, y) && reaches_below_zero(low_z, z) {
+        } else if starts_at_zero(low_y, y) && starts_elsewhere(low_z, z) {
             add(if is_about_zero(0) && is_about_zero(2) { -3.0 } else { -2.0 }, "Y begins at zero");
         }
         if z < 0.5 * x.min(y) {

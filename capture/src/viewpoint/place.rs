@@ -156,7 +156,9 @@ pub(super) fn standing_score(around: Surroundings) -> f64 {
     if around.clearance_m < NARROW_M || around.median_m < ARMS_LENGTH_M {
         return 0.0;
     }
-    around.clearance_m.min(AMPLE_M) * around.median_m.min(ROOMY_M) * around.enclosed * around.enclosed
+    // Within walls is within walls: a room with one side open is best seen from that side, not from its far corner.
+    let within = (around.enclosed / WITHIN_WALLS).min(1.0);
+    around.clearance_m.min(AMPLE_M) * around.median_m.min(ROOMY_M) * within * within
 }
 
 /// Of the places with the highest scores above zero that of which the score times what there is to see is highest; of equals the first.

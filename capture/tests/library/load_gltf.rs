@@ -1,105 +1,10 @@
 //! glTF files built here, clean and damaged.
 
 use crate::folder::Folder;
+use crate::gltf_asset::{Asset, CORNERS, NODE, SQUARE, base64, load_text, square};
 use glam::{Vec2, Vec3, dvec3};
 use headbox_capture::Scene;
 use headbox_capture::scene::FileFrame;
-
-/// A binary buffer under construction, with its views and accessors.
-#[derive(Default)]
-struct Asset {
-    bytes: Vec<u8>,
-    views: Vec<String>,
-    accessors: Vec<String>,
-}
-
-impl Asset {
-    fn view(&mut self, bytes: &[u8]) -> usize {
-        self.views.push(format!(r#"{{"buffer":0,"byteOffset":{},"byteLength":{}}}"#, self.bytes.len(), bytes.len()));
-        self.bytes.extend(bytes);
-        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
-        self.views.len() - 1
-    }
-
-    fn accessor(&mut self, bytes: &[u8], component: u32, kind: &str, count: usize, more: &str) -> usize {
-        let view = self.view(bytes);
-        self.accessors.push(format!(
-            r#"{{"bufferView":{view},"componentType":{component},"type":"{kind}","count":{count}{more}}}"#
-        ));
-        self.accessors.len() - 1
-    }
-
-    fn floats<const N: usize>(&mut self, values: &[[f32; N]]) -> usize {
-        let bytes: Vec<u8> = values.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
-        self.accessor(&bytes, 5126, ["", "SCALAR", "VEC2", "VEC3", "VEC4"][N], values.len(), "")
-    }
-
-    fn indices(&mut self, values: &[u16]) -> usize {
-        let bytes: Vec<u8> = values.iter().flat_map(|x| x.to_le_bytes()).collect();
-        self.accessor(&bytes, 5123, "SCALAR", values.len(), "")
-    }
-
-    /// The JSON; `buffer` says where the bytes are, `rest` holds nodes, meshes, materials and so on.
-    fn json(&self, buffer: &str, rest: &str) -> String {
-        format!(
-            r#"{{"asset":{{"version":"2.0"}},"buffers":[{{"byteLength":{}{buffer}}}],"bufferViews":[{}],"accessors":[{}],{rest}}}"#,
-            self.bytes.len(),
-            self.views.join(","),
-            self.accessors.join(",")
-        )
-    }
-
-    fn gltf(&self, rest: &str) -> String {
-        self.json(&format!(r#","uri":"data:application/octet-stream;base64,{}""#, base64(&self.bytes)), rest)
-    }
-
-    fn glb(&self, rest: &str) -> Vec<u8> {
-        let mut json = self.json("", rest).into_bytes();
-        json.resize(json.len().next_multiple_of(4), b' ');
-        let mut glb = b"glTF\x02\0\0\0".to_vec();
-        glb.extend((28 + json.len() as u32 + self.bytes.len() as u32).to_le_bytes());
-        for (kind, chunk) in [(b"JSON", &json), (b"BIN\0", &self.bytes)] {
-            glb.extend((chunk.len() as u32).to_le_bytes());
-            glb.extend(kind);
-            glb.extend(chunk);
-        }
-        glb
-    }
-}
-
-fn base64(bytes: &[u8]) -> String {
-    const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let group = |chunk: &[u8]| -> [char; 4] {
-        let bits = chunk.iter().fold(0_u32, |bits, &b| bits << 8 | u32::from(b)) << (8 * (3 - chunk.len()));
-        std::array::from_fn(|i| match ALPHABET[(bits >> (18 - 6 * i) & 63) as usize] {
-            letter if i <= chunk.len() => char::from(letter),
-            _ => '=',
-        })
-    };
-    bytes.chunks(3).flat_map(group).collect()
-}
-
-fn load_text(text: impl AsRef<[u8]>) -> Result<Scene, String> {
-    let folder = Folder::new();
-    folder.write("a.gltf", text);
-    folder.load("a.gltf")
-}
-
-const CORNERS: [[f32; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
-const TEXCOORDS: [[f32; 2]; 4] = [[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]];
-
-/// A square with texture coordinates and indices; accessors 0, 1, 2.
-fn square() -> Asset {
-    let mut asset = Asset::default();
-    asset.floats(&CORNERS);
-    asset.floats(&TEXCOORDS);
-    asset.indices(&[0, 1, 2, 0, 2, 3]);
-    asset
-}
-
-const SQUARE: &str =
-    r#""meshes":[{"primitives":[{"attributes":{"POSITION":0,"TEXCOORD_0":1},"indices":2,"material":0}]}]"#;
-const NODE: &str = r#""nodes":[{"mesh":0}]"#;
 
 /// [`square`] under a material, with images beside it.
 fn with_material(material: &str, rest: &str, images: &[(&str, &[[u8; 4]])]) -> Scene {
@@ -314,8 +219,19 @@ fn errors_name_file_and_cause() {
     let mut short_header = glb.clone();
     short_header[8..12].copy_from_slice(&7_u32.to_le_bytes());
     error("g.glb", &short_header, &["the GLB header says 7 bytes"]);
-    let draco = asset.gltf(&format!(r#"{rest},"extensionsRequired":["KHR_draco_mesh_compression"]"#));
-    error("h.gltf", draco.as_bytes(), &["requires the extension KHR_draco_mesh_compression, which is not supported"]);
+    for (extension, advice) in [
+        (
+            "KHR_draco_mesh_compression",
+            "its meshes are compressed by the glTF extension KHR_draco_mesh_compression, which is not supported; export it without Draco compression",
+        ),
+        ("EXT_meshopt_compression", "export it without meshopt compression"),
+        ("KHR_texture_basisu", "export it with PNG, JPEG or WebP textures"),
+        ("EXT_texture_avif", "its textures have another format by the glTF extension EXT_texture_avif"),
+        ("X_y", "it cannot be read without the glTF extension X_y, which is not supported; export it without it"),
+    ] {
+        let required = asset.gltf(&format!(r#"{rest},"extensionsRequired":["{extension}"]"#));
+        error("h.gltf", required.as_bytes(), &[advice]);
+    }
     let no_buffer = asset.json(r#","uri":"gone.bin""#, &rest);
     error(
         "i.gltf",
@@ -347,7 +263,7 @@ fn damaged_parts_are_left_out_and_counted() {
     assert_eq!(scene.triangles.len(), 2, "one of the wild indices, one without indices");
     let expected = [
         "8 mesh parts or attributes damaged and left out",
-        "1 skinned mesh shown at rest",
+        "1 skinned mesh shown unbent, as joints or weights are damaged",
         "1 node reached more than once and kept only the first time",
         "1 element left out, as points, lines and curves have no surface",
         "1 face left out because a vertex index is out of range",

@@ -2,12 +2,14 @@
 
 mod bake;
 mod folder;
+mod gltf_asset;
 mod home_details;
 mod homes;
 mod images;
 mod light;
 mod load_apartment;
 mod load_gltf;
+mod load_gltf_extensions;
 mod load_home;
 mod load_mutated;
 mod load_obj;

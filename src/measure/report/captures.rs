@@ -29,7 +29,7 @@ pub(super) const DEFAULT: [(&str, &str, bool); 9] = [
     (PRIMITIVES, "samples alone", true),
     ("novelty stopping", "on", true),
     ("aimed rays", "until 0.01 % of pixels lack something", true),
-    ("merging (D1)", "average", true),
+    ("merging", "average", true),
     ("depth bins", "1 px of parallax", true),
     ("light samples", "4 per depth pixel", true),
 ];
@@ -148,7 +148,7 @@ impl Captures<'_> {
         for (name, rule) in
             [("keep the smaller area", MergeRule::SmallerArea), ("keep both if colours differ", MergeRule::ColorsApart)]
         {
-            add(vec![Role::other("merging (D1)", name)], &|job| job.parameters.merge_rule = rule)?;
+            add(vec![Role::other("merging", name)], &|job| job.parameters.merge_rule = rule)?;
         }
         if self.subject.lit {
             for samples in [1, 16] {

@@ -8,9 +8,7 @@ use crate::{
     session::Opening,
     source::{Entry, Thumbnail},
 };
-use egui::{
-    Align, Button, Color32, ColorImage, Context, Layout, RichText, Sense, TextureHandle, TextureOptions, Ui, vec2,
-};
+use egui::{Align, Button, Color32, Context, Layout, RichText, Sense, TextureHandle, Ui, vec2};
 use std::time::Duration;
 
 /// Size of a card's picture, points.
@@ -21,6 +19,8 @@ const CARD_GAP_POINTS: f32 = 24.0;
 /// Width of a row of the files opened last, points.
 const ROW_POINTS: f32 = 420.0;
 
+/// What is left for the words below the picture of what is being opened, points.
+const SKETCH_TEXT_POINTS: f32 = 60.0;
 /// How often the time that opening takes is told anew.
 const SECOND: Duration = Duration::from_secs(1);
 
@@ -51,11 +51,10 @@ impl StartPage {
     }
 
     pub(crate) fn set_thumbnail(&mut self, ctx: &Context, id: &str, thumbnail: &Thumbnail) {
-        let size = [thumbnail.width as usize, thumbnail.height as usize];
         let card = self.cards.iter_mut().find(|(entry, _)| entry.id == id);
-        if let (Some((_, picture)), true) = (card, size[0] * size[1] == thumbnail.pixels.len()) {
-            let image = ColorImage::from_rgba_unmultiplied(size, bytemuck::cast_slice(&thumbnail.pixels));
-            *picture = Some(ctx.load_texture(format!("thumbnail {id}"), image, TextureOptions::LINEAR));
+        let texture = thumbnail.texture(ctx, &format!("thumbnail {id}"));
+        if let (Some((_, picture)), Some(texture)) = (card, texture) {
+            *picture = Some(texture);
         }
     }
 }
@@ -69,13 +68,22 @@ pub(crate) fn show(
     commands: &mut Vec<Command>,
 ) {
     if opening.is_some() || !page.has_library {
-        ui.centered_and_justified(|ui| {
-            let text = opening.map_or_else(
-                || "Opening…".into(),
-                |opening| format!("Opening {}… {} s", opening.what, opening.since.elapsed().as_secs()),
-            );
-            ui.add(egui::Label::new(RichText::new(text).heading()).wrap());
-        });
+        let text = opening.map_or_else(
+            || "Opening…".into(),
+            |opening| format!("Opening {}… {} s", opening.what, opening.since.elapsed().as_secs()),
+        );
+        let text = egui::Label::new(RichText::new(text).heading()).wrap();
+        match opening.and_then(|opening| opening.sketch.as_ref()) {
+            None => _ = ui.centered_and_justified(|ui| ui.add(text)),
+            Some(sketch) => {
+                ui.vertical_centered(|ui| {
+                    let room = vec2(ui.available_width(), (ui.available_height() - SKETCH_TEXT_POINTS).max(0.0));
+                    ui.add(egui::Image::new(sketch).fit_to_exact_size(room).maintain_aspect_ratio(true));
+                    ui.add(text);
+                })
+                .inner
+            }
+        }
         ui.ctx().request_repaint_after(SECOND);
         return;
     }

@@ -58,6 +58,11 @@ impl<'a> Buffers<'a> {
         Some((bytes, view.byte_stride.map(|stride| stride.0)))
     }
 
+    /// Whether an accessor's entries are in the file, so that there are no more of them than it has room for.
+    pub(super) fn has_bytes(&self, index: Index<Accessor>) -> bool {
+        self.root.accessors.get(index.value()).is_some_and(|accessor| accessor.buffer_view.is_some())
+    }
+
     /// The entries of an accessor as vectors of `N` components; more components are cut off, fewer are a defect, as is
     /// everything else that does not fit: `None`.
     pub(super) fn vectors<const N: usize>(&self, index: Index<Accessor>) -> Option<Vec<[f64; N]>> {
@@ -119,12 +124,15 @@ struct Layout {
 }
 
 impl Layout {
-    /// `None` for matrices, which no vertex has.
+    /// `None` for matrices but those of skins: columns of four floats, which no padding keeps apart.
     fn of(accessor: &Accessor) -> Option<Self> {
         let Checked::Valid(component) = accessor.component_type else { return None };
-        let Checked::Valid(shape @ (Type::Scalar | Type::Vec2 | Type::Vec3 | Type::Vec4)) = accessor.type_ else {
-            return None;
-        };
+        let Checked::Valid(shape) = accessor.type_ else { return None };
+        match shape {
+            Type::Scalar | Type::Vec2 | Type::Vec3 | Type::Vec4 => {}
+            Type::Mat4 if component.0 == ComponentType::F32 => {}
+            Type::Mat2 | Type::Mat3 | Type::Mat4 => return None,
+        }
         Some(Self { component: component.0, components: shape.multiplicity(), normalized: accessor.normalized })
     }
 

@@ -1,7 +1,7 @@
 //! The cameras of a glTF file, with the animations that move them: a path.
 
 use super::accessor::Buffers;
-use super::transform::{NodeTransform, NodeTransforms};
+use super::second_reading::{NodeTransform, SecondReading};
 use super::{LoadError, folder_of, parse};
 use crate::load::notes::Notes;
 use ::gltf::json::Root;
@@ -60,12 +60,12 @@ pub(crate) fn read(path: &Path, bytes: &[u8], fps: f64) -> Result<Vec<GltfCamera
 /// Nodes and who stands on whom.
 struct Rig<'a> {
     root: &'a Root,
-    transforms: NodeTransforms,
+    transforms: SecondReading,
     parents: Vec<Option<usize>>,
 }
 
 impl<'a> Rig<'a> {
-    fn new(root: &'a Root, transforms: NodeTransforms) -> Self {
+    fn new(root: &'a Root, transforms: SecondReading) -> Self {
         let mut parents = vec![None; root.nodes.len()];
         for (i, node) in root.nodes.iter().enumerate() {
             for child in node.children.iter().flatten() {

@@ -4,6 +4,7 @@ use super::super::folder_of;
 use super::super::notes::{Note, Notes};
 use super::super::textures::{DecodedTextures, Handle, Role, TextureTable};
 use super::accessor::Buffers;
+use super::second_reading::SecondReading;
 use super::uri::{self, Target};
 use crate::material::{Cutout, Material};
 use glam::{Affine2, Mat2, Vec2};
@@ -35,7 +36,7 @@ pub(super) struct GltfMaterials {
 
 impl GltfMaterials {
     /// Converts all materials that are in use and decodes their textures.
-    pub(super) fn read(root: &Root, buffers: &Buffers, path: &Path, notes: &mut Notes) -> Self {
+    pub(super) fn read(root: &Root, reread: &SecondReading, buffers: &Buffers, path: &Path, notes: &mut Notes) -> Self {
         let mut used = vec![false; root.materials.len() + 1];
         for primitive in root.meshes.iter().flat_map(|mesh| &mesh.primitives) {
             used[primitive.material.map_or(root.materials.len(), |m| m.value().min(root.materials.len()))] = true;
@@ -44,13 +45,11 @@ impl GltfMaterials {
         let all = || root.materials.iter().chain([&neutral]).zip(&used);
 
         let mut set = TextureTable::default();
-        let mut request = |info: &Option<texture::Info>, used: bool| {
-            info.as_ref().filter(|_| used).map(|info| request_texture(root, buffers, info, path, &mut set, notes))
+        let mut request = |info: Option<&texture::Info>, used: bool| {
+            info.filter(|_| used).map(|info| request_texture(root, reread, buffers, info, path, &mut set, notes))
         };
         let handles: Vec<_> = all()
-            .map(|(m, &used)| {
-                [request(&m.pbr_metallic_roughness.base_color_texture, used), request(&m.emissive_texture, used)]
-            })
+            .map(|(m, &used)| [request(base_color(m).0, used), request(m.emissive_texture.as_ref(), used)])
             .collect();
         let textures = set.decode(notes);
 
@@ -78,18 +77,47 @@ impl GltfMaterials {
     }
 }
 
+/// Colour of a surface: texture and factor. That of the older model of specular colour and gloss where there is no other; what
+/// has no diffuse colour at all, a metal, shows its specular one.
+fn base_color(m: &gltf::json::Material) -> (Option<&texture::Info>, [f32; 4]) {
+    let usual = &m.pbr_metallic_roughness;
+    let has_usual = usual.base_color_texture.is_some() || usual.base_color_factor.0 != [1.0; 4];
+    let older = m.extensions.as_ref().and_then(|extensions| extensions.pbr_specular_glossiness.as_ref());
+    match older.filter(|_| !has_usual) {
+        None => (usual.base_color_texture.as_ref(), usual.base_color_factor.0),
+        Some(older) => {
+            let [r, g, b, alpha] = older.diffuse_factor.0;
+            let is_metal = older.diffuse_texture.is_none() && [r, g, b] == [0.0; 3];
+            let [r, g, b] = if is_metal { older.specular_factor.0 } else { [r, g, b] };
+            (older.diffuse_texture.as_ref(), [r, g, b, alpha])
+        }
+    }
+}
+
+/// The image of a texture: that of a format that an extension brings, else its own.
+fn image_of_texture(root: &Root, reread: &SecondReading, texture: usize) -> Option<usize> {
+    let own = root.textures.get(texture)?.source.value();
+    Some(reread.image_of_texture(texture).filter(|&image| image < root.images.len()).unwrap_or(own))
+}
+
 fn request_texture(
     root: &Root,
+    reread: &SecondReading,
     buffers: &Buffers,
     info: &texture::Info,
     path: &Path,
     set: &mut TextureTable,
     notes: &mut Notes,
 ) -> Handle {
-    let index = root.textures.get(info.index.value()).map(|texture| texture.source.value());
+    let texture = info.index.value();
+    let index = image_of_texture(root, reread, texture);
     let Some((index, image)) = index.and_then(|index| Some((index, root.images.get(index)?))) else {
-        let name = format!("texture {}", info.index.value());
-        return set.embedded(&name, Err("it has no image of a known kind".into()), Role::Color);
+        let cause = if reread.is_ktx2(texture) {
+            "it is KTX2, which is not read; export it as PNG, JPEG or WebP"
+        } else {
+            "it has no image of a known kind"
+        };
+        return set.embedded(&format!("texture {texture}"), Err(cause.into()), Role::Color);
     };
     let name = image.name.clone().unwrap_or_default();
     let name = format!("image {index}{}{name}", if name.is_empty() { "" } else { " " });
@@ -112,7 +140,7 @@ fn convert(
     textures: &DecodedTextures,
 ) -> Option<Material> {
     let slot = |handle: Option<Handle>| handle.and_then(|handle| textures.slot(handle));
-    let [r, g, b, alpha] = m.pbr_metallic_roughness.base_color_factor.0;
+    let (_, [r, g, b, alpha]) = base_color(m);
     let base_slot = slot(base);
     let threshold = match m.alpha_mode {
         Checked::Valid(AlphaMode::Mask) => m.alpha_cutoff.unwrap_or_default().0,
@@ -150,7 +178,7 @@ fn convert(
 /// A vertex has one texture coordinate in the scene: that of the base colour, or of the emission where there is no
 /// base colour.
 fn surface(m: &gltf::json::Material, material: Option<u32>, notes: &mut Notes) -> GltfMaterial {
-    let mut infos = [&m.pbr_metallic_roughness.base_color_texture, &m.emissive_texture].into_iter().flatten();
+    let mut infos = [base_color(m).0, m.emissive_texture.as_ref()].into_iter().flatten();
     let (texcoord_set, image_from_vertex) = infos.next().map_or((0, Affine2::IDENTITY), placement);
     for other in infos.filter(|other| placement(other) != (texcoord_set, image_from_vertex)) {
         notes.add_named(Note::TextureTransformIgnored, format!("texture {}", other.index.value()));

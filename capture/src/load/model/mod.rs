@@ -13,6 +13,8 @@ mod sweethome;
 mod toml;
 mod xml;
 
+pub use sweethome::home_walls;
+
 use super::{LoadError, extension_of};
 use crate::portal_model::{Finding, PortalModel};
 use crate::trace::Tracer;

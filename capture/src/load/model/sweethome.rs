@@ -28,12 +28,28 @@ const AT_FLOOR_M: f64 = 0.05;
 /// A `Home.xml` longer than this is taken for damage, bytes.
 const LONGEST_XML: u64 = 1 << 28;
 
+/// Walls of a Sweet Home 3D home in plan, y down, as the ends of their middle lines in the file's unit: what can be told of it long before
+/// its furniture is read.
+///
+/// # Errors
+/// See [`LoadError`].
+pub fn home_walls(path: &Path) -> Result<Vec<[DVec2; 2]>, LoadError> {
+    let home = parse(path, &read(path)?)?;
+    Ok(home.walls.iter().map(|wall| [wall.start, wall.end]).collect())
+}
+
+/// A home of a file's bytes, an archive or the plan alone.
+fn parse(path: &Path, bytes: &[u8]) -> Result<Home, LoadError> {
+    let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };
+    let unpacked = if bytes.starts_with(b"PK") { Some(unpack(bytes).map_err(malformed)?) } else { None };
+    Home::parse(&String::from_utf8_lossy(unpacked.as_deref().unwrap_or(bytes))).map_err(malformed)
+}
+
 pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, LoadError> {
     let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };
     let bytes = read(path)?;
     let is_archive = bytes.starts_with(b"PK");
-    let unpacked = if is_archive { Some(unpack(&bytes).map_err(malformed)?) } else { None };
-    let mut home = Home::parse(&String::from_utf8_lossy(unpacked.as_ref().unwrap_or(&bytes))).map_err(malformed)?;
+    let mut home = parse(path, &bytes)?;
     let mut notes = Vec::new();
     home.hang_ceilings();
     match home.put_ceilings_on() {

@@ -1,17 +1,39 @@
-//! Where nodes stand. The `gltf` crate reads their numbers as `f32`, in which a coordinate of 1e7 m has steps of a metre;
-//! the file's text has all the digits, so it is read once more.
+//! What is read a second time: where nodes stand, whose numbers the `gltf` crate reads as `f32`, in which a coordinate of 1e7 m has
+//! steps of a metre, and extensions that the crate does not know.
 
+use super::instances::InstanceAttributes;
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 use serde::Deserialize;
 
 /// The property, in its extras, of a node that says where the headbox is: as Blender exports an object's custom properties.
 pub const HEADBOX_HALF_SIZE: &str = "headbox_half_size";
 
-/// The transforms of all nodes.
+/// Nodes and textures of a file.
 #[derive(Default, Deserialize)]
-pub(super) struct NodeTransforms {
+pub(super) struct SecondReading {
     #[serde(default)]
     nodes: Vec<NodeTransform>,
+    #[serde(default)]
+    textures: Vec<TextureSource>,
+}
+
+#[derive(Default, Deserialize)]
+struct TextureSource {
+    #[serde(default)]
+    extensions: TextureExtensions,
+}
+
+#[derive(Default, Deserialize)]
+struct TextureExtensions {
+    #[serde(rename = "EXT_texture_webp")]
+    webp: Option<ImageOfTexture>,
+    #[serde(rename = "KHR_texture_basisu")]
+    basis: Option<ImageOfTexture>,
+}
+
+#[derive(Default, Deserialize)]
+struct ImageOfTexture {
+    source: usize,
 }
 
 /// The transform of a node, as the file gives it.
@@ -23,9 +45,23 @@ pub(super) struct NodeTransform {
     pub(super) scale: Option<[f64; 3]>,
     #[serde(default)]
     extras: serde_json::Value,
+    #[serde(default)]
+    extensions: NodeExtensions,
 }
 
-impl NodeTransforms {
+#[derive(Clone, Default, Deserialize)]
+struct NodeExtensions {
+    #[serde(rename = "EXT_mesh_gpu_instancing")]
+    instancing: Option<Instancing>,
+}
+
+#[derive(Clone, Default, Deserialize)]
+struct Instancing {
+    #[serde(default)]
+    attributes: InstanceAttributes,
+}
+
+impl SecondReading {
     /// Those of a glTF file's JSON.
     pub(super) fn read(json: &[u8]) -> Result<Self, serde_json::Error> {
         serde_json::from_slice(json)
@@ -40,6 +76,21 @@ impl NodeTransforms {
     pub(super) fn headbox_half_size(&self, index: usize) -> Option<f64> {
         let half_size = self.nodes.get(index)?.extras.get(HEADBOX_HALF_SIZE)?.as_f64()?;
         (half_size.is_finite() && half_size > 0.0).then_some(half_size)
+    }
+
+    /// The image that shows a texture better than its ordinary one, which it may lack.
+    pub(super) fn image_of_texture(&self, index: usize) -> Option<usize> {
+        self.textures.get(index)?.extensions.webp.as_ref().map(|webp| webp.source)
+    }
+
+    /// Whether a texture has an image in KTX2, which is not read.
+    pub(super) fn is_ktx2(&self, index: usize) -> bool {
+        self.textures.get(index).is_some_and(|texture| texture.extensions.basis.is_some())
+    }
+
+    /// The instances of a node's mesh, where it has some.
+    pub(super) fn instances(&self, index: usize) -> Option<&InstanceAttributes> {
+        self.nodes.get(index)?.extensions.instancing.as_ref().map(|instancing| &instancing.attributes)
     }
 
     /// A node's own transform; for what is animated, which has no matrix.

@@ -1,0 +1,65 @@
+//! `EXT_mesh_gpu_instancing`: a node whose mesh stands in many places.
+
+use super::super::notes::{Note, Notes};
+use super::accessor::Buffers;
+use glam::{DAffine3, DQuat, DVec3};
+use gltf::json::Index;
+use serde::Deserialize;
+
+/// The accessors of a node's instances, as the file gives them; what is absent is as if it said nothing.
+#[derive(Clone, Default, Deserialize)]
+#[serde(default, rename_all = "UPPERCASE")]
+pub(super) struct InstanceAttributes {
+    translation: Option<u32>,
+    rotation: Option<u32>,
+    scale: Option<u32>,
+}
+
+/// Where a node's mesh stands: once where the node does, or, relative to that, where its instances are. Damaged instances
+/// are counted, and the mesh stands once.
+pub(super) fn places(
+    attributes: Option<&InstanceAttributes>,
+    world_from_node: DAffine3,
+    buffers: &Buffers,
+    notes: &mut Notes,
+) -> Vec<DAffine3> {
+    let Some(attributes) = attributes else { return vec![world_from_node] };
+    match node_from_instances(attributes, buffers) {
+        Some(instances) => {
+            instances.into_iter().map(|node_from_instance| world_from_node * node_from_instance).collect()
+        }
+        None => {
+            notes.add(Note::AccessorUnreadable, 1);
+            vec![world_from_node]
+        }
+    }
+}
+
+fn node_from_instances(attributes: &InstanceAttributes, buffers: &Buffers) -> Option<Vec<DAffine3>> {
+    let translations = read::<3>(attributes.translation, buffers)?;
+    let rotations = read::<4>(attributes.rotation, buffers)?;
+    let scales = read::<3>(attributes.scale, buffers)?;
+    let lengths =
+        [translations.as_ref().map(Vec::len), rotations.as_ref().map(Vec::len), scales.as_ref().map(Vec::len)];
+    let count = lengths.into_iter().flatten().next()?;
+    if lengths.into_iter().flatten().any(|length| length != count) {
+        return None;
+    }
+    let instance = |i: usize| {
+        let rotation = rotations.as_ref().map_or(DQuat::IDENTITY, |all| DQuat::from_array(all[i]));
+        DAffine3::from_scale_rotation_translation(
+            scales.as_ref().map_or(DVec3::ONE, |all| DVec3::from_array(all[i])),
+            if rotation.length_squared() > 0.0 { rotation.normalize() } else { DQuat::IDENTITY },
+            translations.as_ref().map_or(DVec3::ZERO, |all| DVec3::from_array(all[i])),
+        )
+    };
+    Some((0..count).map(instance).collect())
+}
+
+/// The entries of an attribute, `Some(None)` if it is not given, `None` if it is damaged or has no bytes of its own: then nothing
+/// bounds their number.
+fn read<const N: usize>(attribute: Option<u32>, buffers: &Buffers) -> Option<Option<Vec<[f64; N]>>> {
+    let Some(attribute) = attribute else { return Some(None) };
+    let accessor = Index::new(attribute);
+    buffers.has_bytes(accessor).then(|| buffers.vectors(accessor))?.map(Some)
+}

@@ -1,0 +1,141 @@
+//! The triangles of a primitive.
+
+use super::super::builder::{Builder, Vertex};
+use super::super::notes::{Note, Notes};
+use super::TooManyVertices;
+use super::accessor::Buffers;
+use super::material::GltfMaterial;
+use super::pose::Pose;
+use ::gltf::json::mesh::{Mode, Primitive, Semantic};
+use ::gltf::json::validation::Checked;
+use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3};
+
+/// The vertex attributes of a primitive; those that are damaged are left out and counted.
+pub(super) struct Attributes {
+    pub(super) positions: Vec<[f64; 3]>,
+    /// As many as positions, or none.
+    pub(super) normals: Vec<[f64; 3]>,
+    texcoords: Vec<[f64; 2]>,
+    colors: Vec<[f64; 3]>,
+}
+
+impl Attributes {
+    fn read(primitive: &Primitive, texcoord_set: u32, buffers: &Buffers, notes: &mut Notes) -> Option<Self> {
+        let accessor = |semantic| primitive.attributes.get(&Checked::Valid(semantic)).copied();
+        let positions = accessor(Semantic::Positions).and_then(|positions| buffers.vectors(positions));
+        let Some(positions) = positions else {
+            notes.add(Note::AccessorUnreadable, 1);
+            return None;
+        };
+        let count = positions.len();
+        Some(Self {
+            normals: optional(accessor(Semantic::Normals).map(|a| buffers.vectors(a)), count, notes),
+            texcoords: optional(accessor(Semantic::TexCoords(texcoord_set)).map(|a| buffers.vectors(a)), count, notes),
+            colors: optional(accessor(Semantic::Colors(0)).map(|a| buffers.vectors(a)), count, notes),
+            positions,
+        })
+    }
+}
+
+/// An attribute that may be absent (`None`), or damaged (`Some(None)`, or of another length).
+fn optional<T>(read: Option<Option<Vec<T>>>, count: usize, notes: &mut Notes) -> Vec<T> {
+    let is_given = read.is_some();
+    let values = read.flatten().filter(|values| values.len() == count);
+    notes.add(Note::AccessorUnreadable, usize::from(is_given && values.is_none()));
+    values.unwrap_or_default()
+}
+
+/// Adds the triangles of a primitive once for each of `places`, which take the node's points to the world.
+pub(super) fn push_primitive(
+    primitive: &Primitive,
+    places: &[DAffine3],
+    pose: &Pose,
+    surface: Option<GltfMaterial>,
+    buffers: &Buffers,
+    builder: &mut Builder,
+) -> Result<(), TooManyVertices> {
+    let Checked::Valid(mode @ (Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)) = primitive.mode else {
+        builder.notes.add(Note::NonTriangles, 1);
+        return Ok(());
+    };
+    let Some(surface) = surface else { return Ok(()) };
+    let Some(mut attributes) = Attributes::read(primitive, surface.texcoord_set, buffers, &mut builder.notes) else {
+        return Ok(());
+    };
+    pose.morph(primitive, &mut attributes, buffers, &mut builder.notes);
+    let is_in_world = pose.bend(primitive, &mut attributes, buffers, &mut builder.notes);
+    let places = if is_in_world { &[DAffine3::IDENTITY] } else { places };
+    let count = attributes.positions.len();
+    let corners: Vec<usize> = match primitive.indices {
+        None => (0..count).collect(),
+        Some(indices) => match buffers.vectors::<1>(indices) {
+            Some(indices) => indices.into_iter().map(|[index]| index as usize).collect(),
+            None => {
+                builder.notes.add(Note::AccessorUnreadable, 1);
+                return Ok(());
+            }
+        },
+    };
+    let all = triangles(mode, &corners);
+    let valid: Vec<[usize; 3]> = all.iter().copied().filter(|t| t.iter().all(|&vertex| vertex < count)).collect();
+    builder.notes.add(Note::FaceIndexOutOfRange, all.len() - valid.len());
+    let Some(material) = surface.material else {
+        builder.notes.add(Note::SeeThrough, valid.len() * places.len());
+        return Ok(());
+    };
+    for &world_from_node in places {
+        let first = push_vertices(&attributes, world_from_node, surface, builder).ok_or(TooManyVertices)?;
+        let is_mirrored = world_from_node.matrix3.determinant() < 0.0;
+        for &[a, b, c] in &valid {
+            let [b, c] = if is_mirrored { [c, b] } else { [b, c] };
+            // Below 2^32, as `push_vertices` has checked.
+            builder.push_triangle([a, b, c].map(|vertex| first + vertex as u32), material);
+        }
+    }
+    Ok(())
+}
+
+/// Adds all vertices of a primitive; the index of the first, or `None` if there are too many.
+fn push_vertices(
+    attributes: &Attributes,
+    world_from_node: DAffine3,
+    surface: GltfMaterial,
+    builder: &mut Builder,
+) -> Option<u32> {
+    let first = builder.next_vertex(attributes.positions.len())?;
+    let normal_from_node = cofactors(world_from_node.matrix3);
+    for (i, &position) in attributes.positions.iter().enumerate() {
+        let normal = attributes.normals.get(i).map_or(DVec3::ZERO, |&n| normal_from_node * DVec3::from(n));
+        let texcoord = attributes.texcoords.get(i).map_or(Vec2::ZERO, |&[u, v]| {
+            let in_image = surface.image_from_vertex.transform_point2(Vec2::new(u as f32, v as f32));
+            Vec2::new(in_image.x, 1.0 - in_image.y) // v of glTF goes down
+        });
+        builder.push_vertex(Vertex {
+            position: world_from_node.transform_point3(DVec3::from(position)),
+            normal: normal.normalize_or_zero().as_vec3(),
+            texcoord,
+            color: attributes.colors.get(i).map_or(Vec3::ONE, |&c| DVec3::from(c).as_vec3()),
+        });
+    }
+    Some(first)
+}
+
+/// The matrix that takes normals along when `m` takes points along: the inverse transpose but for its length, also
+/// where `m` has no inverse. A mirroring `m` keeps outward normals outward.
+pub(super) fn cofactors(m: DMat3) -> DMat3 {
+    let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
+    let sign = if m.determinant() < 0.0 { -1.0 } else { 1.0 };
+    DMat3::from_cols(y.cross(z) * sign, z.cross(x) * sign, x.cross(y) * sign)
+}
+
+fn triangles(mode: Mode, corners: &[usize]) -> Vec<[usize; 3]> {
+    let triples = corners.windows(3).map(|t| [t[0], t[1], t[2]]);
+    match mode {
+        Mode::TriangleStrip => {
+            // Every other triangle of a strip runs the other way around.
+            triples.enumerate().map(|(i, [a, b, c])| if i % 2 == 0 { [a, b, c] } else { [b, a, c] }).collect()
+        }
+        Mode::TriangleFan => triples.map(|[_, b, c]| [corners[0], b, c]).collect(),
+        _ => corners.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
+    }
+}
