@@ -5,6 +5,7 @@
 //! the light through (blended alpha, transmission) is left out.
 
 mod accessor;
+mod attributes;
 pub(crate) mod cameras;
 mod instances;
 mod lights;

@@ -2,7 +2,7 @@
 
 use super::super::notes::{Note, Notes};
 use super::accessor::Buffers;
-use super::primitive::{Attributes, cofactors};
+use super::attributes::{Attributes, cofactors};
 use ::gltf::json::mesh::{Mesh, Primitive, Semantic};
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{Index, Node, Root};

@@ -1,49 +1,15 @@
 //! The triangles of a primitive.
 
 use super::super::builder::{Builder, Vertex};
-use super::super::notes::{Note, Notes};
+use super::super::notes::Note;
 use super::TooManyVertices;
 use super::accessor::Buffers;
+use super::attributes::{Attributes, cofactors};
 use super::material::GltfMaterial;
 use super::pose::Pose;
-use ::gltf::json::mesh::{Mode, Primitive, Semantic};
+use ::gltf::json::mesh::{Mode, Primitive};
 use ::gltf::json::validation::Checked;
-use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3};
-
-/// The vertex attributes of a primitive; those that are damaged are left out and counted.
-pub(super) struct Attributes {
-    pub(super) positions: Vec<[f64; 3]>,
-    /// As many as positions, or none.
-    pub(super) normals: Vec<[f64; 3]>,
-    texcoords: Vec<[f64; 2]>,
-    colors: Vec<[f64; 3]>,
-}
-
-impl Attributes {
-    fn read(primitive: &Primitive, texcoord_set: u32, buffers: &Buffers, notes: &mut Notes) -> Option<Self> {
-        let accessor = |semantic| primitive.attributes.get(&Checked::Valid(semantic)).copied();
-        let positions = accessor(Semantic::Positions).and_then(|positions| buffers.vectors(positions));
-        let Some(positions) = positions else {
-            notes.add(Note::AccessorUnreadable, 1);
-            return None;
-        };
-        let count = positions.len();
-        Some(Self {
-            normals: optional(accessor(Semantic::Normals).map(|a| buffers.vectors(a)), count, notes),
-            texcoords: optional(accessor(Semantic::TexCoords(texcoord_set)).map(|a| buffers.vectors(a)), count, notes),
-            colors: optional(accessor(Semantic::Colors(0)).map(|a| buffers.vectors(a)), count, notes),
-            positions,
-        })
-    }
-}
-
-/// An attribute that may be absent (`None`), or damaged (`Some(None)`, or of another length).
-fn optional<T>(read: Option<Option<Vec<T>>>, count: usize, notes: &mut Notes) -> Vec<T> {
-    let is_given = read.is_some();
-    let values = read.flatten().filter(|values| values.len() == count);
-    notes.add(Note::AccessorUnreadable, usize::from(is_given && values.is_none()));
-    values.unwrap_or_default()
-}
+use glam::{DAffine3, DVec3, Vec2, Vec3};
 
 /// Adds the triangles of a primitive once for each of `places`, which take the node's points to the world.
 pub(super) fn push_primitive(
@@ -118,14 +84,6 @@ fn push_vertices(
         });
     }
     Some(first)
-}
-
-/// The matrix that takes normals along when `m` takes points along: the inverse transpose but for its length, also
-/// where `m` has no inverse. A mirroring `m` keeps outward normals outward.
-pub(super) fn cofactors(m: DMat3) -> DMat3 {
-    let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis];
-    let sign = if m.determinant() < 0.0 { -1.0 } else { 1.0 };
-    DMat3::from_cols(y.cross(z) * sign, z.cross(x) * sign, x.cross(y) * sign)
 }
 
 fn triangles(mode: Mode, corners: &[usize]) -> Vec<[usize; 3]> {
