@@ -1,5 +1,7 @@
 //! Materials and textures: diffuse colour, emission, gloss and cut-out.
 
+use glam::Vec4;
+
 /// How a surface lets rays through: wherever the alpha of `texture` is below 0.5, the surface is not there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cutout {
@@ -94,17 +96,22 @@ impl Texture {
 
     /// Bilinear sample: linear RGB and straight alpha.
     pub fn sample(&self, u: f32, v: f32) -> [f32; 4] {
-        let [(x0, x1, fx), (y0, y1, fy)] =
-            [(u, self.width), (1.0 - v, self.height)].map(|(t, size)| neighbours(t, size));
-        let row = |y: usize| {
-            let at = |x: usize| self.texels[y * self.width as usize + x].map(usize::from);
-            let (a, b) = (at(x0), at(x1));
-            let mix = |a: f32, b: f32| a + (b - a) * fx;
-            let rgb = [0, 1, 2].map(|c| mix(LINEAR_FROM_SRGB8[a[c]], LINEAR_FROM_SRGB8[b[c]]));
-            [rgb[0], rgb[1], rgb[2], mix(a[3] as f32 / 255.0, b[3] as f32 / 255.0)]
-        };
-        let (top, bottom) = (row(y0), row(y1));
-        [0, 1, 2, 3].map(|c| top[c] + (bottom[c] - top[c]) * fy)
+        let ((x0, x1, fx), (y0, y1, fy)) = (neighbours(u, self.width), neighbours(1.0 - v, self.height));
+        let (linear, width) = (linear_levels(), self.width as usize);
+        let (above, below) = (y0 * width, y1 * width);
+        let (a, b) = (self.texel(linear, above + x0), self.texel(linear, above + x1));
+        let top = a + (b - a) * fx;
+        let (a, b) = (self.texel(linear, below + x0), self.texel(linear, below + x1));
+        let bottom = a + (b - a) * fx;
+        (top + (bottom - top) * fy).to_array()
+    }
+
+    /// A texel, linear, by this table of levels: looked up once for all texels of a sample.
+    #[inline(always)]
+    fn texel(&self, linear: &[f32; 256], index: usize) -> Vec4 {
+        let [r, g, b, alpha] = self.texels[index];
+        let [r, g, b] = [linear[usize::from(r)], linear[usize::from(g)], linear[usize::from(b)]];
+        Vec4::new(r, g, b, f32::from(alpha) / 255.0)
     }
 }
 

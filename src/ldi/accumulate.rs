@@ -79,7 +79,7 @@ pub(super) fn sixteen_bits(share: f32) -> u16 {
 
 /// All samples of one class in one depth bin of one pixel.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C)]
+#[repr(C, align(64))]
 pub struct Accumulator {
     /// The ray of the representative sample: the one with the smallest area, ties broken by key.
     pub key: RayKey,
@@ -104,7 +104,7 @@ pub struct Accumulator {
     pub class: u16,
 }
 
-const _: () = assert!(size_of::<Accumulator>() == 64, "one cache line");
+const _: () = assert!(size_of::<Accumulator>() == 64, "one cache line, and no two");
 
 impl Accumulator {
     /// End of a pixel's list.

@@ -174,7 +174,7 @@ impl Router<'_> {
         let pixel = |c: f32| ((half * (1.0 + c * inverse_depth)) as u32).min(self.size_px - 1) as u16;
         let (bin, offset) = self.bins.place(inverse_depth);
         let scene = self.tracer.scene();
-        let normal = scene.geometric_normal(hit.primitive);
+        let normal = self.tracer.geometric_normal(hit.primitive);
         let cos = normal.dot(ray.direction);
         let normal = if cos > 0.0 { -normal } else { normal };
         let material = scene.triangles[hit.primitive as usize].material;

@@ -10,7 +10,7 @@
 
 use super::EncodedNormal;
 use super::accumulate::{Accumulator, sixteen_bits};
-use crate::capture::light::{LightSample, Lighting, LitPoint, extent_of};
+use crate::capture::light::{LightSample, Lighting, LitPoint};
 use crate::capture::rig::Face;
 use crate::capture::sampler::RayKey;
 use crate::capture::trace::Tracer;
@@ -78,7 +78,7 @@ impl Shader<'_> {
         let [u, v] = acc.barycentric.map(|c| f32::from(c) / 65_535.0);
         let scene = self.tracer.scene();
         let side = if acc.is_back() { -1.0 } else { 1.0 };
-        let front = scene.geometric_normal(acc.primitive);
+        let front = self.tracer.geometric_normal(acc.primitive);
         let (normal, shading_normal) = (front * side, scene.shading_normal(acc.primitive, front, u, v) * side);
         let triangle = self.tracer.triangle(acc.primitive);
         let exposure = self.lighting.exposure;
@@ -113,7 +113,7 @@ impl Shader<'_> {
             representative,
             normal: part.plane_normal,
             shading_normal: smooth,
-            extent: extent_of(triangle),
+            extent: self.tracer.extent(part.primitive),
         }
     }
 

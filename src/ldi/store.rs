@@ -20,6 +20,9 @@ const CHUNK: usize = 64;
 /// Accumulators in the list of a pixel, at most.
 const LIST_LIMIT: u32 = 16;
 
+/// So many samples' pixels are [touched](Tile::touch) before these samples are added.
+const TOUCHED: usize = 32;
+
 /// All accumulators of a capture.
 pub struct TileStore {
     tiles_per_side: u32,
@@ -112,9 +115,11 @@ impl TileStore {
             order = rest;
             let mut tile = lock(&self.tiles[tile_index]);
             let before = tile.chunks.len();
-            for sample in batch.iter().map(|&i| &samples[i as usize]) {
-                let pixel = u32::from(sample.y) % TILE_PX * TILE_PX + u32::from(sample.x) % TILE_PX;
-                tile.add(pixel, &Accumulator::new(sample));
+            for batch in batch.chunks(TOUCHED) {
+                let batch =
+                    || batch.iter().map(|&i| &samples[i as usize]).map(|sample| (pixel_in_tile(sample), sample));
+                tile.touch(batch().map(|(pixel, _)| pixel));
+                batch().for_each(|(pixel, sample)| tile.add(pixel, &Accumulator::new(sample)));
             }
             self.chunks_in_memory.fetch_add(tile.chunks.len() - before, Ordering::Relaxed);
         }
@@ -226,7 +231,23 @@ pub fn combine(run: &mut Vec<Accumulator>) {
     });
 }
 
+/// The pixel of a sample in its tile, row-major.
+fn pixel_in_tile(sample: &Sample) -> u32 {
+    u32::from(sample.y) % TILE_PX * TILE_PX + u32::from(sample.x) % TILE_PX
+}
+
 impl Tile {
+    /// Reads the first accumulator of each of these pixels, so that it is in the cache when it is wanted: these reads wait for memory
+    /// together, those of one sample after the other each by itself.
+    fn touch(&self, pixels: impl Iterator<Item = u32>) {
+        let mut read = 0;
+        for head in pixels.filter_map(|pixel| self.heads.get(pixel as usize)) {
+            let first = self.chunks.get(*head as usize / CHUNK).map_or(0, |chunk| chunk[*head as usize % CHUNK].link);
+            read ^= first;
+        }
+        std::hint::black_box(read);
+    }
+
     fn add(&mut self, pixel: u32, new: &Accumulator) {
         if self.heads.is_empty() {
             self.heads = vec![Accumulator::NO_NEXT; (TILE_PX * TILE_PX) as usize];

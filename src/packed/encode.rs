@@ -4,7 +4,7 @@ use super::blocks::BlockIndex;
 use super::depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};
 use super::layout::{PackedCube, PackedSegment, SegmentSide};
 use super::plane_set::PlaneSet;
-use super::splat_index::DepthCodeRange;
+use super::splat_index::{DepthCodeRange, SplatCoder};
 use crate::ldi::{CubeLdi, DepthPixel, LayeredDepthImage, LdiError};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -149,22 +149,22 @@ fn pack_segment(
         false => 0.0,
     };
     let face_from_world = face.face.world_from_eye().transpose();
-    let encode = |sample: &DepthPixel, [x, y]: [u32; 2]| {
+    let encode = |coder: &mut SplatCoder, sample: &DepthPixel, [x, y]: [u32; 2]| {
         let inverse_depth = f64::from(sample.inverse_depth);
         let code = ((inverse_depth - f64::from(min)) * codes_per_inverse_depth).round() as u32;
         let normal = face_from_world * sample.normal.decode().as_dvec3();
         let toward = face.face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face.size_px);
         let toward = face_from_world * toward.normalize();
-        let index = layout.encode_seen(normal, toward, 1.0 / inverse_depth, range);
+        let index = coder.code(normal, toward, 1.0 / inverse_depth);
         let geometry = index << 20 | code.min(INVERSE_DEPTH_CODE_MAX);
         PackedDepthPixel { geometry, color_srgb: sample.color_srgb }
     };
 
     // Of a row, the depth pixels, and how many there are up to each column.
     let row = |y: u32| {
-        let (mut depth_pixels, mut counts) = (Vec::new(), vec![0]);
+        let (mut depth_pixels, mut counts, mut coder) = (Vec::new(), vec![0], SplatCoder::new(layout, range));
         for x in columns.clone() {
-            depth_pixels.extend(face.pixel(x, y).iter().filter(|s| belongs(s)).map(|s| encode(s, [x, y])));
+            depth_pixels.extend(face.pixel(x, y).iter().filter(|s| belongs(s)).map(|s| encode(&mut coder, s, [x, y])));
             counts.push(depth_pixels.len() as u32);
         }
         (depth_pixels, counts)

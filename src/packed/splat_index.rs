@@ -119,11 +119,11 @@ impl SplatIndexLayout {
         code as u32
     }
 
-    /// The same of a sample that the centre sees along the unit vector `toward`: a surface that faces the centre still does as it is
-    /// coded, but for those in the corners of a face whose normals point away from its front, where codes are coarse. Of a floor seen edge-on, which differs from a ceiling by less than a code, footprints would shrink on the side on which
-    /// they must grow.
-    pub fn encode_seen(self, normal_in_face: DVec3, toward: DVec3, eye_depth: f64, range: DepthCodeRange) -> u32 {
-        let index = self.encode(normal_in_face, eye_depth, range);
+    /// The index of a sample that the centre sees along the unit vector `toward`, whose normal has the code `index`: a surface that
+    /// faces the centre still does as it is coded, but for those in the corners of a face whose normals point away from its front,
+    /// where codes are coarse. Of a floor seen edge-on, which differs from a ceiling by less than a code, footprints would shrink on
+    /// the side on which they must grow.
+    fn as_seen(self, index: u32, normal_in_face: DVec3, toward: DVec3, eye_depth: f64, range: DepthCodeRange) -> u32 {
         let is_turned_over = normal_in_face.dot(toward) < 0.0 && self.normal(index).as_dvec3().dot(toward) >= 0.0;
         match self {
             Self::Normal if is_turned_over => {
@@ -152,6 +152,31 @@ impl SplatIndexLayout {
             Self::Paper => SPLAT_INDEX_COUNT,
             Self::Normal => RING_STARTS[RING_COUNT],
         }
+    }
+}
+
+/// Codes one sample after the other: neighbours mostly have one normal, whose angles are then not worked out again.
+pub(super) struct SplatCoder {
+    layout: SplatIndexLayout,
+    range: DepthCodeRange,
+    /// The bits of the last normal that was coded, and its code, where that depends on nothing else.
+    last: Option<([u64; 3], u32)>,
+}
+
+impl SplatCoder {
+    pub(super) fn new(layout: SplatIndexLayout, range: DepthCodeRange) -> Self {
+        Self { layout, range, last: None }
+    }
+
+    /// The splat index of a sample with this normal in the face frame, which the centre sees along the unit vector `toward`.
+    pub(super) fn code(&mut self, normal_in_face: DVec3, toward: DVec3, eye_depth: f64) -> u32 {
+        let bits = normal_in_face.to_array().map(f64::to_bits); // -0 is another angle than 0
+        let index = match self.last {
+            Some((last, index)) if last == bits => index,
+            _ => self.layout.encode(normal_in_face, eye_depth, self.range),
+        };
+        self.last = (self.layout == SplatIndexLayout::Normal).then_some((bits, index));
+        self.layout.as_seen(index, normal_in_face, toward, eye_depth, self.range)
     }
 }
 
@@ -195,6 +220,24 @@ mod tests {
     }
 
     #[test]
+    fn a_sample_is_coded_alike_whatever_came_before_it() {
+        let range = DepthCodeRange { nearest_m: 1.0, farthest_m: 100.0 };
+        for layout in [SplatIndexLayout::Normal, SplatIndexLayout::Paper] {
+            let mut after_others = SplatCoder::new(layout, range);
+            for i in 0..6_000 {
+                // Three samples in turn have one normal; of these some differ in the sign of a zero, and all in depth.
+                let turn = f64::from(i / 3 % 40) * 0.4;
+                let flat = if i % 2 == 0 { 0.0 } else { -0.0 };
+                let normal = DVec3::new(-turn.sin().abs(), flat, turn.cos());
+                let toward = DVec3::new((f64::from(i) * 0.7).sin(), 0.3, -1.0).normalize();
+                let eye_depth = 1.0 + f64::from(i % 97);
+                let alone = SplatCoder::new(layout, range).code(normal, toward, eye_depth);
+                assert_eq!(after_others.code(normal, toward, eye_depth), alone, "{normal} {toward} {eye_depth}");
+            }
+        }
+    }
+
+    #[test]
     fn what_faces_the_centre_edge_on_still_does_when_it_is_coded() {
         let range = DepthCodeRange { nearest_m: 1.0, farthest_m: 100.0 };
         let layout = SplatIndexLayout::Normal;
@@ -207,7 +250,8 @@ mod tests {
             let across = along * turn.cos() + toward.cross(along) * turn.sin();
             let normal = (across + toward * (f64::from(i % 101) - 50.0) * 1e-3).normalize();
             let faces = |index: u32| layout.normal(index).as_dvec3().dot(toward) < 0.0;
-            let [coded, seen] = [layout.encode(normal, 7.0, range), layout.encode_seen(normal, toward, 7.0, range)];
+            let coded = layout.encode(normal, 7.0, range);
+            let seen = SplatCoder::new(layout, range).code(normal, toward, 7.0);
             if normal.dot(toward) >= 0.0 || faces(coded) {
                 assert_eq!(coded, seen, "nothing to be mended");
                 continue;

@@ -76,8 +76,7 @@ impl Lighting {
         if cos_here <= 0.0 || cos_here.is_nan() || direction.dot(point.normal) <= 0.0 {
             return Vec3::ZERO;
         }
-        let surface = tracer.scene().surface(primitive, u, v);
-        let cos_there = direction.dot(surface.normal).abs();
+        let cos_there = direction.dot(tracer.geometric_normal(primitive)).abs();
         // Stop short of the light itself.
         let ray = Ray { origin, direction: offset, t_min: 0.0, t_max: 0.999 };
         if cos_there <= 0.0 || tracer.occluded(&ray) {
@@ -85,7 +84,8 @@ impl Lighting {
         }
         let density = probability * distance2 / (area(corners) * cos_there);
         let by_chance = shared.map_or(0.0, |directions| directions.density(direction, cos_here));
-        Vec3::from_array(surface.emission) * (cos_here / PI / (density + by_chance))
+        let emission = tracer.scene().emission(primitive, u, v);
+        Vec3::from_array(emission) * (cos_here / PI / (density + by_chance))
     }
 
     /// Radiosity per albedo by a ray in one of these directions that met an emissive triangle.

@@ -119,7 +119,7 @@ impl LightTree {
 
     /// How often the first of the two nodes below one is drawn, whose second has the number `right`.
     fn share(&self, at: usize, right: u32, point: &LitPoint) -> f32 {
-        let [first, second] = [at + 1, right as usize].map(|node| self.nodes[node].importance(point));
+        let (first, second) = (self.nodes[at + 1].importance(point), self.nodes[right as usize].importance(point));
         let share = first / (first + second);
         // Both may be infinite, or nothing, where a light is as small as a point.
         if share.is_nan() { 0.5 } else { share }
@@ -132,6 +132,7 @@ const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 impl Node {
     /// About what its lights would bring to a point: power over squared distance, times a bound of the cosine there. No point of the
     /// sphere lies higher above the horizon than its middle and radius together; a root and a division are all that it costs.
+    #[inline]
     fn importance(&self, point: &LitPoint) -> f32 {
         let to_middle = self.middle - point.position;
         let distance2 = to_middle.length_squared().max(self.radius * self.radius);

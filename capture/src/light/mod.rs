@@ -80,10 +80,10 @@ pub struct LitPoint {
 impl LitPoint {
     /// The point where `ray` met the scene, on the side that the ray came from.
     pub fn from_hit(tracer: &Tracer, ray: &Ray, hit: &Hit) -> (Self, crate::scene::Surface) {
-        let surface = tracer.scene().surface(hit.primitive, hit.u, hit.v);
+        let surface = tracer.surface(hit.primitive, hit.u, hit.v);
         let flip = if surface.normal.dot(ray.direction) > 0.0 { -1.0 } else { 1.0 };
         let position = ray.origin + ray.direction * hit.t;
-        let extent = extent_of(tracer.triangle(hit.primitive));
+        let extent = tracer.extent(hit.primitive);
         let (normal, shading_normal) = (surface.normal * flip, surface.shading_normal * flip);
         (Self { position, normal, shading_normal, extent }, surface)
     }

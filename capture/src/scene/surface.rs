@@ -23,7 +23,11 @@ impl Scene {
     /// The surface at barycentric weights `u` and `v` (of vertices 1 and 2) of triangle `primitive`. The scene must be
     /// valid ([`Scene::validate`]) and `primitive` one of its triangles.
     pub fn surface(&self, primitive: u32, u: f32, v: f32) -> Surface {
-        let normal = self.geometric_normal(primitive);
+        self.surface_facing(primitive, self.geometric_normal(primitive), u, v)
+    }
+
+    /// As [`Self::surface`], of a triangle with the given geometric normal.
+    pub(crate) fn surface_facing(&self, primitive: u32, normal: Vec3, u: f32, v: f32) -> Surface {
         Surface {
             normal,
             shading_normal: self.shading_normal(primitive, normal, u, v),

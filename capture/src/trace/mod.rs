@@ -22,6 +22,7 @@
 
 mod build;
 mod cutout;
+mod facts;
 mod lanes;
 mod packet;
 mod prepared;
@@ -33,7 +34,9 @@ mod twins;
 pub use lanes::{HitPacket, PACKET, RayPacket};
 
 use crate::Scene;
+use crate::scene::Surface;
 use cutout::Cutouts;
+use facts::Facts;
 use fearless_simd::{Level, dispatch};
 use glam::{DVec3, Vec3};
 use std::sync::Arc;
@@ -88,6 +91,7 @@ pub struct Tracer {
     tree: Tree,
     cutouts: Cutouts,
     twins: Twins,
+    facts: Vec<Facts>,
     level: Level,
 }
 
@@ -103,7 +107,8 @@ impl Tracer {
         let cutouts = Cutouts::new(&scene);
         let tree = build::build(&scene, origin, &cutouts);
         let twins = Twins::find(&scene, origin);
-        Self { scene, origin, tree, cutouts, twins, level }
+        let facts = facts::of_all(&scene, origin);
+        Self { scene, origin, tree, cutouts, twins, facts, level }
     }
 
     /// The scene.
@@ -119,6 +124,23 @@ impl Tracer {
     /// Local positions of a triangle's vertices, metres; NaN if there is no such triangle.
     pub fn triangle(&self, primitive: u32) -> [Vec3; 3] {
         build::local_triangle(&self.scene, self.origin, primitive).unwrap_or([Vec3::NAN; 3])
+    }
+
+    /// As [`Scene::geometric_normal`]; straight up if there is no such triangle.
+    #[inline]
+    pub fn geometric_normal(&self, primitive: u32) -> Vec3 {
+        self.facts.get(primitive as usize).map_or(Vec3::Y, |facts| facts.normal)
+    }
+
+    /// Largest absolute coordinate of a triangle in the local frame, metres; 0 if there is no such triangle.
+    #[inline]
+    pub fn extent(&self, primitive: u32) -> f32 {
+        self.facts.get(primitive as usize).map_or(0.0, |facts| facts.extent)
+    }
+
+    /// As [`Scene::surface`].
+    pub fn surface(&self, primitive: u32, u: f32, v: f32) -> Surface {
+        self.scene.surface_facing(primitive, self.geometric_normal(primitive), u, v)
     }
 
     /// The closest hit of a ray, the least (t, primitive) of all its hits; of triangles in exactly the same place, the first
