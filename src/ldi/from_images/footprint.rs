@@ -207,7 +207,14 @@ impl Block {
     #[inline(always)]
     fn sample(&self, i: usize, column: u32, inverse_depth: f32) -> Sample {
         let normal = EncodedNormal::from_bits(self.normals[i]);
-        Sample { column, inverse_depth, normal, weight: self.weights[i], area: self.areas[i], ..Sample::NONE }
+        Sample {
+            column: column as u16,
+            inverse_depth,
+            normal,
+            weight: self.weights[i],
+            area: self.areas[i],
+            ..Sample::NONE
+        }
     }
 }
 
