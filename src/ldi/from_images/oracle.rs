@@ -341,3 +341,31 @@ fn pictures_of_one_row_or_column_are_warped_too() {
         assert!(samples.len() >= pixels && samples.iter().all(|sample| levels(sample) == [9, 90, 200]), "{size_px:?}");
     }
 }
+
+#[test]
+fn magnified_images_leave_no_gaps() {
+    let (size_px, face_px) = ([64, 48], 80);
+    for (focal, roll) in [(56.0, 0.3), (44.0, 1.1), (41.0, 0.1), (40.0, 0.0), (36.0, 0.4), (30.0, 0.785), (20.0, 0.2)] {
+        let lens = Lens::Pinhole(Pinhole {
+            focal_px: [focal; 2],
+            principal_px: size_px.map(|side| f64::from(side) / 2.0),
+            distortion: Distortion::default(),
+        });
+        let pose = Pose { eye: DVec3::ZERO, world_from_eye: DMat3::from_rotation_z(roll) };
+        let (color, depth) = (vec![[9, 90, 200, 255]; 64 * 48], vec![2.0; 64 * 48]);
+        let view = LoadedView { size_px, lens, pose, color, depth };
+        let target = WarpTarget { centre: DVec3::ZERO, face_px, tolerance: 0.01, noise: 0.0, level: simd::level() };
+        let piles = target.warp(&view, 0, &SparePiles::default());
+        for (x, y) in (0..face_px).flat_map(|y| (0..face_px).map(move |x| (x, y))) {
+            let ray = Face::NegZ.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face_px);
+            let there = view.lens.project(pose.world_from_eye.transpose() * ray, size_px);
+            let is_inside = |[u, v, _]: [f64; 3]| u > 0.5 && v > 0.5 && u < 63.5 && v < 47.5;
+            let row = (Face::NegZ.index() as u32 * face_px + y) as usize;
+            let mut samples = piles.iter().flat_map(|pile| pile.row(row)).flatten();
+            assert!(
+                !there.is_some_and(is_inside) || samples.any(|sample| u32::from(sample.column) == x),
+                "{focal}: {x} {y}"
+            );
+        }
+    }
+}
