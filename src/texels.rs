@@ -1,6 +1,6 @@
 //! The four texels around each of sixteen places of a picture, and the colour between them.
 
-use fearless_simd::{ExtractToken, Simd, prelude::*, u16x32, u32x4, u32x16};
+use fearless_simd::{ExtractToken, Simd, f32x16, prelude::*, u16x32, u32x4, u32x16};
 
 /// Places at a time.
 pub(crate) const LANES: usize = 16;
@@ -36,6 +36,14 @@ fn left_and_right<S: Simd>(two: [u32x4<S>; LANES / 2]) -> [u32x16<S>; 2] {
     let high = two[4].combine(two[5]).combine(two[6].combine(two[7]));
     let (left, right) = low.token().deinterleave_u32x16(low, high);
     [left, right]
+}
+
+/// The pixel before a position along an axis of a picture, of which another follows, and the way to that in parts of 256.
+#[inline(always)]
+pub(crate) fn place<S: Simd>(position: f32x16<S>, side_px: u32) -> (u32x16<S>, u32x16<S>) {
+    let position = position.max(0.0).min((side_px - 1) as f32);
+    let before = u32x16::truncate_from(position).min(side_px.saturating_sub(2));
+    (before, u32x16::truncate_from((position - f32x16::float_from(before)) * 256.0 + 0.5))
 }
 
 /// Between four texels as [`fours`] gives them, byte by byte: to the right by one share of 256, then down by the other. Each of the

@@ -8,6 +8,7 @@ use super::live::LiveSource;
 use super::lumigraph::LumigraphSource;
 use super::photographs::PhotographsSource;
 use super::sprite::SpriteSource;
+use crate::capture::deep_exr::DeepImage;
 use crate::capture::images::ImageSet;
 use crate::capture::light::Lighting;
 use crate::capture::load::HOMES;
@@ -15,9 +16,10 @@ use crate::capture::trace::Tracer;
 use crate::capture::viewpoint::{place_headbox, suggest_view};
 use crate::capture::{Camera, linear_from_srgb8, srgb8_from_linear};
 use crate::container::FileError;
+use crate::ldi::from_deep::{DeepPlace, FromDeepError, cube as cube_of_deep};
 use crate::ldi::from_images::NearImages;
 use crate::lumigraph::Slabs;
-use crate::packed::PackedCube;
+use crate::packed::{PackedCube, SplatIndexLayout, Split};
 use crate::portal::file::HouseFileError;
 use crate::progress::Silent;
 use crate::scene_source::SceneSource;
@@ -27,6 +29,7 @@ use crate::{scenes, truth};
 use glam::{DVec3, Vec3};
 use headbox_viewer::{Entry, FrameSource, Library, Thumbnail};
 use image::{Rgb, RgbImage};
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -38,8 +41,8 @@ const SCENES: [&str; 3] = ["obj", "gltf", "glb"];
 pub enum OpenError {
     /// It is no file of a kind that can be shown.
     #[error(
-        "{name}: only cube LDIs (.ldi), sprites (.sprite), lumigraphs (.lumi), houses (.house), homes (Home.xml, .sh3d, \
-         .toml), scenes (.obj, .gltf, .glb) and builtin:NAME can be shown"
+        "{name}: only cube LDIs (.ldi), deep pictures (.exr), sprites (.sprite), lumigraphs (.lumi), houses (.house), homes (Home.xml, \
+         .sh3d, .toml), scenes (.obj, .gltf, .glb) and builtin:NAME can be shown"
     )]
     Kind {
         /// What was to be opened.
@@ -86,6 +89,7 @@ pub fn open_source(source: SceneSource, output_dir: &Path) -> Result<Box<dyn Fra
         _ if name == HOUSE => Box::new(HouseSource::builtin().map_err(OpenError::Scene)?),
         _ if name.starts_with("builtin:") => Box::new(capture(source, output_dir)?),
         Some("ldi") => Box::new(CubeSource::from_file(PackedCube::read(path)?, path)),
+        Some("exr") => show_cube(deep_picture(path).map_err(OpenError::Scene)?, path),
         Some("sprite") => {
             let source = SpriteSource::new(SpriteSet::read(path)?, path);
             Box::new(source.ok_or_else(|| OpenError::NoSprites { path: path.into() })?)
@@ -102,6 +106,17 @@ pub fn open_source(source: SceneSource, output_dir: &Path) -> Result<Box<dyn Fra
 /// A cube LDI that was made from `origin`.
 pub fn show_cube(cube: PackedCube, origin: &Path) -> Box<dyn FrameSource> {
     Box::new(CubeSource::from_file(cube, origin))
+}
+
+/// The cube of a deep picture whose header tells its camera.
+fn deep_picture(path: &Path) -> Result<PackedCube, String> {
+    let image = DeepImage::read(path).map_err(|error| error.to_string())?;
+    let of_file = |error: &dyn Display| format!("{}: {error}", path.display());
+    let cube = cube_of_deep(&image, DeepPlace::default()).map_err(|error| match error {
+        FromDeepError::View => of_file(&format!("{error} (headbox capture {} --fov DEG -o F.ldi)", path.display())),
+        error => of_file(&error),
+    })?;
+    PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto).map_err(|error| of_file(&error))
 }
 
 /// View-dependent geometry of the folder `origin`, from where `start` stands.
@@ -212,7 +227,7 @@ impl Library for SceneLibrary {
     }
 
     fn extensions(&self) -> Vec<String> {
-        ["ldi", "sprite", "lumi", "house"].into_iter().chain(HOMES).chain(SCENES).map(str::to_owned).collect()
+        ["ldi", "exr", "sprite", "lumi", "house"].into_iter().chain(HOMES).chain(SCENES).map(str::to_owned).collect()
     }
 
     fn open_entry(&mut self, id: &str) -> Result<Box<dyn FrameSource>, String> {
@@ -235,6 +250,7 @@ mod tests {
         let message = |name: &str| open(name, here).err().unwrap().to_string();
         assert!(message("notes.txt").contains("notes.txt: only"), "{}", message("notes.txt"));
         assert!(message("no/such.ldi").contains("no/such.ldi"));
+        assert!(message("no/such.exr").contains("no/such.exr"));
         assert!(message("no/such.sprite").contains("no/such.sprite"));
         assert!(message("no/such.lumi").contains("no/such.lumi"));
         assert!(message("no/such.house").contains("no/such.house"));

@@ -42,8 +42,9 @@ pub(super) const MAX_REACH_PX: f32 = 24.0;
 /// Parallelograms are this much larger than half of a step to every side: those of neighbours overlap by a hair.
 pub(super) const OVERLAP: f32 = 1.02;
 
-/// Footprints that reach no farther from their middle than this are those of minified images.
-pub(super) const POINT_PX: f32 = 0.75;
+/// Footprints that reach no farther from their middle than this are those of minified images: the middle of a pixel that one of them holds
+/// is then within half a pixel of its sample, which falls into that pixel, so that no pixel is left out.
+pub(super) const POINT_PX: f32 = 0.5 * OVERLAP;
 
 /// Sixteen pixels of an image on their way.
 struct Block {
@@ -207,7 +208,14 @@ impl Block {
     #[inline(always)]
     fn sample(&self, i: usize, column: u32, inverse_depth: f32) -> Sample {
         let normal = EncodedNormal::from_bits(self.normals[i]);
-        Sample { column, inverse_depth, normal, weight: self.weights[i], area: self.areas[i], ..Sample::NONE }
+        Sample {
+            column: column as u16,
+            inverse_depth,
+            normal,
+            weight: self.weights[i],
+            area: self.areas[i],
+            ..Sample::NONE
+        }
     }
 }
 

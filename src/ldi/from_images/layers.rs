@@ -63,6 +63,9 @@ impl LayerCube {
     pub(crate) fn add(&mut self, piles: &[RowSamples]) {
         let (face_px, conflict) = (self.face_px as usize, self.conflict);
         self.rows.par_iter_mut().enumerate().for_each(|(number, row)| {
+            if row.heads.is_empty() {
+                row.expect(piles, number);
+            }
             for pile in piles {
                 for samples in pile.row(number) {
                     row.add(samples, pile.image, conflict, face_px);
@@ -94,6 +97,14 @@ impl LayerCube {
 }
 
 impl LayerRow {
+    /// Makes room for the first image's samples of row `number`: as others see the same, most of what comes later falls onto these.
+    fn expect(&mut self, piles: &[RowSamples], number: usize) {
+        let Some(image) = piles.first().map(|pile| pile.image) else { return };
+        let of_first = piles.iter().take_while(|pile| pile.image == image);
+        let count: usize = of_first.flat_map(|pile| pile.row(number)).map(<[Sample]>::len).sum();
+        self.layers.reserve(count + count / 2);
+    }
+
     /// Merges samples of an image into the layers.
     fn add(&mut self, samples: &[Sample], image: u32, conflict: Conflict, face_px: usize) {
         if self.heads.is_empty() {
@@ -160,7 +171,7 @@ fn insert(layers: &mut Vec<Layer>, head: &mut u32, sample: &Sample, image: u32, 
         MergeRule::SmallerArea => {}
         MergeRule::ColorsApart => {
             let level = |color: Vec3| color.to_array().map(encode_srgb);
-            let (a, b) = (level(layer.color), level(sample.color));
+            let (a, b) = (level(layer.color), level(sample.color.linear()));
             if (0..3).any(|c| a[c].abs_diff(b[c]) >= SAME_COLOR_LEVELS) {
                 push(layers);
             }
@@ -171,14 +182,14 @@ fn insert(layers: &mut Vec<Layer>, head: &mut u32, sample: &Sample, image: u32, 
 impl Layer {
     fn new(sample: &Sample, image: u32, next: u32) -> Self {
         let &Sample { inverse_depth, normal, color, weight, area, .. } = sample;
-        Self { inverse_depth, normal, color, weight, area, image, next }
+        Self { inverse_depth, normal, color: color.linear(), weight, area, image, next }
     }
 
     fn average(&mut self, sample: &Sample) {
         let total = self.weight + sample.weight;
         let share = sample.weight / total;
         self.inverse_depth += (sample.inverse_depth - self.inverse_depth) * share;
-        self.color += (sample.color - self.color) * share;
+        self.color += (sample.color.linear() - self.color) * share;
         if sample.weight > self.weight {
             self.normal = sample.normal;
         }
@@ -193,6 +204,7 @@ impl Layer {
 
 #[cfg(test)]
 mod tests {
+    use super::super::piles::Light;
     use super::*;
     use crate::capture::linear_from_srgb8;
 
@@ -200,7 +212,7 @@ mod tests {
     type OfImage = (u32, Sample);
 
     fn sample(image: u32, inverse_depth: f32, grey: u8, area: f32) -> OfImage {
-        let color = Vec3::splat(linear_from_srgb8(grey));
+        let color = Light::new(Vec3::splat(linear_from_srgb8(grey)));
         (image, Sample { inverse_depth, color, weight: 1.0, area, ..Sample::NONE })
     }
 
@@ -209,7 +221,8 @@ mod tests {
         let pile = |run: &[OfImage]| {
             let mut pile = RowSamples::new(face_px, run[0].0);
             for &(_, sample) in run {
-                pile.push(sample.column / face_px, Sample { column: sample.column % face_px, ..sample });
+                let (row, column) = (u32::from(sample.column) / face_px, u32::from(sample.column) % face_px);
+                pile.push(row, Sample { column: column as u16, ..sample });
             }
             pile
         };
@@ -250,7 +263,7 @@ mod tests {
             .map(|i| {
                 let pixel = i.wrapping_mul(2_654_435_761) % 54;
                 let (image, sample) = sample(i / 100, 0.1 + (i % 7) as f32 * 0.02, (i % 251) as u8, (i % 13) as f32);
-                (image, Sample { column: pixel, ..sample })
+                (image, Sample { column: pixel as u16, ..sample })
             })
             .collect();
         for rule in [MergeRule::Average, MergeRule::SmallerArea, MergeRule::ColorsApart] {

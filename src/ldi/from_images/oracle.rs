@@ -1,12 +1,12 @@
 //! The definition of the warp, one pixel after the other in f64, and the kernel held to it.
 
 use super::footprint::{MAX_REACH_PX, OVERLAP, POINT_PX, WarpTarget};
-use super::piles::SparePiles;
+use super::piles::{Sample, SparePiles};
 use super::surface::{LEAST_COSINE, LEAST_NEIGHBORS, STEEPEST};
 use crate::capture::images::{Distortion, Lens, LoadedView, Pinhole, Pose};
 use crate::capture::random::Rng;
 use crate::capture::rig::Face;
-use crate::capture::{linear_from_srgb8, simd};
+use crate::capture::{simd, srgb8_from_linear};
 use glam::{DMat3, DVec2, DVec3, dvec2};
 
 /// How far from a threshold either side of it is right: some roundings of f32 on the way.
@@ -239,15 +239,15 @@ fn compare(target: &WarpTarget, view: &LoadedView, name: &str) {
     for row in 0..6 * target.face_px as usize {
         for sample in piles.iter().flat_map(|pile| pile.row(row)).flatten() {
             found += 1;
-            let first = expected.partition_point(|one| (one.row, one.column) < (row, sample.column));
-            let here =
-                (first..expected.len()).take_while(|&i| (expected[i].row, expected[i].column) == (row, sample.column));
+            let column = u32::from(sample.column);
+            let first = expected.partition_point(|one| (one.row, one.column) < (row, column));
+            let here = (first..expected.len()).take_while(|&i| (expected[i].row, expected[i].column) == (row, column));
             let near = |a: f64, b: f64, tolerance: f64| (a - b).abs() <= tolerance * b.abs();
             let same = |i: &usize| {
                 let one = &expected[*i];
                 let levels = (0..3).all(|c| {
                     let [low, high] = [-LEVELS, LEVELS].map(|d| (one.levels[c] + d).clamp(0.0, 255.0).round() as u8);
-                    (linear_from_srgb8(low)..=linear_from_srgb8(high)).contains(&sample.color[c])
+                    (low..=high).contains(&srgb8_from_linear(sample.color.linear()[c]))
                 });
                 near(sample.inverse_depth.into(), one.inverse_depth, RELATIVE_DEPTH)
                     && near(sample.weight.into(), one.weight, RELATIVE_AREA)
@@ -337,10 +337,35 @@ fn pictures_of_one_row_or_column_are_warped_too() {
         let piles = target.warp(&view, 0, &SparePiles::default());
         let samples: Vec<_> =
             (0..240).flat_map(|row| piles.iter().flat_map(move |pile| pile.row(row).flatten())).collect();
-        let expected = [9, 90, 200].map(linear_from_srgb8);
-        assert!(
-            samples.len() >= pixels && samples.iter().all(|sample| sample.color.to_array() == expected),
-            "{size_px:?}"
-        );
+        let levels = |sample: &Sample| sample.color.linear().to_array().map(srgb8_from_linear);
+        assert!(samples.len() >= pixels && samples.iter().all(|sample| levels(sample) == [9, 90, 200]), "{size_px:?}");
+    }
+}
+
+#[test]
+fn magnified_images_leave_no_gaps() {
+    let (size_px, face_px) = ([64, 48], 80);
+    for (focal, roll) in [(56.0, 0.3), (44.0, 1.1), (41.0, 0.1), (40.0, 0.0), (36.0, 0.4), (30.0, 0.785), (20.0, 0.2)] {
+        let lens = Lens::Pinhole(Pinhole {
+            focal_px: [focal; 2],
+            principal_px: size_px.map(|side| f64::from(side) / 2.0),
+            distortion: Distortion::default(),
+        });
+        let pose = Pose { eye: DVec3::ZERO, world_from_eye: DMat3::from_rotation_z(roll) };
+        let (color, depth) = (vec![[9, 90, 200, 255]; 64 * 48], vec![2.0; 64 * 48]);
+        let view = LoadedView { size_px, lens, pose, color, depth };
+        let target = WarpTarget { centre: DVec3::ZERO, face_px, tolerance: 0.01, noise: 0.0, level: simd::level() };
+        let piles = target.warp(&view, 0, &SparePiles::default());
+        for (x, y) in (0..face_px).flat_map(|y| (0..face_px).map(move |x| (x, y))) {
+            let ray = Face::NegZ.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face_px);
+            let there = view.lens.project(pose.world_from_eye.transpose() * ray, size_px);
+            let is_inside = |[u, v, _]: [f64; 3]| u > 0.5 && v > 0.5 && u < 63.5 && v < 47.5;
+            let row = (Face::NegZ.index() as u32 * face_px + y) as usize;
+            let mut samples = piles.iter().flat_map(|pile| pile.row(row)).flatten();
+            assert!(
+                !there.is_some_and(is_inside) || samples.any(|sample| u32::from(sample.column) == x),
+                "{focal}: {x} {y}"
+            );
+        }
     }
 }

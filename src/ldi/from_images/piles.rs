@@ -2,21 +2,21 @@
 //!
 //! A sample is written once, where it is read again when its row is merged: each row of the cube has a chain of chunks of one vector.
 
+use crate::capture::linear_levels;
 use crate::ldi::EncodedNormal;
 use glam::Vec3;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{LazyLock, Mutex, PoisonError};
 
 /// What an image, or a ray, says of a pixel.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sample {
     /// Of its row.
-    pub(crate) column: u32,
+    pub(crate) column: u16,
+    pub(crate) color: Light,
     /// About the cube's centre, 1/m.
     pub(crate) inverse_depth: f32,
     /// World axes, turned toward where it was seen from.
     pub(crate) normal: EncodedNormal,
-    /// Linear.
-    pub(crate) color: Vec3,
     /// What it counts for in a mean.
     pub(crate) weight: f32,
     /// Of the surface that a pixel of its image covers, up to one factor for all (C10).
@@ -26,7 +26,39 @@ pub(crate) struct Sample {
 impl Sample {
     /// Of no pixel.
     pub(super) const NONE: Self =
-        Self { column: 0, inverse_depth: 0.0, normal: EncodedNormal::Z, color: Vec3::ZERO, weight: 0.0, area: 0.0 };
+        Self { column: 0, color: Light([0; 3]), inverse_depth: 0.0, normal: EncodedNormal::Z, weight: 0.0, area: 0.0 };
+}
+
+/// A linear colour in 16 bits a channel: at the dark end of sRGB a level is 20 steps. Samples are many, and memory is what they wait for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Light(pub(super) [u16; 3]);
+
+impl Light {
+    /// Steps of white.
+    const WHITE: f32 = 65535.0;
+
+    /// The nearest; beyond white is white, and NaN black.
+    #[inline]
+    pub(crate) fn new(linear: Vec3) -> Self {
+        Self(linear.to_array().map(Self::channel))
+    }
+
+    /// One channel of it.
+    #[inline]
+    fn channel(linear: f32) -> u16 {
+        (linear * Self::WHITE + 0.5) as u16
+    }
+
+    /// Of every sRGB level.
+    pub(super) fn of_levels() -> &'static [u16; 256] {
+        static LEVELS: LazyLock<[u16; 256]> = LazyLock::new(|| linear_levels().map(Light::channel));
+        &LEVELS
+    }
+
+    #[inline(always)]
+    pub(super) fn linear(self) -> Vec3 {
+        Vec3::from_array(self.0.map(f32::from)) * (1.0 / Self::WHITE)
+    }
 }
 
 /// Samples in a chunk: some rows of an image send a few hundred to a row of the cube.
@@ -145,11 +177,11 @@ mod tests {
             let row_of = |i: u32| (i.wrapping_mul(2_654_435_761) >> 20) % (30 - 7 * round);
             let count = 4000 - 1500 * round;
             for i in 0..count {
-                pile.push(row_of(i), Sample { column: i, ..Sample::NONE });
+                pile.push(row_of(i), Sample { column: i as u16, ..Sample::NONE });
             }
             pile.push(30, Sample::NONE);
             for row in 0..30u32 {
-                let found: Vec<u32> = pile.row(row as usize).flatten().map(|sample| sample.column).collect();
+                let found: Vec<u32> = pile.row(row as usize).flatten().map(|sample| sample.column.into()).collect();
                 let expected: Vec<u32> = (0..count).filter(|&i| row_of(i) == row).collect();
                 assert_eq!(found, expected, "round {round}, row {row}");
             }

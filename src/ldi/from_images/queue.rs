@@ -1,19 +1,17 @@
 //! Samples that wait for their colours, which are found sixteen at a time.
 
-use super::piles::{RowSamples, Sample};
+use super::piles::{Light, RowSamples, Sample};
 use super::surface::LANES;
 use crate::capture::images::LoadedView;
-use crate::capture::linear_levels;
-use crate::texels::{between, fours};
+use crate::texels::{between, fours, place};
+use fearless_simd::f32x16;
 use fearless_simd::prelude::*;
-use fearless_simd::{f32x16, u32x16};
-use glam::Vec3;
 
 /// Up to sixteen samples of an image without their colours.
 pub(super) struct Queue<'a> {
     view: &'a LoadedView,
     /// Linear light of every level.
-    linear: &'static [f32; 256],
+    linear: &'static [u16; 256],
     /// Where they go.
     pile: &'a mut RowSamples,
     count: usize,
@@ -27,7 +25,7 @@ impl<'a> Queue<'a> {
     pub(super) fn new(view: &'a LoadedView, pile: &'a mut RowSamples) -> Self {
         Self {
             view,
-            linear: linear_levels(),
+            linear: Light::of_levels(),
             pile,
             count: 0,
             rows: [0; LANES],
@@ -77,7 +75,7 @@ impl<'a> Queue<'a> {
                 0 => colors[i].to_le_bytes(),
                 _ => self.beside_the_mask(i),
             };
-            let color = Vec3::from_array([r, g, b].map(|level| self.linear[usize::from(level)]));
+            let color = Light([r, g, b].map(|level| self.linear[usize::from(level)]));
             self.pile.push(self.rows[i], Sample { color, ..self.samples[i] });
         }
     }
@@ -92,12 +90,4 @@ impl<'a> Queue<'a> {
         let [r, g, b] = self.view.color_at(inside).unwrap_or_default().map(|level| (level + 0.5) as u8);
         [r, g, b, u8::MAX]
     }
-}
-
-/// The pixel before a position along an axis of a picture, of which another follows, and the way to that in parts of 256.
-#[inline(always)]
-fn place<S: Simd>(position: f32x16<S>, side_px: u32) -> (u32x16<S>, u32x16<S>) {
-    let position = position.max(0.0).min((side_px - 1) as f32);
-    let before = u32x16::truncate_from(position).min(side_px.saturating_sub(2));
-    (before, u32x16::truncate_from((position - f32x16::float_from(before)) * 256.0 + 0.5))
 }

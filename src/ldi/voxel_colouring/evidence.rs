@@ -3,8 +3,15 @@
 use super::Pass;
 use super::photograph::{Photograph, Projection};
 use super::reach::{common, seen_columns, seen_rows};
+use crate::capture::simd;
+use crate::texels::LANES;
+use fearless_simd::prelude::*;
+use fearless_simd::{dispatch, f32x16, mask32x16, u32x16};
 use glam::Vec3;
 use std::ops::Range;
+
+/// From a column to the sixteen that are asked about together.
+const STEPS: [f32; LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
 
 /// Photographs that see part of a shell's face.
 pub(super) struct Witnesses<'a> {
@@ -35,31 +42,30 @@ struct RowWitness<'a> {
     columns: Range<usize>,
 }
 
-/// What is said of a candidate.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Evidence {
-    /// Of the colours, summed over channels, levels squared, no more than [`Pass::most_variance`]; infinite where there is no surface,
-    /// or too few see it.
-    pub(super) variance: f32,
-    pub(super) color_srgb: [u8; 3],
-}
-
-/// What is said of a row of candidates, from one column on.
+/// What is said of a row of candidates, from one column on; empty if nothing is.
+#[derive(Default)]
 pub(super) struct EvidenceRow {
     pub(super) start: usize,
-    pub(super) cells: Vec<Evidence>,
+    /// Of the colours, summed over channels, levels squared, no more than [`Pass::most_variance`]; infinite where there is no surface,
+    /// or too few see it.
+    pub(super) variances: Vec<f32>,
+    /// The colours, sRGB, as bytes of a word.
+    colors_srgb: Vec<u32>,
 }
 
 impl EvidenceRow {
     /// Whether there is none.
     pub(super) fn is_empty(&self) -> bool {
-        !self.cells.iter().any(|evidence| evidence.variance.is_finite())
+        self.variances.is_empty()
     }
 
-    /// Of a column, unless there is nothing.
+    /// The colour of a column, unless there is nothing.
     #[inline]
-    pub(super) fn at(&self, column: usize) -> Option<&Evidence> {
-        self.cells.get(column.checked_sub(self.start)?).filter(|evidence| evidence.variance.is_finite())
+    pub(super) fn color_srgb(&self, column: usize) -> Option<[u8; 3]> {
+        let i = column.checked_sub(self.start)?;
+        let is_seen = self.variances.get(i)?.is_finite();
+        let [r, g, b, _] = self.colors_srgb.get(i)?.to_le_bytes();
+        is_seen.then_some([r, g, b])
     }
 }
 
@@ -94,8 +100,22 @@ impl<'a> Witnesses<'a> {
         };
         let [inside, outside] = [&self.inside, &self.outside].map(|all| of_row(all));
         let columns = common(inside.iter().map(|witness| &witness.columns), self.least);
-        let cells = columns.clone().map(|column| agree(&inside, &outside, column, pass)).collect();
-        EvidenceRow { start: columns.start, cells }
+        let count = columns.len();
+        let mut found = EvidenceRow {
+            start: columns.start,
+            variances: Vec::with_capacity(count),
+            colors_srgb: Vec::with_capacity(count),
+        };
+        dispatch!(simd::level(), simd => {
+            for first in columns.clone().step_by(LANES) {
+                let (variances, colors_srgb) = agree(simd, &inside, &outside, first, pass);
+                let count = LANES.min(columns.end - first);
+                found.variances.extend_from_slice(&variances[..count]);
+                found.colors_srgb.extend_from_slice(&colors_srgb[..count]);
+            }
+        });
+        // Most rows have nothing to tell, and are then passed over.
+        if found.variances.iter().any(|variance| variance.is_finite()) { found } else { EvidenceRow::default() }
     }
 }
 
@@ -109,40 +129,83 @@ impl<'a> Witness<'a> {
 }
 
 impl RowWitness<'_> {
-    /// Where it sees a candidate, pixels.
-    #[inline]
-    fn position(&self, column: usize) -> Option<[f32; 2]> {
-        let h = self.first + self.across * column as f32;
-        self.columns.contains(&column).then(|| [h.x / h.z, h.y / h.z])
+    /// Which of some columns it sees.
+    #[inline(always)]
+    fn sees<S: Simd>(&self, columns: f32x16<S>) -> mask32x16<S> {
+        columns.simd_ge(self.columns.start as f32) & columns.simd_lt(self.columns.end as f32)
+    }
+
+    /// Where it sees them, pixels. Of those that it does not see this means nothing.
+    #[inline(always)]
+    fn positions<S: Simd>(&self, columns: f32x16<S>) -> [f32x16<S>; 2] {
+        let w = columns * self.across.z + self.first.z;
+        [(columns * self.across.x + self.first.x) / w, (columns * self.across.y + self.first.y) / w]
     }
 }
 
-/// What all who see a candidate say of it.
-fn agree(inside: &[RowWitness], outside: &[RowWitness], column: usize, pass: &Pass) -> Evidence {
-    const NOTHING: Evidence = Evidence { variance: f32::INFINITY, color_srgb: [0; 3] };
-    let shows_through =
-        |witness: &RowWitness| witness.position(column).is_some_and(|[x, y]| witness.photograph.is_backdrop(x, y));
-    // That is cheap to ask, and rules most candidates out.
-    if inside.iter().chain(outside).any(shows_through) {
-        return NOTHING;
-    }
-    let most = pass.most_variance();
-    let limit = most * inside.len() as f32;
-    let (mut count, mut mean, mut squares) = (0.0f32, Vec3::ZERO, 0.0f32);
-    for witness in inside {
-        let Some([x, y]) = witness.position(column) else { continue };
-        let Some(color) = witness.photograph.at(x, y) else { continue };
-        count += 1.0;
-        let apart = color - mean;
-        mean += apart / count;
-        squares += apart.dot(color - mean); // Welford's sum never falls
-        if squares > limit && count >= pass.least_views as f32 {
-            return Evidence { variance: most, color_srgb: [0; 3] };
+/// Of those of sixteen candidates, from a column on, that `left` says: whether no photograph shows the backdrop there.
+#[inline(always)]
+fn hidden_backdrop<S: Simd>(witnesses: &[RowWitness], columns: f32x16<S>, mut left: mask32x16<S>) -> mask32x16<S> {
+    for witness in witnesses.iter().filter(|witness| witness.photograph.has_backdrop()) {
+        let seen = witness.sees(columns) & left;
+        if seen.to_bitmask() == 0 {
+            continue;
+        }
+        let shows = witness.photograph.show_backdrop(witness.positions(columns));
+        left &= !(seen & shows);
+        if left.to_bitmask() == 0 {
+            break;
         }
     }
-    if count < pass.least_views as f32 {
-        return NOTHING;
+    left
+}
+
+/// What all who see them say of sixteen candidates from a column on: variances and colours.
+#[inline(always)]
+fn agree<S: Simd>(
+    simd: S,
+    inside: &[RowWitness],
+    outside: &[RowWitness],
+    column: usize,
+    pass: &Pass,
+) -> ([f32; LANES], [u32; LANES]) {
+    let zero = f32x16::splat(simd, 0.0);
+    let columns = f32x16::from_slice(simd, &STEPS) + column as f32;
+    // That is cheap to ask, and rules most candidates out.
+    let mut left = hidden_backdrop(inside, columns, columns.simd_ge(0.0));
+    left = hidden_backdrop(outside, columns, left);
+    let (most, least) = (pass.most_variance(), pass.least_views as f32);
+    let limit = most * inside.len() as f32;
+    let (mut count, mut mean, mut squares) = (zero, [zero; 3], zero);
+    let mut variance = f32x16::splat(simd, f32::INFINITY);
+    for witness in inside {
+        if left.to_bitmask() == 0 {
+            break;
+        }
+        let seen = witness.sees(columns) & left;
+        if seen.to_bitmask() == 0 {
+            continue;
+        }
+        let (color, says) = witness.photograph.colors(simd, witness.positions(columns));
+        let says = says & seen;
+        count = says.select(count + 1.0, count);
+        let share = says.select(1.0 / count, zero);
+        for channel in 0..3 {
+            let level = f32x16::float_from((color >> (8 * channel as u32)) & 0xff);
+            let apart = level - mean[channel];
+            mean[channel] += apart * share;
+            // Welford's sum never falls.
+            squares += says.select(apart * (level - mean[channel]), zero);
+        }
+        let disagree = squares.simd_gt(limit) & count.simd_ge(least) & left;
+        variance = disagree.select(f32x16::splat(simd, most), variance);
+        left &= !disagree;
     }
-    let color_srgb = mean.to_array().map(|level| (level + 0.5) as u8);
-    Evidence { variance: (squares / count).min(most), color_srgb }
+    let enough = count.simd_ge(least) & left;
+    let variance = enough.select((squares / count).min(most), variance);
+    let mut color = u32x16::splat(simd, 0);
+    for channel in 0..3 {
+        color |= u32x16::truncate_from(mean[channel] + 0.5) << (8 * channel as u32);
+    }
+    (variance.to_array(), color.to_array())
 }

@@ -132,7 +132,7 @@ impl PhotographsJob {
         let loaded: Result<Vec<LoadedView>, ImagesError> = nearest.par_iter().map(load).collect();
         let (photographs, depths) = self.prepare(loaded?);
         let face_size_px = (self.face_size_px / times.max(1)).max(16);
-        let faces = Self { face_size_px, ..self.clone() }.sweep(&photographs, &depths, progress);
+        let faces = Self { face_size_px, ..self.clone() }.sweep(photographs, &depths, progress);
         // Cameras around an object look all ways; one looks at it as the nearest does.
         let held = nearest.first().map(|view| view.pose.world_from_eye);
         let info = CaptureInfo {
@@ -161,7 +161,7 @@ impl PhotographsJob {
     }
 
     /// The six faces.
-    fn sweep(&self, photographs: &[Photograph], depths: &[f64], progress: &dyn Progress) -> Vec<LayeredDepthImage> {
+    fn sweep(&self, photographs: Vec<Photograph>, depths: &[f64], progress: &dyn Progress) -> Vec<LayeredDepthImage> {
         let mut sweep = Sweep::new(self, photographs);
         // Where nobody has anything to say in one pass nobody will in the next.
         let mut may_hold = vec![true; depths.len()];

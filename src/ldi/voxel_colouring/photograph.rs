@@ -2,24 +2,29 @@
 
 use crate::capture::images::{Lens, LoadedView};
 use crate::capture::rig::Face;
+use crate::texels::{between, fours, place};
+use fearless_simd::prelude::*;
+use fearless_simd::{f32x16, mask32x16, u32x16};
 use glam::{DMat3, DVec3, Vec3};
-use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A photograph relative to a cube's centre.
 pub(super) struct Photograph {
     width: usize,
     height: usize,
-    /// sRGB; the last channel is 0 where the view is masked out, [`BEHIND`] for the backdrop, else 255.
+    /// sRGB; the last channel is [`SILENT`] where the view is masked out or a kept candidate has claimed it, [`BEHIND`] for the backdrop,
+    /// else 255.
     color: Vec<[u8; 4]>,
+    has_backdrop: bool,
     /// Rows: x times w, y times w, and w (eye depth) of a point relative to the eye.
     rows: DMat3,
     /// The eye, metres, relative to the centre.
     eye: DVec3,
     /// Pixels of a radian.
     focal_px: f64,
-    /// A bit for each pixel.
-    claimed: Vec<AtomicU64>,
 }
+
+/// Marks pixels that say nothing.
+const SILENT: u8 = 0;
 
 /// Marks pixels that show the backdrop.
 const BEHIND: u8 = 1;
@@ -42,12 +47,15 @@ impl Projection {
 
 impl Photograph {
     /// Memory for each pixel of a view.
-    pub(super) const BYTES_A_PIXEL: u64 = 5;
+    pub(super) const BYTES_A_PIXEL: u64 = 4;
 
-    /// `None` for a panorama.
+    /// `None` for a panorama, and for a picture of a single row or column.
     pub(super) fn new(view: LoadedView, centre: DVec3, dark: Option<u8>) -> Option<Self> {
         let Lens::Pinhole(pinhole) = view.lens else { return None };
         let [width, height] = view.size_px.map(|side| side as usize);
+        if width < 2 || height < 2 {
+            return None;
+        }
         let mut color = view.color;
         if let Some(dark) = dark {
             mark_backdrop(&mut color, width, dark);
@@ -59,11 +67,11 @@ impl Photograph {
         Some(Self {
             width,
             height,
+            has_backdrop: color.iter().any(|pixel| pixel[3] == BEHIND),
             color,
             rows,
             eye: view.pose.eye - centre,
             focal_px: view.lens.pixels_per_radian(view.size_px),
-            claimed: std::iter::repeat_with(AtomicU64::default).take((width * height).div_ceil(64)).collect(),
         })
     }
 
@@ -120,36 +128,39 @@ impl Photograph {
         [self.width as f32, self.height as f32]
     }
 
-    /// Whether the pixel at a position inside the picture shows the backdrop.
-    #[inline]
-    pub(super) fn is_backdrop(&self, x: f32, y: f32) -> bool {
-        let (column, row) = ((x as usize).min(self.width - 1), (y as usize).min(self.height - 1));
-        self.color[row * self.width + column][3] == BEHIND
+    /// Whether any pixel shows the backdrop.
+    pub(super) fn has_backdrop(&self) -> bool {
+        self.has_backdrop
     }
 
-    /// The colour at a position inside the picture, pixels; sRGB levels. `None` where it is masked, or claimed.
-    #[inline]
-    pub(super) fn at(&self, x: f32, y: f32) -> Option<Vec3> {
-        let (column, row) = ((x as usize).min(self.width - 1), (y as usize).min(self.height - 1));
-        let nearest = row * self.width + column;
-        let is_claimed = self.claimed[nearest / 64].load(Ordering::Relaxed) >> (nearest % 64) & 1 == 1;
-        if self.color[nearest][3] == 0 || is_claimed {
-            return None;
+    /// Whether the pixels at sixteen positions show the backdrop; of positions outside the picture this means nothing.
+    #[inline(always)]
+    pub(super) fn show_backdrop<S: Simd>(&self, [x, y]: [f32x16<S>; 2]) -> mask32x16<S> {
+        let last = [self.width as u32 - 1, self.height as u32 - 1];
+        let column = u32x16::truncate_from(x.max(0.0)).min(last[0]);
+        let row = u32x16::truncate_from(y.max(0.0)).min(last[1]);
+        let mut marks = (row * self.width as u32 + column).to_array();
+        for mark in &mut marks {
+            *mark = self.color.get(*mark as usize).map_or(0, |pixel| u32::from(pixel[3]));
         }
-        let (x, y) = ((x - 0.5).max(0.0), (y - 0.5).max(0.0));
-        let (x0, y0) = ((x as usize).min(self.width - 1), (y as usize).min(self.height - 1));
-        let (x1, y1) = ((x0 + 1).min(self.width - 1), (y0 + 1).min(self.height - 1));
-        let (fx, fy) = (x - x0 as f32, y - y0 as f32);
-        let color = |x: usize, y: usize| {
-            let [r, g, b, _] = self.color[y * self.width + x].map(f32::from);
-            Vec3::new(r, g, b)
+        u32x16::load_array(x.token(), marks).simd_eq(u32::from(BEHIND))
+    }
+
+    /// The colours at sixteen positions inside the picture, sRGB levels in bytes of a word, and whether the pixels there have a say.
+    #[inline(always)]
+    pub(super) fn colors<S: Simd>(&self, simd: S, [x, y]: [f32x16<S>; 2]) -> (u32x16<S>, mask32x16<S>) {
+        let (left, across) = place(x - 0.5, self.width as u32);
+        let (top, down) = place(y - 0.5, self.height as u32);
+        let Some(four) = fours(simd, &self.color, top * self.width as u32 + left, self.width) else {
+            return (left, x.simd_lt(f32::NEG_INFINITY)); // never: there are two rows and columns
         };
-        let (above, below) = (color(x0, y0).lerp(color(x1, y0), fx), color(x0, y1).lerp(color(x1, y1), fx));
-        Some(above.lerp(below, fy))
+        let [right, below] = [across.simd_ge(128), down.simd_ge(128)];
+        let own = below.select(right.select(four[3], four[2]), right.select(four[1], four[0]));
+        (between(four, [across, down]), (own >> 24).simd_eq(255))
     }
 
     /// Claims the pixels whose middles lie within `reach` of a position, to each side; at least the one that holds it.
-    pub(super) fn claim(&self, x: f32, y: f32, reach: f32) {
+    pub(super) fn claim(&mut self, x: f32, y: f32, reach: f32) {
         let range = |at: f32, side: usize| {
             let own = at as i64;
             let first = ((at - reach - 0.5).ceil() as i64).min(own).clamp(0, side as i64);
@@ -158,8 +169,8 @@ impl Photograph {
         };
         for row in range(y, self.height) {
             for column in range(x, self.width) {
-                let i = row * self.width + column;
-                self.claimed[i / 64].fetch_or(1 << (i % 64), Ordering::Relaxed);
+                let mark = &mut self.color[row * self.width + column][3];
+                *mark = if *mark == BEHIND { BEHIND } else { SILENT };
             }
         }
     }
@@ -167,7 +178,7 @@ impl Photograph {
 
 /// Marks the pixels that show a backdrop of levels up to `dark`; those beside others say nothing: calibrations err by about a pixel.
 fn mark_backdrop(color: &mut [[u8; 4]], width: usize, dark: u8) {
-    let shows = |pixel: &[u8; 4]| pixel[3] > 0 && pixel[..3].iter().all(|level| *level <= dark);
+    let shows = |pixel: &[u8; 4]| pixel[3] != SILENT && pixel[..3].iter().all(|level| *level <= dark);
     let dark: Vec<bool> = color.iter().map(shows).collect();
     let height = dark.len() / width;
     for (i, pixel) in color.iter_mut().enumerate().filter(|(i, _)| dark[*i]) {
@@ -175,6 +186,6 @@ fn mark_backdrop(color: &mut [[u8; 4]], width: usize, dark: u8) {
         let columns = x.saturating_sub(1)..(x + 2).min(width);
         let rows = y.saturating_sub(1)..(y + 2).min(height);
         let mut around = rows.map(|row| &dark[row * width + columns.start..row * width + columns.end]);
-        pixel[3] = if around.all(|row| row.iter().all(|dark| *dark)) { BEHIND } else { 0 };
+        pixel[3] = if around.all(|row| row.iter().all(|dark| *dark)) { BEHIND } else { SILENT };
     }
 }

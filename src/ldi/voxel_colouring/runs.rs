@@ -29,15 +29,17 @@ struct Run {
 pub(super) struct RunRow {
     start: usize,
     runs: Vec<Run>,
+    /// Whether any of them has not ended.
+    may_end: bool,
 }
 
 /// Colours are compared in a window of so many pixels to each side.
 const WINDOW: usize = 1;
 
 impl RunRow {
-    /// Whether there may be a run.
-    pub(super) fn is_empty(&self) -> bool {
-        self.runs.is_empty()
+    /// Whether any run has not ended.
+    pub(super) fn may_end(&self) -> bool {
+        self.may_end
     }
 
     /// Takes in the evidence of a shell at an inverse depth, of rows from `first` on, and gives what is kept for good of row number `row`
@@ -51,16 +53,21 @@ impl RunRow {
         inverse_depth: f32,
         pass: &Pass,
     ) -> Vec<Kept> {
-        let own = row.checked_sub(first).and_then(|i| evidence.get(i));
+        let own = row.checked_sub(first).and_then(|i| evidence.get(i)).filter(|own| !own.is_empty());
+        if own.is_none() && !self.may_end {
+            return Vec::new();
+        }
         if let Some(own) = own {
-            self.reach(own.start, own.start + own.cells.len());
+            self.reach(own.start, own.start + own.variances.len());
         }
         let around = |row: usize| row.saturating_sub(first).min(evidence.len());
         let window = &evidence[around(row.saturating_sub(WINDOW))..around(row + WINDOW + 1)];
+        let sums = WindowSums::new(window, self.start, self.runs.len());
         let mut kept = Vec::new();
-        for (run, column) in self.runs.iter_mut().zip(self.start..) {
-            let center = own.and_then(|own| own.at(column));
-            let agreed = center.and_then(|center| Some((mean_variance(window, column, pass)?, center.color_srgb)));
+        self.may_end = false;
+        for ((i, run), column) in self.runs.iter_mut().enumerate().zip(self.start..) {
+            let color = own.and_then(|own| own.color_srgb(column));
+            let agreed = color.and_then(|color| Some((sums.mean(i, pass)?, color)));
             if let Some((variance, color_srgb)) = agreed {
                 let length = run.length + 1;
                 let is_best = run.length == 0 || variance < run.variance;
@@ -73,6 +80,7 @@ impl RunRow {
                 kept.push(Kept { pixel, inverse_depth: run.inverse_depth, color_srgb: run.color_srgb });
                 run.length = 0;
             }
+            self.may_end |= run.length > 0;
         }
         kept
     }
@@ -93,14 +101,36 @@ impl RunRow {
     }
 }
 
-/// The mean variance of the candidates around a column, if photographs agree there.
-fn mean_variance(window: &[EvidenceRow], column: usize, pass: &Pass) -> Option<f32> {
-    let (mut sum, mut count) = (0.0, 0.0);
-    for row in window {
-        for evidence in (column.saturating_sub(WINDOW)..=column + WINDOW).filter_map(|column| row.at(column)) {
-            sum += evidence.variance;
-            count += 1.0;
+/// Sums of variances, and how many candidates they are of, column by column of some rows.
+struct WindowSums {
+    /// From the column before the first on.
+    variances: Vec<f32>,
+    counts: Vec<f32>,
+}
+
+impl WindowSums {
+    /// Of so many columns from `start` on.
+    fn new(rows: &[EvidenceRow], start: usize, columns: usize) -> Self {
+        let length = columns + 2 * WINDOW;
+        let mut sums = Self { variances: vec![0.0; length], counts: vec![0.0; length] };
+        for row in rows {
+            let skipped = start.saturating_sub(row.start + WINDOW).min(row.variances.len());
+            let from = (row.start + skipped + WINDOW).saturating_sub(start).min(length);
+            let to = sums.variances[from..].iter_mut().zip(&mut sums.counts[from..]);
+            for ((sum, count), &variance) in to.zip(&row.variances[skipped..]) {
+                let is_seen = variance < f32::INFINITY;
+                *sum += if is_seen { variance } else { 0.0 };
+                *count += if is_seen { 1.0 } else { 0.0 };
+            }
         }
+        sums
     }
-    (count > 0.0 && sum <= pass.agreeing_variance() * count).then_some(sum / count)
+
+    /// The mean variance of the candidates around a column, counted from the first, if photographs agree there.
+    fn mean(&self, column: usize, pass: &Pass) -> Option<f32> {
+        let around = column..column + 2 * WINDOW + 1;
+        let [sum, count]: [f32; 2] =
+            [&self.variances[around.clone()], &self.counts[around]].map(|all| all.iter().sum());
+        (count > 0.0 && sum <= pass.agreeing_variance() * count).then_some(sum / count)
+    }
 }

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 pub(super) struct Sweep<'a> {
     job: &'a PhotographsJob,
     /// The nearest first.
-    photographs: &'a [Photograph],
+    photographs: Vec<Photograph>,
     faces: Vec<SweptFace>,
     /// Whether there may be runs that have not ended.
     may_run: bool,
@@ -31,23 +31,24 @@ struct SweptFace {
 }
 
 impl<'a> Sweep<'a> {
-    pub(super) fn new(job: &'a PhotographsJob, photographs: &'a [Photograph]) -> Self {
+    pub(super) fn new(job: &'a PhotographsJob, photographs: Vec<Photograph>) -> Self {
         let swept = |face| SweptFace {
             face,
             projections: photographs.iter().map(|one| one.projection(face, job.face_size_px)).collect(),
             runs: vec![RunRow::default(); job.face_size_px as usize],
             kept: Vec::new(),
         };
-        Self { job, photographs, faces: Face::ALL.into_iter().map(swept).collect(), may_run: false }
+        let faces = Face::ALL.into_iter().map(swept).collect();
+        Self { job, photographs, faces, may_run: false }
     }
 
     /// Sweeps the shell at an eye depth of the faces, metres; `false` if there is no evidence of any surface.
     pub(super) fn shell(&mut self, depth: f64, pass: &Pass) -> bool {
         let mut is_anything = false;
-        let (photographs, side) = (self.photographs, self.job.face_size_px as usize);
+        let side = self.job.face_size_px as usize;
         let before: Vec<usize> = self.faces.iter().map(|face| face.kept.len()).collect();
         for face in &mut self.faces {
-            let witnesses = Witnesses::new(photographs, &face.projections, depth, side, pass.least_views);
+            let witnesses = Witnesses::new(&self.photographs, &face.projections, depth, side, pass.least_views);
             let rows = witnesses.rows();
             let first = rows.start;
             let evidence: Vec<EvidenceRow> = rows.into_par_iter().map(|row| witnesses.row(row, pass)).collect();
@@ -70,20 +71,23 @@ impl<'a> Sweep<'a> {
     }
 
     /// Claims what candidates cover, those that faces kept beyond `before`, in every photograph that is asked for their colours.
-    fn claim(&self, before: &[usize]) {
-        for (face, before) in self.faces.iter().zip(before) {
-            face.kept[*before..].par_iter().for_each(|kept| {
-                let depth = 1.0 / f64::from(kept.inverse_depth);
-                let point = middle(face.face, kept.pixel, self.job.face_size_px) * depth;
-                let half_width = depth / f64::from(self.job.face_size_px);
-                for photograph in self.photographs.iter().filter(|photograph| photograph.is_inside(depth)) {
+    fn claim(&mut self, before: &[usize]) {
+        let (faces, face_px) = (&self.faces, self.job.face_size_px);
+        self.photographs.par_iter_mut().for_each(|photograph| {
+            for (face, before) in faces.iter().zip(before) {
+                for kept in &face.kept[*before..] {
+                    let depth = 1.0 / f64::from(kept.inverse_depth);
+                    if !photograph.is_inside(depth) {
+                        continue;
+                    }
+                    let point = middle(face.face, kept.pixel, face_px) * depth;
                     if let Some([x, y]) = photograph.project(point) {
-                        let reach = half_width * photograph.pixels_a_metre(point);
+                        let reach = depth / f64::from(face_px) * photograph.pixels_a_metre(point);
                         photograph.claim(x as f32, y as f32, reach as f32);
                     }
                 }
-            });
-        }
+            }
+        });
     }
 
     /// The six faces. What lies within one pixel of parallax along a ray is one surface: the nearest of it stays.
@@ -100,7 +104,7 @@ impl SweptFace {
         let side = self.runs.len();
         let with_evidence = first..first + evidence.len();
         let step = |(row, runs): (usize, &mut RunRow)| {
-            let is_idle = runs.is_empty() && !with_evidence.contains(&row);
+            let is_idle = !runs.may_end() && !with_evidence.contains(&row);
             if is_idle { Vec::new() } else { runs.step(evidence, first, row, side, (1.0 / depth) as f32, pass) }
         };
         let kept: Vec<Vec<Kept>> = self.runs.par_iter_mut().enumerate().map(step).collect();

@@ -56,7 +56,7 @@ fn job(face_size_px: u32) -> PhotographsJob {
 
 fn colored(job: &PhotographsJob, views: &[LoadedView]) -> Vec<LayeredDepthImage> {
     let (photographs, depths) = job.prepare(views.to_vec());
-    job.sweep(&photographs, &depths, &crate::progress::Silent)
+    job.sweep(photographs, &depths, &crate::progress::Silent)
 }
 
 /// The pixels of a face's ray, by the definition alone: `f64`, one candidate after the other, claims as lists of flags.
@@ -182,7 +182,7 @@ fn the_sweep_is_what_its_definition_says() {
     let (_, depths) = job.prepare(views.clone());
     let depths: Vec<f64> = depths.into_iter().step_by(2).collect();
     let (photographs, _) = job.prepare(views.clone());
-    let faces = job.sweep(&photographs, &depths, &crate::progress::Silent);
+    let faces = job.sweep(photographs, &depths, &crate::progress::Silent);
     let face = Face::NegZ.index();
     let similar = DepthBins::new(job.half_size_m, job.face_size_px).inverse_depth(1.0);
     let expected = Oracle::new(&job, &views).run(face, &depths, &job.passes());

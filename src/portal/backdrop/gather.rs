@@ -16,7 +16,7 @@ use crate::capture::trace::{HitPacket, PACKET, Ray, RayPacket};
 use crate::environment::Environment;
 use crate::ldi::accumulate::DepthBins;
 use crate::ldi::from_images::layers::LayerCube;
-use crate::ldi::from_images::piles::{RowSamples, Sample};
+use crate::ldi::from_images::piles::{Light, RowSamples, Sample};
 use crate::ldi::merge::MergeRule;
 use crate::ldi::parameters::CaptureParameters;
 use crate::ldi::{CaptureInfo, CubeLdi, EncodedNormal};
@@ -126,7 +126,7 @@ impl CubeJob<'_> {
                     inverse_depth += shift.max(-most).min(most);
                 }
                 let normal = EncodedNormal::new(normal);
-                let column = pixel % self.face_px;
+                let (column, color) = ((pixel % self.face_px) as u16, Light::new(color));
                 let sample = Sample { column, inverse_depth, normal, color, weight: 1.0, area };
                 samples.push((pixel / self.face_px, sample));
             }
