@@ -80,8 +80,7 @@ pub(crate) fn show(
                     let room = vec2(ui.available_width(), (ui.available_height() - SKETCH_TEXT_POINTS).max(0.0));
                     ui.add(egui::Image::new(sketch).fit_to_exact_size(room).maintain_aspect_ratio(true));
                     ui.add(text);
-                })
-                .inner
+                });
             }
         }
         ui.ctx().request_repaint_after(SECOND);
