@@ -5,7 +5,7 @@ use super::images_depth::{DepthArgs, Outcome};
 use super::output::print_json;
 use super::progress::Bar;
 use crate::capture::images::{
-    AlignStep, Aligned, CheckReport, ImageSet, ImagesError, Lens, Residual, View, align, check,
+    AlignStep, Aligned, CheckReport, ImageSet, ImagesError, Lens, Residual, TRANSFORMS, View, align, check,
 };
 use crate::ldi::CubeLdi;
 use crate::ldi::from_images::ImagesJob;
@@ -116,7 +116,8 @@ pub(super) fn with_depth(set: &ImageSet) -> anyhow::Result<Vec<&View>> {
 /// Whether a command's argument names an image set instead of a scene.
 pub(super) fn is_image_set(name: &str) -> bool {
     let path = Path::new(name);
-    let manifest = path.file_name().is_some_and(|file| file == "manifest.json" || file == "transforms.json");
+    let manifests = TRANSFORMS.into_iter().chain(["manifest.json"]);
+    let manifest = path.file_name().is_some_and(|file| manifests.into_iter().any(|known| file == known));
     !name.starts_with("builtin:") && (path.is_dir() || (manifest && path.is_file()))
 }
 

@@ -8,7 +8,7 @@
 //! | format | file of | what is read |
 //! |---|---|---|
 //! | Seurat `manifest.json` | `seurat` | view groups with matrices, depth of three kinds |
-//! | nerfstudio `transforms.json` | `nerfstudio` | poses, intrinsics, OpenCV distortion, depth in millimetres, panoramas |
+//! | nerfstudio `transforms.json`, NeRF `transforms_train.json` | `nerfstudio` | poses, intrinsics, OpenCV distortion, depth in millimetres, panoramas |
 //! | COLMAP, text and binary | `colmap` | cameras, poses; dense depth maps where they are |
 //! | RGB-D frames (TSDF demo, 7-Scenes) | `rgbd` | colour, 16-bit depth, pose and intrinsics text |
 //! | Middlebury `*_par.txt` | `middlebury` | calibrated photographs |
@@ -153,8 +153,11 @@ pub struct ImageSet {
     pub notes: Vec<String>,
 }
 
+/// What nerfstudio's files are called, and those of NeRF's synthetic scenes, of which the pictures to learn from are taken.
+pub const TRANSFORMS: [&str; 2] = ["transforms.json", "transforms_train.json"];
+
 impl ImageSet {
-    /// Opens a folder (or a Seurat manifest, or a `transforms.json`).
+    /// Opens a folder (or a Seurat manifest, or one of [`TRANSFORMS`]).
     ///
     /// # Errors
     /// See [`ImagesError`].
@@ -198,7 +201,7 @@ impl ImageSet {
             false => Some(folder.join(name)).filter(|file| file.is_file()),
         };
         let allow = options.allow_outside;
-        if let Some(file) = named("transforms.json") {
+        if let Some(file) = TRANSFORMS.into_iter().find_map(named) {
             return nerfstudio::open(&file, allow);
         }
         if let Some(file) = named("manifest.json").or_else(|| is_file.then(|| path.to_path_buf())) {

@@ -195,9 +195,10 @@ fn open(folder: &Path) -> Result<ImageSet, ImagesError> {
 #[test]
 fn every_format_gives_the_same_cameras_and_points() {
     type Write = fn(&Path);
-    let formats: [(&str, Write); 6] = [
+    let formats: [(&str, Write); 7] = [
         ("RGB-D frames", rgbd),
         ("nerfstudio transforms", |folder| write_json(folder, "transforms.json", &transforms(folder))),
+        ("nerfstudio transforms", |folder| write_json(folder, "transforms_train.json", &transforms(folder))),
         ("COLMAP model (text)", colmap_text),
         ("COLMAP model (binary)", colmap_binary),
         ("Middlebury multi-view", middlebury),
