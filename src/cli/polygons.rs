@@ -118,7 +118,7 @@ mod tests {
             "a.obj@turn=x",
             "a.glb@scale=0",
             "a.obj@up=z@half=2",
-            "a.obj@unit=ft",
+            "a.obj@unit=yd",
             "a.obj@up=z@nonsense",
         ] {
             let error = of(wrong).unwrap_err().to_string();

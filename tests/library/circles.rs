@@ -29,7 +29,7 @@ fn a_circle_is_found_and_a_chain_is_none() {
         fs::write(path, text).expect("written");
     };
     write("lib.rs", "mod a; mod b; mod c;");
-    write("a.rs", "use crate::{b::deeper::{B, other}, c::C};\n#[cfg(test)]\nmod tests { use crate::c::D; }");
+    write("a.rs", "use crate::{b::deeper::{B, other}, b};\n#[cfg(test)]\nmod tests { use crate::c::D; }");
     write("b/mod.rs", "mod deeper;");
     write("b/deeper.rs", "// use super::super::a::A;\nfn f() { super::super::c::g() }");
     write("c.rs", "pub struct C;");
