@@ -11,7 +11,7 @@ const MOST_EV: f32 = 40.0;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Exposure {
-    /// As [`super::Lighting::measure`] finds, and so many stops brighter.
+    /// As [`crate::light::Lighting::measure`] finds, and so many stops brighter.
     Auto(f32),
     /// Linear radiance is multiplied by 2 to this power.
     Stops(f32),
