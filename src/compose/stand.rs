@@ -12,7 +12,7 @@ use crate::render::linear::LinearLight;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Parts of a pixel along each axis.
+/// Parts of a pixel along each axis; of frames so large that no camera has as many pixels, one.
 const PARTS: u32 = 2;
 
 /// All polygons of a frame, nearest first.
@@ -42,7 +42,7 @@ impl Picture {
 }
 
 impl Stand {
-    /// Draws polygons, each where it is nearer than the others. What is too large for a camera is not drawn.
+    /// Draws polygons, each where it is nearer than the others.
     pub(super) fn draw(&mut self, polygons: &[Polygons], camera: &Camera) {
         self.window = window(polygons, camera);
         let [columns, rows] = self.window.each_ref().map(|range| range.len());
@@ -50,11 +50,12 @@ impl Stand {
         if columns * rows == 0 {
             return;
         }
-        match parts_of(camera, &self.window) {
-            Ok(finer) => self.draw_parts(polygons, &finer),
+        let finer = parts_of(camera, &self.window, PARTS).or_else(|_| parts_of(camera, &self.window, 1));
+        match &finer {
+            Ok(finer) => self.draw_parts(polygons, finer),
             Err(_) => self.parts.resize(0),
         }
-        self.join_parts(columns);
+        self.join_parts(columns, finer.map_or(1, |finer| finer.width() as usize / columns));
     }
 
     fn draw_parts(&mut self, polygons: &[Polygons], camera: &Camera) {
@@ -81,17 +82,18 @@ impl Stand {
 
     /// Pixels from their parts: the mean colour of those that show something, as light adds up, how many these are as a share of 255,
     /// and the depth of the nearest.
-    fn join_parts(&mut self, columns: usize) {
+    fn join_parts(&mut self, columns: usize, parts: usize) {
         let light = LinearLight::tables();
         let (colors, depths) = (self.parts.colors.as_slice(), self.parts.inverse_depth.as_slice());
-        let stride = columns * PARTS as usize;
+        let stride = columns * parts;
         let rows = self.pixels.colors.par_chunks_mut(columns).zip(self.pixels.inverse_depth.par_chunks_mut(columns));
         rows.enumerate().with_min_len(AT_LEAST / columns + 1).for_each(|(row, (to_colors, to_depths))| {
             for (column, (color, depth)) in to_colors.iter_mut().zip(to_depths).enumerate() {
-                let first = (row * stride + column) * PARTS as usize;
+                let first = (row * stride + column) * parts;
+                let [beside, below] = [parts - 1, (parts - 1) * stride];
                 let part = |i: usize| Some((*colors.get(i)?, *depths.get(i)?));
-                let parts = [first, first + 1, first + stride, first + stride + 1].map(|i| part(i).unwrap_or_default());
-                (*color, *depth) = joined(light, parts);
+                let four = [first, first + beside, first + below, first + below + beside];
+                (*color, *depth) = joined(light, four.map(|i| part(i).unwrap_or_default()));
             }
         });
     }
@@ -119,13 +121,13 @@ fn joined(light: &LinearLight, parts: [([u8; 4], f32); 4]) -> ([u8; 4], f32) {
     ([r, g, b, (count * 255 / (PARTS * PARTS)) as u8], nearest)
 }
 
-/// The camera of the parts of all pixels of a window.
-fn parts_of(camera: &Camera, [columns, rows]: &[Range<u32>; 2]) -> Result<Camera, CameraError> {
-    let finer = |range: &Range<u32>| range.start * PARTS..range.end * PARTS;
-    let focal_px = camera.focal_px() * f64::from(PARTS);
+/// The camera of the parts, so many along each axis, of all pixels of a window.
+fn parts_of(camera: &Camera, [columns, rows]: &[Range<u32>; 2], parts: u32) -> Result<Camera, CameraError> {
+    let finer = |range: &Range<u32>| range.start * parts..range.end * parts;
+    let focal_px = camera.focal_px() * f64::from(parts);
     // Its size is that of the window; the principal point counts from the whole frame's corner.
     let whole = Camera::from_parts(camera.eye(), camera.world_from_eye(), focal_px, 1, 1)?;
-    whole.with_principal_px(camera.principal_px().map(|px| px * f64::from(PARTS))).cropped(finer(columns), finer(rows))
+    whole.with_principal_px(camera.principal_px().map(|px| px * f64::from(parts))).cropped(finer(columns), finer(rows))
 }
 
 /// The columns and rows of a frame that may show polygons.
@@ -158,6 +160,27 @@ fn store_as(tone: ToneMap, colors: &mut [[u8; 4]]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn frames_too_large_for_parts_show_polygons_too() {
+        let scene = crate::scenes::build("bump", 0).expect("built in");
+        let [low, high] = scene.bounds();
+        let (middle, away) = ((low + high) / 2.0, (high - low).length());
+        let polygons = [Polygons::new(scene).expect("valid")];
+        let shown = [[64, 4], [Camera::MAX_SIDE_PX, 4]].map(|size| {
+            // The frame's width is as far away as it is wide, and the model fills it.
+            let fov_y_deg = 2.0 * (2.0 / f64::from(size[0])).atan().to_degrees();
+            let eye = middle + DVec3::Z * (away * 0.3);
+            let camera = Camera::look_at(eye, middle, DVec3::Y, fov_y_deg, size).expect("valid");
+            let mut stand = Stand::default();
+            stand.draw(&polygons, &camera);
+            assert!(stand.window[0].len() > size[0] as usize / 2, "{:?}", stand.window);
+            let (standing, [width, height]) = (stand.standing(), size.map(|side| side as usize));
+            standing.pixel(width / 2, height / 2)
+        });
+        assert!(shown.iter().all(|(color, depth)| color[3] == 255 && *depth > 0.0), "{shown:?}");
+    }
 
     #[test]
     fn a_pixel_is_the_light_of_its_parts() {

@@ -6,6 +6,7 @@
 
 use super::DEFAULT_ERROR_PX;
 use crate::capture::random::Rng;
+use crate::capture::sampler::Strata;
 use crate::capture::trace::{Ray, Tracer};
 use crate::ldi::MAX_FACE_SIZE_PX;
 use crate::ldi::job::CaptureJob;
@@ -55,7 +56,8 @@ pub fn settle(job: &mut CaptureJob, tracer: &Tracer, focal_px: f64, error_px: f6
 /// Strata along each dimension that leave as many rays for a face pixel as `strata` of them give faces of `of_px`.
 fn strata_for(strata: u32, of_px: u32, size_px: u32) -> u32 {
     // Rays grow with the fourth power of strata, face pixels with the second of a face's side.
-    (f64::from(strata) * (f64::from(size_px) / f64::from(of_px.max(1))).sqrt()).round().max(1.0) as u32
+    let strata = f64::from(strata) * (f64::from(size_px) / f64::from(of_px.max(1))).sqrt();
+    strata.round().clamp(1.0, f64::from(Strata::MAX_PER_DIMENSION)) as u32
 }
 
 #[cfg(test)]
@@ -99,5 +101,6 @@ mod tests {
         for (size, strata) in [(1024, 32), (256, 16), (4096, 64), (2048, 45), (1, 1)] {
             assert_eq!(strata_for(32, 1024, size), strata);
         }
+        assert_eq!(strata_for(128, 1024, 8192), 128, "as many as there may be");
     }
 }
