@@ -160,7 +160,7 @@ fn store_as(tone: ToneMap, colors: &mut [[u8; 4]]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::DVec3;
+    use glam::{DMat3, DVec3};
 
     #[test]
     fn frames_too_large_for_parts_show_polygons_too() {
@@ -169,10 +169,9 @@ mod tests {
         let (middle, away) = ((low + high) / 2.0, (high - low).length());
         let polygons = [Polygons::new(scene).expect("valid")];
         let shown = [[64, 4], [Camera::MAX_SIDE_PX, 4]].map(|size| {
-            // The frame's width is as far away as it is wide, and the model fills it.
-            let fov_y_deg = 2.0 * (2.0 / f64::from(size[0])).atan().to_degrees();
-            let eye = middle + DVec3::Z * (away * 0.3);
-            let camera = Camera::look_at(eye, middle, DVec3::Y, fov_y_deg, size).expect("valid");
+            // The frame is as wide as it is far away, and the model fills it.
+            let (eye, focal_px) = (middle + DVec3::Z * (away * 0.3), f64::from(size[0]));
+            let camera = Camera::from_parts(eye, DMat3::IDENTITY, focal_px, size[0], size[1]).expect("valid");
             let mut stand = Stand::default();
             stand.draw(&polygons, &camera);
             assert!(stand.window[0].len() > size[0] as usize / 2, "{:?}", stand.window);
