@@ -171,6 +171,7 @@ impl Pass<'_> {
         if plan.kernel.compares_depths() {
             canvas.add_rims(plan.level);
         }
+        canvas.settle(plan.level);
         if plan.depth {
             self.depth.add_rims(canvas.ground().rims());
         }
@@ -212,6 +213,7 @@ impl Pass<'_> {
         }
         let cleared = Instant::now();
         self.draw_segments(canvas, scope);
+        canvas.settle(self.plan.level);
         self.stats.clear_ms += (cleared - started).as_secs_f64() * 1e3;
         self.stats.warp_ms += cleared.elapsed().as_secs_f64() * 1e3;
     }

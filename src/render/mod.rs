@@ -4,8 +4,8 @@
 //! A frame is drawn in bands of rows ([`band`]), each by one thread, from first to last: clipped segments and blocks
 //! (`clip`), one traversal that yields depth pixels in drawing order, in batches of one row (`traverse`), a warp kernel that makes
 //! splats of a batch (`kernel`), a canvas ([`splat`]) that draws them, the environment (`finish`). A band's canvas stays in the
-//! cache, no thread waits for another, and every pixel sees the same splats in the same order whatever the bands are: any
-//! number of threads gives the same frame, bit for bit. The price is that a depth pixel near the border of two bands is
+//! cache, no thread waits for another, and every pixel sees the same splats in the same order whatever the bands are (of
+//! tents, of which no order shows, in that of memory): any number of threads gives the same frame, bit for bit. The price is that a depth pixel near the border of two bands is
 //! warped for both.
 //!
 //! The papers' way to use many threads, fragments between epipolar lines, is there too ([`Parallel::Fragments`],
@@ -71,6 +71,7 @@ use fearless_simd::Level;
 use fill::Filler;
 use finish::{Pixels, depth_pieces};
 use fragments::Fragments;
+use glam::DVec3;
 use order::{EyeInFace, LayerOrder};
 use planes::PlanesInView;
 pub(crate) use planes::Standing;
@@ -421,9 +422,11 @@ impl FramePlan {
         (self.kernel, self.unclipped, self.face_px) = (kernel, settings.unclipped, face_px);
         (self.depth, self.hole_color_srgb) = (settings.depth, settings.hole_color_srgb);
         self.segments.clear();
+        // Seen from the centre, samples are drawn in the order in which they are stored.
+        let ordered_for = if kernel.needs_order() || settings.depth { eye_from_centre } else { DVec3::ZERO };
         self.segments.extend(order.iter().map(|&index| {
             let segment = &cube.segments[index];
-            let eye = EyeInFace::new(eye_from_centre, segment.face, face_px);
+            let eye = EyeInFace::new(ordered_for, segment.face, face_px);
             let transfer = Transfer::new(camera, eye_from_centre, segment.face, face_px);
             SegmentPlan { index, transfer, layers: eye.layer_order(segment), eye }
         }));

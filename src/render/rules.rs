@@ -14,7 +14,7 @@ pub(crate) const MIN_PEAK: f32 = tent::MIN_PEAK;
 /// The least ratio of the eye depths in the frame and in the LDI that is drawn.
 pub(crate) const W_NEAR: f32 = clip::W_NEAR;
 /// Weights are whole numbers of one over this.
-pub(crate) const WEIGHT_STEPS: u64 = tent::ONE;
+pub(crate) const WEIGHT_STEPS: u32 = tent::ONE;
 /// The weight at which a surface hides wholly what is behind it.
 pub(crate) const OPAQUE_WEIGHT: f64 = surface::OPAQUE as f64 / tent::ONE as f64;
 /// The least share of a pixel that a surface has where it has any.

@@ -84,6 +84,11 @@ impl SplatKernel {
         matches!(self, Self::Tent | Self::Ellipse)
     }
 
+    /// Whether what its canvas shows depends on the order in which splats come.
+    pub(crate) fn needs_order(self) -> bool {
+        self != Self::Tent
+    }
+
     /// Half of the width of a stamp of fixed size, px; `None` if samples have sizes of their own.
     pub(crate) fn stamp_radius_px(self) -> Option<f32> {
         match self {
@@ -196,6 +201,9 @@ pub(crate) trait Canvas {
 
     /// Draws splats, in their order, with the instructions of a SIMD level.
     fn draw(&mut self, splats: &Splats, level: Level);
+
+    /// Ends drawing: all splats and rims have come.
+    fn settle(&mut self, _level: Level) {}
 
     /// Writes the pixels of a row, counted from its first row on, from a column on: straight colour, and the share of 255
     /// that splats cover; 0 if none touched it.

@@ -1,26 +1,29 @@
 //! Splats of one surface are averaged by weight, surfaces are then blended (the default kernel).
 //!
 //! With *over* alone, a splat that is larger than a pixel blends its rim over neighbours that are drawn already, also
-//! where it is a hidden far layer of the next pixel: backgrounds bleed through (C12). Here each pixel remembers the inverse depth of its front surface. A splat that lies on it adds to
-//! a weighted mean, as bilinear interpolation does; a nearer one first sends the mean behind itself. Because drawing is
-//! back to front, pixel of the LDI by pixel, two means and one blended colour behind them are enough.
-//! Cell by cell, with branches: docs/decisions.md: surfaces are averaged before they are blended.
+//! where it is a hidden far layer of the next pixel: backgrounds bleed through (C12). So of each pixel the nearest surface is found
+//! first; the splats on it are a weighted mean, as bilinear interpolation is. Where that leaves a part of the pixel open, the next surface
+//! behind it shows, and behind that all that is left. Splats wait in tiles of the frame until all have come (`piece`), then each
+//! tile is peeled at once (`peel`): docs/decisions.md: surfaces are peeled tile by tile.
 
-mod cell;
-mod tiles;
+mod mean;
+mod peel;
+mod piece;
+#[cfg(test)]
+mod tests;
 
-pub(super) use cell::{MIN_SHARE, OPAQUE};
+pub(super) use mean::{MIN_SHARE, OPAQUE};
 
 use super::linear::LinearLight;
 use super::planes::PlaneCanvas;
-use super::size::LANES;
-use super::splat::{Canvas, Splats, load};
-use super::tent::{ONE, SIDE, SmallWeights, Tents};
+use super::splat::{Canvas, Splats};
+use super::tent::{self, ONE, PEAK_STEPS, Tents};
 use crate::render::Spans;
-use cell::{Added, Cell, Second};
-use fearless_simd::{Level, Simd, dispatch, prelude::*};
+use fearless_simd::{Level, Simd, dispatch};
+use mean::BLOCK;
+use peel::{Peel, Tolerance};
+use piece::{Piece, TILE_ROWS};
 use std::ops::Range;
-use tiles::Tiles;
 
 /// An image of surfaces.
 #[derive(Default)]
@@ -28,8 +31,14 @@ pub(crate) struct SurfaceCanvas {
     width: u32,
     /// Rows of the frame that it holds.
     rows: Range<u32>,
-    tiles: Tiles,
+    ground: PlaneCanvas,
     tents: Box<Tents>,
+    /// What is drawn on each tile, row by row of tiles.
+    tiles: Vec<Vec<Piece>>,
+    peel: Box<Peel>,
+    /// What shows in tiles on which something is drawn: straight colours with shares of 255, and inverse depths, in rows of whole tiles.
+    colors: Vec<[u8; 4]>,
+    inverse_depth: Vec<f32>,
     /// Relative difference of inverse depth up to which two splats of one pixel are of one surface.
     pub(crate) tolerance: f32,
     /// The least difference: the width of a depth bin of the capture, 1/m. A grazing, far surface puts several samples
@@ -45,141 +54,104 @@ impl SurfaceCanvas {
     pub(crate) fn tolerance(face_px: u32) -> f32 {
         0.015 + 3.6 * 2.0 / face_px as f32
     }
-}
 
-impl SurfaceCanvas {
+    fn tiles_across(&self) -> usize {
+        (self.width as usize).div_ceil(BLOCK)
+    }
+
+    /// Pixels of a row of tiles.
+    fn stride(&self) -> usize {
+        self.tiles_across() * BLOCK
+    }
+
     #[inline(always)]
     fn draw_all<S: Simd>(&mut self, simd: S, splats: &Splats) {
-        let light = LinearLight::tables();
-        let (stride, first_row) = (self.tiles.stride(), self.rows.start as i32);
         let bounds = [[0.0, self.width as f32], [self.rows.start as f32, self.rows.end as f32]];
         self.tents.fill(simd, splats, bounds);
-        for start in (0..splats.count()).step_by(LANES) {
-            let (small, [nearest_behind, farthest_in_front]) =
-                (self.tents.small(simd, start), self.one_surface(simd, splats, start));
-            let sixteen = start..splats.count().min(start + LANES);
-            let [columns, rows] = self.tents.bounds(sixteen.clone());
-            self.tiles.make(
-                simd,
-                index(columns.start)..index(columns.end),
-                index(rows.start - first_row)..index(rows.end - first_row),
-            );
-            for (lane, i) in sixteen.enumerate() {
-                let [columns, rows] = self.tents.pixels(i);
-                if columns.is_empty() || rows.is_empty() {
-                    continue;
-                }
-                let added = Added {
-                    color: cell::lanes(splats.color[i].to_ne_bytes()),
+        let (first_row, across) = (self.rows.start.cast_signed(), self.tiles_across());
+        for i in 0..splats.count() {
+            let (columns, rows) = (self.tents.columns.of(i), self.tents.rows.of(i));
+            if columns.is_empty() || rows.is_empty() {
+                continue;
+            }
+            let [left, right] = [columns.start, columns.end - 1].map(|column| column.cast_unsigned() as usize / BLOCK);
+            let rows = [rows.start, rows.end].map(|row| (row - first_row).cast_unsigned() as usize);
+            for down in rows[0] / TILE_ROWS..(rows[1] - 1) / TILE_ROWS + 1 {
+                let top = down * TILE_ROWS;
+                let mut piece = Piece {
+                    across: [0; 2],
+                    down: self.tents.rows.from(i, top as i32 + first_row),
+                    peak: self.tents.peak[i],
+                    color: splats.color[i].to_ne_bytes(),
                     inverse_depth: splats.inverse_depth[i],
-                    nearest_behind: nearest_behind[lane],
-                    farthest_in_front: farthest_in_front[lane],
+                    rows: rows.map(|row| row.clamp(top, top + TILE_ROWS) as u16 - top as u16),
                 };
-                let at = (rows.start - first_row) as usize * stride + columns.start as usize;
-                let Some((cells, seconds)) = self.tiles.cells_from(at) else { continue };
-                let small = Small { weights: &small, lane, rows: rows.len() };
-                match if rows.len() <= SIDE { columns.len() } else { usize::MAX } {
-                    1 => small.add::<1>(cells, seconds, stride, &added, light),
-                    2 => small.add::<2>(cells, seconds, stride, &added, light),
-                    3 => small.add::<3>(cells, seconds, stride, &added, light),
-                    SIDE => small.add::<SIDE>(cells, seconds, stride, &added, light),
-                    _ => {
-                        let of_rows = cells.chunks_mut(stride).take(rows.len()).zip(self.tents.any(i));
-                        for (row, (cells, weights)) in of_rows.enumerate() {
-                            for (column, (cell, weight)) in
-                                cells.iter_mut().take(columns.len()).zip(weights).enumerate()
-                            {
-                                cell.add(seconds, row * stride + column, &added, weight, light);
-                            }
-                        }
+                for column in left..right + 1 {
+                    piece.across = self.tents.columns.from(i, (column * BLOCK) as i32);
+                    if let Some(tile) = self.tiles.get_mut(down * across + column) {
+                        tile.push(piece);
                     }
                 }
             }
         }
     }
 
-    /// See [`Canvas::add_rims`].
+    /// See [`Canvas::settle`].
     #[inline(always)]
-    fn add_all_rims<S: Simd>(&mut self, simd: S) {
-        let light = LinearLight::tables();
-        for i in 0..self.tiles.ground.rims().len() {
-            let rim = self.tiles.ground.rims()[i];
-            let q = rim.inverse_depth.max(0.0);
-            let apart = (q * self.tolerance).max(self.bin);
-            let (nearest_behind, farthest_in_front) = (q - apart, q + apart);
-            let added = Added { color: cell::lanes(rim.color), inverse_depth: q, nearest_behind, farthest_in_front };
-            let [column, row] = rim.pixel.map(|v| v as usize);
-            if let Some((cell, seconds)) = self.tiles.cell_mut(simd, column, row) {
-                cell.add(seconds, 0, &added, (u64::from(rim.color[3]) * ONE + 127) / 255, light);
+    fn settle_all<S: Simd>(&mut self, simd: S) {
+        let (light, across, stride) = (LinearLight::tables(), self.tiles_across(), self.stride());
+        let tolerance = Tolerance { relative: self.tolerance, least: self.bin };
+        for (tile, pieces) in self.tiles.iter().enumerate() {
+            if pieces.is_empty() {
+                continue;
+            }
+            let (first_row, column) = (tile / across * TILE_ROWS, tile % across * BLOCK);
+            let ground = |row: usize| self.ground.eight(first_row + row, column);
+            let touched = self.peel.draw(simd, pieces, ground, tolerance, light);
+            for row in 0..TILE_ROWS.min(self.rows.len() - first_row) {
+                let start = (first_row + row) * stride + column;
+                let to = start..start + BLOCK;
+                let (colors, inverse_depths) = (&mut self.colors[to.clone()], &mut self.inverse_depth[to]);
+                if touched.contains(&row) {
+                    let shown = self.peel.shown(row);
+                    colors.copy_from_slice(&shown.0.map(u32::to_le_bytes));
+                    inverse_depths.copy_from_slice(shown.1);
+                } else if let Some(shown) = ground(row) {
+                    colors.copy_from_slice(shown.0);
+                    inverse_depths.iter_mut().zip(shown.1).for_each(|(to, q)| *to = q.max(0.0));
+                } else {
+                    colors.fill([0; 4]);
+                    inverse_depths.fill(0.0);
+                }
             }
         }
     }
 
-    /// See [`Canvas::resolve`].
-    #[inline(always)]
-    fn resolve_row<S: Simd>(&self, simd: S, row: usize, column: usize, to: &mut [[u8; 4]]) {
-        let (ground, _) = self.tiles.ground.row(row);
-        for (piece, cells) in self.tiles.pieces(row, column..column + to.len()) {
-            let to = &mut to[piece.start - column..piece.end - column];
-            match (cells, ground.get(piece)) {
-                (Some((cells, seconds)), _) => cell::resolve(simd, cells, seconds, to),
-                (None, Some(ground)) => to.copy_from_slice(ground),
-                (None, None) => to.fill([0; 4]),
-            }
-        }
+    /// Some columns of a row, in runs of tiles on which something is drawn or not: which, and where they are kept if something is.
+    fn pieces(&self, row: usize, columns: Range<usize>) -> impl Iterator<Item = (Range<usize>, Option<Range<usize>>)> {
+        let (start, tiles) = (row * self.stride(), row / TILE_ROWS * self.tiles_across());
+        let of_row = self.tiles.get(tiles..tiles + self.tiles_across()).unwrap_or(&[]);
+        let mut next = columns.start;
+        std::iter::from_fn(move || {
+            let first = next / BLOCK;
+            let is_empty = of_row.get(first).filter(|_| next < columns.end)?.is_empty();
+            let run = of_row[first..].iter().take_while(|tile| tile.is_empty() == is_empty).count();
+            let piece = next..((first + run) * BLOCK).min(columns.end);
+            next = piece.end;
+            Some((piece.clone(), (!is_empty).then_some(start + piece.start..start + piece.end)))
+        })
     }
-
-    /// Of sixteen splats, the inverse depths below and above which another surface lies behind and in front of the splat's.
-    #[inline(always)]
-    fn one_surface<S: Simd>(&self, simd: S, splats: &Splats, start: usize) -> [[f32; LANES]; 2] {
-        let inverse_depth = load(simd, &splats.inverse_depth, start);
-        let apart = (inverse_depth * self.tolerance).max(self.bin);
-        [(inverse_depth - apart).to_array(), (inverse_depth + apart).to_array()]
-    }
-}
-
-/// A splat that touches at most [`SIDE`] columns and rows.
-struct Small<'a> {
-    weights: &'a SmallWeights,
-    lane: usize,
-    /// Rows that it touches.
-    rows: usize,
-}
-
-impl Small<'_> {
-    /// Adds it to `COLUMNS` cells of each of its rows: a number that is known here, for a loop without an end that no processor
-    /// foresees. `cells` begin with its first, in rows of `stride`.
-    #[inline(always)]
-    fn add<const COLUMNS: usize>(
-        &self,
-        cells: &mut [Cell],
-        seconds: &mut [Second],
-        stride: usize,
-        added: &Added,
-        light: &LinearLight,
-    ) {
-        for (row, weights) in self.weights.iter().take(self.rows).enumerate() {
-            let at = row * stride;
-            let Some(cells) = cells.get_mut(at..).and_then(|cells| cells.first_chunk_mut::<COLUMNS>()) else {
-                return;
-            };
-            for (column, (cell, weights)) in cells.iter_mut().zip(weights).enumerate() {
-                cell.add(seconds, at + column, added, u64::from(weights[self.lane]), light);
-            }
-        }
-    }
-}
-
-/// A column or row that may lie outside, before the first.
-#[inline(always)]
-fn index(line: i32) -> usize {
-    line.max(0) as usize
 }
 
 impl Canvas for SurfaceCanvas {
     fn clear(&mut self, width: u32, rows: Range<u32>) {
         (self.width, self.rows) = (width, rows);
-        self.tiles.clear(width as usize, self.rows.len());
+        let tiles = self.tiles_across() * self.rows.len().div_ceil(TILE_ROWS);
+        self.tiles.iter_mut().for_each(Vec::clear);
+        self.tiles.resize_with(tiles, Vec::new);
+        // What they hold does not matter before tiles are settled.
+        self.colors.resize(self.stride() * self.rows.len(), [0; 4]);
+        self.inverse_depth.resize(self.colors.len(), 0.0);
     }
 
     fn clear_spans(&mut self, [width, height]: [u32; 2], _: &dyn Fn(u32) -> Spans) {
@@ -187,34 +159,62 @@ impl Canvas for SurfaceCanvas {
     }
 
     fn ground(&self) -> &PlaneCanvas {
-        &self.tiles.ground
+        &self.ground
     }
 
     fn ground_mut(&mut self) -> &mut PlaneCanvas {
-        &mut self.tiles.ground
+        &mut self.ground
     }
 
-    fn add_rims(&mut self, level: Level) {
-        dispatch!(level, simd => self.add_all_rims(simd));
+    /// A rim is a tent that weighs its share in its pixel, and nothing beside it.
+    fn add_rims(&mut self, _: Level) {
+        let across = self.tiles_across();
+        for rim in self.ground.rims() {
+            let [column, row] = rim.pixel.map(|line| line as usize);
+            let (column_in, row_in) = ((column % BLOCK) as i32, (row % TILE_ROWS) as i32);
+            let piece = Piece {
+                across: [-column_in * tent::TOP, tent::TOP],
+                down: [-row_in * tent::TOP, tent::TOP],
+                peak: (u32::from(rim.color[3]) * ONE * PEAK_STEPS + 127) / 255,
+                color: rim.color,
+                inverse_depth: rim.inverse_depth.max(0.0),
+                rows: [row_in as u16, row_in as u16 + 1],
+            };
+            if let Some(tile) = self.tiles.get_mut(row / TILE_ROWS * across + column / BLOCK) {
+                tile.push(piece);
+            }
+        }
     }
 
     fn draw(&mut self, splats: &Splats, level: Level) {
         dispatch!(level, simd => self.draw_all(simd, splats));
     }
 
+    fn settle(&mut self, level: Level) {
+        dispatch!(level, simd => self.settle_all(simd));
+    }
+
     fn tell_depths(&self, row: usize, column: usize, to: &mut [f32]) {
-        let (_, ground) = self.tiles.ground.row(row);
-        for (piece, cells) in self.tiles.pieces(row, column..column + to.len()) {
+        let (_, ground) = self.ground.row(row);
+        for (piece, kept) in self.pieces(row, column..column + to.len()) {
             let to = &mut to[piece.start - column..piece.end - column];
-            match (cells, ground.get(piece)) {
-                (Some((cells, _)), _) => to.iter_mut().zip(cells).for_each(|(to, cell)| *to = cell.inverse_depth),
+            match (kept, ground.get(piece)) {
+                (Some(kept), _) => to.copy_from_slice(&self.inverse_depth[kept]),
                 (None, Some(ground)) => to.iter_mut().zip(ground).for_each(|(to, ground)| *to = ground.max(0.0)),
                 (None, None) => to.fill(0.0),
             }
         }
     }
 
-    fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level) {
-        dispatch!(level, simd => self.resolve_row(simd, row, column, to));
+    fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], _: Level) {
+        let (ground, _) = self.ground.row(row);
+        for (piece, kept) in self.pieces(row, column..column + to.len()) {
+            let to = &mut to[piece.start - column..piece.end - column];
+            match (kept, ground.get(piece)) {
+                (Some(kept), _) => to.copy_from_slice(&self.colors[kept]),
+                (None, Some(ground)) => to.copy_from_slice(ground),
+                (None, None) => to.fill([0; 4]),
+            }
+        }
     }
 }

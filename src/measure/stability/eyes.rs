@@ -16,8 +16,8 @@ pub(super) fn cases() -> Vec<Case> {
             name: "eye at the centre",
             what: "A captured room from the very centre against 1e-12 half-sizes beside it: root mean square difference.",
             unit: "levels",
-            bound: bound_through_centre(),
-            reason: "Nothing moves; but drawing order changes with the eye's octant, see the next case.",
+            bound: SAME_LEVELS,
+            reason: "Nothing moves. Drawing order changes with the eye's octant, and what shows must not depend on it.",
             measure: |seed| {
                 let mut dice = Dice::new(seed, 1);
                 let room = ROOM.as_ref()?;
@@ -30,15 +30,15 @@ pub(super) fn cases() -> Vec<Case> {
             name: "through the centre along X",
             what: "Nine eyes 1e-6 half-sizes apart, the fifth at the centre: the largest difference of neighbouring frames.",
             unit: "levels",
-            bound: bound_through_centre(),
-            reason: "The true change is below 1e-4 px, and what shows must not depend on which of two samples is drawn first: 8-bit rounding is left. A wrong order would show as 10 levels and more.",
+            bound: SAME_LEVELS,
+            reason: "The true change is below 1e-4 px, and what shows must not depend on which of two samples is drawn first: 8-bit rounding is left, and a silhouette here and there. Means that knew their splats one after the other changed by 1.8 levels; a wrong order would show as 10 and more.",
             measure: |seed| through_centre(seed, DVec3::X, SplatKernel::default()),
         },
         Case {
             name: "through the centre along Y",
             what: "The same along Y.",
             unit: "levels",
-            bound: bound_through_centre(),
+            bound: SAME_LEVELS,
             reason: "The same.",
             measure: |seed| through_centre(seed, DVec3::Y, SplatKernel::default()),
         },
@@ -46,19 +46,9 @@ pub(super) fn cases() -> Vec<Case> {
             name: "through the centre along Z",
             what: "The same along Z.",
             unit: "levels",
-            bound: bound_through_centre(),
+            bound: SAME_LEVELS,
             reason: "The same.",
             measure: |seed| through_centre(seed, DVec3::Z, SplatKernel::default()),
-        },
-        Case {
-            name: "through the centre, tents",
-            what: "The same along all three axes, tents averaged per surface.",
-            unit: "levels",
-            bound: TENT_LEVELS,
-            reason: "The order of splats turns round at the centre. Where one surface meets another within the tolerance of averaging (7 % of depth on faces of 128 px), the largest inverse depth of the mean decides what joins it, and what arrives behind counts by what is there already: both depend on who comes first.",
-            measure: |seed| {
-                largest([DVec3::X, DVec3::Y, DVec3::Z].map(|axis| through_centre(seed, axis, SplatKernel::Tent)))
-            },
         },
         Case {
             name: "eyes anywhere, a millionth apart",
@@ -278,13 +268,8 @@ fn default() -> RenderSettings {
     RenderSettings::default()
 }
 
-/// What tents change as the eye passes through the centre, levels.
-const TENT_LEVELS: f64 = 3.0;
-
-/// What a frame may change as the eye passes through the centre, levels.
-fn bound_through_centre() -> f64 {
-    if SplatKernel::default() == SplatKernel::Tent { TENT_LEVELS } else { 1.0 }
-}
+/// What a frame may change where the eye hardly moves, levels.
+const SAME_LEVELS: f64 = 0.25;
 
 fn through_centre(seed: u64, axis: DVec3, splats: SplatKernel) -> Option<f64> {
     let mut dice = Dice::new(seed, 2);

@@ -148,9 +148,9 @@ impl PlaneCanvas {
         (self.colors.get(pixels.clone()).unwrap_or(&[]), self.inverse_depth.get(pixels).unwrap_or(&[]))
     }
 
-    /// [`MARGIN`] pixels of a row, also where the row ends among them; `None` if nothing was drawn.
+    /// Eight pixels of a row, also where the row ends among them; `None` if nothing was drawn.
     #[inline]
-    pub(crate) fn sixteen(&self, row: usize, column: usize) -> Option<(&[[u8; 4]; MARGIN], &[f32; MARGIN])> {
+    pub(crate) fn eight(&self, row: usize, column: usize) -> Option<(&[[u8; 4]; 8], &[f32; 8])> {
         let start = row * (self.width + MARGIN) + column;
         Some((self.colors.get(start..)?.first_chunk()?, self.inverse_depth.get(start..)?.first_chunk()?))
     }
