@@ -52,6 +52,9 @@ pub(crate) mod touched;
 pub(crate) mod transfer;
 pub(crate) mod traverse;
 
+#[cfg(test)]
+mod tests;
+
 pub use count::ClipCounts;
 pub(crate) use epipolar::Spans;
 pub use fragments::MAX_FRAGMENTS;

@@ -6,6 +6,8 @@
 
 mod kernel;
 mod plan;
+#[cfg(test)]
+mod tests;
 
 pub(crate) use plan::PlanesInView;
 
