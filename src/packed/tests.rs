@@ -246,3 +246,39 @@ fn texels_are_colours_times_alpha_rounded_to_the_nearest() {
         }
     }
 }
+
+#[test]
+fn every_broken_promise_of_pictures_is_named() {
+    let picture = PlaneTile { opaque: 0, face: 5, plane: 0, first_texel: 0, x0: -1, y0: -1, width: 2, height: 3 };
+    let mut valid =
+        PackedCube::pack(&ldi(8, |_, _, _| Vec::new()), SplatIndexLayout::Normal, Split::None).expect("packs");
+    // One texel of six lets something through; from one pixel beside the face to the other.
+    let mut texels = vec![[255; 4]; 6];
+    texels[5] = [0; 4];
+    let tiles = vec![picture];
+    valid.planes = PlaneSet { error_px: 1.0, planes: vec![Plane::default()], tiles, texels, ..PlaneSet::default() };
+    let check = |is_valid: bool, change: &dyn Fn(&mut PlaneSet)| {
+        let mut cube = valid.clone();
+        change(&mut cube.planes);
+        assert_eq!(cube.validate().is_ok(), is_valid, "{:?}", cube.planes);
+    };
+    let of_tile = |is_valid, tile: PlaneTile| check(is_valid, &|set| set.tiles[0] = tile);
+    of_tile(true, picture);
+    of_tile(true, PlaneTile { x0: 7, y0: 6, ..picture });
+    of_tile(false, PlaneTile { x0: 8, ..picture });
+    of_tile(false, PlaneTile { y0: 7, ..picture });
+    of_tile(false, PlaneTile { x0: -2, ..picture });
+    of_tile(false, PlaneTile { width: 1, height: 6, ..picture });
+    of_tile(false, PlaneTile { plane: 1, ..picture });
+    of_tile(false, PlaneTile { face: 6, ..picture });
+    of_tile(false, PlaneTile { opaque: 2, ..picture });
+    of_tile(false, PlaneTile { opaque: 1, ..picture });
+    of_tile(false, PlaneTile { first_texel: 1, ..picture });
+    of_tile(false, PlaneTile { height: 4, ..picture });
+    of_tile(false, PlaneTile { height: 2, ..picture });
+    check(false, &|set| set.error_px = 0.0);
+    check(false, &|set| set.error_px = -1.0);
+    check(false, &|set| set.error_px = f64::INFINITY);
+    check(false, &|set| set.tiles.clear());
+    check(true, &|set| *set = PlaneSet::default());
+}

@@ -15,6 +15,8 @@ fn cameras() -> Vec<Camera> {
         let at = eye + ahead(eye, i) + random.in_cube(0.2);
         Camera::look_at(eye, at, DVec3::Y, [100.0, 60.0][i / 2], [52, 37]).expect("valid")
     };
+    // So that no bit is lost where a cube stands elsewhere.
+    let eyes = eyes.map(|eye| (eye * 1024.0).round() / 1024.0);
     eyes.into_iter().enumerate().map(camera).collect()
 }
 
@@ -38,6 +40,10 @@ fn fragments_give_the_frame_of_bands() {
             let (found, stats) = fragments.render_with_stats(&cube, camera, &settings);
             assert!(found == expected, "{kernel:?}, eye {i}");
             assert_eq!(stats.hole_pixels, of_bands.hole_pixels);
+            for stats in [stats, of_bands] {
+                assert!(stats.clear_ms >= 0.0 && stats.warp_ms > 0.0 && stats.finish_ms > 0.0 && stats.frame_ms > 0.0);
+                assert!(stats.imbalance > 1.0 - 1e-9, "{}: the slowest over the mean", stats.imbalance);
+            }
             assert!(stats.redone_pixels <= 52 * 37 && stats.redone_depth_pixels <= stats.depth_pixels_in);
             if i > 0 {
                 assert!(stats.largest_fragment > 0 && stats.largest_fragment <= depth_pixels(&cube));
@@ -81,4 +87,37 @@ fn bands_and_clipping_change_no_bit_and_counts_add_up() {
 fn bands_are_so_many_that_threads_even_out() {
     assert_eq!([1, 2, 64].map(|threads| default_band_rows(720, threads)), [192, 96, 16]);
     assert_eq!((default_band_rows(1, 1), default_band_rows(2160, usize::MAX)), (16, 16));
+}
+
+#[test]
+fn a_frame_is_the_same_wherever_its_cube_stands() {
+    let (here, mut renderer) = (cube(), Renderer::new());
+    let (mut there, moved) = (here.clone(), DVec3::new(4.0, -2.0, 8.0));
+    there.info.centre = moved;
+    for camera in cameras() {
+        let moved = camera.with_eye(camera.eye() + moved);
+        for parallel in [Parallel::Bands, Parallel::Fragments(3)] {
+            let settings = RenderSettings { parallel, ..RenderSettings::default() };
+            let expected = renderer.render(&here, &camera, &settings).clone();
+            assert!(*renderer.render(&there, &moved, &settings) == expected, "{parallel:?}");
+        }
+        let settings = RenderSettings::default();
+        assert_eq!(renderer.clip_counts(&here, &camera, &settings), renderer.clip_counts(&there, &moved, &settings));
+    }
+}
+
+#[test]
+fn small_holes_are_filled_unless_they_are_to_be_kept() {
+    let (cube, mut renderer) = (cube(), Renderer::new());
+    for (kernel, fills) in [(SplatKernel::Tent, true), (SplatKernel::Ellipse, true), (SplatKernel::Opaque, false)] {
+        let camera = &cameras()[1];
+        let kept = RenderSettings { kernel, keep_holes: true, ..RenderSettings::default() };
+        let (kept, of_kept) = renderer.render_with_stats(&cube, camera, &kept);
+        let (kept, holes) = (kept.clone(), of_kept.hole_pixels);
+        assert!(holes > 0 && kept.hole_count() == holes);
+        let settings = RenderSettings { kernel, ..RenderSettings::default() };
+        let (filled, stats) = renderer.render_with_stats(&cube, camera, &settings);
+        assert_eq!(stats.hole_pixels, holes, "filled or not");
+        assert_eq!(filled.color != kept.color, fills, "{kernel:?}");
+    }
 }

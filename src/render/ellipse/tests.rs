@@ -91,6 +91,10 @@ fn surfaces_are_averaged_and_lie_over_what_is_behind() {
     near(open.flattened(), [0.5, 0.0, 0.25, 0.75]);
     open.add(red, 0.5, 0.1, 0.01);
     near(open.flattened(), [0.5 + 0.5 * 0.5 / 0.625, 0.0, 0.5 * 0.125 / 0.625, 1.0]);
+    let mut green = Cell::default();
+    green.add([0.0, 1.0, 0.0], 0.46, 0.5, 0.01);
+    green.add([0.0, 0.5, 0.0], 0.25, 0.1, 0.01);
+    near(green.flattened(), [0.0, 0.5 + 0.25 * 0.5, 0.0, 0.75]);
 }
 
 #[test]
