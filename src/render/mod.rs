@@ -52,9 +52,6 @@ pub(crate) mod touched;
 pub(crate) mod transfer;
 pub(crate) mod traverse;
 
-#[cfg(test)]
-mod tests;
-
 pub use count::ClipCounts;
 pub(crate) use epipolar::Spans;
 pub use fragments::MAX_FRAGMENTS;
@@ -451,3 +448,6 @@ impl FramePlan {
 
 /// The least radius of a tent, px; less and more are both worse (docs/decisions.md: sizes from the tangent plane).
 pub(crate) const TENT_MIN_RADIUS_PX: f32 = 0.75;
+
+#[cfg(test)]
+mod tests;

@@ -6,8 +6,6 @@
 
 mod kernel;
 mod plan;
-#[cfg(test)]
-mod tests;
 
 pub(crate) use plan::PlanesInView;
 
@@ -167,3 +165,6 @@ impl PlaneCanvas {
         &self.rims
     }
 }
+
+#[cfg(test)]
+mod tests;
