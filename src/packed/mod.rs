@@ -14,6 +14,9 @@ pub(crate) mod runs;
 pub mod splat_index;
 pub mod validate;
 
+#[cfg(test)]
+pub(crate) mod tests;
+
 pub use blocks::BlockIndex;
 pub use decode::DecodedDepthPixel;
 pub use depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};

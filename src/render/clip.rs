@@ -203,3 +203,6 @@ impl BlockClip<'_> {
             || all(&|h| h.y > bottom * h.z))
     }
 }
+
+#[cfg(test)]
+mod tests;

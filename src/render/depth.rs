@@ -95,3 +95,6 @@ impl DepthCanvas {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

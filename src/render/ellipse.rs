@@ -188,3 +188,6 @@ impl Canvas for EllipseCanvas {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -146,3 +146,6 @@ const ALPHA_SHIFT: u32 = u32::from_ne_bytes([0, 0, 0, 1]).trailing_zeros();
 /// The bytes of two coverages.
 const ENVIRONMENT: u32 = Coverage::ENVIRONMENT.byte() as u32;
 const HOLE: u32 = Coverage::HOLE.byte() as u32;
+
+#[cfg(test)]
+mod tests;

@@ -132,3 +132,6 @@ fn keep<S: Simd>(values: f32x16<S>, shown: mask32x16<S>, to: &mut [f32; Splats::
 fn count<S: Simd>(mask: mask32x16<S>) -> u64 {
     u64::from(mask.to_bitmask().count_ones())
 }
+
+#[cfg(test)]
+mod tests;

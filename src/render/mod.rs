@@ -451,3 +451,6 @@ impl FramePlan {
 
 /// The least radius of a tent, px; less and more are both worse (docs/decisions.md: sizes from the tangent plane).
 pub(crate) const TENT_MIN_RADIUS_PX: f32 = 0.75;
+
+#[cfg(test)]
+mod tests;

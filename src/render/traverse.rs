@@ -258,3 +258,6 @@ fn for_each_block(run: &Run, mut visit: impl FnMut(Run)) {
         visit(Run { range, descending: run.descending });
     });
 }
+
+#[cfg(test)]
+mod tests;

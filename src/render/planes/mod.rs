@@ -165,3 +165,6 @@ impl PlaneCanvas {
         &self.rims
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -247,3 +247,6 @@ impl TileInView {
         })
     }
 }
+
+#[cfg(test)]
+pub(super) mod tests;
