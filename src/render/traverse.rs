@@ -44,7 +44,8 @@ impl<P: Format> Batch<P> {
     /// the pixels from `column` on.
     fn extend(&mut self, column: u8, counts: &[u32], samples: &[P]) {
         self.depth_pixels[..samples.len()].copy_from_slice(samples);
-        let starts = counts.iter().map(|start| (start - counts[0]) as usize);
+        // Counts of a damaged cube need not ascend.
+        let starts = counts.iter().map(|start| (start.saturating_sub(counts[0]) as usize).min(samples.len()));
         if samples.len() + 1 == counts.len() && starts.clone().zip(0..).all(|(start, i): (usize, usize)| start == i) {
             // One sample in each pixel, as over most of a simple scene.
             self.columns[..samples.len()].iter_mut().zip(column..).for_each(|(c, column)| *c = column);
