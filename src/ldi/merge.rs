@@ -91,16 +91,21 @@ fn mean_position(cluster: &[LitPart]) -> f64 {
     sum / samples as f64
 }
 
-/// One depth pixel with the mean depth and colour, and the normal of the part that most rays saw.
+/// One depth pixel with the mean depth and colour, and the normal of the part that most rays saw: that of its plane, which says
+/// how far apart its neighbours lie in a frame. What a file says for shading may lean by half a right angle, at the corners of a box.
 fn average(cluster: &[LitPart], tone: ToneMap, bins: &DepthBins) -> DepthPixel {
     let samples: u64 = cluster.iter().map(|part| u64::from(part.count)).sum();
     let color: Vec3 = cluster.iter().map(|part| part.color() * (part.count as f32 / samples as f32)).sum();
     let most_seen = cluster.iter().min_by_key(|part| (std::cmp::Reverse(part.count), part.key));
-    let normal = most_seen.map_or(EncodedNormal::new(Vec3::Z), |part| part.normal);
+    let normal = most_seen.map_or(Vec3::Z, |part| part.plane_normal);
     // Half a step of the offset keeps the inverse depth positive even in the first bin.
     let position = mean_position(cluster) + 0.5 / 65_536.0;
     let [r, g, b] = tone.levels(color);
-    DepthPixel { inverse_depth: bins.inverse_depth(position) as f32, normal, color_srgb: [r, g, b, 255] }
+    DepthPixel {
+        inverse_depth: bins.inverse_depth(position) as f32,
+        normal: EncodedNormal::new(normal),
+        color_srgb: [r, g, b, 255],
+    }
 }
 
 fn colors_apart(cluster: &[LitPart], tone: ToneMap, bins: &DepthBins) -> Vec<DepthPixel> {
@@ -138,7 +143,6 @@ mod tests {
             emission: Vec3::ZERO,
             sun: Vec3::ZERO,
             soft: Vec3::ZERO,
-            normal: EncodedNormal::new(Vec3::Z),
             plane_normal: Vec3::Z,
             plane_distance: 1.0,
         }
@@ -221,15 +225,14 @@ mod tests {
 
     #[test]
     fn a_mean_has_the_normal_that_most_rays_saw() {
-        let normal = |axis: Vec3| EncodedNormal::new(axis);
         let mut pixel = [part(9.75, 50, 3, 4.0, 2), part(10.25, 50, 4, 1.0, 7)];
-        (pixel[0].normal, pixel[1].normal) = (normal(Vec3::X), normal(Vec3::Y));
+        (pixel[0].plane_normal, pixel[1].plane_normal) = (Vec3::X, Vec3::Y);
         let mut out = Vec::new();
         depth_pixels_of(&pixel, MergeRule::Average, ToneMap::default(), &DepthBins::new(0.5, 64), &mut out);
-        assert_eq!(out[0].0.normal, normal(Vec3::Y));
+        assert_eq!(out[0].0.normal, EncodedNormal::new(Vec3::Y));
         pixel[0].count = 4;
         out.clear();
         depth_pixels_of(&pixel, MergeRule::Average, ToneMap::default(), &DepthBins::new(0.5, 64), &mut out);
-        assert_eq!(out[0].0.normal, normal(Vec3::X), "of as many the one that was first");
+        assert_eq!(out[0].0.normal, EncodedNormal::new(Vec3::X), "of as many the one that was first");
     }
 }

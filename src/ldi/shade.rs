@@ -8,7 +8,6 @@
 //! Albedo is averaged over all rays, and, where a triangle has a texture, over a grid of points in its part of the pixel.
 //! Without the grid an LDI with half of the rays aliases (docs/decisions.md: light for each depth pixel, not for each ray).
 
-use super::EncodedNormal;
 use super::accumulate::{Accumulator, sixteen_bits};
 use crate::capture::light::{LightSample, Lighting, LitPoint};
 use crate::capture::rig::Face;
@@ -57,9 +56,7 @@ pub struct LitPart {
     pub sun: Vec3,
     /// Radiosity per albedo from everything else, which varies slowly over a surface. Linear, exposed.
     pub soft: Vec3,
-    /// Unit shading normal on the seen side.
-    pub normal: EncodedNormal,
-    /// Unit normal of the triangle's plane.
+    /// Unit normal of the triangle's plane, on the seen side.
     pub plane_normal: Vec3,
     /// Distance of the triangle's plane from the centre, metres.
     pub plane_distance: f32,
@@ -79,7 +76,7 @@ impl Shader<'_> {
         let scene = self.tracer.scene();
         let side = if acc.is_back() { -1.0 } else { 1.0 };
         let front = self.tracer.geometric_normal(acc.primitive);
-        let (normal, shading_normal) = (front * side, scene.shading_normal(acc.primitive, front, u, v) * side);
+        let plane_normal = front * side;
         let triangle = self.tracer.triangle(acc.primitive);
         let exposure = self.lighting.exposure;
         LitPart {
@@ -95,9 +92,8 @@ impl Shader<'_> {
             emission: Vec3::from_array(scene.emission(acc.primitive, u, v)) * exposure,
             sun: Vec3::ZERO,
             soft: if self.samples == 0 { Vec3::splat(exposure) } else { Vec3::ZERO },
-            normal: EncodedNormal::new(shading_normal),
-            plane_normal: normal,
-            plane_distance: normal.dot(triangle[0]),
+            plane_normal,
+            plane_distance: plane_normal.dot(triangle[0]),
         }
     }
 

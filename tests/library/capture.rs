@@ -213,6 +213,26 @@ fn a_floor_seen_edge_on_has_few_gaps_from_higher_up() {
     }
 }
 
+/// Exporters of boxes often share normals at their corners, which lean by 55 degrees from each wall. Footprints are of walls.
+#[test]
+fn normals_for_shading_that_lean_leave_no_gaps_in_walls() {
+    let flat = room();
+    let leaning = {
+        let mut scene = Scene::clone(&flat);
+        // The first box is the room, seen from within: each corner's normal points to its middle.
+        scene.normals = scene.positions.iter().map(|p| -p.as_vec3().normalize()).collect();
+        Arc::new(scene)
+    };
+    let unlit = asked(|p| p.light_samples = 0);
+    let [flat, leaning] = [flat, leaning].map(|scene| capture(&unlit, &scene, &Resources::default()));
+    let [of_flat, of_leaning] = [&flat, &leaning].map(open_share);
+    assert!(of_leaning == of_flat, "{of_leaning} of the frames is open, {of_flat} without such normals");
+    let surfaces = |ldi: &CubeLdi| -> Vec<_> {
+        ldi.faces.iter().flat_map(|face| &face.samples).map(|sample| (sample.inverse_depth, sample.normal)).collect()
+    };
+    assert!(surfaces(&leaning) == surfaces(&flat), "the walls are the same");
+}
+
 #[test]
 fn every_sampler_and_merge_rule_gives_a_valid_ldi() {
     let scene = room();

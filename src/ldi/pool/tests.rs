@@ -2,7 +2,6 @@
 
 use super::*;
 use crate::capture::sampler::{RayKey, random4, unit_float};
-use crate::ldi::EncodedNormal;
 use crate::ldi::shade::LitPart;
 
 const SIZE: u32 = 64;
@@ -21,7 +20,6 @@ fn part(class: u16, plane_distance: f32) -> LitPart {
         emission: Vec3::ZERO,
         sun: Vec3::ZERO,
         soft: Vec3::ZERO,
-        normal: EncodedNormal::new(Vec3::Z),
         plane_normal: Vec3::Z,
         plane_distance,
     }

@@ -56,7 +56,7 @@ impl<'a> Scene<'a> {
 fn measured(report: &Report) -> String {
     let machine = &report.machine;
     let sizes = range_of_sizes(&report.scenes);
-    let eyes: usize = report.scenes.iter().map(|facts| facts.eyes.len()).sum();
+    let eyes: usize = report.scenes.iter().map(|facts| facts.judged_eyes().count()).sum();
     let scenes = match report.scenes.as_slice() {
         [one] => format!("{} ({} triangles)", short(&one.scene), one.triangles),
         many => format!("{} scenes", many.len()),

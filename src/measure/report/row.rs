@@ -138,6 +138,11 @@ pub struct SceneFacts {
 }
 
 impl SceneFacts {
+    /// The eyes that errors are measured from; those of a path are for how frames change along it.
+    pub(super) fn judged_eyes(&self) -> impl Iterator<Item = &EyeRecord> + Clone {
+        self.eyes.iter().filter(|eye| eye.place != "path")
+    }
+
     /// Depth pixels over occupied pixels.
     pub fn depth_complexity(&self) -> f64 {
         self.layers.iter().sum::<u64>() as f64 / self.layers[0].max(1) as f64

@@ -73,8 +73,7 @@ pub(super) fn scene(report: &Report, facts: &SceneFacts) -> String {
 }
 
 fn truth_sentence(facts: &SceneFacts) -> String {
-    let judged: Vec<_> = facts.eyes.iter().filter(|eye| eye.place != "path").collect();
-    let samples = judged.iter().map(|eye| eye.truth_samples);
+    let samples = facts.judged_eyes().map(|eye| eye.truth_samples);
     let (least, most) = (samples.clone().min().unwrap_or(0), samples.max().unwrap_or(0));
     let [width, height] = facts.frame_px;
     let samples = if least == most { most.to_string() } else { format!("{least} to {most}") };
@@ -83,7 +82,7 @@ fn truth_sentence(facts: &SceneFacts) -> String {
          standard error lies {:.1} dB or more below every error that is measured with it.\n",
         facts.triangles,
         facts.face_size_px,
-        judged.len(),
+        facts.judged_eyes().count(),
         facts.margin_db,
     )
 }

@@ -18,7 +18,8 @@ pub(super) fn ms(ms: f64) -> String {
 
 /// A number of bytes.
 pub(super) fn bytes(bytes: u64) -> String {
-    format!("{:.1} MB", bytes as f64 / 1e6)
+    let kilobytes = bytes as f64 / 1e3;
+    if kilobytes < 999.5 { format!("{kilobytes:.0} kB") } else { format!("{:.1} MB", kilobytes / 1e3) }
 }
 
 /// `a`, `a and b`, `a, b and c`.
@@ -27,5 +28,13 @@ pub(super) fn list(mut items: Vec<String>) -> String {
         (Some(last), false) => format!("{} and {last}", items.join(", ")),
         (Some(last), true) => last,
         (None, _) => "nothing".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn little_memory_is_not_none() {
+        assert_eq!([9_400, 999_499, 999_500, 50_600_000].map(super::bytes), ["9 kB", "999 kB", "1.0 MB", "50.6 MB"]);
     }
 }
