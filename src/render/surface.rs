@@ -112,7 +112,7 @@ impl SurfaceCanvas {
                 let start = (first_row + row) * stride + column;
                 let to = start..start + BLOCK;
                 let (colors, inverse_depths) = (&mut self.colors[to.clone()], &mut self.inverse_depth[to]);
-                if touched.contains(&row) {
+                if touched.contains(row) {
                     let shown = self.peel.shown(row);
                     colors.copy_from_slice(&shown.0.map(u32::to_le_bytes));
                     inverse_depths.copy_from_slice(shown.1);

@@ -9,7 +9,6 @@ use super::piece::{Piece, TILE_ROWS, weights};
 use crate::render::linear::LinearLight;
 use crate::render::tent::ONE;
 use fearless_simd::{Simd, f32x8, i32x8, mask32x8, prelude::*, u32x8};
-use std::ops::Range;
 
 /// Inverse depth where nothing is.
 const NOWHERE: f32 = -1.0;
@@ -34,6 +33,32 @@ impl Tolerance {
     #[inline(always)]
     fn reach_of<S: Simd>(self, inverse_depth: f32x8<S>) -> f32x8<S> {
         inverse_depth + (inverse_depth * self.relative).max(self.least)
+    }
+}
+
+/// Rows of a tile, a bit each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Touched(u32);
+
+const _: () = assert!(TILE_ROWS == u32::BITS as usize, "a bit for each row");
+
+impl Touched {
+    /// The rows that some pieces touch.
+    #[inline(always)]
+    fn by(pieces: &[Piece]) -> Self {
+        let below = |row: u16| (1u64 << row.min(TILE_ROWS as u16)) - 1;
+        Self(pieces.iter().fold(0, |rows, piece| rows | (below(piece.rows[1]) & !below(piece.rows[0])) as u32))
+    }
+
+    /// From the first to the last.
+    #[inline(always)]
+    pub(super) fn rows(self) -> impl Iterator<Item = usize> {
+        (0..TILE_ROWS).filter(move |row| self.0 >> row & 1 == 1)
+    }
+
+    #[inline(always)]
+    pub(super) fn contains(self, row: usize) -> bool {
+        self.0 >> row & 1 == 1
     }
 }
 
@@ -109,23 +134,25 @@ impl Peel {
         ground: impl Fn(usize) -> Option<(&'a [[u8; 4]; BLOCK], &'a [f32; BLOCK])>,
         tolerance: Tolerance,
         light: &LinearLight,
-    ) -> Range<usize> {
-        let first = pieces.iter().map(|piece| piece.rows[0]).min().unwrap_or(0);
-        let end = pieces.iter().map(|piece| piece.rows[1]).max().unwrap_or(0);
-        let touched = usize::from(first)..usize::from(end).min(TILE_ROWS);
-        for row in touched.clone() {
+    ) -> Touched {
+        let touched = Touched::by(pieces);
+        for row in touched.rows() {
             self.rows[row].lay(simd, ground(row));
         }
         self.find_front(simd, pieces, tolerance);
-        self.rows[touched.clone()].iter_mut().for_each(|row| row.begin_front(simd, tolerance));
+        for row in touched.rows() {
+            self.rows[row].begin_front(simd, tolerance);
+        }
         self.add_front(simd);
         let mut some_open = false;
-        for row in &mut self.rows[touched.clone()] {
-            some_open |= row.color_front(simd, tolerance);
+        for row in touched.rows() {
+            some_open |= self.rows[row].color_front(simd, tolerance);
         }
         if some_open {
             self.add_behind(simd);
-            self.rows[touched.clone()].iter_mut().for_each(|row| row.blend(simd, light));
+            for row in touched.rows() {
+                self.rows[row].blend(simd, light);
+            }
         }
         touched
     }

@@ -1,7 +1,7 @@
 //! Peeled tiles against the definition, splat by splat.
 
 use super::mean::{BLOCK, MIN_SHARE, OPAQUE, together};
-use super::peel::{Peel, Tolerance};
+use super::peel::{Peel, Tolerance, Touched};
 use super::piece::{Piece, TILE_ROWS};
 use crate::capture::random::Rng;
 use crate::capture::simd;
@@ -17,11 +17,11 @@ type Ground = [([[u8; 4]; BLOCK], [f32; BLOCK]); TILE_ROWS];
 /// Colours with shares of 255, and inverse depths, row by row.
 type Shown = Vec<([u32; BLOCK], [f32; BLOCK])>;
 
-fn peeled(level: Level, pieces: &[Piece], ground: Option<&Ground>) -> (std::ops::Range<usize>, Shown) {
+fn peeled(level: Level, pieces: &[Piece], ground: Option<&Ground>) -> (Touched, Shown) {
     let mut peel = Peel::default();
     let under = |row: usize| ground.map(|ground| (&ground[row].0, &ground[row].1));
     let touched = dispatch!(level, simd => peel.draw(simd, pieces, under, TOLERANCE, LinearLight::tables()));
-    let shown = touched.clone().map(|row| (*peel.shown(row).0, *peel.shown(row).1)).collect();
+    let shown = touched.rows().map(|row| (*peel.shown(row).0, *peel.shown(row).1)).collect();
     (touched, shown)
 }
 
@@ -99,7 +99,7 @@ fn tiles_show_what_the_definition_says_at_every_level_in_any_order() {
         let mut pieces = some_pieces(&mut random, count);
         for ground in [None, Some(&ground)] {
             let (touched, shown) = peeled(Level::baseline(), &pieces, ground);
-            for (row, (colors, inverse_depths)) in touched.clone().zip(&shown) {
+            for (row, (colors, inverse_depths)) in touched.rows().zip(&shown) {
                 for i in 0..BLOCK {
                     let drawn = pieces.iter().map(|piece| {
                         let [r, g, b, _] = piece.color;
@@ -119,7 +119,7 @@ fn tiles_show_what_the_definition_says_at_every_level_in_any_order() {
             for level in simd::levels() {
                 pieces.reverse();
                 pieces.rotate_left(count / 3);
-                assert_eq!(peeled(level, &pieces, ground), (touched.clone(), shown.clone()), "{level:?}");
+                assert_eq!(peeled(level, &pieces, ground), (touched, shown.clone()), "{level:?}");
             }
         }
     }
