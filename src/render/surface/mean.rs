@@ -15,7 +15,8 @@ pub(in crate::render) const MIN_SHARE: u32 = 13;
 
 const _: () = assert!(OPAQUE < ONE, "a whole surface hides what is behind it");
 
-/// Of each pixel of a block red, green and blue times weight, and weight, added up: whole numbers, so that the order does not matter.
+/// Of each pixel of a block red, green and blue times weight, and weight, added up: whole numbers, so that the order does not matter. There is
+/// room for 131,000 splats of weight 1 in a pixel; where many samples share one, each weighs down to a 28th of that.
 pub(super) type Sums = [[u32; BLOCK]; 4];
 
 /// Nothing.
