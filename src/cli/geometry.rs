@@ -7,6 +7,7 @@ use super::progress::Bar;
 use super::words::UsageError;
 use crate::cache;
 use crate::capture::Camera;
+use crate::capture::images::ImageSet;
 use crate::capture::scene::FileFrame;
 use crate::view_geometry::{
     GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, Patience, SampleGrid, Texturing, ViewGeometry,
@@ -71,16 +72,11 @@ impl GeometryArgs {
     }
 }
 
-/// Opens a folder, with the camera of its middle view.
-pub(super) fn open_geometry(
-    folder: &Path,
-    set: SetArgs,
-    args: &GeometryArgs,
-) -> anyhow::Result<(ViewGeometry, Option<Camera>)> {
-    let set = set.open_registered(folder)?;
-    let views = with_depth(&set)?;
+/// Opens a set, with the camera of its middle view.
+pub(super) fn geometry_of(set: &ImageSet, args: &GeometryArgs) -> anyhow::Result<(ViewGeometry, Option<Camera>)> {
+    let views = with_depth(set)?;
     let bar = Bar::new();
-    let geometry = ViewGeometry::open(&set, &views, &args.resources(cache::folder(cache::IMAGES)), &bar)?;
+    let geometry = ViewGeometry::open(set, &views, &args.resources(cache::folder(cache::IMAGES)), &bar)?;
     bar.finish();
     geometry.notes().iter().for_each(|note| eprintln!("note: {note}"));
     Ok((geometry, set.central_view().and_then(|view| view.camera())))
@@ -108,7 +104,7 @@ impl GeometryContent {
         texturing: Texturing,
         args: &GeometryArgs,
     ) -> anyhow::Result<(Self, FileFrame, DefaultCamera)> {
-        let (geometry, central) = open_geometry(folder, set, args)?;
+        let (geometry, central) = geometry_of(&set.open_registered(folder)?, args)?;
         let camera = central.map_or(DefaultCamera::at(DVec3::ZERO), |camera| DefaultCamera::like(&camera));
         let settings = GeometrySettings { texturing, ..args.settings() };
         let frame = geometry.frame;

@@ -8,7 +8,7 @@ use super::place::place_headbox;
 use super::progress::Bar;
 use super::words::UsageError;
 use crate::capture::light::Lighting;
-use crate::capture::scene::FileFrame;
+use crate::capture::scene::{FileFrame, Headbox};
 use crate::capture::trace::Tracer;
 use crate::capture::{Camera, Scene, viewpoint};
 use crate::container::FileError;
@@ -19,6 +19,7 @@ use crate::lumigraph::{
 use anyhow::Context;
 use clap::Args;
 use glam::DVec3;
+use image::RgbImage;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -48,12 +49,13 @@ pub(super) struct LumigraphCommand {
 /// Where the cameras stand that look at a scene.
 #[derive(Args)]
 pub(super) struct GridArgs {
-    /// Middle of the cameras; the centre of the scene's headbox if absent
+    /// Middle of the cameras; the centre of the scene's headbox if absent. Given several times, so many planes of cameras
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
-    plane: Option<DVec3>,
-    /// Where the cameras look, across their plane; the direction in which there is most to see if absent
+    plane: Vec<DVec3>,
+    /// Where the cameras look, across their plane; the direction in which there is most to see if absent. Once for all planes, or
+    /// once for each
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
-    normal: Option<DVec3>,
+    normal: Vec<DVec3>,
     /// Direction that points up in the images; the file's up axis if absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     up_vector: Option<DVec3>,
@@ -93,6 +95,10 @@ pub(super) struct LumigraphQualityArgs {
     /// so on, as long as the outermost stay, each with the layers that it needs
     #[arg(long, value_name = "WxH", value_parser = parse_size, conflicts_with = "layers")]
     optimum: Option<(u32, u32)>,
+    /// With --optimum: keep the point that errs least and whose frames take so many milliseconds at most; it may have more layers than the
+    /// curve asks for
+    #[arg(long, value_name = "MS", value_parser = parse_budget, requires = "optimum")]
+    budget: Option<f64>,
     /// Where layers are put
     #[arg(long, value_name = "WHERE", default_value = "histogram", value_parser = by_name(PLACEMENTS))]
     placement: Placement,
@@ -133,6 +139,10 @@ fn parse_fov(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|fov| (0.1..=170.0).contains(fov)).ok_or("give degrees from 0.1 to 170".into())
 }
 
+fn parse_budget(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|ms: &f64| *ms > 0.0 && ms.is_finite()).ok_or("give milliseconds above 0".into())
+}
+
 impl LumigraphCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         if is_image_set(&self.scene) {
@@ -153,7 +163,8 @@ impl LumigraphCommand {
         let mut slabs = Vec::new();
         for grid in &grids {
             let raw = capture.run(grid, &bar)?;
-            let (slab, number) = (self.layered(&raw, &bar), slabs.len() + 1);
+            let traced = |cameras: &[Camera]| Ok(capture.frames(cameras, &bar)?);
+            let (slab, number) = (self.layered(&raw, traced, &bar), slabs.len() + 1);
             slabs.push(match grids.len() {
                 1 => slab?,
                 count => slab.with_context(|| format!("light slab {number} of {count}"))?,
@@ -167,14 +178,19 @@ impl LumigraphCommand {
         Ok(())
     }
 
-    pub(super) fn layered(&self, raw: &RawLumigraph, bar: &Bar) -> anyhow::Result<Lumigraph> {
-        let LumigraphQualityArgs { layers, placement, optimum, .. } = self.quality;
-        match optimum {
-            None => Ok(raw.layered(layers as usize, placement)?),
-            Some((width, height)) => {
-                let frames = [[0.5, 0.5], [0.2, 0.3], [0.7, 0.9]].map(|at| frame_from(raw.grid(), at, [width, height]));
-                Ok(raw.fastest(&frames, placement, bar)?)
-            }
+    /// The images with layers; `expected` tells what frames should show.
+    pub(super) fn layered(
+        &self,
+        raw: &RawLumigraph,
+        expected: impl Fn(&[Camera]) -> anyhow::Result<Vec<RgbImage>>,
+        bar: &Bar,
+    ) -> anyhow::Result<Lumigraph> {
+        let LumigraphQualityArgs { layers, placement, optimum, budget, .. } = self.quality;
+        let Some((width, height)) = optimum else { return Ok(raw.layered(layers as usize, placement)?) };
+        let frames = [[0.5, 0.5], [0.2, 0.3], [0.7, 0.9]].map(|at| frame_from(raw, at, [width, height]));
+        match budget {
+            None => Ok(raw.fastest(&frames, placement, bar)?),
+            Some(ms) => Ok(raw.nearest_within(ms, &frames, &expected(&frames)?, placement, bar)?),
         }
     }
 
@@ -193,7 +209,8 @@ impl LumigraphCommand {
         println!("{file}: {of_slabs}{columns}x{rows} images, {layers} layers, {seconds:.2} s");
         for point in &slabs.info().curve {
             let [columns, rows] = point.cameras;
-            println!("  {columns}x{rows} images, {} layers: {:.2} ms a frame", point.layers, point.ms);
+            let error = point.psnr_db.map(|db| format!(", {db:.1} dB")).unwrap_or_default();
+            println!("  {columns}x{rows} images, {} layers: {:.2} ms a frame{error}", point.layers, point.ms);
         }
         println!("look at it: headbox render {file} -o frame.png");
     }
@@ -210,8 +227,8 @@ impl GridArgs {
     /// What is said, by its flag.
     pub(super) fn given(&self) -> [(&'static str, bool); 11] {
         [
-            ("--plane", self.plane.is_some()),
-            ("--normal", self.normal.is_some()),
+            ("--plane", !self.plane.is_empty()),
+            ("--normal", !self.normal.is_empty()),
             ("--up-vector", self.up_vector.is_some()),
             ("--extent", self.extent.is_some()),
             ("--cameras", self.cameras.is_some()),
@@ -226,24 +243,56 @@ impl GridArgs {
 
     /// The cameras of each light slab, and a tracer about the first one's plane.
     fn place(&self, scene: &Arc<Scene>) -> anyhow::Result<(Vec<CameraGrid>, Tracer)> {
-        let usage = |error: String| UsageError(error);
-        let frame = &scene.frame;
-        let headbox = place_headbox(scene, self.plane, None)?;
-        let (origin, edge_m) =
-            (headbox.centre, self.extent.map_or(2.0 * headbox.half_size_m, |edge| edge * frame.unit_m));
-        let tracer = Tracer::new(Arc::clone(scene), origin);
-        let normal = self.normal.map(|normal| frame.world_direction_from_file(normal));
-        let normal = normal.unwrap_or_else(|| viewpoint::suggest_view(&tracer, origin));
-        let up = self.up_vector.map_or(DVec3::Y, |up| frame.world_direction_from_file(up));
-        let world_from_eye = CameraGrid::facing(normal, up)
-            .ok_or_else(|| usage("--normal has no direction; give three numbers that are not all 0".into()))?;
+        let several = self.plane.len() > 1;
+        if several && self.slabs.is_some() {
+            return Err(usage("--slabs turns one --plane; give one, or leave --slabs out"));
+        }
+        if self.plane.len() > MAX_SLABS {
+            return Err(usage(format!("{} planes; a file has {MAX_SLABS} at most", self.plane.len())));
+        }
+        let planes = self.plane.len().max(1);
+        if self.normal.len() > 1 && self.normal.len() != planes {
+            let normals = self.normal.len();
+            return Err(usage(format!("{normals} --normal for {planes} --plane; give one, or one for each")));
+        }
+        let headbox = place_headbox(scene, self.plane.first().copied(), None)?;
+        let tracer = Tracer::new(Arc::clone(scene), headbox.centre);
+        let mut grids = Vec::with_capacity(planes);
+        for i in 0..planes {
+            let centre = if i == 0 { headbox.centre } else { place_headbox(scene, Some(self.plane[i]), None)?.centre };
+            let place = Headbox { centre, ..headbox };
+            grids.push(self.grid(&tracer, place, self.normal.get(i).or(self.normal.first()).copied())?);
+        }
+        match <[CameraGrid; 1]>::try_from(grids) {
+            Ok([first]) => {
+                let frame = &scene.frame;
+                let centre = self.about.map(|about| frame.world_from_file(about));
+                let grids = self.turned(first, centre, self.up(frame), &tracer)?;
+                Ok((grids, tracer))
+            }
+            Err(grids) => Ok((grids, tracer)),
+        }
+    }
+
+    fn up(&self, frame: &FileFrame) -> DVec3 {
+        self.up_vector.map_or(DVec3::Y, |up| frame.world_direction_from_file(up))
+    }
+
+    /// Cameras on one plane about the middle of a headbox.
+    fn grid(&self, tracer: &Tracer, headbox: Headbox, normal: Option<DVec3>) -> anyhow::Result<CameraGrid> {
+        let frame = &tracer.scene().frame;
+        let edge_m = self.extent.map_or(2.0 * headbox.half_size_m, |edge| edge * frame.unit_m);
+        let normal = normal.map(|normal| frame.world_direction_from_file(normal));
+        let normal = normal.unwrap_or_else(|| viewpoint::suggest_view(tracer, headbox.centre));
+        let world_from_eye = CameraGrid::facing(normal, self.up(frame))
+            .ok_or_else(|| usage("--normal has no direction; give three numbers that are not all 0"))?;
         let (columns, rows) = self.cameras.map_or((4, 4), |(columns, rows)| (columns as usize, rows as usize));
         // Of a single column, the rows' own extent.
         let spacing = edge_m / (columns.max(2) - 1) as f64;
         let (width, height) = self.size.unwrap_or((512, 512));
         let half_fov = self.fov.unwrap_or(60.0).to_radians() / 2.0;
         let mut parts = GridParts {
-            origin,
+            origin: headbox.centre,
             world_from_eye,
             columns: CameraGrid::evenly(columns, edge_m),
             rows: CameraGrid::evenly(rows, if columns > 1 { spacing * (rows - 1) as f64 } else { edge_m }),
@@ -253,12 +302,9 @@ impl GridArgs {
         };
         if !self.parallel {
             let focus_m = self.focus.map(|focus| focus * frame.unit_m);
-            parts.convergence = focus_m.map_or_else(|| middle_disparity(&tracer, &parts), |focus| 1.0 / focus);
+            parts.convergence = focus_m.map_or_else(|| middle_disparity(tracer, &parts), |focus| 1.0 / focus);
         }
-        let first = CameraGrid::new(parts).map_err(|error| usage(error.to_string()))?;
-        let centre = self.about.map(|about| frame.world_from_file(about));
-        let grids = self.turned(first, centre, up, &tracer)?;
-        Ok((grids, tracer))
+        CameraGrid::new(parts).map_err(|error| usage(error.to_string()))
     }
 
     /// A plane of cameras, and the others that it becomes when it is turned.
@@ -288,14 +334,23 @@ impl GridArgs {
     }
 }
 
-/// A frame straight ahead from a place on the plane (shares of the grid's width and height), with the images' vertical field of view.
-fn frame_from(grid: &CameraGrid, at: [f64; 2], [width, height]: [u32; 2]) -> Camera {
+fn usage(text: impl Into<String>) -> anyhow::Error {
+    UsageError(text.into()).into()
+}
+
+/// A frame from a place on the plane (shares of the grid's width and height) of what all images show, as wide as the cameras about
+/// the middle see.
+fn frame_from(raw: &RawLumigraph, at: [f64; 2], size_px: [u32; 2]) -> Camera {
+    let grid = raw.grid();
     let place = |places: &[f64], share: f64| places[0] + share * (places[places.len() - 1] - places[0]);
     let axes = grid.world_from_eye();
     let eye = grid.origin() + axes.x_axis * place(grid.columns(), at[0]) + axes.y_axis * place(grid.rows(), at[1]);
-    let focal_px = grid.focal_px() * f64::from(height) / f64::from(grid.size_px()[1]);
+    // Of parallel cameras, what lies infinitely far ahead.
+    let ahead = (grid.origin() - eye) * grid.convergence() - axes.z_axis;
+    let fov_y_deg = grid.clear_fov_deg(raw.range().unwrap_or_default(), size_px);
     // The size was checked when it was read.
-    Camera::from_parts(eye, axes, focal_px, width, height).unwrap_or_else(|_| grid.camera(0, 0).with_eye(eye))
+    Camera::look_at(eye, eye + ahead, axes.y_axis, fov_y_deg, size_px)
+        .unwrap_or_else(|_| grid.camera(0, 0).with_eye(eye))
 }
 
 /// What there is to know of light slabs: of the first, and where the planes of all are.

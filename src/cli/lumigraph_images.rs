@@ -22,7 +22,7 @@ impl LumigraphCommand {
         let bar = Bar::new();
         let FromImages { raw, notes } = RawLumigraph::from_images(&set, &bar)?;
         notes.iter().for_each(|note| eprintln!("warning: {note}"));
-        let mut lumigraph = self.layered(&raw, &bar)?;
+        let mut lumigraph = self.layered(&raw, |frames| Ok(raw.finest(frames)?), &bar)?;
         bar.finish();
         (lumigraph.info.source, lumigraph.info.frame) = (self.scene.clone(), set.frame);
         lumigraph.write(&self.output)?;

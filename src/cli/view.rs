@@ -1,17 +1,19 @@
 //! `headbox view`.
 
 use super::args::{Names, SourceArgs, by_name, parse_size};
-use super::geometry::{GEOMETRY_ALONE, GeometryArgs, open_geometry, texturing_of};
+use super::geometry::{GEOMETRY_ALONE, GeometryArgs, geometry_of, texturing_of};
 use super::image_set::SetArgs;
 use super::images::{self, is_image_set};
 use super::output::{Outputs, WINDOW, name_of, print_json};
 use super::progress::Bar;
 use super::words::UsageError;
 use crate::capture::Camera;
-use crate::capture::images::View;
+use crate::capture::images::{ImageSet, View, sparse_points};
 use crate::ldi::from_images::{ImagesJob, NearImages};
 use crate::scene_source::SceneSource;
-use crate::view::{SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_photographs, sketch};
+use crate::view::{
+    Marks, SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_marks, show_photographs, sketch,
+};
 use crate::view_geometry::{GeometrySettings, Texturing};
 use anyhow::Context;
 use clap::Args;
@@ -210,24 +212,25 @@ impl ToShow {
             return Ok(open_source(source, out)?);
         }
         let folder = Path::new(&source.name);
-        if live {
-            let (near, start) = near(folder, set)?;
-            return Ok(show_live(near, folder, &start)?);
-        }
-        if let Some(texturing) = texturing {
-            let settings = GeometrySettings { texturing, ..geometry.settings() };
-            let (geometry, start) = open_geometry(folder, set, &geometry)?;
-            let no_start = || format!("{}: its middle view is no perspective picture to start at", source.name);
-            return Ok(show_geometry(geometry, folder, &start.with_context(no_start)?, settings));
-        }
         let set = set.open_registered(folder)?;
-        if set.with_depth().next().is_none() {
-            return Ok(show_photographs(set, folder)?);
-        }
-        let bar = Bar::new();
-        let cube = images::cube_of(&set, &bar)?;
-        bar.finish();
-        Ok(show_cube(cube, folder))
+        let marks = Marks::new(&set.views, sparse_points(folder)?);
+        let shown = if live {
+            let (near, start) = near(folder, set)?;
+            show_live(near, folder, &start)?
+        } else if let Some(texturing) = texturing {
+            let settings = GeometrySettings { texturing, ..geometry.settings() };
+            let (geometry, start) = geometry_of(&set, &geometry)?;
+            let no_start = || format!("{}: its middle view is no perspective picture to start at", source.name);
+            show_geometry(geometry, folder, &start.with_context(no_start)?, settings)
+        } else if set.with_depth().next().is_none() {
+            show_photographs(set, folder)?
+        } else {
+            let bar = Bar::new();
+            let cube = images::cube_of(&set, &bar)?;
+            bar.finish();
+            show_cube(cube, folder)
+        };
+        Ok(show_marks(shown, marks))
     }
 }
 
@@ -284,8 +287,7 @@ pub(super) fn show(file: &Path) -> anyhow::Result<()> {
 }
 
 /// The images of a set that cubes are made of as one moves, and the camera of its middle view that has depth.
-fn near(folder: &Path, set: SetArgs) -> anyhow::Result<(NearImages, Camera)> {
-    let set = set.open_registered(folder)?;
+fn near(folder: &Path, set: ImageSet) -> anyhow::Result<(NearImages, Camera)> {
     images::with_depth(&set)?;
     let start = set.central_view().and_then(View::camera).or_else(|| set.with_depth().find_map(View::camera));
     let no_start = || format!("{}: it has no perspective picture to start at", folder.display());

@@ -127,6 +127,20 @@ impl CameraGrid {
         self.convergence
     }
 
+    /// Vertical field of view, degrees, of a frame of some width and height that looks straight ahead from the grid's origin and
+    /// shows only what the cameras about it see, at whatever disparity of a range (1/m) there is: with what a viewer begins. A quarter of the
+    /// images' own at least.
+    pub fn clear_fov_deg(&self, range: [f64; 2], size_px: [u32; 2]) -> f64 {
+        let apart = range.map(|d| (d - self.convergence).abs());
+        // A point of slope s and disparity d lies s - c (d - convergence) from the middle of the image of a camera at c.
+        let half = [(&self.columns, 0), (&self.rows, 1)].map(|(places, axis)| {
+            let whole = f64::from(self.size_px[axis]) / 2.0 / self.focal_px;
+            (whole - nearest_to_zero(places) * apart[0].max(apart[1])).max(whole / 4.0)
+        });
+        let aspect = f64::from(size_px[1]) / f64::from(size_px[0].max(1));
+        2.0 * half[1].min(half[0] * aspect).atan().to_degrees()
+    }
+
     /// Number of cameras.
     pub fn camera_count(&self) -> usize {
         self.columns.len() * self.rows.len()
@@ -251,6 +265,16 @@ impl PlaneView {
         let most = places.iter().flat_map(|&x| places.iter().map(move |&y| [x, y]));
         let most = most.filter_map(|[x, y]| scale(x, y)).map(|[most, _]| most).fold(middle, f64::max);
         Some([most, middle])
+    }
+}
+
+/// How far the neighbours of 0 among ascending places are from it: 0 if it is one of them.
+fn nearest_to_zero(places: &[f64]) -> f64 {
+    let next = places.partition_point(|place| *place < 0.0);
+    let beyond = places.get(next).copied();
+    match (next.checked_sub(1).map(|before| -places[before]), beyond) {
+        (_, Some(0.0)) => 0.0,
+        (before, beyond) => before.unwrap_or(0.0).max(beyond.unwrap_or(0.0)),
     }
 }
 

@@ -42,15 +42,6 @@ mod show;
 mod slabs;
 mod slabs_render;
 mod taps;
-/// How far the neighbours of 0 among ascending places are from it: 0 if it is one of them.
-fn nearest_to_zero(places: &[f64]) -> f64 {
-    let next = places.partition_point(|place| *place < 0.0);
-    let beyond = places.get(next).copied();
-    match (next.checked_sub(1).map(|before| -places[before]), beyond) {
-        (_, Some(0.0)) => 0.0,
-        (before, beyond) => before.unwrap_or(0.0).max(beyond.unwrap_or(0.0)),
-    }
-}
 
 #[cfg(test)]
 mod tests;
@@ -202,18 +193,8 @@ impl Lumigraph {
         Some([self.layers.first()?.min, self.layers.last()?.max])
     }
 
-    /// Vertical field of view, degrees, of a frame of some width and height that looks straight ahead from the grid's origin and
-    /// shows only what the cameras about it see, at whatever depth there is: with what a viewer begins. A quarter of the images' own
-    /// at least.
+    /// As [`CameraGrid::clear_fov_deg`], of the surfaces that the images show.
     pub fn clear_fov_deg(&self, size_px: [u32; 2]) -> f64 {
-        let grid = &self.grid;
-        let apart = self.range().unwrap_or_default().map(|d| (d - grid.convergence()).abs());
-        // A point of slope s and disparity d lies s - c (d - convergence) from the middle of the image of a camera at c.
-        let half = [(grid.columns(), 0), (grid.rows(), 1)].map(|(places, axis)| {
-            let whole = f64::from(grid.size_px()[axis]) / 2.0 / grid.focal_px();
-            (whole - nearest_to_zero(places) * apart[0].max(apart[1])).max(whole / 4.0)
-        });
-        let aspect = f64::from(size_px[1]) / f64::from(size_px[0].max(1));
-        2.0 * half[1].min(half[0] * aspect).atan().to_degrees()
+        self.grid.clear_fov_deg(self.range().unwrap_or_default(), size_px)
     }
 }

@@ -47,13 +47,23 @@ pub struct LumigraphSettings {
     pub hole_color_srgb: [u8; 3],
 }
 
+impl LumigraphSettings {
+    /// What frames are drawn with if nothing else is said.
+    pub const USUAL: Self = Self {
+        merge: true,
+        tolerance_px: 1.0,
+        plain_levels: 0.0,
+        levels: true,
+        skip: true,
+        blend: Blend::Shared,
+        show: Show::Colors,
+        hole_color_srgb: [0; 3],
+    };
+}
+
 impl Default for LumigraphSettings {
     fn default() -> Self {
-        let blend = Blend::default();
-        let show = Show::default();
-        let (tolerance_px, plain_levels) = (1.0, 0.0);
-        let (merge, levels, skip) = (true, true, true);
-        Self { merge, tolerance_px, plain_levels, levels, skip, blend, show, hole_color_srgb: [0; 3] }
+        Self::USUAL
     }
 }
 

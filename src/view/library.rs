@@ -6,6 +6,7 @@ use super::geometry::GeometrySource;
 use super::house::HouseSource;
 use super::live::LiveSource;
 use super::lumigraph::LumigraphSource;
+use super::marks::{Marked, Marks};
 use super::photographs::PhotographsSource;
 use super::sprite::SpriteSource;
 use crate::capture::deep_exr::DeepImage;
@@ -145,6 +146,11 @@ pub fn show_live(near: NearImages, origin: &Path, start: &Camera) -> Result<Box<
 /// [`OpenError::Scene`] if the first photograph cannot be read, or no thread started.
 pub fn show_photographs(set: ImageSet, origin: &Path) -> Result<Box<dyn FrameSource>, OpenError> {
     Ok(Box::new(PhotographsSource::new(set, origin).map_err(OpenError::Scene)?))
+}
+
+/// What is made of pictures, where the window can draw marks over it: where they were taken.
+pub fn show_marks(source: Box<dyn FrameSource>, marks: Marks) -> Box<dyn FrameSource> {
+    Box::new(Marked::new(source, marks))
 }
 
 fn capture(source: SceneSource, output_dir: &Path) -> Result<CubeSource, OpenError> {

@@ -17,6 +17,7 @@
 //! | `house` | a house, walked; its backdrops are built in the background |
 //! | `live` | a folder of images, by cube LDIs of those nearest to the view, built in the background |
 //! | `lumigraph` | a lumigraph; its overlays |
+//! | `marks` | where pictures were taken, drawn over what is made of them |
 //! | `sprite` | a set of sprites with depth |
 //! | `terms` | a sentence for each term of the panel |
 //! | `background` | thread pools: of low priority for work nobody waits for, of fewer threads for frames |
@@ -33,6 +34,7 @@ mod house;
 mod library;
 mod live;
 mod lumigraph;
+mod marks;
 mod overlay;
 mod photographs;
 mod points;
@@ -44,7 +46,10 @@ mod terms;
 mod tests;
 mod variation;
 
-pub use library::{OpenError, SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_photographs};
+pub use library::{
+    OpenError, SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_marks, show_photographs,
+};
+pub use marks::Marks;
 
 pub use sketch::sketch;
 

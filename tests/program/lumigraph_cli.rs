@@ -87,6 +87,28 @@ fn planes_turned_about_a_place_are_light_slabs_of_one_file() {
 }
 
 #[test]
+fn planes_given_one_by_one_are_light_slabs_of_one_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let planes = ["--plane", "0,0,3", "--normal", "0,0,-1", "--plane", "3,0,0", "--normal", "-1,0,0", "--extent", "1"];
+    assert!(succeeds(dir.path(), &[SMALL.as_slice(), &planes].concat()).contains("2 light slabs of 3x2 images"));
+    let info = json(dir.path(), &["info", "a.lumi", "--json"]);
+    assert_eq!(info["slabs"], serde_json::json!([[0.0, 0.0, 3.0], [3.0, 0.0, 0.0]]));
+    // Each is drawn where it serves: what a traced frame shows, from amid either plane.
+    for eye in ["0.1,0.1,3", "3,0.1,0.1"] {
+        let view = ["--eye", eye, "--look-at", "0,0,0", "--fov", "40", "--size", "80x60"];
+        succeeds(dir.path(), &[["render", "a.lumi", "-o", "r.png"].as_slice(), &view].concat());
+        let truth = ["truth", "builtin:bump", "-o", "t.png", "--samples", "16", "--unlit"];
+        succeeds(dir.path(), &[truth.as_slice(), &view].concat());
+        let db = json(dir.path(), &["compare", "r.png", "t.png", "--json"])["psnr_db"].as_f64().unwrap();
+        assert!(db > 17.0, "{eye}: {db} dB");
+    }
+    let planes = ["--plane", "0,0,3", "--plane", "3,0,0", "--plane", "0,3,0"];
+    let wrong = |more: &[&str], said| fails(dir.path(), 2, &[SMALL.as_slice(), &planes, more].concat(), said);
+    wrong(&["--normal", "0,0,-1", "--normal", "-1,0,0"], "2 --normal for 3 --plane");
+    wrong(&["--slabs", "3"], "--slabs turns one --plane");
+}
+
+#[test]
 fn a_lumigraph_needs_nothing_but_a_scene() {
     let dir = tempfile::tempdir().unwrap();
     // As small as can be, for time alone.
@@ -124,6 +146,15 @@ fn the_fastest_point_of_the_curve_is_kept_with_its_figures() {
     assert!(cameras.contains(&told["cameras"]) && curve.iter().all(|point| point["ms"].as_f64() > Some(0.0)));
     assert_eq!(json(dir.path(), &["info", "a.lumi", "--json"])["capture"]["curve"], told["capture"]["curve"]);
     fails(dir.path(), 2, &[small.as_slice(), &["--optimum", "40x30", "--layers", "9"]].concat(), "cannot be used with");
+
+    let budget = |ms| [small.as_slice(), &WALL, &["--optimum", "40x30", "--json", "--budget", ms]].concat();
+    let told = json(dir.path(), &budget("10000"));
+    let curve = told["capture"]["curve"].as_array().unwrap();
+    let error = |point: &serde_json::Value| point["psnr_db"].as_f64().unwrap();
+    let best = curve.iter().max_by(|a, b| error(a).total_cmp(&error(b))).unwrap();
+    assert!(curve.len() > 2 && best["cameras"] == told["cameras"], "{told}");
+    fails(dir.path(), 2, &budget("0"), "milliseconds above 0");
+    fails(dir.path(), 2, &[small.as_slice(), &["--budget", "4"]].concat(), "--optimum");
 }
 
 /// Writes pictures of a wall 2 m ahead, with stripes at 0.1 m, taken from places at a height of 1.5 m.

@@ -25,12 +25,16 @@ struct Image {
 /// Folders below the one that was named in which a model may lie.
 const PLACES: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];
 
-pub(super) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
-    let model = PLACES.iter().map(|place| folder.join(place)).find_map(|place| {
+/// The folder of a model in a folder or below it, and how its files' names end.
+pub(super) fn model_of(folder: &Path) -> Option<(PathBuf, &'static str)> {
+    PLACES.iter().map(|place| folder.join(place)).find_map(|place| {
         let holds = |ending: &str| place.join(format!("cameras.{ending}")).is_file();
         ["bin", "txt"].into_iter().find(|ending| holds(ending)).map(|ending| (place.clone(), ending))
-    });
-    let Some((place, ending)) = model else { return Ok(None) };
+    })
+}
+
+pub(super) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
+    let Some((place, ending)) = model_of(folder) else { return Ok(None) };
     let (cameras_file, images_file) = (place.join(format!("cameras.{ending}")), place.join(format!("images.{ending}")));
     let (cameras, images) = match ending {
         "bin" => (binary_cameras(&cameras_file)?, binary_images(&images_file)?),
@@ -133,19 +137,19 @@ fn pose_of([w, x, y, z]: [f64; 4], translation: [f64; 3]) -> Result<Pose, String
 }
 
 /// Little-endian numbers of a file, none taken for granted.
-struct Bytes<'a> {
-    file: &'a Path,
-    rest: &'a [u8],
+pub(super) struct Bytes<'a> {
+    pub(super) file: &'a Path,
+    pub(super) rest: &'a [u8],
 }
 
 impl<'a> Bytes<'a> {
-    fn take(&mut self, count: usize) -> Result<&'a [u8], ImagesError> {
+    pub(super) fn take(&mut self, count: usize) -> Result<&'a [u8], ImagesError> {
         let (taken, rest) = self.rest.split_at_checked(count).ok_or_else(|| self.truncated())?;
         self.rest = rest;
         Ok(taken)
     }
 
-    fn truncated(&self) -> ImagesError {
+    pub(super) fn truncated(&self) -> ImagesError {
         ImagesError::field(
             self.file,
             "the file",
@@ -153,7 +157,7 @@ impl<'a> Bytes<'a> {
         )
     }
 
-    fn array<const N: usize>(&mut self) -> Result<[u8; N], ImagesError> {
+    pub(super) fn array<const N: usize>(&mut self) -> Result<[u8; N], ImagesError> {
         let taken = self.take(N)?;
         taken.try_into().map_err(|_| self.truncated())
     }
@@ -162,7 +166,7 @@ impl<'a> Bytes<'a> {
         Ok(u32::from_le_bytes(self.array()?))
     }
 
-    fn u64(&mut self) -> Result<u64, ImagesError> {
+    pub(super) fn u64(&mut self) -> Result<u64, ImagesError> {
         Ok(u64::from_le_bytes(self.array()?))
     }
 
@@ -170,7 +174,7 @@ impl<'a> Bytes<'a> {
         Ok(f64::from_le_bytes(self.array()?))
     }
 
-    fn f64s<const N: usize>(&mut self) -> Result<[f64; N], ImagesError> {
+    pub(super) fn f64s<const N: usize>(&mut self) -> Result<[f64; N], ImagesError> {
         let mut numbers = [0.0; N];
         for number in &mut numbers {
             *number = self.f64()?;
@@ -227,7 +231,7 @@ fn image_of(file: &Path, name: String, camera: u32, pose: Result<Pose, String>) 
 }
 
 /// Lines of a text model without comments, numbered from 1.
-fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     text.lines().zip(1..).map(|(line, number)| (number, line.trim())).filter(|(_, line)| !line.starts_with('#'))
 }
 

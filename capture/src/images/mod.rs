@@ -36,6 +36,7 @@ mod refine;
 mod register;
 mod rgbd;
 mod seurat;
+mod sparse;
 mod text;
 mod view;
 
@@ -48,6 +49,7 @@ pub use pictures::{ColorPicture, read_color};
 pub use pose::Pose;
 pub use refine::{RefinementReport, RefinementStep};
 pub use register::{Kept, Registration, RegistrationReport, RegistrationStep};
+pub use sparse::{SparsePoint, sparse_points};
 pub use view::{FARTHEST_M, LoadedView, View};
 
 use crate::picture::PictureError;
