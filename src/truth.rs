@@ -18,6 +18,8 @@ pub struct Truth {
     pub frame: Frame,
     /// Linear radiance, row by row from the top; empty of a frame that was kept in a file.
     pub radiance: Vec<[f32; 3]>,
+    /// Colours of the two independent halves of the samples, row by row from the top: what differs between them is noise.
+    pub halves: [Vec<[u8; 3]>; 2],
     /// How far the picture is from its own limit, as a PSNR in dB: from the difference between two independent halves
     /// of the samples. Infinite if they agree to the last bit.
     pub standard_error_psnr_db: f64,
@@ -28,6 +30,12 @@ impl Truth {
     pub fn rgb(&self) -> RgbImage {
         // A traced frame has as many pixels as its size says.
         self.frame.to_rgb().unwrap_or_default()
+    }
+
+    /// The colours of each half of the samples as a picture.
+    pub fn halves(&self) -> [RgbImage; 2] {
+        let Frame { width, height, .. } = self.frame;
+        self.halves.each_ref().map(|half| RgbImage::from_raw(width, height, half.concat()).unwrap_or_default())
     }
 }
 
@@ -47,41 +55,51 @@ pub fn render(
     progress.begin("truth", "rows", u64::from(height));
     let row = |y: u32| {
         if progress.is_cancelled() {
-            let dark = TracedPixel { radiance: [0.0; 3], color: [0, 0, 0, 255], coverage: Coverage::ENVIRONMENT };
-            return (vec![dark; width as usize], 0.0);
+            return vec![TracedPixel::DARK; width as usize];
         }
         let mut pixels = Vec::with_capacity(width as usize);
-        let mut squared_error = 0.0;
         for x in 0..width {
             let pixel = PixelTracer { tracer, lighting, lit, camera, x, y };
             let [(first, hits), (second, more_hits)] = [0, half].map(|first| pixel.radiance(first, half));
-            let [a, b] = [first, second].map(|half| lighting.stored(half));
-            for c in 0..3 {
-                // The mean of two halves has half the standard deviation of their difference.
-                squared_error += (f64::from(a[c].abs_diff(b[c])) / 2.0).powi(2);
-            }
+            let halves = [first, second].map(|half| lighting.stored(half));
             let mean = (first + second) / 2.0;
             let [r, g, b] = lighting.stored(mean);
             let coverage = surfaces_of(hits + more_hits, 2 * half);
-            pixels.push(TracedPixel { radiance: mean.to_array(), color: [r, g, b, 255], coverage });
+            pixels.push(TracedPixel { radiance: mean.to_array(), color: [r, g, b, 255], halves, coverage });
         }
         progress.advance(1);
-        (pixels, squared_error)
+        pixels
     };
-    let rows: Vec<_> = (0..height).into_par_iter().map(row).collect();
-    let mean_square = rows.iter().map(|row| row.1).sum::<f64>() / (f64::from(width) * f64::from(height) * 3.0);
-    let pixels = || rows.iter().flat_map(|row| &row.0);
+    let rows: Vec<Vec<TracedPixel>> = (0..height).into_par_iter().map(row).collect();
+    let pixels = || rows.iter().flatten();
     let (color, coverage) = pixels().map(|pixel| (pixel.color, pixel.coverage)).unzip();
     let frame = Frame { width, height, color, coverage, depth_m: Vec::new() };
     let radiance = pixels().map(|pixel| pixel.radiance).collect();
-    Truth { frame, radiance, standard_error_psnr_db: 10.0 * (255.0f64.powi(2) / mean_square).log10() }
+    let halves = [0, 1].map(|half| pixels().map(|pixel| pixel.halves[half]).collect());
+    let standard_error_psnr_db = standard_error_psnr_db(&halves);
+    Truth { frame, radiance, halves, standard_error_psnr_db }
+}
+
+/// How far the mean of two halves is from its own limit, as a PSNR in dB: it has half the standard deviation of their difference.
+fn standard_error_psnr_db([first, second]: &[Vec<[u8; 3]>; 2]) -> f64 {
+    let levels = first.as_flattened().iter().zip(second.as_flattened());
+    let squared_error: f64 = levels.map(|(a, b)| (f64::from(a.abs_diff(*b)) / 2.0).powi(2)).sum();
+    let mean_square = squared_error / (3 * first.len()) as f64;
+    10.0 * (255.0f64.powi(2) / mean_square).log10()
 }
 
 #[derive(Clone, Copy)]
 struct TracedPixel {
     radiance: [f32; 3],
     color: [u8; 4],
+    halves: [[u8; 3]; 2],
     coverage: Coverage,
+}
+
+impl TracedPixel {
+    /// What nobody waited for.
+    const DARK: Self =
+        Self { radiance: [0.0; 3], color: [0, 0, 0, 255], halves: [[0; 3]; 2], coverage: Coverage::ENVIRONMENT };
 }
 
 /// Eye depth of what each pixel's middle shows, metres, row by row; infinite where there is nothing.

@@ -17,6 +17,9 @@ use std::path::{Path, PathBuf};
 /// A cached truth frame.
 const TRUTH_FILE: FileKind = FileKind::TRUTH;
 
+/// The sections of the two halves of its samples; a file without them, of an earlier program, is traced anew.
+const HALVES: [&str; 2] = ["half 1", "half 2"];
+
 /// What a cached frame says of itself.
 #[derive(Serialize, Deserialize)]
 struct Header {
@@ -91,6 +94,9 @@ fn write(path: &Path, truth: &Truth) -> Result<(), FileError> {
     let mut writer = ContainerWriter::new(TRUTH_FILE);
     writer.section("info", move || Ok(serde_json::to_vec(&header)?));
     writer.section("color", || Ok(truth.rgb().into_raw()));
+    for (name, half) in HALVES.into_iter().zip(&truth.halves) {
+        writer.section(name, || Ok(half.as_flattened().to_vec()));
+    }
     writer.section("surface", || Ok(bytemuck::cast_slice(&shares).to_vec()));
     writer.write(path)
 }
@@ -101,11 +107,13 @@ fn read(path: &Path) -> Result<Truth, FileError> {
     let Header { width, height, standard_error_psnr_db } = info.json()?;
     let pixels = (width as usize).saturating_mul(height as usize);
     let color: Vec<[u8; 3]> = file.section("color")?.array(pixels)?;
+    let half = |name| -> Result<Vec<[u8; 3]>, FileError> { file.section(name)?.array(pixels) };
+    let halves = [half(HALVES[0])?, half(HALVES[1])?];
     let shares: Vec<f32> = file.section("surface")?.array(pixels)?;
     let color = color.into_iter().map(|[r, g, b]| [r, g, b, 255]).collect();
     let coverage = shares.into_iter().map(coverage_of).collect();
     let frame = Frame { width, height, color, coverage, depth_m: Vec::new() };
-    Ok(Truth { frame, radiance: Vec::new(), standard_error_psnr_db })
+    Ok(Truth { frame, radiance: Vec::new(), halves, standard_error_psnr_db })
 }
 
 /// The coverage whose share of 255 was written; less than all is never full.
@@ -149,6 +157,8 @@ pub fn samples_for(wanted_db: f64, reached_db: f64, samples: u32, most: u32) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::measure::stats::psnr_of_mse;
+    use crate::metrics;
     use crate::progress::Silent;
     use glam::DVec3;
     use std::sync::Arc;
@@ -191,6 +201,29 @@ mod tests {
         let damaged = std::fs::read_dir(folder.path()).expect("there").flatten();
         damaged.for_each(|file| std::fs::write(file.path(), b"HEADBOX\0trth").expect("written"));
         assert_eq!(first, truths.frame(&camera(0.0), 4, &Silent));
+    }
+
+    #[test]
+    fn an_error_is_known_without_the_noise_of_truth() {
+        let scene = Arc::new(crate::scenes::build("interior", 0).expect("built in"));
+        let centre = scene.headbox.expect("it has one").centre;
+        let tracer = Tracer::new(scene, centre);
+        let lighting = Lighting::measure(&tracer, 1);
+        let camera = Camera::look_at(centre, centre - DVec3::Z, DVec3::Y, 60.0, [48, 36]).expect("valid");
+        let frame = |samples| truth::render(&tracer, &lighting, true, &camera, samples, &Silent);
+        // A picture that is off by a known error from what truth converges to.
+        let mut off = frame(2048).rgb();
+        for (i, level) in off.iter_mut().enumerate() {
+            *level = if i % 2 == 0 { level.saturating_add(8) } else { level.saturating_sub(8) };
+        }
+        let exact = metrics::psnr_db(&frame(4096).rgb(), &off).expect("sizes fit");
+        let noisy = frame(64);
+        let seen = metrics::psnr_db(&noisy.rgb(), &off).expect("sizes fit");
+        let [first, second] = &noisy.halves();
+        let own = psnr_of_mse(metrics::own_error([first, second], &off).expect("sizes fit").mse);
+        assert!(seen < exact - 2.0, "the noise of truth shows: {seen} and {exact} dB");
+        // Levels are no linear measure of light, so that noise moves their mean a little.
+        assert!((own - exact).abs() < 0.5, "{own} and {exact} dB");
     }
 
     #[test]

@@ -2,6 +2,10 @@
 
 use image::RgbImage;
 
+/// Bytes that one task scans: whole pixels, and 255^2 times as many still fits `u32`.
+pub(super) const SCAN_BYTES: usize = 3 * (1 << 14);
+const _: () = assert!(SCAN_BYTES * 255 * 255 <= u32::MAX as usize, "a task's squared error is summed in u32");
+
 /// Below this the filters are narrower than a pixel and the metric means nothing.
 pub const MIN_PIXELS_PER_DEGREE: f32 = 1.0;
 /// At this the filters span hundreds of pixels; a bound keeps a wild number from taking hours.

@@ -16,15 +16,17 @@
 mod comparable;
 mod flip;
 mod magma;
+mod own_error;
 mod rows;
 mod ssim;
 
-use comparable::check_sizes;
+use comparable::{SCAN_BYTES, check_sizes};
 use image::RgbImage;
 use rayon::prelude::*;
 
 pub use comparable::{MAX_PIXELS_PER_DEGREE, MIN_PIXELS_PER_DEGREE, MetricError};
 pub use flip::{DEFAULT_PIXELS_PER_DEGREE, FlipMap, flip_map};
+pub use own_error::{OwnError, own_error};
 pub use ssim::ssim;
 
 /// The figures of `headbox compare` and of every row of a report.
@@ -107,7 +109,3 @@ pub fn differing_fraction(reference: &RgbImage, test: &RgbImage) -> Result<f64, 
         .sum();
     Ok(differing as f64 / (reference.len() / 3) as f64)
 }
-
-/// Bytes that one task scans: whole pixels, and 255^2 times as many still fits `u32`.
-const SCAN_BYTES: usize = 3 * (1 << 14);
-const _: () = assert!(SCAN_BYTES * 255 * 255 <= u32::MAX as usize, "a task's squared error is summed in u32");

@@ -150,3 +150,6 @@ impl ForSegment for Touching<'_> {
         });
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -7,7 +7,7 @@ use crate::packed::{SplatIndexLayout, Split};
 use glam::DVec3;
 
 /// Eyes with epipoles in a frame, beside it and at infinity, and at the centre.
-fn cameras() -> Vec<Camera> {
+pub(super) fn cameras() -> Vec<Camera> {
     let mut random = Rng::keyed(3);
     let eyes = [DVec3::ZERO, DVec3::new(0.4, 0.1, 0.3), DVec3::new(0.0, -0.3, 0.0), DVec3::new(-0.2, 0.45, -1.3)];
     let ahead = |eye: DVec3, i: usize| if i.is_multiple_of(2) { eye + DVec3::new(0.1, 0.05, -0.02) } else { DVec3::X };
@@ -20,7 +20,7 @@ fn cameras() -> Vec<Camera> {
     eyes.into_iter().enumerate().map(camera).collect()
 }
 
-fn cube() -> PackedCube {
+pub(super) fn cube() -> PackedCube {
     PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs")
 }
 

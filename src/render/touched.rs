@@ -56,4 +56,37 @@ mod tests {
         let found: Vec<_> = pixels.iter().map(|p| (p.footprints, p.width_px)).collect();
         assert_eq!(found, [(0, 0.0), (1, 2.0), (2, 1.0), (1, 3.0), (1, 3.0), (1, 3.0)]);
     }
+
+    #[test]
+    fn owned_pixels_tell_their_samples_longer_side_and_others_the_first() {
+        let mut splats = Splats::new();
+        // The first lies over columns 2 to 4 and rows 10 to 14, of which the middle is its own; the second over columns 2 and 3 and rows
+        // 10 and 11, of which it owns pixel 2, 11.
+        let drawn = [([3.5, 12.5], [1.5, 2.5]), ([2.7, 11.05], [1.0, 1.2])];
+        for (i, ([x, y], [rx, ry])) in drawn.into_iter().enumerate() {
+            (splats.x[i], splats.y[i], splats.radius_x[i], splats.radius_y[i]) = (x, y, rx, ry);
+        }
+        splats.len = drawn.len();
+        let width = 6;
+        let touched = |rows: Range<u32>, own| {
+            let mut pixels = vec![Touched::default(); rows.len() * width as usize];
+            touch(&mut pixels, width, &rows, &splats, own);
+            pixels
+        };
+        let whole = touched(9..16, 0.2);
+        let at = |column: usize, row: usize| {
+            let pixel = whole[(row - 9) * width as usize + column];
+            (pixel.footprints, pixel.width_px)
+        };
+        assert_eq!([at(3, 9), at(3, 10), at(3, 14), at(3, 15)], [(0, 0.0), (2, 5.0), (1, 5.0), (0, 0.0)]);
+        assert_eq!([at(1, 12), at(2, 12), at(4, 12), at(5, 12)], [(0, 0.0), (1, 5.0), (1, 5.0), (0, 0.0)]);
+        assert_eq!([at(2, 11), at(3, 11), at(2, 10)], [(2, 2.4), (2, 5.0), (2, 5.0)]);
+        // A little more of it is its own, and not yet the next row.
+        assert_eq!(touched(9..16, 0.44)[width as usize + 2].width_px, 5.0);
+        let all_own = touched(9..16, 1.0);
+        assert_eq!(all_own[2 * width as usize + 3].width_px, 2.4, "what is drawn last is in front");
+        assert_eq!(all_own[3 * width as usize + 4].width_px, 5.0);
+        // The same in a band that begins amid them.
+        assert_eq!(touched(12..16, 0.2), whole[3 * width as usize..]);
+    }
 }

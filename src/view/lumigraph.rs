@@ -37,6 +37,9 @@ fn settings(values: &SettingValues) -> Result<LumigraphSettings, String> {
     })
 }
 
+/// Width and height in which a window shows frames, more or less: as wide as it is, all is to be clear in it.
+const ABOUT_A_WINDOW: [u32; 2] = [1024, 768];
+
 impl FrameSource for LumigraphSource {
     fn title(&self) -> String {
         self.title.clone()
@@ -46,7 +49,7 @@ impl FrameSource for LumigraphSource {
         let first = self.slabs.first();
         let grid = first.grid();
         let ahead = grid.origin() - grid.world_from_eye().z_axis;
-        Pose::looking_at(grid.origin(), ahead, first.clear_fov_deg(grid.size_px()))
+        Pose::looking_at(grid.origin(), ahead, first.clear_fov_deg(ABOUT_A_WINDOW))
     }
 
     fn speed_m_per_s(&self) -> f64 {

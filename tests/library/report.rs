@@ -123,6 +123,8 @@ fn every_group_has_one_baseline_and_rows_that_make_sense() {
             row.worst.flip >= row.flip && row.displacement.len() == on_the_line && row.flicker.is_some(),
             "{row:?}"
         );
+        // Without noise an error is smaller, but for chance.
+        assert!(row.own_psnr_db.is_none_or(|own| own > row.psnr_db - 0.3), "{row:?}");
     }
     let find = |group: &str, variant: &str| report.find("builtin:bump", group, variant).expect(variant);
     assert!(find(CLIPPING, "off").psnr_to_baseline_db.is_infinite(), "clipping changes no bit");
@@ -265,6 +267,8 @@ fn charts_and_the_page_show_the_rows() {
     assert_eq!((points(0), points(2)), (rows, rows));
     assert!(figures.iter().all(|figure| figure.chart.draw().to_svg().contains("</svg>")));
     let page = results::page(&REPORT, None);
+    let own = REPORT.find("builtin:bump", "representation", "LDI").and_then(|row| row.own_psnr_db).expect("told");
+    assert!(page.contains("| own dB |") && page.contains(&format!(" | {own:.2} | ")), "{own}");
     for row in &REPORT.rows {
         assert!(page.contains(&format!("| {}", row.variant)), "{}", row.variant);
     }

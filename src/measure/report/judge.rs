@@ -5,11 +5,12 @@ use super::row::{Displaced, Row, WorstFrame};
 use crate::capture::statistics::median;
 use crate::measure::plan::EyeSet;
 use crate::measure::plan::{Eye, Place};
-use crate::measure::stats::{Spread, mean, pooled_psnr_db};
+use crate::measure::stats::{Spread, mean, pooled_psnr_db, psnr_of_mse};
 use crate::measure::turns::{in_turns, least};
-use crate::metrics::{self, Comparison, MetricError};
+use crate::metrics::{self, Comparison, MetricError, OwnError};
 use crate::progress::Progress;
 use crate::truth::Truth;
+use image::RgbImage;
 use rayon::prelude::*;
 use std::time::Instant;
 
@@ -192,6 +193,7 @@ impl View<'_> {
             rays: contender.rays,
             flip: mean(self.counted().map(|(_, c)| c.flip)),
             psnr_db: pooled_psnr_db(self.counted().map(|(_, c)| c.psnr_db)),
+            own_psnr_db: self.own_psnr_db()?,
             ssim: mean(self.counted().map(|(_, c)| c.ssim)),
             hole_fraction: holes.map(mean),
             worst,
@@ -199,6 +201,22 @@ impl View<'_> {
             psnr_to_baseline_db: pooled_psnr_db(to_baseline),
             displacement: displacement.collect(),
         })
+    }
+
+    /// PSNR of all eyes' frames without the noise of truth, where it can be told from none.
+    fn own_psnr_db(&self) -> Result<Option<f64>, MetricError> {
+        /// So many standard errors at least.
+        const SURE: f64 = 5.0;
+        let pictures = self.counted().filter_map(|(i, _)| Some((i, &self.found.pictures[i].as_ref()?.color)));
+        let own = |(i, picture): (usize, &RgbImage)| {
+            let [first, second] = &self.truths[i].halves();
+            metrics::own_error([first, second], picture)
+        };
+        let errors: Vec<OwnError> = pictures.map(own).collect::<Result<_, _>>()?;
+        let mse = mean(errors.iter().map(|error| error.mse));
+        let variance: f64 = errors.iter().map(|error| error.standard_error.powi(2)).sum();
+        let standard_error = variance.sqrt() / errors.len() as f64;
+        Ok((mse > 0.0 && mse >= SURE * standard_error).then(|| psnr_of_mse(mse)))
     }
 
     /// Root mean square change of the error (0..=1, with sign, per channel) from one eye of the path to the next.
@@ -224,7 +242,7 @@ mod tests {
     use crate::measure::plan::{Plan, Quality};
     use crate::measure::report::contender::{Draw, Role};
     use glam::DVec3;
-    use image::{Rgb, RgbImage};
+    use image::Rgb;
     use std::sync::Arc;
 
     /// Draws grey.
@@ -255,6 +273,7 @@ mod tests {
         let plan = Plan::new(quality, DVec3::ZERO, 1.0, DVec3::NEG_Z, 5).expect("valid");
         let truth = |_: &Eye| Truth {
             radiance: Vec::new(),
+            halves: [97, 103].map(|level| vec![[level; 3]; 108]),
             frame: Frame {
                 width: 12,
                 height: 9,
@@ -280,6 +299,10 @@ mod tests {
         let psnr = |off: f64| 20.0 * (255.0 / off).log10();
         assert!((rows[0].psnr_db - psnr(10.0)).abs() < 1e-9 && (rows[1].psnr_db - psnr(2.0)).abs() < 1e-9);
         assert!((rows[1].psnr_to_baseline_db - psnr(8.0)).abs() < 1e-9);
+        // The halves are three levels to either side.
+        let own = psnr((10.0f64 - 3.0) * (10.0 + 3.0)).mul_add(0.5, psnr(1.0) * 0.5);
+        assert!(rows[0].own_psnr_db.is_some_and(|db| (db - own).abs() < 1e-9), "{:?}", rows[0].own_psnr_db);
+        assert_eq!((rows[1].own_psnr_db, rows[3].own_psnr_db), (None, None), "less than noise is not told");
         assert!(rows[3].psnr_db.is_infinite() && rows[2].psnr_to_baseline_db.is_infinite());
         assert_eq!(rows[0].displacement.len(), 4);
         assert_eq!((rows[0].flicker, rows[0].hole_fraction), (Some(0.0), None));

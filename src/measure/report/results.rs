@@ -193,40 +193,51 @@ pub fn page(report: &Report, walk: Option<&WalkReport>) -> String {
 }
 
 fn tables(report: &Report, facts: &SceneFacts) -> String {
-    let mut text = String::new();
+    let (mut text, mut some_tell_own) = (String::new(), false);
     for group in report.groups(&facts.scene) {
-        let columns =
-            [group, "ms", "time", "FLIP", "PSNR dB", "SSIM", "holes %", "MB", "capture s", "worst FLIP", "flicker"];
-        let mut table = Table::new(columns);
         let rows: Vec<&Row> = report.group(&facts.scene, group).collect();
+        // A report of before knows nothing of it.
+        let tells_own = rows.iter().any(|row| row.own_psnr_db.is_some());
+        some_tell_own |= tells_own;
+        let columns = [group, "ms", "time", "FLIP", "PSNR dB"].into_iter().chain(tells_own.then_some("own dB"));
+        let columns = columns.chain(["SSIM", "holes %", "MB", "capture s", "worst FLIP", "flicker"]);
+        let mut table = Table::new(columns);
         let front = pareto_front(&rows.iter().map(|row| [row.ms_median, row.flip]).collect::<Vec<_>>());
         for (i, row) in rows.iter().enumerate() {
-            table.row(table_row(row, group == "representation" && front.contains(&i)));
+            table.row(table_row(row, group == "representation" && front.contains(&i), tells_own));
         }
         let _ = writeln!(text, "{table}");
     }
     text += "(1): the row that the others of its table are compared with; * on the front: nothing in its table is both faster \
-             and more exact. Time: over that of (1), frame by frame in turns.\n";
+             and more exact. Time: over that of (1), frame by frame in turns.";
+    if some_tell_own {
+        text += " Own: PSNR without what the noise of truth adds to the mean squared error, where anything is left of that; FLIP \
+                 and SSIM have that noise in them.";
+    }
+    text.push('\n');
     text
 }
 
-fn table_row(row: &Row, on_front: bool) -> [String; 11] {
+fn table_row(row: &Row, on_front: bool, tells_own: bool) -> impl Iterator<Item = String> {
     let optional = |value: Option<f64>, digits: usize| value.map_or("-".into(), |v| format!("{v:.digits$}"));
     let baseline = if row.baseline { " (1)" } else { "" };
     let front = if on_front { " *" } else { "" };
-    [
+    let first = [
         format!("{}{baseline}{front}", row.variant),
         format!("{:.2}", row.ms_median),
         format!("{:.2}", row.time_ratio),
         format!("{:.4}", row.flip),
         if row.psnr_db.is_finite() { format!("{:.2}", row.psnr_db) } else { "equal".into() },
+    ];
+    let rest = [
         format!("{:.4}", row.ssim),
         optional(row.hole_fraction.map(|h| h * 100.0), 3),
         format!("{:.2}", row.bytes as f64 / 1e6),
         optional(row.capture_s, 2),
         format!("{:.4}", row.worst.flip),
         optional(row.flicker.map(|f| f * 255.0), 2),
-    ]
+    ];
+    first.into_iter().chain(tells_own.then(|| optional(row.own_psnr_db, 2))).chain(rest)
 }
 
 fn claims(report: &Report) -> Table {

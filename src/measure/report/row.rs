@@ -47,6 +47,10 @@ pub struct Row {
     /// PSNR of all eyes' frames taken as one, dB.
     #[serde(with = "infinite_as_null")]
     pub psnr_db: f64,
+    /// The same without what the noise of truth adds to the mean squared error (see [`crate::metrics::own_error`]); `None` where nothing is
+    /// left that is more than chance.
+    #[serde(default)]
+    pub own_psnr_db: Option<f64>,
     /// Mean SSIM.
     pub ssim: f64,
     /// Share of pixels that show nothing, or the environment where truth shows geometry alone; `None` where the renderer
@@ -214,7 +218,7 @@ impl Report {
     pub fn to_csv(&self) -> String {
         let mut text = String::from(
             "scene,group,variant,baseline,eyes,threads,ms_median,ms_q1,ms_q3,time_ratio,depth_pixels_m_per_s,bytes,\
-             depth_pixels,capture_s,rays,flip,psnr_db,ssim,hole_fraction,worst_eye,worst_flip,flicker,psnr_to_baseline_db\n",
+             depth_pixels,capture_s,rays,flip,psnr_db,own_psnr_db,ssim,hole_fraction,worst_eye,worst_flip,flicker,psnr_to_baseline_db\n",
         );
         let optional = |value: Option<f64>| value.map_or(String::new(), |v| v.to_string());
         for r in &self.rows {
@@ -236,6 +240,7 @@ impl Report {
                 r.rays.map_or(String::new(), |v| v.to_string()),
                 r.flip.to_string(),
                 r.psnr_db.to_string(),
+                optional(r.own_psnr_db),
                 r.ssim.to_string(),
                 optional(r.hole_fraction),
                 r.worst.eye.to_string(),

@@ -97,11 +97,12 @@ fn choice(rows: &[&Row]) -> String {
         let _ = writeln!(
             text,
             "To look around, use **{}**: of all that does not trace rays for each frame, none within 10 % of the least \
-             error is faster ({}, FLIP {:.3}, PSNR {:.1} dB, {}).",
+             error is faster ({}, FLIP {:.3}, PSNR {:.1} dB{}, {}).",
             fast.variant,
             ms(fast.ms_median),
             fast.flip,
             fast.psnr_db,
+            fast.own_psnr_db.map(|db| format!(", {db:.1} without the noise of truth")).unwrap_or_default(),
             bytes(fast.bytes),
         );
         let drawn: Vec<&&Row> = rows.iter().filter(|row| !row.traces).collect();

@@ -1,0 +1,134 @@
+//! What the layered lumigraph's paper measured, on three scenes of its kind: table 5 (2x2, 4x4 and 8x8 images along the sampling curve),
+//! whether the optimum that [`RawLumigraph::fastest`] finds is that of a sweep with many rounds, and what merging saves by distance.
+//!
+//! `cargo bench --bench lumigraph`. Images of 256x256, frames of 400x400, as in the paper. `HEADBOX_SIMD` sets the level. Compare figures
+//! of one run only: frames of one table are drawn in turns.
+
+use glam::DVec3;
+use headbox::capture::Camera;
+use headbox::capture::light::Lighting;
+use headbox::capture::scene::Headbox;
+use headbox::capture::statistics::median;
+use headbox::capture::trace::Tracer;
+use headbox::lumigraph::{
+    CameraGrid, CurvePoint, GridParts, Lumigraph, LumigraphCapture, LumigraphRenderer, LumigraphSettings, Placement,
+    RawLumigraph, middle_disparity,
+};
+use headbox::progress::Silent;
+use std::sync::Arc;
+
+const FRAME_PX: [u32; 2] = [400, 400];
+const IMAGE_PX: u32 = 256;
+
+/// Cameras a side of the finest grid: the curve then has 17, 9, 5, 3 and 2.
+const CAMERAS: usize = 17;
+
+/// Rounds of the sweep; frames of a point in each are three.
+const ROUNDS: usize = 25;
+
+/// Focal lengths behind the plane at which the paper merges.
+const DISTANCES: [f64; 5] = [0.0, 1.0, 2.0, 4.0, 8.0];
+
+/// Scenes, their focal length over the edge of the cameras' square, and their field of view, degrees (table 4).
+const SCENES: [(&str, f64, f64); 3] = [("net", 1.6, 64.0), ("statue", 1.5, 67.4), ("blocks", 1.5, 67.4)];
+
+struct Wall {
+    focal_m: f64,
+    fov_deg: f64,
+    tracer: Tracer,
+    lighting: Lighting,
+    headbox: Headbox,
+}
+
+impl Wall {
+    fn new((name, focal, fov_deg): (&str, f64, f64)) -> Self {
+        let scene = Arc::new(headbox::scenes::build(name, 0).expect("built in"));
+        let headbox = scene.headbox.expect("it has one");
+        let tracer = Tracer::new(scene, headbox.centre);
+        let lighting = Lighting::measure(&tracer, 0);
+        Self { focal_m: focal * 2.0 * headbox.half_size_m, fov_deg, tracer, lighting, headbox }
+    }
+
+    /// So many cameras a side across the headbox.
+    fn raw(&self, cameras: usize) -> RawLumigraph {
+        let places = CameraGrid::evenly(cameras, 2.0 * self.headbox.half_size_m);
+        let world_from_eye = CameraGrid::facing(DVec3::NEG_Z, DVec3::Y).expect("a direction");
+        let mut parts = GridParts {
+            origin: self.headbox.centre,
+            world_from_eye,
+            columns: places.clone(),
+            rows: places,
+            focal_px: f64::from(IMAGE_PX) / 2.0 / (self.fov_deg / 2.0).to_radians().tan(),
+            size_px: [IMAGE_PX; 2],
+            convergence: 0.0,
+        };
+        parts.convergence = middle_disparity(&self.tracer, &parts);
+        let grid = CameraGrid::new(parts).expect("valid");
+        let capture = LumigraphCapture { tracer: &self.tracer, lighting: &self.lighting, lit: false, samples: 1 };
+        capture.run(&grid, &Silent).expect("not given up")
+    }
+
+    /// A frame straight ahead from a place on the plane, in half-sizes of the headbox, so many metres back.
+    fn frame(&self, [x, y]: [f64; 2], back_m: f64) -> Camera {
+        let eye = self.headbox.centre + DVec3::new(x, y, 0.0) * self.headbox.half_size_m + DVec3::Z * back_m;
+        Camera::look_at(eye, eye - DVec3::Z, DVec3::Y, self.fov_deg, FRAME_PX).expect("valid")
+    }
+}
+
+/// Median times of each lumigraph with its settings, ms, in turns.
+fn medians(drawn: &[(&Lumigraph, LumigraphSettings)], frames: &[Camera]) -> Vec<f64> {
+    let mut renderers: Vec<LumigraphRenderer> = drawn.iter().map(|_| LumigraphRenderer::new()).collect();
+    let mut times = vec![Vec::new(); drawn.len()];
+    for _ in 0..ROUNDS {
+        for ((renderer, (lumigraph, settings)), times) in renderers.iter_mut().zip(drawn).zip(&mut times) {
+            times.extend(frames.iter().map(|camera| renderer.render(lumigraph, camera, settings).1.frame_ms));
+        }
+    }
+    times.into_iter().map(|times| median(times).expect("frames")).collect()
+}
+
+/// All points of the curve, and where what is called the fastest stands among them.
+fn curve(wall: &Wall, raw: &RawLumigraph) {
+    let frames = [[0.0, 0.0], [-0.6, -0.4], [0.4, 0.8]].map(|at| wall.frame(at, 0.0));
+    let points: Vec<CurvePoint> = raw.curve(frames[0].focal_px());
+    let lumigraphs: Vec<Lumigraph> =
+        points.iter().map(|point| raw.at(point, Placement::Histogram).expect("on the curve")).collect();
+    let unmerged = LumigraphSettings { merge: false, ..LumigraphSettings::default() };
+    let drawn: Vec<_> = lumigraphs.iter().map(|lumigraph| (lumigraph, unmerged)).collect();
+    let sweep = medians(&drawn, &frames);
+    for (point, ms) in points.iter().zip(&sweep) {
+        println!("  {}x{} images, {} layers: {ms:.2} ms", point.cameras[0], point.cameras[1], point.layers);
+    }
+    let least = sweep.iter().copied().fold(f64::INFINITY, f64::min);
+    for _ in 0..3 {
+        let fastest = raw.fastest(&frames, Placement::Histogram, &Silent).expect("points");
+        let columns = fastest.grid().columns().len();
+        let chosen = points.iter().zip(&sweep).find(|(point, _)| point.cameras[0] == columns).expect("one of them");
+        println!("  the optimum found: {columns}x{columns} images, {:.3} of the sweep's least", chosen.1 / least);
+    }
+}
+
+/// Layers and times of merged frames over unmerged ones, by distance.
+fn merging(wall: &Wall) {
+    let lumigraph = wall.raw(4).layered(255, Placement::Uniform).expect("something is seen");
+    let unmerged = LumigraphSettings { merge: false, ..LumigraphSettings::default() };
+    for distance in DISTANCES {
+        let frames = [[0.0, 0.0], [-0.3, 0.2]].map(|at| wall.frame(at, distance * wall.focal_m));
+        let ms = medians(&[(&lumigraph, LumigraphSettings::default()), (&lumigraph, unmerged)], &frames);
+        let layers = LumigraphRenderer::new().render(&lumigraph, &frames[0], &LumigraphSettings::default()).1.layers;
+        println!("  {distance} f behind: {layers} layers, {:.2} over {:.2} ms, {:.2}", ms[0], ms[1], ms[0] / ms[1]);
+    }
+}
+
+fn main() {
+    // `cargo test` runs benches, too, to see that they run.
+    if std::env::args().any(|argument| argument == "--test") {
+        return;
+    }
+    for scene in SCENES {
+        println!("{}", scene.0);
+        let wall = Wall::new(scene);
+        curve(&wall, &wall.raw(CAMERAS));
+        merging(&wall);
+    }
+}
