@@ -3,8 +3,9 @@
 use crate::keymap::{BINDINGS, MOUSE_HELP};
 use egui::{Context, Grid, ScrollArea, Ui, vec2};
 
-/// Width of all lists beside each other, points; in a narrower window they stand below each other.
+/// Width of all lists beside each other, and of the two of keys, points; where there is less they stand below each other.
 const WIDE_POINTS: f32 = 960.0;
+const HALVES_POINTS: f32 = 600.0;
 
 /// The list in a window of its own, while `open`.
 pub(crate) fn show(ctx: &Context, open: &mut bool) {
@@ -13,16 +14,23 @@ pub(crate) fn show(ctx: &Context, open: &mut bool) {
     super::dialog(ctx, "Keys", open).resizable(false).show(ctx, |ui| {
         ScrollArea::vertical().max_height(room.y.max(60.0)).show(ui, |ui| {
             if room.x >= WIDE_POINTS {
-                ui.horizontal_top(lists);
+                ui.horizontal_top(|ui| {
+                    keys(ui);
+                    mouse(ui);
+                });
+            } else if room.x >= HALVES_POINTS {
+                ui.horizontal_top(keys);
+                mouse(ui);
             } else {
-                lists(ui);
+                keys(ui);
+                mouse(ui);
             }
         });
     });
 }
 
-/// Two halves of the keys, and what the mouse does.
-fn lists(ui: &mut Ui) {
+/// The keys in two halves.
+fn keys(ui: &mut Ui) {
     let half = BINDINGS.len().div_ceil(2);
     for (i, column) in BINDINGS.chunks(half).enumerate() {
         let rows = column.iter().map(|binding| {
@@ -31,6 +39,9 @@ fn lists(ui: &mut Ui) {
         });
         list(ui, i, rows);
     }
+}
+
+fn mouse(ui: &mut Ui) {
     list(ui, BINDINGS.len(), MOUSE_HELP.iter().map(|(what, help)| ((*what).to_owned(), *help)));
 }
 
