@@ -1,6 +1,7 @@
 //! Picture files. They are read and written here alone, from and to bytes in memory: the codecs are generic over where bytes
 //! come from, and would be compiled again for each.
 
+use crate::words;
 use image::codecs::png::PngEncoder;
 use image::{
     DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageFormat, ImageReader, Limits,
@@ -22,8 +23,8 @@ pub enum PictureError {
     #[error(transparent)]
     Io(#[from] std::io::Error),
     /// It is no picture of a known kind, or a damaged one.
-    #[error(transparent)]
-    Image(#[from] ImageError),
+    #[error("{}", words::of_picture(.0))]
+    Image(ImageError),
     /// It has too many pixels.
     #[error("{width}x{height} pixels, more than {MAX_PIXELS} in all")]
     TooLarge {
@@ -32,6 +33,12 @@ pub enum PictureError {
         /// Rows.
         height: u32,
     },
+}
+
+impl From<ImageError> for PictureError {
+    fn from(error: ImageError) -> Self {
+        Self::Image(error)
+    }
 }
 
 /// Reads a picture file of any kind that is known; its decoder may allocate `most_bytes`.

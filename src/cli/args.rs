@@ -280,9 +280,10 @@ impl CameraArgs {
 fn warn_if_parallel(forward: DVec3, up: DVec3, frame: &FileFrame) {
     if forward.length() > 0.0 && forward.normalize().cross(up.normalize_or_zero()).length() <= 1e-6 {
         let stand_in = if forward.normalize().y.abs() < 0.9 { DVec3::Y } else { DVec3::Z };
-        let in_file = frame.file_from_world(stand_in).normalize();
+        // Without the sign of a zero.
+        let [x, y, z] = (frame.file_from_world(stand_in).normalize() + 0.0).to_array();
         eprintln!(
-            "warning: the view runs along the up vector, which then does not say what is up in the picture; {in_file} (in the \
+            "warning: the view runs along the up vector, which then does not say what is up in the picture; {x},{y},{z} (in the \
              file's axes) is taken. Give --up-vector X,Y,Z to hold the camera in another way"
         );
     }

@@ -384,13 +384,20 @@ impl CaptureCommand {
     }
 }
 
+/// How many rays were aimed at holes, and what there was before.
+pub(super) fn aimed(holes: &Holes) -> String {
+    let before = holes.share_before * 100.0;
+    match holes.aimed_rays {
+        0 => "no ray needed to be aimed at any".into(),
+        1 => format!("{before:.3} % before 1 ray was aimed"),
+        rays => format!("{before:.3} % before {rays} rays were aimed"),
+    }
+}
+
 /// What became of the search for holes.
 fn words_of(holes: &Holes, limit: f64) -> String {
-    let [share, error, before] = [holes.share, holes.standard_error, holes.share_before].map(|share| share * 100.0);
-    let found = format!(
-        "{share:.4} % of frames' pixels (+- {error:.4} %), {before:.3} % before {} rays were aimed",
-        holes.aimed_rays
-    );
+    let [share, error] = [holes.share, holes.standard_error].map(|share| share * 100.0);
+    let found = format!("{share:.4} % of frames' pixels (+- {error:.4} %), {}", aimed(holes));
     let is_met = holes.share + holes.standard_error <= limit;
     if is_met {
         found

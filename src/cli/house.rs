@@ -64,6 +64,8 @@ impl HouseCommand {
             let tracer = Tracer::new(Arc::new(model.scene.clone()), (low + high) / 2.0);
             findings.extend(model.leaks(&tracer, self.rays, self.seed));
         }
+        let frame = model.scene.frame;
+        let findings = findings.into_iter().map(|finding| finding.in_file(&frame)).collect();
         let survey = Survey { model, findings };
         let plans = self.plan.as_ref().map(|path| self.draw(&survey.model, path)).transpose()?.unwrap_or_default();
         let mut found = survey.to_json();

@@ -157,7 +157,7 @@ impl HouseFileArgs {
         let options = BakeOptions { edge_m: self.edge, samples: self.light_samples, ..BakeOptions::default() };
         let before = AtomicU64::new(0);
         let baked = bake_model(model, &options, &|done, all| {
-            let before = before.swap(done as u64, Ordering::Relaxed);
+            let before = before.fetch_max(done as u64, Ordering::Relaxed);
             if before == 0 {
                 bar.begin("light", "samples", all as u64);
             }

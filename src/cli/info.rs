@@ -1,6 +1,7 @@
 //! `headbox info`.
 
 use super::args::vertical_fov_deg;
+use super::capture::aimed;
 use super::house_file;
 use super::images::{ImagesCommand, is_image_set};
 use super::lumigraph;
@@ -91,10 +92,9 @@ impl InfoCommand {
             }
         }
         if let Some(holes) = info.holes {
-            let [share, error, before] = [holes.share, holes.standard_error, holes.share_before].map(|v| v * 100.0);
+            let [share, error] = [holes.share, holes.standard_error].map(|v| v * 100.0);
             println!("  holes       {share:.4} % of frames' pixels, +- {error:.4} % (standard error)");
-            let (aimed, rounds) = (holes.aimed_rays, counted(holes.rounds, "round"));
-            println!("              {before:.3} % before {aimed} rays were aimed at them, in {rounds}");
+            println!("              {}, in {}", aimed(&holes), counted(holes.rounds, "round"));
         }
         for s in &cube.segments {
             let side = if s.side == SegmentSide::Near { "near" } else { "far " };

@@ -200,7 +200,11 @@ fn tell_if_waiting(input: &Path) {
 
 /// What the rule refuses is a mistake of the user's, all else a failure.
 pub(super) fn cannot_write(path: &Path, error: std::io::Error) -> anyhow::Error {
-    let name = if path.as_os_str().is_empty() { "the output".into() } else { path.display().to_string() };
+    let name = match path.to_str() {
+        Some("") => "the output".into(),
+        Some(files::STANDARD_OUTPUT) => "standard output".into(),
+        _ => path.display().to_string(),
+    };
     let message = format!("{name} cannot be written: {error}");
     if error.kind() == std::io::ErrorKind::InvalidInput { UsageError(message).into() } else { anyhow::anyhow!(message) }
 }

@@ -14,6 +14,7 @@ use crate::capture::light::Lighting;
 use crate::capture::scene::Headbox;
 use crate::capture::scene::UpAxis;
 use crate::capture::trace::Tracer;
+use crate::capture::words::of_json;
 use crate::container::Container;
 use crate::measure::machine::{Machine, commit};
 use crate::measure::plan::{Plan, Quality, most_to_see};
@@ -27,7 +28,7 @@ use crate::packed::PackedCube;
 use crate::packed::file::CUBE_LDI;
 use crate::scene_source::SceneSource;
 use crate::sprite::{SPRITE_FILE, SpriteSet};
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use clap::Args;
 use clap::builder::TypedValueParser;
 use glam::DVec3;
@@ -231,7 +232,7 @@ impl ReportCommand {
         Outputs::new(false, std::iter::once(json).chain(self.walk.as_deref())).file(output, &PAGE)?;
         let report = read_report(json)?;
         let walk: Option<WalkReport> = match &self.walk {
-            Some(path) => Some(serde_json::from_str(&read_text(path)?).with_context(|| not_ours(path))?),
+            Some(path) => Some(serde_json::from_str(&read_text(path)?).map_err(|error| not_ours(path, &error))?),
             None => None,
         };
         write_text(output, &results::page(&report, walk.as_ref()))?;
@@ -309,12 +310,12 @@ fn read_text(path: &Path) -> anyhow::Result<String> {
     std::fs::read_to_string(path).with_context(|| format!("{} could not be read", path.display()))
 }
 
-fn not_ours(path: &Path) -> String {
-    format!("{} is not of this program's version", path.display())
+fn not_ours(path: &Path, error: &serde_json::Error) -> anyhow::Error {
+    anyhow!("{} is no report of this program's version: {}", path.display(), of_json(error))
 }
 
 fn read_report(json: &Path) -> anyhow::Result<Report> {
-    let report: Report = serde_json::from_str(&read_text(json)?).with_context(|| not_ours(json))?;
+    let report: Report = serde_json::from_str(&read_text(json)?).map_err(|error| not_ours(json, &error))?;
     if report.version != Report::VERSION {
         let (path, version, ours) = (json.display(), report.version, Report::VERSION);
         bail!("{path}: version {version} of reports; this program reads version {ours}");

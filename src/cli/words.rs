@@ -1,5 +1,6 @@
 //! How errors are said: one sentence of what, where and what to do, each cause once, in the words of users.
 
+use crate::capture::words::plain;
 use clap::error::{ContextKind, ContextValue};
 use std::error::Error;
 use std::fmt::Write;
@@ -15,7 +16,7 @@ pub(super) struct UsageError(pub(super) String);
 pub(super) fn sentence(error: &anyhow::Error) -> String {
     let mut said = String::new();
     for cause in error.chain() {
-        let words = in_plain_words(&cause.to_string());
+        let words = plain(&cause.to_string());
         if said.is_empty() {
             said = words;
         } else if !said.contains(&words) {
@@ -23,31 +24,8 @@ pub(super) fn sentence(error: &anyhow::Error) -> String {
             let _ = write!(said, ": {words}");
         }
     }
-    said
-}
-
-/// Without the system's numbers, and with our words for its commonest ones.
-fn in_plain_words(text: &str) -> String {
-    let mut plain = String::with_capacity(text.len());
-    let mut rest = text;
-    while let Some(at) = rest.find(" (os error ") {
-        let Some(end) = rest[at..].find(')') else { break };
-        plain.push_str(&rest[..at]);
-        rest = &rest[at + end + 1..];
-    }
-    plain.push_str(rest);
-    const OURS: [(&str, &str); 9] = [
-        ("No such file or directory", "there is no such file"),
-        ("Is a directory", "it is a folder; give the name of a file"),
-        ("Not a directory", "a file stands where a folder is needed"),
-        ("Permission denied", "the system does not permit it"),
-        ("No space left on device", "the disk is full"),
-        ("EOF while parsing", "it ends in the midst of"),
-        ("missing field `", "there is no field `"),
-        ("invalid Zip archive: Could not find EOCD", "it is no ZIP archive, or only the beginning of one"),
-        ("The image format could not be determined", "it is no picture of a kind that is read, such as .png or .jpg"),
-    ];
-    OURS.iter().fold(plain, |plain, (theirs, ours)| plain.replace(theirs, ours))
+    // A file without a name is said to be one.
+    if said.starts_with(": ") { format!("''{said}") } else { said }
 }
 
 /// So many of something: `1 file`, `2 files`.

@@ -1,8 +1,9 @@
-//! What stands in for a file that takes seconds to read: of an OBJ some of its vertices, of a home its plan, of a folder of images one
-//! of them.
+//! What stands in for a file that takes seconds to read: of an OBJ some of its vertices, of a glTF the boxes about its meshes, of a home or
+//! house its plan, of a folder of images one of them.
 
-use crate::capture::load::home_walls;
+use crate::capture::load::{HOMES, gltf_boxes, home_lines};
 use crate::capture::picture;
+use crate::portal::file::outlines;
 use glam::{DVec2, DVec3, dvec2, dvec3};
 use headbox_viewer::Thumbnail;
 use std::fs::File;
@@ -30,13 +31,15 @@ pub fn sketch(path: &Path) -> Option<Thumbnail> {
     let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
     match extension.as_deref() {
         _ if path.is_dir() => photograph(path),
-        Some("obj") => points(&vertices(path)?),
-        Some("xml" | "sh3d") => plan(&home_walls(path).ok()?),
+        Some("obj") => points(&vertices(path)?, None),
+        Some("gltf" | "glb") => points(&edges(&gltf_boxes(path)?), Some(DVec3::Y)),
+        Some("house") => plan(&outlines(path).ok()?),
+        Some(extension) if HOMES.contains(&extension) => plan(&home_lines(path).ok()?),
         _ => None,
     }
 }
 
-/// The walls of a home from above; `None` if there are none.
+/// The walls of a home, or the outlines of its rooms, from above; `None` if there are none.
 fn plan(walls: &[[DVec2; 2]]) -> Option<Thumbnail> {
     let low = walls.iter().flatten().copied().reduce(DVec2::min)?;
     let high = walls.iter().flatten().copied().reduce(DVec2::max)?;
@@ -90,8 +93,26 @@ fn vertex(line: &str) -> Option<DVec3> {
     Some(dvec3(next()?, next()?, next()?)).filter(|place| place.is_finite())
 }
 
-/// Points seen from above at a slant; `None` if they are too few to tell anything.
-fn points(vertices: &[DVec3]) -> Option<Thumbnail> {
+/// Points along the edges of boxes, evenly dealt out: corner `i` of a box lies at the far end of axis `k` where bit `k` of `i` is set.
+fn edges(boxes: &[[DVec3; 8]]) -> Vec<DVec3> {
+    const MOST_ON_EDGE: usize = 400;
+    const AXES: [usize; 3] = [1, 2, 4];
+    let on_edge = (PLACES as usize / (12 * boxes.len().max(1))).clamp(2, MOST_ON_EDGE);
+    let of_box = |corners: &[DVec3; 8]| {
+        let ends = AXES
+            .iter()
+            .flat_map(|&axis| (0..8).filter(move |near| near & axis == 0).map(move |near| [near, near | axis]));
+        let ends: Vec<[DVec3; 2]> = ends.map(|ends| ends.map(|corner| corners[corner])).collect();
+        let along = move |[near, far]: [DVec3; 2]| {
+            (0..on_edge).map(move |step| near.lerp(far, step as f64 / (on_edge - 1) as f64))
+        };
+        ends.into_iter().flat_map(along)
+    };
+    boxes.iter().flat_map(of_box).filter(|place| place.is_finite()).collect()
+}
+
+/// Points seen from above at a slant, and from where `up` is up if that is known; `None` if they are too few to tell anything.
+fn points(vertices: &[DVec3], up: Option<DVec3>) -> Option<Thumbnail> {
     const FEWEST: usize = 100;
     if vertices.len() < FEWEST {
         return None;
@@ -104,8 +125,8 @@ fn points(vertices: &[DVec3]) -> Option<Thumbnail> {
     let low = DVec3::from_array([0, 1, 2].map(|axis| end(axis, OUTLYING)));
     let high = DVec3::from_array([0, 1, 2].map(|axis| end(axis, 1.0 - OUTLYING)));
     let (middle, extent) = ((low + high) / 2.0, high - low);
-    // Nothing is known yet of what is up: scenes are mostly wider than they are high.
-    let up = if extent.z < extent.y { DVec3::Z } else { DVec3::Y };
+    // Of an OBJ nothing is known yet of what is up: scenes are mostly wider than they are high.
+    let up = up.unwrap_or(if extent.z < extent.y { DVec3::Z } else { DVec3::Y });
     let ahead = (DVec3::NEG_X + DVec3::NEG_Y + DVec3::NEG_Z + up * 0.2).normalize();
     let right = ahead.cross(up).normalize();
     let above = right.cross(ahead);
@@ -159,7 +180,8 @@ mod tests {
         }
         std::fs::write(file("slab.obj"), &text).expect("written");
         let picture = sketch(&file("slab.obj")).expect("points");
-        let lit = picture.pixels.iter().filter(|pixel| **pixel != BACKGROUND).count();
+        let lit_of = |picture: &Thumbnail| picture.pixels.iter().filter(|pixel| **pixel != BACKGROUND).count();
+        let lit = lit_of(&picture);
         assert_eq!(picture.pixels.len(), (SIZE[0] * SIZE[1]) as usize);
         assert!(lit > 1_000, "{lit}");
         std::fs::write(file("short.obj"), "v 0 0 0\n").expect("written");
@@ -168,11 +190,16 @@ mod tests {
         let home = r#"<home wallHeight="250"><wall xStart="0" yStart="0" xEnd="500" yEnd="0" height="250" thickness="10"/>
             <wall xStart="500" yStart="0" xEnd="500" yEnd="300" height="250" thickness="10"/></home>"#;
         std::fs::write(file("Home.xml"), home).expect("written");
-        let picture = sketch(&file("Home.xml")).expect("a plan");
-        let lit = picture.pixels.iter().filter(|pixel| **pixel != BACKGROUND).count();
+        let lit = lit_of(&sketch(&file("Home.xml")).expect("a plan"));
         // Two walls, each two pixels wide, that fill 88 % of the height.
         let expected = 2.0 * 0.88 * f64::from(SIZE[1]) * (1.0 + 500.0 / 300.0);
         assert!((lit as f64 / expected - 1.0).abs() < 0.05, "{lit} of {expected}");
+
+        let toml = "scene = \"none.obj\"\nup = \"z\"\n[[cell]]\nname = \"hall\"\n[[cell.prism]]\n\
+            outline = [[0, 0], [500, 0], [500, 300], [0, 300]]\nfloor = 0\nceiling = 250\n";
+        std::fs::write(file("home.toml"), toml).expect("written");
+        let lit = lit_of(&sketch(&file("home.toml")).expect("a plan, though its scene is not there"));
+        assert!((lit as f64 / (2.0 * expected) - 1.0).abs() < 0.05, "a whole rectangle: {lit} of {}", 2.0 * expected);
 
         std::fs::create_dir(file("images")).expect("made");
         assert_eq!(sketch(folder.path()), None, "no picture");
@@ -181,5 +208,42 @@ mod tests {
         image::RgbImage::new(8, 6).save(file("images/a_depth.png")).expect("saved");
         let picture = sketch(folder.path()).expect("the picture below");
         assert!(picture.pixels.iter().all(|pixel| pixel[0] > 190 && pixel[1] < 10), "not the depth");
+    }
+    #[test]
+    fn a_glb_is_the_boxes_of_its_meshes_where_its_nodes_stand_and_a_house_its_plan() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = |name: &str| folder.path().join(name);
+        let scene = crate::scene_source::SceneSource::new("builtin:interior").open().expect("a scene");
+        for saved in crate::capture::save::scene_files(&scene, &file("room.glb")).expect("saved") {
+            std::fs::write(saved.path, saved.bytes).expect("written");
+        }
+        let boxes = gltf_boxes(&file("room.glb")).expect("boxes");
+        let ends = |corners: &mut dyn Iterator<Item = DVec3>| {
+            corners.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], at| [low.min(at), high.max(at)])
+        };
+        let [found, bounds] = [ends(&mut boxes.iter().flatten().copied()), scene.bounds()];
+        let off = [0, 1].map(|i| found[i].distance(bounds[i]));
+        assert!(off.iter().all(|off| *off < 1e-3), "{found:?}, not {bounds:?}");
+        assert!(sketch(&file("room.glb")).is_some());
+        // Neither needs what follows its JSON.
+        let bytes = std::fs::read(file("room.glb")).expect("read");
+        let json_end = 20 + u32::from_le_bytes([bytes[12], bytes[13], bytes[14], bytes[15]]) as usize;
+        std::fs::write(file("begun.glb"), &bytes[..json_end]).expect("written");
+        assert_eq!(gltf_boxes(&file("begun.glb")).expect("boxes").len(), boxes.len());
+        std::fs::write(file("cut.glb"), &bytes[..json_end / 2]).expect("written");
+        assert_eq!(gltf_boxes(&file("cut.glb")), None);
+        let mut model = crate::scenes::house(0, 2_000);
+        model.mend();
+        let rooms = model.cells.iter().filter(|cell| !cell.space.is_empty()).count();
+        let house = crate::portal::house::House::new(model).expect("a house");
+        let store = crate::portal::store::Store::new(1 << 20);
+        crate::portal::file::write(&file("a.house"), &house, &store, &Default::default()).expect("written");
+        let lines = outlines(&file("a.house")).expect("a plan");
+        assert!(lines.len() >= 4 * rooms && rooms > 10, "{} sides of {rooms} rooms", lines.len());
+        assert!(sketch(&file("a.house")).is_some());
+        let unit = [0, 1, 2, 3, 4, 5, 6, 7].map(|i| dvec3(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)));
+        let on_edges = edges(&[unit]);
+        assert!(on_edges.iter().all(|at| at.to_array().iter().filter(|c| **c == 0.0 || **c == 1.0).count() >= 2));
+        assert_eq!(on_edges.len(), 12 * 400);
     }
 }

@@ -178,6 +178,46 @@ fn groups_named_after_floors_and_walls_say_which_way_is_up_and_how_large_a_room_
     assert_ne!(guess(&nameless).0, FileFrame { up: UpAxis::Z, unit_m: 0.01 });
 }
 
+/// As somebody writes a room by a script: closed, boxes with corners of their own, no names, millimetres.
+#[test]
+fn things_that_stand_on_one_floor_tell_up_in_a_closed_room() {
+    let boxes = [
+        ([-100.0, -100.0, -200.0], [8100.0, 4100.0, 0.0]),
+        ([-100.0, -100.0, 2600.0], [8100.0, 4100.0, 2750.0]),
+        ([-100.0, -100.0, 0.0], [8100.0, 0.0, 2600.0]),
+        ([-100.0, 4000.0, 0.0], [8100.0, 4100.0, 2600.0]),
+        ([-100.0, 0.0, 0.0], [0.0, 4000.0, 2600.0]),
+        ([8000.0, 0.0, 0.0], [8100.0, 4000.0, 2600.0]),
+        ([5000.0, 0.0, 0.0], [5120.0, 1500.0, 2600.0]),
+        ([5000.0, 2400.0, 0.0], [5120.0, 4000.0, 2600.0]),
+        ([5000.0, 1500.0, 2050.0], [5120.0, 2400.0, 2600.0]),
+        ([4000.0, 500.0, 0.0], [4600.0, 1100.0, 900.0]),
+        ([500.0, 3200.0, 0.0], [2500.0, 3900.0, 850.0]),
+        ([2600.0, 3300.0, 0.0], [3200.0, 3900.0, 1900.0]),
+        ([300.0, 600.0, 0.0], [900.0, 1200.0, 450.0]),
+        ([1200.0, 600.0, 0.0], [1700.0, 1100.0, 480.0]),
+        ([3500.0, 1800.0, 0.0], [4100.0, 2400.0, 700.0]),
+    ];
+    for up in [UpAxis::Y, UpAxis::Z] {
+        let mut text = String::new();
+        for (low, high) in boxes {
+            // Seen from outside: sides that face any way would say that a ground does.
+            for face in [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]] {
+                for corner in face {
+                    let [x, y, z] = [0, 1, 2].map(|axis| if corner >> axis & 1 == 1 { high[axis] } else { low[axis] });
+                    match up {
+                        UpAxis::Z => writeln!(text, "v {x} {y} {z}").unwrap(),
+                        UpAxis::Y => writeln!(text, "v {x} {z} {}", -y).unwrap(),
+                    }
+                }
+                text += "f -4 -3 -2 -1\n";
+            }
+        }
+        let (frame, notes) = guess(&text);
+        assert_eq!(frame, FileFrame { up, unit_m: 0.001 }, "{notes:?}");
+    }
+}
+
 #[test]
 fn where_nothing_tells_it_is_told_that_y_was_taken() {
     let (frame, notes) = guess(&coarse_box([3.0, 3.0, 3.0]));

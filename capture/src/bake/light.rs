@@ -13,7 +13,8 @@ use crate::trace::Tracer;
 use glam::Vec3;
 use rayon::prelude::*;
 use std::collections::HashMap;
-use std::ops::Range;
+use std::ops::{ControlFlow, Range};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Samples by which the brighter side of a surface is told.
 const SIDE_SAMPLES: u32 = 4;
@@ -96,6 +97,37 @@ struct Begun {
 /// What lies beyond cells of arrivals: radiosity per albedo.
 type Beyond = HashMap<u64, Vec3>;
 
+/// Is told how many samples of vertices are taken.
+type Told<'a> = dyn Fn(usize) -> ControlFlow<()> + Sync + 'a;
+
+/// A part of a batch, told of while it is done.
+struct Part<'a> {
+    told: &'a Told<'a>,
+    /// Samples before it, and those that it stands for.
+    before: usize,
+    samples: usize,
+    /// How many things it consists of, and how many are done.
+    things: usize,
+    done: AtomicUsize,
+}
+
+impl<'a> Part<'a> {
+    /// A part is told of so often, about.
+    const TIMES: usize = 64;
+
+    fn new(told: &'a Told<'a>, before: usize, samples: usize, things: usize) -> Self {
+        Self { told, before, samples, things, done: AtomicUsize::new(0) }
+    }
+
+    fn one_more(&self) {
+        let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
+        if done.is_multiple_of((self.things / Self::TIMES).max(1)) {
+            // Whether to go on is asked between batches: one that is begun is kept whole.
+            let _ = (self.told)(self.before + (self.samples as f64 * done as f64 / self.things as f64) as usize);
+        }
+    }
+}
+
 impl VertexLight<'_> {
     /// Multiplies the vertex colours of `scene` by light. `sources` names the triangle of the tracer's scene that each
     /// of its triangles is a piece of. Returns how many samples each vertex has at least.
@@ -104,8 +136,14 @@ impl VertexLight<'_> {
         let count = scene.positions.len();
         let cut = Cut { scene, corners: &corners, sources };
         let mut guided = self.lighting.clone();
-        guided.learn(self.tracer, &self.places(&cut));
-        let gathered = VertexLight { lighting: &guided, ..*self }.gather(&cut, progress);
+        let (lessons, samples) = (AtomicUsize::new(0), count * self.options.samples.max(1) as usize);
+        guided.learn(self.tracer, &self.places(&cut), &|done, all| {
+            lessons.store(all, Ordering::Relaxed);
+            progress(done, all + samples)
+        });
+        let lessons = lessons.into_inner();
+        let told = |done| progress(lessons + done, lessons + samples);
+        let gathered = VertexLight { lighting: &guided, ..*self }.gather(&cut, &told);
         let mut lights: Vec<Light> = gathered.iter().map(Gathered::light).collect();
         for _ in 0..self.options.smoothing {
             lights = smooth(scene, &corners, &lights);
@@ -128,7 +166,7 @@ impl VertexLight<'_> {
 
     /// The light of all vertices, round after round and batch after batch: what is known of what lies beyond cells does not depend on
     /// threads.
-    fn gather(&self, cut: &Cut<'_>, progress: &BakeProgress<'_>) -> Vec<Gathered> {
+    fn gather(&self, cut: &Cut<'_>, told: &Told<'_>) -> Vec<Gathered> {
         let count = cut.scene.positions.len();
         let cell_m = (self.options.edge_m * CELL_SHARE).clamp(NARROWEST_CELL_M, WIDEST_CELL_M) as f32;
         let (samples, mut done) = (self.options.samples.max(1), 0);
@@ -138,18 +176,24 @@ impl VertexLight<'_> {
             let many = round.len();
             let batch = (BATCH_SAMPLES / many.max(1)).clamp(1, BATCH_VERTICES);
             for (number, batched) in vertices.chunks_mut(batch).enumerate().filter(|_| many > 0) {
+                // Half of the work of a batch is to begin its samples, about, and half to look beyond.
+                let half = batched.len() * many / 2;
+                let beginning = Part::new(told, done, half, batched.len());
                 let begin = |(i, vertex): (usize, &mut Gathered)| {
-                    self.begin(cut, number * batch + i, vertex, round.clone(), cell_m)
+                    let begun = self.begin(cut, number * batch + i, vertex, round.clone(), cell_m);
+                    beginning.one_more();
+                    begun
                 };
                 let begun: Vec<Vec<Begun>> = batched.par_iter_mut().enumerate().map(begin).collect();
-                self.look_beyond(&mut beyond, begun.iter().flatten());
+                let looking = |cells| Part::new(told, done + half, half, cells);
+                self.look_beyond(&mut beyond, begun.iter().flatten(), looking);
                 batched.par_iter_mut().zip(&begun).for_each(|(vertex, begun)| {
                     let found = begun.iter().filter_map(|at| Some(at.arrival.brings(*beyond.get(&at.cell)?)));
                     vertex.soft += found.sum::<Vec3>();
                     vertex.samples = round.end;
                 });
                 done += batched.len() * many;
-                if progress(done, count * samples as usize).is_break() {
+                if told(done).is_break() {
                     return vertices;
                 }
             }
@@ -191,13 +235,19 @@ impl VertexLight<'_> {
     }
 
     /// Looks at what lies beyond those cells that are not known yet, from where samples arrived in them.
-    fn look_beyond<'b>(&self, beyond: &mut Beyond, begun: impl Iterator<Item = &'b Begun>) {
+    fn look_beyond<'b, 't>(
+        &self,
+        beyond: &mut Beyond,
+        begun: impl Iterator<Item = &'b Begun>,
+        part: impl FnOnce(usize) -> Part<'t>,
+    ) {
         let unknown = begun.filter(|begun| !beyond.contains_key(&begun.cell));
         // Any fixed order that has nothing to do with places will do to draw those that stand for their cell.
         let filed = |(i, begun): (u32, &'b Begun)| (begun.cell, i.wrapping_mul(0x9e37_79b9), &begun.arrival);
         let mut arrivals: Vec<(u64, u32, &Arrival)> = (0_u32..).zip(unknown).map(filed).collect();
         arrivals.par_sort_unstable_by_key(|&(cell, order, _)| (cell, order));
         let cells: Vec<&[(u64, u32, &Arrival)]> = arrivals.chunk_by(|a, b| a.0 == b.0).collect();
+        let part = part(cells.len());
         let light_of = |arrivals: &&[(u64, u32, &Arrival)]| {
             let cell = arrivals[0].0;
             let [stream, ..] = random4([cell as u32, (cell >> 32) as u32, 0xce11, 0]);
@@ -206,6 +256,7 @@ impl VertexLight<'_> {
             };
             // Where few arrived, each stands for the cell several times.
             let sum: Vec3 = (0..).zip(arrivals.iter().cycle().take(SAMPLES_OF_CELL)).map(light).sum();
+            part.one_more();
             (cell, sum / SAMPLES_OF_CELL as f32)
         };
         let found: Vec<(u64, Vec3)> = cells.par_iter().map(light_of).collect();

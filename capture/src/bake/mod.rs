@@ -67,8 +67,9 @@ pub struct Baked {
 /// Columns of a sky's picture, at most: a third of a degree each.
 const SKY_COLUMNS: u32 = 1024;
 
-/// Is told now and then how many light samples, of how many, are taken. After a `Break` the bake ends soon with what it has: a first
-/// round gives every vertex eight samples, a second the rest.
+/// Is told often, and from several threads, how many light samples, of how many, are taken: those by which it is learnt where light comes
+/// from, and those of vertices. After a `Break`, which has to be said again from then on, the bake ends soon with what it has: a first round
+/// gives every vertex eight samples, a second the rest.
 pub type BakeProgress<'a> = dyn Fn(usize, usize) -> ControlFlow<()> + Sync + 'a;
 
 /// Bakes the light of a valid scene ([`Scene::validate`]). The same bytes on any number of threads.

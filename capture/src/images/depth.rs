@@ -4,6 +4,7 @@ use super::ImagesError;
 use crate::DepthKind;
 use crate::files::write_whole;
 use crate::picture;
+use crate::words::of_exr;
 use exr::meta::MetaData;
 use exr::prelude::{Image, ReadChannels, ReadLayers, SpecificChannels, WritableImage, read};
 use std::io;
@@ -120,7 +121,7 @@ fn read_exr(path: &Path, wanted: Option<&str>, unit: f32) -> Result<DepthPicture
     let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
     let failed = |error: exr::error::Error| match error {
         exr::error::Error::Io(cause) => ImagesError::io(path, cause),
-        other => bad(other.to_string()),
+        other => bad(of_exr(&other)),
     };
     let meta = MetaData::read_from_file(path, false).map_err(failed)?;
     let pixels = meta.headers.iter().map(|header| header.layer_size.area()).max().unwrap_or(0);

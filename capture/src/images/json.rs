@@ -8,7 +8,9 @@ use std::path::{Path, PathBuf};
 /// Reads a JSON file.
 pub(super) fn read(path: &Path) -> Result<Value, ImagesError> {
     let text = std::fs::read(path).map_err(|cause| ImagesError::io(path, cause))?;
-    serde_json::from_slice(&text).map_err(|error| ImagesError::field(path, "the file", format!("is no JSON: {error}")))
+    serde_json::from_slice(&text).map_err(|error| {
+        ImagesError::field(path, "the file", format!("is no JSON (line {}, column {})", error.line(), error.column()))
+    })
 }
 
 /// An object of a manifest, and where it is.

@@ -4,6 +4,7 @@ use super::ImagesError;
 use super::depth::{MAX_PIXELS, extension};
 use crate::material::srgb8_from_linear;
 use crate::picture;
+use crate::words::of_exr;
 use exr::meta::MetaData;
 use std::path::Path;
 
@@ -56,6 +57,6 @@ fn read_exr(path: &Path) -> Result<ColorPicture, ImagesError> {
             pixels[at.y() * *stride + at.x()] = [straight(r), straight(g), straight(b), alpha];
         },
     );
-    let image = image.map_err(|error| bad(error.to_string()))?;
+    let image = image.map_err(|error| bad(of_exr(&error)))?;
     Ok((width, height, image.layer_data.channel_data.pixels.1))
 }

@@ -15,6 +15,8 @@ use glam::{Quat, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::f32::consts::{PI, TAU};
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Cells are at least this share of their distance from the local origin wide, and at most twice of it.
 const CELL_SHARE: f32 = 1.0 / 8.0;
@@ -112,12 +114,18 @@ impl Lighting {
         };
         let places: Vec<[Option<LitPoint>; 2]> = (0..PLACES).into_par_iter().filter_map(seen).collect();
         let places: Vec<LitPoint> = places.into_iter().flatten().flatten().collect();
-        self.learn(tracer, &places);
+        self.learn(tracer, &places, &|_, _| ControlFlow::Continue(()));
         self
     }
 
-    /// Learns where light comes from at places such as these.
-    pub(crate) fn learn(&mut self, tracer: &Tracer, places: &[LitPoint]) {
+    /// Learns where light comes from at places such as these. `told` hears how many lessons, of how many at most, were given; after a
+    /// `Break` nothing is learnt.
+    pub(crate) fn learn(
+        &mut self,
+        tracer: &Tracer,
+        places: &[LitPoint],
+        told: &(dyn Fn(usize, usize) -> ControlFlow<()> + Sync),
+    ) {
         self.guide = Guide::default();
         let mut distances: Vec<f32> = places.iter().map(|place| place.position.abs().max_element()).collect();
         let mut guide = Guide { narrowest_m: percentile(&mut distances, 0.5) * NARROWEST_SHARE, ..Guide::default() };
@@ -128,9 +136,16 @@ impl Lighting {
         let cells: Vec<&[(u64, u32, LitPoint)]> =
             filed.chunk_by(|a, b| a.0 == b.0).filter(|places| places.len() >= FEWEST_PLACES).collect();
         let mut lessons: Vec<Lessons> = std::iter::repeat_with(Lessons::default).take(cells.len()).collect();
-        for many in [FIRST_LESSONS, LESSONS] {
-            let taught = cells.par_iter().zip(&mut lessons);
-            taught.for_each(|(places, lessons)| self.teach(tracer, places, lessons, many));
+        let (given, all) = (AtomicUsize::new(0), cells.len() * LESSONS as usize);
+        for (many, more) in [(FIRST_LESSONS, FIRST_LESSONS), (LESSONS, LESSONS - FIRST_LESSONS)] {
+            let taught = cells.par_iter().zip(&mut lessons).try_for_each(|(places, lessons)| {
+                self.teach(tracer, places, lessons, many);
+                // Lessons that a cell does not need count, too.
+                told(given.fetch_add(more as usize, Ordering::Relaxed) + more as usize, all)
+            });
+            if taught.is_break() {
+                return;
+            }
             let counted = cells.iter().zip(&lessons).map(|(places, lessons)| (places.len(), lessons.learnt()));
             if !worth_the_look(counted) {
                 return; // few lessons make more of a guide than there is, if anything

@@ -17,11 +17,12 @@ mod obj;
 mod obj_lines;
 mod orientation;
 mod polygon;
+mod standing;
 mod textures;
 
 pub use builder::{Group, GroupedScene};
-pub use gltf::HEADBOX_HALF_SIZE;
-pub use model::{HOMES, LoadedModel, ModelOptions, home_walls, load_model};
+pub use gltf::{HEADBOX_HALF_SIZE, gltf_boxes};
+pub use model::{HOMES, LoadedModel, ModelOptions, home_lines, load_model};
 
 use crate::scene::{FileFrame, Scene, SceneError, UpAxis};
 use std::path::{Path, PathBuf};

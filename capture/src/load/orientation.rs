@@ -1,8 +1,8 @@
 //! Which axis of an OBJ points up, and what its unit is: the format says neither.
 //!
 //! Both are guessed from evidence, each piece a number of natural log odds; what is said by the user is never guessed, and
-//! glTF rules both (Y up, metres), so that of one what speaks against it is only told. The evidence for an axis: names of floors and walls (of materials, groups and objects), much area in one level (a floor), surfaces
-//! that lie and open sheets that face along it (ground), lamps that shine down along it, a bottom at zero, a scene that is flat along it,
+//! glTF rules both (Y up, metres), so that of one what speaks against it is only told. The evidence for an axis: names of floors and walls (of materials, groups and objects), much area in one level (a floor),
+//! things that have their feet at one level, surfaces that lie and open sheets that face along it (ground), lamps that shine down along it, a bottom at zero, a scene that is flat along it,
 //! and what the exporter wrote.
 //! For a unit: how high and wide what stands in the scene would be, and again what was written. A guess other than Y up and metres, or on thin
 //! evidence, is told, with its reasons and how to overrule it.
@@ -10,6 +10,7 @@
 use super::LoadOptions;
 use super::group_names::GroupNames;
 use super::lying::{FLOORS, Lying, WALLS, along};
+use super::standing::standing;
 use crate::scene::{FileFrame, Scene, UpAxis};
 use glam::DVec3;
 
@@ -150,7 +151,7 @@ impl Hints {
         match (odds > PRIOR_FOR_Y, reasons.is_empty()) {
             (true, _) => (UpAxis::Z, Some(reasons)),
             (false, true) => (UpAxis::Y, Some("nothing tells".into())),
-            (false, false) => (UpAxis::Y, Some(format!("that {reasons} is too little for Z"))),
+            (false, false) => (UpAxis::Y, Some(format!("there is too little for Z: {reasons}"))),
         }
     }
 
@@ -245,6 +246,8 @@ struct Shape {
     walls: Option<DVec3>,
     /// As `facing`, of what shines alone; 0 where nothing does.
     shining: DVec3,
+    /// By how much more things begin at one level of each axis than end at one.
+    standing: DVec3,
 }
 
 impl Shape {
@@ -287,7 +290,8 @@ impl Shape {
             lamps.fold((DVec3::ZERO, 0.0), |(sum, area), lamp| (sum + lamp.normal * lamp.area, area + lamp.area));
         let shining = if area > 0.0 { sum / area } else { DVec3::ZERO };
         let walls = share(&WALLS, groups.walls);
-        Some(Self { low, extent, is_thin, level, foot, along, facing, floors, walls, shining })
+        let standing = standing(scene, low, extent);
+        Some(Self { low, extent, is_thin, level, foot, along, facing, floors, walls, shining, standing })
     }
 
     /// Pieces of evidence that Z is up rather than Y: log odds and a reason.
@@ -309,6 +313,7 @@ impl Shape {
         }
         add((20.0 * (self.level.z - self.level.y)).clamp(-3.0, 3.0), "a floor lies across it");
         add((8.0 * (self.foot.z - self.foot.y)).clamp(-3.0, 3.0), "more lies at its foot than at its top");
+        add((8.0 * (self.standing.z - self.standing.y)).clamp(-2.5, 2.5), "things stand on one level of it");
         add(3.0 * (self.along.z - self.along.y), "more lies flat along it");
         add(6.0 * (self.facing.z.max(0.0) - self.facing.y.max(0.0)), "the ground faces along it");
         add(1.5 * ((-self.shining.z).max(0.0) - (-self.shining.y).max(0.0)), "its lamps shine down along it");

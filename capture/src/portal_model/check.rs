@@ -2,6 +2,7 @@
 
 use super::polygon::{Polygon, Shape, crosses_itself};
 use super::{Portal, PortalModel, Prism};
+use crate::scene::FileFrame;
 use glam::DVec3;
 use std::fmt;
 
@@ -113,8 +114,8 @@ pub enum Finding {
     },
     /// A cell is open to the outside where it has no door or window.
     #[error(
-        "{cell} has no wall to the outside over {width:.2} x {height:.2} m about {:.2}, {:.2}, {:.2}: one may be missing; it \
-         is taken as a portal",
+        "{cell} has no wall to the outside over {width:.2} x {height:.2} m about {:.2}, {:.2}, {:.2} (in the \
+         file's axes and unit): one may be missing; it is taken as a portal",
         at.x, at.y, at.z
     )]
     NoWall {
@@ -129,7 +130,8 @@ pub enum Finding {
     },
     /// Two cells saw each other past all portals.
     #[error(
-        "{} and {} see each other without a portal ({rays} rays, one at {:.2}, {:.2}, {:.2}); they are joined to one cell",
+        "{} and {} see each other without a portal ({rays} rays, one at {:.2}, {:.2}, {:.2} in the file's axes and \
+         unit); they are joined to one cell",
         cells[0], cells[1], at.x, at.y, at.z
     )]
     Joined {
@@ -143,7 +145,7 @@ pub enum Finding {
     /// Surfaces of different materials lie in one plane over each other.
     #[error(
         "{cell}: surfaces of different materials lie over each other in one plane over {area:.2} m2, most about {:.2}, {:.2}, \
-         {:.2} m; they will flicker (move one, or leave it out)",
+         {:.2} (in the file's axes and unit); they will flicker (move one, or leave it out)",
         at.x, at.y, at.z
     )]
     Coplanar {
@@ -156,8 +158,8 @@ pub enum Finding {
     },
     /// Light passes between two cells where there is no portal.
     #[error(
-        "{rays} of {of} rays pass from {from} into {into} without crossing a portal (one at {:.2}, {:.2}, {:.2}); what \
-         they see there will be missing",
+        "{rays} of {of} rays pass from {from} into {into} without crossing a portal (one at {:.2}, {:.2}, {:.2} in the \
+         file's axes and unit); what they see there will be missing",
         at.x, at.y, at.z
     )]
     Leak {
@@ -209,6 +211,16 @@ impl Finding {
             Self::NoCells | Self::MissingCell { .. } | Self::SameCell { .. } | Self::Shape { .. } => Severity::Error,
             _ => Severity::Warning,
         }
+    }
+
+    /// The same with its place in the axes and unit of the file that the model is from: what its sentence says of places.
+    pub fn in_file(mut self, frame: &FileFrame) -> Self {
+        if let Self::NoWall { at, .. } | Self::Joined { at, .. } | Self::Coplanar { at, .. } | Self::Leak { at, .. } =
+            &mut self
+        {
+            *at = frame.file_from_world(*at);
+        }
+        self
     }
 
     fn is_error(&self) -> bool {

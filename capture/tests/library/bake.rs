@@ -277,3 +277,18 @@ fn a_bake_that_is_broken_off_keeps_its_first_round() {
         assert!(baked.scene.colors != whole.scene.colors);
     }
 }
+
+#[test]
+fn a_bake_tells_how_far_it_is_all_along() {
+    let source = Arc::new(uneven_grid());
+    let shares = std::sync::Mutex::new(Vec::new());
+    let whole = bake(&source, &BakeOptions { samples: 32, ..options(0.01) }, &|done, all| {
+        shares.lock().unwrap().push(done as f64 / all as f64);
+        ControlFlow::Continue(())
+    });
+    let mut shares = shares.into_inner().unwrap();
+    assert_eq!(shares.last(), Some(&1.0));
+    shares.sort_by(f64::total_cmp);
+    let widest = shares.windows(2).map(|pair| pair[1] - pair[0]).fold(shares[0], f64::max);
+    assert!(widest < 0.06, "{widest} at once, {} vertices", whole.scene.positions.len());
+}

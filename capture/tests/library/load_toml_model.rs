@@ -58,6 +58,8 @@ fn a_toml_model_points_at_groups() {
     // It has a floor and a single wall.
     assert!(findings.iter().all(|f| matches!(f, Finding::NoWall { .. })), "{findings:?}");
     assert_eq!(findings.len(), 5);
+    let said: Vec<String> = findings.into_iter().map(|f| f.in_file(&model.scene.frame).to_string()).collect();
+    assert!(said.iter().any(|said| said.contains("about 0.00, 150.00, 125.00 (in the file's axes")), "{said:?}");
     assert!((model.portals[0].polygon[1] - glam::DVec3::new(4.0, 2.0, -2.0)).length() < 1e-12);
 }
 

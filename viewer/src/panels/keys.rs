@@ -1,23 +1,48 @@
 //! The list of keys.
 
 use crate::keymap::{BINDINGS, MOUSE_HELP};
-use egui::{Context, Grid, Ui};
+use egui::{Context, Grid, ScrollArea, Ui, vec2};
+
+/// Width of all lists beside each other, and of the two of keys, points; where there is less they stand below each other.
+const WIDE_POINTS: f32 = 960.0;
+const HALVES_POINTS: f32 = 600.0;
 
 /// The list in a window of its own, while `open`.
 pub(crate) fn show(ctx: &Context, open: &mut bool) {
+    // Without the title and the borders.
+    let room = ctx.content_rect().size() - vec2(40.0, 90.0);
     super::dialog(ctx, "Keys", open).resizable(false).show(ctx, |ui| {
-        ui.horizontal_top(|ui| {
-            let half = BINDINGS.len().div_ceil(2);
-            for (i, column) in BINDINGS.chunks(half).enumerate() {
-                let rows = column.iter().map(|binding| {
-                    let keys: Vec<_> = binding.keys.iter().map(|key| key.name()).collect();
-                    (keys.join(" or "), binding.help)
+        ScrollArea::vertical().max_height(room.y.max(60.0)).show(ui, |ui| {
+            if room.x >= WIDE_POINTS {
+                ui.horizontal_top(|ui| {
+                    keys(ui);
+                    mouse(ui);
                 });
-                list(ui, i, rows);
+            } else if room.x >= HALVES_POINTS {
+                ui.horizontal_top(keys);
+                mouse(ui);
+            } else {
+                keys(ui);
+                mouse(ui);
             }
-            list(ui, BINDINGS.len(), MOUSE_HELP.iter().map(|(what, help)| ((*what).to_owned(), *help)));
         });
     });
+}
+
+/// The keys in two halves.
+fn keys(ui: &mut Ui) {
+    let half = BINDINGS.len().div_ceil(2);
+    for (i, column) in BINDINGS.chunks(half).enumerate() {
+        let rows = column.iter().map(|binding| {
+            let keys: Vec<_> = binding.keys.iter().map(|key| key.name()).collect();
+            (keys.join(" or "), binding.help)
+        });
+        list(ui, i, rows);
+    }
+}
+
+fn mouse(ui: &mut Ui) {
+    list(ui, BINDINGS.len(), MOUSE_HELP.iter().map(|(what, help)| ((*what).to_owned(), *help)));
 }
 
 fn list(ui: &mut Ui, id: usize, rows: impl Iterator<Item = (String, &'static str)>) {

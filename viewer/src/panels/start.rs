@@ -8,7 +8,7 @@ use crate::{
     session::Opening,
     source::{Entry, Thumbnail},
 };
-use egui::{Align, Button, Color32, Context, Layout, RichText, Sense, TextureHandle, Ui, vec2};
+use egui::{Align, Button, Color32, Context, Layout, RichText, Sense, TextureHandle, Ui, UiBuilder, vec2};
 use std::time::Duration;
 
 /// Size of a card's picture, points.
@@ -134,25 +134,26 @@ fn opened_last(ui: &mut Ui, recent: &Recent, commands: &mut Vec<Command>) {
     ui.add_space(14.0);
 }
 
-/// One offer; true if it was chosen.
+/// One offer, all of which can be clicked; true if it was chosen.
 fn card(ui: &mut Ui, entry: &Entry, picture: Option<&TextureHandle>) -> bool {
-    ui.vertical(|ui| {
+    let whole = UiBuilder::new().id_salt(&entry.id).layout(Layout::top_down(Align::Min)).sense(Sense::click());
+    let card = ui.scope_builder(whole, |ui| {
         ui.set_width(CARD_POINTS.x);
-        let (rect, response) = ui.allocate_exact_size(CARD_POINTS, Sense::click());
+        let (rect, _) = ui.allocate_exact_size(CARD_POINTS, Sense::hover());
         let whole = egui::Rect::from_min_max(egui::Pos2::ZERO, egui::pos2(1.0, 1.0));
         ui.painter().rect_filled(rect, 4.0, Color32::from_gray(34));
         if let Some(picture) = picture {
             ui.painter().image(picture.id(), rect, whole, Color32::WHITE);
         }
-        if response.hovered() {
+        if ui.response().contains_pointer() {
             let stroke = egui::Stroke::new(2.0, theme::ACCENT);
             ui.painter().rect_stroke(rect, 4.0, stroke, egui::StrokeKind::Outside);
         }
-        let response = response.on_hover_text(format!("Opens {}: {}", entry.name, entry.description));
         let name = ui.add(Button::new(&entry.name)).on_hover_text(&entry.description);
         ui.add(egui::Label::new(RichText::new(&entry.description).weak()).wrap());
         ui.add_space(14.0);
-        response.clicked() || name.clicked()
-    })
-    .inner
+        name.clicked()
+    });
+    let around = card.response.on_hover_text(format!("Opens {}: {}", entry.name, entry.description));
+    around.clicked() || card.inner
 }

@@ -63,6 +63,8 @@ pub(crate) fn install(ctx: &Context) {
         visuals.selection.bg_fill = CHOSEN;
         visuals.selection.stroke = Stroke::new(1.0, Color32::WHITE);
         visuals.slider_trailing_fill = true;
+        // Headings fold wherever their row is clicked.
+        visuals.collapsing_header_frame = true;
         visuals.window_corner_radius = CornerRadius::same(6);
         style.visuals = visuals;
         if let Some(small) = style.text_styles.get_mut(&TextStyle::Small) {

@@ -137,6 +137,12 @@ fn in_a_narrow_window_the_panel_folds_away_and_lies_over_the_frame() {
     click(&mut window, "Fold");
     window.run_steps(4);
     assert!(window.query_by_label("Lamp").is_none());
+    press(&mut window, Key::F1);
+    window.run_steps(4);
+    for words in ["Look down", "Save a picture of the window (PNG)", "Double click"] {
+        let rect = window.get_by_label(words).rect();
+        assert!(rect.left() >= 0.0 && rect.right() <= 480.0, "{words}: {rect:?}");
+    }
 }
 
 #[test]
@@ -161,4 +167,44 @@ fn the_path_field_goes_to_folders_and_opens_files() {
     assert_eq!(list.take_path(dir.path().to_str().unwrap()), None);
     assert_eq!(list.take_path("ball.room"), Some(dir.path().join("ball.room")));
     assert_eq!(list.take_path("none.room"), None);
+}
+
+/// Clicks at a place, as a hand does.
+fn click_at(window: &mut Window, at: egui::Pos2) {
+    for pressed in [true, false] {
+        window.hover_at(at);
+        window.step();
+        let (button, modifiers) = (egui::PointerButton::Primary, egui::Modifiers::NONE);
+        window.event(egui::Event::PointerButton { pos: at, button, pressed, modifiers });
+        window.step();
+    }
+}
+
+#[test]
+fn a_row_is_clicked_anywhere_along_it() {
+    let mut window = start_page();
+    window.run_steps(3);
+    // Below its name, beside the words.
+    let name = window.get_by_label("Checker hall").rect();
+    click_at(&mut window, egui::pos2(name.left() + 180.0, name.bottom() + 12.0));
+    wait(&mut window, "the hall", |viewer| viewer.shown.is_some());
+    window.run_steps(3);
+    // A heading folds at its far end.
+    assert!(window.query_by_label("Compare A with B").is_some());
+    let heading = window.get_by_label("Display").rect();
+    assert!(heading.width() > 200.0, "{heading:?}");
+    click_at(&mut window, egui::pos2(heading.right() - 5.0, heading.center().y));
+    window.run_steps(30);
+    assert!(window.query_by_label("Compare A with B").is_none());
+
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("ball.room"), "ball").unwrap();
+    press(&mut window, Key::O);
+    window.run_steps(3);
+    window.state_mut().open_list.take_path(dir.path().to_str().unwrap());
+    window.run_steps(3);
+    let row = window.get_by_label("ball.room").rect();
+    assert!(row.width() > 300.0, "{row:?}");
+    click_at(&mut window, egui::pos2(row.right() - 5.0, row.center().y));
+    wait(&mut window, "the ball", |viewer| viewer.info.as_ref().is_some_and(|info| info.title == "Checker ball"));
 }

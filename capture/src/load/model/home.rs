@@ -144,7 +144,8 @@ impl Home {
     /// # Errors
     /// A sentence for people if it is not XML, or not a home.
     pub(super) fn parse(text: &str) -> Result<Self, String> {
-        let document = Document::parse(text).map_err(|cause| cause.to_string())?;
+        let document =
+            Document::parse(text).map_err(|cause| format!("it is no XML, or damaged in line {}", cause.pos().row))?;
         let root = document.root_element();
         if !root.has_tag_name("home") {
             let found = root.tag_name().name().to_owned();

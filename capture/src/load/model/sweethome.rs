@@ -28,12 +28,8 @@ const AT_FLOOR_M: f64 = 0.05;
 /// A `Home.xml` longer than this is taken for damage, bytes.
 const LONGEST_XML: u64 = 1 << 28;
 
-/// Walls of a Sweet Home 3D home in plan, y down, as the ends of their middle lines in the file's unit: what can be told of it long before
-/// its furniture is read.
-///
-/// # Errors
-/// See [`LoadError`].
-pub fn home_walls(path: &Path) -> Result<Vec<[DVec2; 2]>, LoadError> {
+/// Walls of a home in plan, y down, as the ends of their middle lines in the file's unit.
+pub(super) fn walls(path: &Path) -> Result<Vec<[DVec2; 2]>, LoadError> {
     let home = parse(path, &read(path)?)?;
     Ok(home.walls.iter().map(|wall| [wall.start, wall.end]).collect())
 }
@@ -42,6 +38,9 @@ pub fn home_walls(path: &Path) -> Result<Vec<[DVec2; 2]>, LoadError> {
 fn parse(path: &Path, bytes: &[u8]) -> Result<Home, LoadError> {
     let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };
     let unpacked = if bytes.starts_with(b"PK") { Some(unpack(bytes).map_err(malformed)?) } else { None };
+    if unpacked.is_none() && !bytes.trim_ascii_start().starts_with(b"<") && !bytes.starts_with(b"\xef\xbb\xbf") {
+        return Err(malformed("it is neither a Sweet Home 3D archive (no ZIP) nor the plan in one (no XML)".into()));
+    }
     Home::parse(&String::from_utf8_lossy(unpacked.as_deref().unwrap_or(bytes))).map_err(malformed)
 }
 

@@ -65,17 +65,35 @@ struct FilePortal {
     polygon: Vec<[f64; 3]>,
 }
 
-pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
+/// A file as it is written.
+fn parse(path: &Path) -> Result<FileModel, LoadError> {
     let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };
-    let bytes = read(path)?;
-    let text = String::from_utf8(bytes).map_err(|_| malformed("it is not UTF-8 text".into()))?;
-    let file: FileModel = toml::from_str(&text).map_err(|cause| match cause.span() {
+    let text = String::from_utf8(read(path)?).map_err(|_| malformed("it is not UTF-8 text".into()))?;
+    toml::from_str(&text).map_err(|cause| match cause.span() {
         Some(span) => {
             let line = text.get(..span.start).unwrap_or_default().matches('\n').count() + 1;
             LoadError::Line { path: path.to_path_buf(), line, cause: cause.message().replace('\n', ", ") }
         }
         None => malformed(cause.message().replace('\n', ", ")),
-    })?;
+    })
+}
+
+/// The outlines of its cells in plan, y down, as the ends of their sides in the file's unit.
+pub(super) fn outlines(path: &Path) -> Result<Vec<[DVec2; 2]>, LoadError> {
+    let file = parse(path)?;
+    let down = if matches!(file.up, Up::Z) { -1.0 } else { 1.0 };
+    let corner = |&[x, y]: &[f64; 2]| DVec2::new(x, down * y);
+    let sides = |prism: &FilePrism| {
+        let corners: Vec<DVec2> = prism.outline.iter().map(corner).collect();
+        let next = corners.iter().cycle().skip(1);
+        corners.iter().zip(next).map(|(from, to)| [*from, *to]).collect::<Vec<_>>()
+    };
+    Ok(file.cell.iter().flat_map(|cell| &cell.prism).flat_map(sides).collect())
+}
+
+pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
+    let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };
+    let file = parse(path)?;
     let up = if matches!(file.up, Up::Z) { UpAxis::Z } else { UpAxis::Y };
     let options = LoadOptions { up: Some(up), unit_m: Some(file.unit) };
     let grouped = load_grouped(&folder_of(path).join(&file.scene), &options)?;
