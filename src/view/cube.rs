@@ -186,15 +186,17 @@ fn paint_effort(
     }
 }
 
-/// Opens the scene that an LDI names, with the light it was captured in.
+/// Opens the scene that an LDI names, with the light it was captured in; where that comes from is not learnt yet.
 fn reopen(info: &CaptureInfo) -> Result<LitScene, String> {
     let source = SceneSource::in_frame(&info.scene, info.frame).lit_by(info.light.clone());
     let scene = source.open().map_err(|error| format!("Truth needs the scene that was captured: {error}."))?;
     let tracer = Arc::new(Tracer::new(Arc::new(scene), info.centre));
     let lit = info.parameters.light_samples > 0;
-    let mut lighting = Lighting::prepare(&tracer, info.parameters.bounces, lit);
+    let bounces = info.parameters.bounces;
+    let mut lighting =
+        if lit { Lighting::measure(&tracer, bounces) } else { Lighting::prepare(&tracer, bounces, false) };
     lighting.exposure = info.exposure;
-    Ok(LitScene { tracer, lighting: Arc::new(lighting), lit })
+    Ok(LitScene { tracer, lighting: Arc::new(lighting), lit, guided: false })
 }
 
 fn render_settings(values: &SettingValues) -> Result<RenderSettings, String> {

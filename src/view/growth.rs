@@ -27,6 +27,18 @@ pub(super) struct LitScene {
     pub(super) lighting: Arc<Lighting>,
     /// False shows albedo and emission, as a capture without light does.
     pub(super) lit: bool,
+    /// Whether it was learnt where light comes from.
+    pub(super) guided: bool,
+}
+
+impl LitScene {
+    /// Learns where light comes from, if that is worth knowing and not known.
+    pub(super) fn guide(&mut self) {
+        if self.lit && !self.guided {
+            self.lighting = Arc::new(Lighting::clone(&self.lighting).guided(&self.tracer));
+            self.guided = true;
+        }
+    }
 }
 
 /// One round of a progressive capture.
@@ -130,7 +142,7 @@ impl Growth {
             move || {
                 let rounds = || {
                     let lighting = Arc::new(Lighting::prepare(&tracer, CaptureParameters::DEFAULT.bounces, true));
-                    let scene = shared.is_lit(LitScene { tracer, lighting, lit: true });
+                    let scene = shared.is_lit(LitScene { tracer, lighting, lit: true, guided: true });
                     ROUNDS.iter().try_for_each(|round| shared.run(&round.job(&source, &headbox), &scene))
                 };
                 let work = || pool.install(rounds);

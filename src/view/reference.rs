@@ -83,7 +83,7 @@ impl Reference {
         let spawned = std::thread::Builder::new().name("error map".into()).spawn({
             let shared = Arc::clone(&shared);
             move || {
-                let work = || pool.install(|| scene().map(|scene| shared.work(&scene)));
+                let work = || pool.install(|| scene().map(|scene| shared.work(scene)));
                 let panicked = |_| Err("Ray tracing stopped because of an error in the program.".into());
                 let done = catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(panicked);
                 shared.lock().failed = done.err();
@@ -146,9 +146,13 @@ impl Shared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn work(&self, scene: &LitScene) {
+    fn work(&self, mut scene: LitScene) {
         self.lock().has_scene = true;
         while let Some((camera, rounds)) = self.next() {
+            // That takes a second, which a first, coarse answer does not wait for.
+            if rounds > 0 {
+                scene.guide();
+            }
             let wanted = StillWanted { shared: self, camera };
             let (samples, side) = ROUNDS[rounds];
             // A view that has a camera has a coarser one.

@@ -10,7 +10,7 @@ use crate::portal_model::Side;
 use crate::sampler::{random4, unit_float};
 use crate::scene::Scene;
 use crate::trace::Tracer;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::ops::{ControlFlow, Range};
@@ -53,6 +53,8 @@ pub(super) struct VertexLight<'a> {
     pub(super) options: &'a BakeOptions,
     /// Of triangles of the source scene, the side that is seen; of those beyond its end, any.
     pub(super) sides: &'a [Side],
+    /// Whether a place (world metres) may be seen, as far as that is known.
+    pub(super) is_open: &'a (dyn Fn(DVec3) -> bool + Sync),
 }
 
 /// The cut scene whose vertices are lit.
@@ -265,8 +267,8 @@ impl VertexLight<'_> {
 
     /// The side of a vertex that is lit: 1 for the front, -1 for the back.
     fn side(&self, cut: &Cut<'_>, vertex: usize) -> f32 {
-        let side_of = |&(triangle, _): &(u32, u8)| self.sides.get(cut.sources[triangle as usize] as usize);
-        let seen = cut.corners.around(vertex).iter().filter_map(side_of).find_map(|side| match side {
+        let side_of = |&(triangle, _): &(u32, u8)| self.side_of(cut, triangle);
+        let seen = cut.corners.around(vertex).iter().map(side_of).find_map(|side| match side {
             Side::Front => Some(1.0),
             Side::Back => Some(-1.0),
             Side::Any => None,
@@ -281,8 +283,13 @@ impl VertexLight<'_> {
         seen.unwrap_or_else(|| if level(-1.0) > level(1.0) { -1.0 } else { 1.0 })
     }
 
+    /// The side of a triangle that is known to be seen.
+    fn side_of(&self, cut: &Cut<'_>, triangle: u32) -> Side {
+        self.sides.get(cut.sources[triangle as usize] as usize).copied().unwrap_or(Side::Any)
+    }
+
     /// Where sample `index` of a vertex is taken, of the triangles around it in turn: half way to their far edges at most, so that a
-    /// vertex on an edge is lit as the surface beside it is.
+    /// vertex on an edge is lit as the surface beside it is; nearer to it where that lies in a wall.
     fn point(&self, cut: &Cut<'_>, vertex: usize, index: u32, side: f32) -> (LitPoint, LightSample) {
         let around = cut.corners.around(vertex);
         let (triangle, corner) = around[index as usize % around.len()];
@@ -290,8 +297,12 @@ impl VertexLight<'_> {
         let [a, b, c] = [0, 1, 2].map(|i| cut.scene.positions[vertices[(corner as usize + i) % 3] as usize]);
         let [u, v, ..] = random4([vertex as u32, index, 0x6261, 0x6b65]).map(unit_float);
         let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
-        let place = a + (b - a) * f64::from(u / 2.0) + (c - a) * f64::from(v / 2.0);
+        let across = (b - a) * f64::from(u / 2.0) + (c - a) * f64::from(v / 2.0);
         let geometric = (b - a).cross(c - a).normalize_or_zero().as_vec3();
+        let place = match self.side_of(cut, triangle) {
+            Side::Any => self.open_place(a, across, geometric.as_dvec3() * (f64::from(side) * Side::PROBE_M)),
+            Side::Front | Side::Back => a + across,
+        };
         let normal = cut.corners.normals[vertex];
         let normal = if normal.dot(geometric) < 0.0 { -normal } else { normal };
         let point = LitPoint {
@@ -301,6 +312,21 @@ impl VertexLight<'_> {
             extent: extent_of(self.tracer.triangle(cut.sources[triangle as usize])),
         };
         (point, LightSample { stream: vertex as u32, index })
+    }
+}
+
+impl VertexLight<'_> {
+    /// The place `across` from a vertex, or, if that may not be seen and one close to the vertex may, the first on the way to it that may.
+    /// `before`: from the surface to where it is seen from. Of the jamb of a door a hand's breadth lies in the wall, and a thumb's before it.
+    fn open_place(&self, vertex: DVec3, across: DVec3, before: DVec3) -> DVec3 {
+        /// Down to a 64th of the way.
+        const HALVINGS: i32 = 6;
+        let place = |times: i32| vertex + across * 0.5f64.powi(times);
+        let is_open = |times: &i32| (self.is_open)(place(*times) + before);
+        if is_open(&0) || !is_open(&HALVINGS) {
+            return place(0);
+        }
+        place((1..HALVINGS).find(is_open).unwrap_or(HALVINGS))
     }
 }
 

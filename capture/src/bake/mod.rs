@@ -17,9 +17,10 @@ mod light;
 mod subdivide;
 
 use crate::light::Lighting;
-use crate::portal_model::{PortalModel, Side};
+use crate::portal_model::{PortalModel, Prism, Side};
 use crate::scene::{Scene, Sky};
 use crate::trace::Tracer;
+use glam::{DVec2, DVec3};
 use light::VertexLight;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -74,18 +75,32 @@ pub type BakeProgress<'a> = dyn Fn(usize, usize) -> ControlFlow<()> + Sync + 'a;
 
 /// Bakes the light of a valid scene ([`Scene::validate`]). The same bytes on any number of threads.
 pub fn bake(source: &Arc<Scene>, options: &BakeOptions, progress: &BakeProgress<'_>) -> Baked {
-    bake_sides(source, &[], Lighting::measure, options, progress)
+    bake_seen(source, Seen::ALL, Lighting::measure, options, progress)
 }
 
 /// As [`bake`], in the scene's light as it is: nothing is metered, so that the exposure is 1, and nothing is added where it is dark.
 pub fn bake_unmetered(source: &Arc<Scene>, options: &BakeOptions, progress: &BakeProgress<'_>) -> Baked {
-    bake_sides(source, &[], Lighting::of_scene, options, progress)
+    bake_seen(source, Seen::ALL, Lighting::of_scene, options, progress)
 }
 
-/// As [`bake`], where it is known of some triangles which side is seen, in the light that `lights` makes of a scene and a number of bounces.
-fn bake_sides(
+/// What is known of where a scene is seen from.
+#[derive(Clone, Copy)]
+struct Seen<'a> {
+    /// Of triangles, the side that is seen; of those beyond its end, any.
+    sides: &'a [Side],
+    /// Whether a place (world metres) may be seen.
+    is_open: &'a (dyn Fn(DVec3) -> bool + Sync),
+}
+
+impl Seen<'_> {
+    /// Nothing.
+    const ALL: Self = Self { sides: &[], is_open: &|_| true };
+}
+
+/// As [`bake`], where it is known what is seen, in the light that `lights` makes of a scene and a number of bounces.
+fn bake_seen(
     source: &Arc<Scene>,
-    sides: &[Side],
+    Seen { sides, is_open }: Seen<'_>,
     lights: impl FnOnce(&Tracer, u32) -> Lighting,
     options: &BakeOptions,
     progress: &BakeProgress<'_>,
@@ -95,7 +110,7 @@ fn bake_sides(
     let lighting = lights(&tracer, options.bounces);
     let (mut scene, pieces, edge_m) = cut(source, options);
     let sources = owners(&pieces);
-    let light = VertexLight { tracer: &tracer, lighting: &lighting, options, sides };
+    let light = VertexLight { tracer: &tracer, lighting: &lighting, options, sides, is_open };
     let samples = light.bake(&mut scene, &sources, progress);
 
     let exposure = lighting.exposure;
@@ -113,10 +128,20 @@ fn bake_sides(
 }
 
 /// Bakes the light of a portal model's scene (see [`bake`]) and stitches it; each cell keeps its surfaces. Those that border a room are lit as
-/// they are seen from it: the underside of a floor, which nobody sees, may be in the sun. Returns the model and [`Baked::samples`].
+/// they are seen from it: the underside of a floor, which nobody sees, may be in the sun; what lies partly in a wall by its part in a room. Returns the model and [`Baked::samples`].
 pub fn bake_model(mut model: PortalModel, options: &BakeOptions, progress: &BakeProgress<'_>) -> (PortalModel, u32) {
     let sides = model.sides();
-    let baked = bake_sides(&Arc::new(std::mem::take(&mut model.scene)), &sides, Lighting::measure, options, progress);
+    let source = Arc::new(std::mem::take(&mut model.scene));
+    let inside = (0_u32..).zip(&model.cells).filter(|(cell, _)| !model.is_outside(*cell)).flat_map(|(_, it)| &it.space);
+    let rooms: Vec<([DVec2; 2], &Prism)> = inside.map(|prism| (bounds(&prism.outline), prism)).collect();
+    // What lies in no room lies in a wall, or outside, where all is seen.
+    let is_in_a_room = |place: DVec3| {
+        let plan = DVec2::new(place.x, place.z);
+        let is_near = |[low, high]: &[DVec2; 2]| plan.cmpge(*low).all() && plan.cmple(*high).all();
+        rooms.iter().any(|(bounds, prism)| is_near(bounds) && prism.contains(place))
+    };
+    let seen = Seen { sides: &sides, is_open: &is_in_a_room };
+    let baked = bake_seen(&source, seen, Lighting::measure, options, progress);
     let piece = |triangle: u32| baked.pieces.get(triangle as usize).copied().unwrap_or_default();
     let mut cells = model.cells;
     for cell in &mut cells {
@@ -126,6 +151,12 @@ pub fn bake_model(mut model: PortalModel, options: &BakeOptions, progress: &Bake
     // Only now: with light of its own each new corner would show as a dent in what runs evenly along an edge.
     lit.stitch();
     (lit, baked.samples)
+}
+
+/// The least and the largest coordinates of some points.
+fn bounds(points: &[DVec2]) -> [DVec2; 2] {
+    let all = points.iter().copied();
+    [all.clone().fold(DVec2::INFINITY, DVec2::min), all.fold(DVec2::NEG_INFINITY, DVec2::max)]
 }
 
 /// A scene cut to the wished edge length, or as near to it as the number of triangles allows.

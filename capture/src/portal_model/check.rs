@@ -335,7 +335,7 @@ impl PortalModel {
         with_a_way_out.or((count > 0).then_some(0))
     }
 
-    pub(super) fn is_outside(&self, cell: u32) -> bool {
+    pub(crate) fn is_outside(&self, cell: u32) -> bool {
         self.outside == Some(cell)
     }
 

@@ -121,25 +121,42 @@ pub(crate) enum Side {
     Any,
 }
 
+impl Side {
+    /// How far before and behind a surface its cell is looked for, metres: less than a wall is thick.
+    pub(crate) const PROBE_M: f64 = 0.02;
+}
+
 impl PortalModel {
-    /// For each triangle the side that its cell sees: where the cell ends at the surface, only one.
+    /// For each triangle the side that its cell sees: where the cell ends at the surface, and nowhere goes on behind it, only one. The side of
+    /// a jamb is seen from the room where it stands out of the wall, though the middle of it lies in the wall.
     pub(crate) fn sides(&self) -> Vec<Side> {
-        /// How far before and behind a surface its cell is looked for, metres: less than a wall is thick.
-        const PROBE_M: f64 = 0.02;
         let mut sides = vec![Side::Any; self.scene.triangles.len()];
         for (cell, it) in (0_u32..).zip(&self.cells).filter(|(cell, _)| !self.is_outside(*cell)) {
             for triangle in it.triangles.clone() {
-                let [a, b, c] = self.scene.corners(triangle);
-                let normal = (b - a).cross(c - a).normalize_or_zero();
-                let is_in = |side: f64| self.cell_at((a + b + c) / 3.0 + normal * (side * PROBE_M)) == Some(cell);
-                sides[triangle as usize] = match [is_in(1.0), is_in(-1.0)] {
-                    [true, false] => Side::Front,
-                    [false, true] => Side::Back,
-                    _ => Side::Any,
-                };
+                sides[triangle as usize] = self.side_toward(cell, self.scene.corners(triangle));
             }
         }
         sides
+    }
+
+    fn side_toward(&self, cell: u32, corners: [DVec3; 3]) -> Side {
+        /// From a corner to the middle, so that it lies on the triangle.
+        const INWARD: f64 = 0.05;
+        let [a, b, c] = corners;
+        let (normal, middle) = ((b - a).cross(c - a).normalize_or_zero(), (a + b + c) / 3.0);
+        let places = [middle].into_iter().chain(corners.map(|corner| corner.lerp(middle, INWARD)));
+        let mut seen = [false; 2];
+        for place in places {
+            match [1.0, -1.0].map(|side| self.cell_at(place + normal * (side * Side::PROBE_M)) == Some(cell)) {
+                [true, true] => return Side::Any,
+                here => seen = [seen[0] || here[0], seen[1] || here[1]],
+            }
+        }
+        match seen {
+            [true, false] => Side::Front,
+            [false, true] => Side::Back,
+            _ => Side::Any,
+        }
     }
 
     /// Where a person would stand in the largest room, if the scene does not say where to look from: exposure is measured there.

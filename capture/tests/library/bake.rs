@@ -1,10 +1,10 @@
 //! Light in vertices: triangles are cut without cracks, and colours are what the light estimator says.
 
-use glam::{DVec3, Vec2, Vec3, dvec3};
+use glam::{DVec2, DVec3, Vec2, Vec3, dvec3};
 use headbox_capture::Material;
 use headbox_capture::bake::{BakeOptions, Baked, bake, bake_model};
 use headbox_capture::light::{LightSample, Lighting, LitPoint};
-use headbox_capture::portal_model::{Cell, PortalModel};
+use headbox_capture::portal_model::{Cell, PortalModel, Prism};
 use headbox_capture::scene::{Headbox, Scene, Sky, SkyGradient, Sun, Triangle};
 use headbox_capture::trace::Tracer;
 use std::collections::HashSet;
@@ -256,6 +256,49 @@ fn cells_keep_their_surfaces() {
     for (cell, expected) in model.cells.iter().zip(areas) {
         assert!((area(&model.scene, cell.triangles.clone()) - expected).abs() < 1e-9);
     }
+}
+
+#[test]
+fn a_jamb_that_lies_in_the_wall_is_lit_where_it_stands_out_of_it() {
+    // A room of 2 m; its wall at z = 0 reaches to z = 0.1 behind it; a jamb's side, at x = 1, stands 1 cm out of the wall.
+    let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+    let mut quad = |corners: [[f64; 3]; 4]| {
+        let first = scene.positions.len() as u32;
+        scene.positions.extend(corners.map(|[x, y, z]| dvec3(x, y, z)));
+        let triangle = |vertices| Triangle { vertices, material: 0 };
+        scene.triangles.extend([[0, 1, 2], [0, 2, 3]].map(|v: [u32; 3]| triangle(v.map(|i| first + i))));
+    };
+    let jamb = [[1.0, -0.01], [1.0, 0.1], [1.05, 0.1], [1.05, -0.01]];
+    for (i, [x, z]) in jamb.into_iter().enumerate() {
+        let [next_x, next_z] = jamb[(i + 1) % 4];
+        quad([[x, 0.0, z], [next_x, 0.0, next_z], [next_x, 2.0, next_z], [x, 2.0, z]]);
+    }
+    // The wall, on the jamb's left; its end lies in the jamb's plane. Then its back.
+    quad([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 2.0, 0.0], [-1.0, 2.0, 0.0]]);
+    quad([[-1.0, 0.0, 0.1], [1.0, 0.0, 0.1], [1.0, 2.0, 0.1], [-1.0, 2.0, 0.1]]);
+    scene.sky = Some(Sky::Gradient(SkyGradient { zenith: [1.0; 3], horizon: [1.0; 3], ground: [1.0; 3] }));
+    scene.headbox = Some(Headbox { centre: dvec3(0.0, 1.0, -1.0), half_size_m: 0.4 });
+    // The room goes on in the doorway, in which the jamb stands.
+    let prism = |[x0, x1]: [f64; 2], [z0, z1]: [f64; 2]| {
+        let outline = [[x0, z0], [x1, z0], [x1, z1], [x0, z1]].map(|[x, z]| DVec2::new(x, z)).to_vec();
+        Prism { outline, floor_y: 0.0, ceiling_y: 2.0 }
+    };
+    let space = vec![prism([-1.0, 3.0], [-2.0, 0.0]), prism([1.0, 2.0], [0.0, 0.1])];
+    let cell = Cell { name: String::new(), space, triangles: 0..12 };
+    let model = PortalModel { scene, cells: vec![cell], portals: Vec::new(), outside: None };
+    let options = BakeOptions { samples: 64, ..options(10.0) };
+    let (baked, _) = bake_model(model, &options, &|_, _| ControlFlow::Continue(()));
+    let brightest = |x: f64, z: f64| {
+        let at = |(place, color): (&DVec3, &Vec3)| (place.x == x && place.z == z).then_some(color.x);
+        baked.scene.positions.iter().zip(&baked.scene.colors).filter_map(at).fold(0.0, f32::max)
+    };
+    let dimmest = |x: f64, z: f64| {
+        let at = |(place, color): (&DVec3, &Vec3)| (place.x == x && place.z == z).then_some(color.x);
+        baked.scene.positions.iter().zip(&baked.scene.colors).filter_map(at).fold(f32::INFINITY, f32::min)
+    };
+    // The wall sees half of the sky, and the jamb, beside it, half of that: its dimmer vertices there are those of its side.
+    let (wall, out) = (brightest(-1.0, 0.0), dimmest(1.0, -0.01));
+    assert!(out > 0.35 * wall, "{out} before the wall, which has {wall}");
 }
 
 #[test]
