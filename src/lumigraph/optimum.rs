@@ -31,7 +31,7 @@ pub struct CurvePoint {
 }
 
 /// Frames of which a point's time is the median, in as many rounds.
-const ROUNDS: usize = 5;
+const ROUNDS: usize = 11;
 
 /// Layers that a point is tried with where time allows more than the curve asks for, in multiples of these.
 const MORE_LAYERS: [usize; 3] = [1, 2, 4];
