@@ -305,7 +305,12 @@ mod tests {
         // Amid the three the other two stand beside, out of sight.
         assert_eq!(changed(DVec3::ZERO), 0);
         assert_eq!(changed(DVec3::new(0.0, 0.0, -3.0)), 0);
-        // Pyramids that reach past the eye's plane are cut off there.
-        assert!(changed(DVec3::new(0.5, 0.0, -0.2)) > 0);
+        // What reaches past the eye's plane is cut off there, from either end.
+        let camera = Camera::from_parts(DVec3::ZERO, DMat3::IDENTITY, 80.0, SIZE[0], SIZE[1]).unwrap();
+        let (ahead, behind) = (DVec3::new(0.5, 0.0, -1.0), DVec3::new(0.5, 0.0, 1.0));
+        let [from, to] = in_frame(&camera, ahead, behind, 0.5).unwrap();
+        assert_eq!((from, to), ([140.0, 50.0], [180.0, 50.0]));
+        assert_eq!(in_frame(&camera, behind, ahead, 0.5), Some([to, from]));
+        assert_eq!(in_frame(&camera, behind, behind * 2.0, 0.5), None);
     }
 }
