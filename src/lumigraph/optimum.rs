@@ -36,7 +36,7 @@ const ROUNDS: usize = 11;
 /// Layers that a point is tried with where time allows more than the curve asks for, in multiples of these.
 const MORE_LAYERS: [usize; 3] = [1, 2, 4];
 
-/// More than any point of a curve is worth: a quarter of what a byte tells apart would already be within a pixel in most scenes.
+/// Four times as many as a byte tells apart: what frames are compared with if nothing else tells what they should show.
 const FINEST_LAYERS: usize = 1020;
 
 impl RawLumigraph {
