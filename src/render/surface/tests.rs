@@ -85,7 +85,7 @@ fn some_pieces(random: &mut Rng, count: usize) -> Vec<Piece> {
 
 /// Half the tile shows a plane behind some of the splats.
 fn some_ground() -> Ground {
-    let half = |row: usize| std::array::from_fn(|i| [200, 10 * row as u8, 30 * i as u8, if i < 4 { 255 } else { 0 }]);
+    let half = |row: usize| std::array::from_fn(|i| [200, 7 * row as u8, 30 * i as u8, if i < 4 { 255 } else { 0 }]);
     std::array::from_fn(|row| (half(row), [2.5; BLOCK]))
 }
 
