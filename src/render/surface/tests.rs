@@ -3,6 +3,7 @@
 use super::mean::{BLOCK, MIN_SHARE, OPAQUE, together};
 use super::peel::{Peel, Tolerance, Touched};
 use super::piece::{Piece, TILE_ROWS};
+use super::{Canvas, Splats, SurfaceCanvas, Tents};
 use crate::capture::random::Rng;
 use crate::capture::simd;
 use crate::render::linear::LinearLight;
@@ -165,6 +166,113 @@ fn one_colour_stays_one_colour_however_many_splats() {
             pixel.add([201, 0, 255], weight, 1.0);
         }
         assert_eq!(pixel.color(), [201, 0, 255, 255]);
+    }
+}
+
+/// What is in front, in the middle and behind, with splats at the tolerance's very border and infinitely far away.
+#[test]
+fn borders_of_surfaces_are_part_of_them() {
+    let reach = |q: f32| q + (q * TOLERANCE.relative).max(TOLERANCE.least);
+    let (half, [red, green, blue]) = (OPAQUE / 2, [[250, 0, 0], [0, 250, 0], [0, 0, 250]]);
+    let quarter = half / 2;
+    let near = [(quarter, red, reach(1.0)), (quarter, blue, 1.0)];
+    // The nearer of two surfaces a little nearer than the border, on it, and a little beyond.
+    let around = |q: f32| [reach(q).next_down(), reach(q), reach(q).next_up()];
+    let mut cases: Vec<(Vec<Splat>, f32)> = vec![([&near[..], &[(ONE, green, 0.0)]].concat(), 0.5)];
+    for front in around(0.5).into_iter().chain(around(0.01)) {
+        let q = if front < 0.1 { 0.01 } else { 0.5 };
+        cases.push((vec![(half, red, 2.0), (half, green, front), (half, blue, q)], -1.0));
+        cases.push(([&near[..], &[(half, red, front), (quarter, green, q)]].concat(), -1.0));
+        cases.push((vec![(half, red, 2.0), (half, green, front)], q));
+        cases.push((vec![(half, green, front)], q));
+    }
+    for q in [0.0, 0.01] {
+        cases.extend([(vec![(half, red, 1.0), (half, blue, q)], -1.0), (vec![(half, red, 1.0)], q)]);
+        cases.extend([(vec![(quarter, red, q)], q), (vec![(half, red, q), (quarter, blue, 0.0)], -1.0)]);
+    }
+    let under = [0, 130, 130];
+    for (splats, q) in cases {
+        let mut pixel = Pixel::default();
+        splats.iter().for_each(|(weight, color, q)| pixel.add(*color, *weight, *q));
+        let mut ground: Ground = [([[0; 4]; BLOCK], [-1.0; BLOCK]); TILE_ROWS];
+        let is_there = q >= 0.0;
+        if is_there {
+            (ground[0].0[0], ground[0].1[0]) = ([under[0], under[1], under[2], 255], q);
+        }
+        let below = is_there.then_some((ONE, under, q));
+        let (expected, front) = of_pixel(splats.iter().copied().chain(below).collect());
+        for level in simd::levels() {
+            let (_, shown) = peeled(level, &pixel.0, Some(&ground));
+            let found = shown[0].0[0].to_le_bytes();
+            let apart = found.iter().zip(expected).map(|(a, b)| a.abs_diff(b)).max();
+            assert!(apart <= Some(LEVELS), "{found:?} for {expected:?}: {splats:?} before {q}");
+            assert_eq!((found[3], shown[0].1[0]), (expected[3], front), "{splats:?} before {q}");
+        }
+    }
+}
+
+#[test]
+fn rows_are_touched_from_the_first_to_the_last_of_each_piece() {
+    let piece = |rows| Piece { rows, ..some_pieces(&mut Rng::keyed(1), 1)[0] };
+    let (touched, _) = peeled(Level::new(), &[piece([3, 5]), piece([9, 10]), piece([30, 32])], None);
+    assert!(touched.rows().eq([3, 4, 9, 30, 31]));
+}
+
+/// A frame of tiles, of which the last column and the last row may lie beyond it in part, against the definition.
+#[test]
+fn tents_show_in_every_tile_that_they_reach() {
+    let (mut random, rows) = (Rng::keyed(8), 5..45);
+    let mut canvas = SurfaceCanvas { tolerance: TOLERANCE.relative, bin: TOLERANCE.least, ..SurfaceCanvas::default() };
+    for (width, count) in [(16, 150), (20, 8), (20, 150)] {
+        let mut splats = Box::new(Splats::new());
+        splats.len = count;
+        for i in 0..count {
+            splats.x[i] = random.between(-1.0, f64::from(width) + 1.0) as f32;
+            splats.y[i] = random.between(4.0, 46.0) as f32;
+            splats.radius_x[i] = random.between(0.75, 3.0) as f32;
+            splats.radius_y[i] = random.between(0.75, 3.0) as f32;
+            splats.weight[i] = random.between(0.2, 1.0) as f32;
+            splats.inverse_depth[i] = (1 + random.below(4)) as f32;
+            splats.color[i] = u32::from_ne_bytes([random.below(256) as u8, random.below(256) as u8, 30, 255]);
+        }
+        let (mut tents, bounds) = (Box::<Tents>::default(), [[0.0, width as f32], [5.0, 45.0]]);
+        dispatch!(simd::level(), simd => tents.fill(simd, &splats, bounds));
+        let drawn = |x: i32, y: i32| -> Vec<Splat> {
+            let touching = (0..count).filter(|i| tents.columns.of(*i).contains(&x) && tents.rows.of(*i).contains(&y));
+            let height = |[at, _]: [i32; 2]| (TOP - at.abs()).max(0).cast_unsigned();
+            let splat = |i: usize| {
+                let peak = (tents.peak[i] * height(tents.rows.from(i, y))) >> 15;
+                let weight = (peak * height(tents.columns.from(i, x)) + (1 << 23)) >> 24;
+                let [r, g, b, _] = splats.color[i].to_ne_bytes();
+                (weight, [r, g, b], splats.inverse_depth[i])
+            };
+            touching.map(splat).collect()
+        };
+        for level in simd::levels() {
+            canvas.clear(width as u32, rows.clone());
+            canvas.draw(&splats, level);
+            canvas.settle(level);
+            for y in rows.clone() {
+                let (mut colors, mut depths) = (vec![[9; 4]; width as usize], vec![9.0; width as usize]);
+                canvas.resolve(y as usize - 5, 0, &mut colors, level);
+                canvas.tell_depths(y as usize - 5, 0, &mut depths);
+                for x in 0..width {
+                    let (expected, front) = of_pixel(drawn(x, y.cast_signed()));
+                    let found = colors[x as usize];
+                    let apart = found.iter().zip(expected).map(|(a, b)| a.abs_diff(b)).max();
+                    assert!(apart <= Some(LEVELS), "{found:?} for {expected:?} at {x}, {y} of {width}");
+                    assert_eq!(depths[x as usize], front, "{x}, {y} of {width}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn tolerances_grow_with_a_face_pixels_angle() {
+    // The sum of 1.5 % and 7.2 / face_px.
+    for (face_px, expected) in [(64, 0.1275), (512, 0.029_062_5), (1024, 0.022_031_25)] {
+        assert!((SurfaceCanvas::tolerance(face_px) - expected).abs() < 1e-7);
     }
 }
 
