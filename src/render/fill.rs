@@ -156,6 +156,20 @@ mod tests {
     }
 
     #[test]
+    fn bands_tell_the_rows_that_holes_may_look_at() {
+        let told = |has_holes: bool, rows: u32, pixels: usize| {
+            let (mut depths, band) =
+                (vec![0.0; pixels], Band { width: 3, height: 20, principal_px: [0.0; 2], rows: 4..4 + rows });
+            tell_rows(&mut depths, &band, has_holes, |row, to| to.fill(1.0 + row as f32));
+            depths
+        };
+        let three = |rows: [usize; 7]| rows.map(|row| [row as f32; 3]).concat();
+        assert_eq!(told(false, 7, 21), three([1, 2, 0, 0, 0, 6, 7]), "two rows at either border");
+        assert_eq!(told(true, 7, 21), three([1, 2, 3, 4, 5, 6, 7]));
+        assert_eq!((told(true, 7, 0), told(false, 1, 3)), (vec![], vec![1.0; 3]));
+    }
+
+    #[test]
     fn a_speck_takes_the_background_and_a_large_hole_stays() {
         let mut frame = Frame::default();
         frame.reset(9, 1, [0; 3]);

@@ -52,11 +52,29 @@ fn a_splat_is_a_gaussian_whose_volume_is_its_weight() {
 
 #[test]
 fn correlations_stay_below_one() {
-    let mut canvas = canvas();
-    canvas.draw(&one([9, 9, 9, 255], 0.5, 1.5), Level::new());
-    assert!(
-        canvas.cells.iter().all(|cell| cell.weight.is_finite()) && canvas.cells.iter().any(|cell| cell.weight > 0.0)
-    );
+    for (correlation, largest) in [(1.5, MAX_CORRELATION), (-1.5, -MAX_CORRELATION)] {
+        let drawn = |correlation| {
+            let mut canvas = canvas();
+            canvas.draw(&one([9, 9, 9, 255], 0.5, correlation), Level::new());
+            canvas.cells.iter().map(|cell| cell.weight).collect::<Vec<_>>()
+        };
+        let found = drawn(correlation);
+        assert!(found == drawn(largest) && found.iter().any(|weight| *weight > 0.0));
+    }
+}
+
+#[test]
+fn surfaces_are_apart_by_a_part_of_their_depth_and_a_bin_at_least() {
+    // A hundredth of 0.5 is 0.005; of 0.05 less than a bin of 0.001.
+    for (q, nearer, is_one) in [(0.5, 0.504, true), (0.5, 0.506, false), (0.05, 0.0508, true), (0.05, 0.0512, false)] {
+        let (mut canvas, mut splats) = (canvas(), one([9, 9, 9, 255], 0.5, 0.0));
+        for q in [nearer, q] {
+            splats.inverse_depth[0] = q;
+            canvas.draw(&splats, Level::new());
+        }
+        let cell = canvas.cells.iter().max_by(|a, b| a.weight.total_cmp(&b.weight)).expect("some");
+        assert_eq!((cell.behind == [0.0; 4], cell.inverse_depth), (is_one, nearer), "{q} and {nearer}");
+    }
 }
 
 #[test]
@@ -81,6 +99,12 @@ fn surfaces_are_averaged_and_lie_over_what_is_behind() {
     // A nearer one over all of it, which shows where it leaves it open; and at least a twentieth.
     cell.add(red, 0.23, 0.9, 0.01);
     near(cell.flattened(), [0.25 + 0.75 * 0.5, 0.0, 0.75 * 0.5, 1.0]);
+    let mut heavy = Cell::default();
+    heavy.add(red, 2.5, 0.5, 0.01);
+    near(heavy.flattened(), [1.0, 0.0, 0.0, 1.0]);
+    // Just as far apart as the tolerance is one surface.
+    heavy.add(red, 1.0, 0.75, 0.25);
+    assert_eq!((heavy.weight, heavy.behind), (3.5, [0.0; 4]));
     let mut thin = Cell::default();
     thin.add(blue, 1e-3, 0.5, 0.01);
     near(thin.flattened(), [0.0, 0.0, 0.05, 0.05]);
@@ -106,6 +130,7 @@ fn pixels_are_straight_colours_and_shares() {
     canvas.tell_depths(5, 6, &mut depths);
     assert_eq!((found[0], found[2], depths), ([0; 4], [0; 4], [0.0, 0.5, 0.0]));
     assert!(found[1].iter().zip([180, 90, 20, 128]).all(|(a, b)| a.abs_diff(b) <= LEVELS), "{:?}", found[1]);
+    assert_eq!(found[1][3], 128, "127.5, rounded");
     canvas.clear_spans([20, 16], &|_| [0..0, 0..0, 0..0]);
     canvas.cells.fill(Cell { weight: 1.0, ..Cell::default() });
     canvas.clear_spans([20, 16], &|y| [y..20, 0..0, 0..0]);

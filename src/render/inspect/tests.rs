@@ -95,3 +95,15 @@ fn footprints_are_counted_wherever_rectangles_are_drawn_in_any_band() {
     }
     assert!(counted > 1000, "{counted}");
 }
+
+#[test]
+fn overlays_are_the_same_wherever_the_cube_stands() {
+    let (here, mut renderer, settings) = (cube(), Renderer::new(), RenderSettings::default());
+    let (mut there, moved) = (here.clone(), glam::DVec3::new(4.0, -2.0, 8.0));
+    there.info.centre = moved;
+    for camera in cameras() {
+        let beside = camera.with_eye(camera.eye() + moved);
+        assert_eq!(renderer.touched(&here, &camera, &settings), renderer.touched(&there, &beside, &settings));
+        assert_eq!(renderer.kept(&here, &camera, &settings), renderer.kept(&there, &beside, &settings));
+    }
+}

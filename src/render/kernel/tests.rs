@@ -6,7 +6,7 @@ use crate::capture::rig::Face;
 use crate::capture::{Camera, simd};
 use crate::packed::tests::scattered;
 use crate::packed::{ExactCube, ExactDepthPixel, PackedDepthPixel, SplatIndexLayout, Split};
-use crate::render::size::FootprintLanes;
+use crate::render::size::{FootprintLanes, Normals};
 use glam::DVec3;
 
 /// Pixels by which f32 may err (as in `transfer`), and splats that near to a border may show or not.
@@ -53,14 +53,16 @@ fn splats_lie_where_the_transfer_says_and_all_of_those_that_touch_the_band_are_k
     let i = exact.cube.segments.iter().position(|segment| segment.face == Face::PosZ).expect("one");
     let (segment, exact) = (&exact.cube.segments[i], &exact.depth_pixels[i]);
     let (mut random, mut kept, mut dropped) = (Rng::keyed(6), 0, 0);
-    for length in [1, 15, 16, 17, 50] {
+    for length in [1, 15, 16, 17, 50, 49, 48] {
         for (class, radius_px) in [0.5f32, 1.1, 2.2, 3.3].into_iter().enumerate() {
+            // Before the frame's left border, within, and before its right border.
+            let middle = [3.0, 43.0, 77.0][(class + length) % 3];
             let columns = |i: usize| (i * 5 % 26) as u8;
             // Eyes before and behind the samples.
             let eye = random.in_cube(2.0);
             let ahead = Face::PosZ.direction(75.0, 31.5, 170) - eye * 0.5;
             let camera = Camera::look_at(eye, eye + ahead, DVec3::Y, 30.0, [80, 60]).expect("valid");
-            let camera = camera.with_principal_px([43.0, 26.0]);
+            let camera = camera.with_principal_px([middle, 26.0]);
             let band = Band { width: 80, height: 60, principal_px: camera.principal_px(), rows: 11..47 };
             let transfer = Transfer::new(&camera, eye, Face::PosZ, 170);
             let (size, radius_y) = (ByPlace { radius_px }, 31.5 * 0.03 * f64::from(radius_px));
@@ -69,7 +71,7 @@ fn splats_lie_where_the_transfer_says_and_all_of_those_that_touch_the_band_are_k
             let place = |i: usize, q: f64| {
                 let column = 64.5 + f64::from(columns(i));
                 let h = transfer.at(column, 31.5) + transfer.inverse_depth * q;
-                let (x, y, radius_x) = (h.x / h.z + 43.0, h.y / h.z + 26.0, column * 0.01 * f64::from(radius_px));
+                let (x, y, radius_x) = (h.x / h.z + middle, h.y / h.z + 26.0, column * 0.01 * f64::from(radius_px));
                 let inside = [x + radius_x, 80.0 - x + radius_x, y + radius_y - 11.0, 47.0 - y + radius_y];
                 let inside = inside.into_iter().fold(f64::INFINITY, f64::min);
                 ([x, y, q / h.z, radius_x, q], if h.z >= f64::from(W_NEAR) { inside } else { -1.0 })
@@ -116,4 +118,20 @@ fn splats_lie_where_the_transfer_says_and_all_of_those_that_touch_the_band_are_k
         }
     }
     assert!(kept > 50 && dropped > 50, "{kept} {dropped}");
+}
+
+#[test]
+fn packed_depth_pixels_have_the_normals_of_their_indices() {
+    let geometry = |i: u32| ((i * 331 % 2048) << 20) | (i * 65_537 % (1 << 20));
+    let pixels: Vec<_> = (0..16).map(|i| PackedDepthPixel { geometry: geometry(i), color_srgb: [7; 4] }).collect();
+    for level in simd::levels() {
+        dispatch!(level, simd => {
+            let Unpacked { code, normals: Normals::Index(indices), .. } = PackedDepthPixel::load(simd, &pixels) else {
+                panic!("indices")
+            };
+            let found = code.to_array().into_iter().zip(indices.to_array());
+            let expected = pixels.iter().map(|p| (p.inverse_depth_code() as f32, p.splat_index()));
+            assert!(found.eq(expected));
+        });
+    }
 }

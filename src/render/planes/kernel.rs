@@ -124,6 +124,20 @@ impl Rim {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::capture::simd;
+
+    #[test]
+    fn distances_are_rounded_to_the_nearest_share() {
+        for i in 0..=256 {
+            for (off, expected) in [(0.0, i), (0.4, i), (-0.4, i)] {
+                let distance = (i as f32 + off).max(0.0) / 256.0;
+                for level in simd::levels() {
+                    let found = dispatch!(level, simd => share(f32x16::splat(simd, distance)).to_array());
+                    assert_eq!(found, [expected as u32; LANES]);
+                }
+            }
+        }
+    }
 
     #[test]
     fn straight_colours_are_exact_divisions() {

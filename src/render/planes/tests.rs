@@ -179,7 +179,8 @@ fn canvases_show_the_ground_and_its_rims() {
         canvas.add_rims(Level::new());
         canvas.settle(Level::new());
         for row in 0..rows.len() {
-            let (mut found, mut depths_m) = ([[0; 4]; 60], [0.0; 60]);
+            let (mut found, mut depths_m, mut told) = ([[0; 4]; 60], [0.0; 60], [9.0; 60]);
+            canvas.tell_depths(row, 0, &mut told);
             canvas.resolve(row, 0, &mut found, Level::new());
             depth.resolve(row, 0, &mut depths_m);
             for (x, (found, depth_m)) in found.into_iter().zip(depths_m).enumerate() {
@@ -187,6 +188,7 @@ fn canvases_show_the_ground_and_its_rims() {
                 let whole = (ground.row(row).0[x], ground.row(row).1[x].max(0.0));
                 let (color, q) = rim.map_or(whole, |rim| (rim.color, rim.inverse_depth));
                 assert_eq!(depth_m, 1.0 / q, "{x}, {row}");
+                assert!(i == 0 || told[x] == q, "{x}, {row}: splats over one another tell no depth");
                 // The canvas of ellipses takes 92 % for whole, that of surfaces 120 of 128 parts, in which it counts; both give a twentieth
                 // to what there is.
                 let least = if color[3] > 0 { 0.05 * 255.0 } else { 0.0 };
@@ -217,6 +219,55 @@ fn rims_lie_over_what_was_drawn_in_linear_light() {
     canvas.resolve(2, 0, &mut found, Level::new());
     assert_eq!(found[7], LinearLight::tables().over(rim.color, [20, 40, 60, 255]));
     assert!((0..20).all(|x| x == 7 || found[x] == [0; 4]));
+}
+
+/// Of two rims in one pixel, what shows: the share tells whether they are one surface.
+fn of_rims(canvas: &mut dyn Canvas, [near, far]: [f32; 2], pixel: [u32; 2]) -> [u8; 4] {
+    canvas.clear(20, 4..44);
+    for inverse_depth in [near, far] {
+        canvas.ground_mut().rims.push(Rim { pixel, color: [200, 100, 50, 102], inverse_depth });
+    }
+    canvas.add_rims(Level::new());
+    canvas.settle(Level::new());
+    let mut told = [9.0; 20];
+    canvas.tell_depths(pixel[1] as usize, 0, &mut told);
+    assert!((0..20).all(|x| told[x] == if x == pixel[0] as usize { near.max(0.0) } else { 0.0 }), "{told:?}");
+    let mut found = [[0; 4]; 20];
+    canvas.resolve(pixel[1] as usize, 0, &mut found, Level::new());
+    assert!((0..20).all(|x| (x == pixel[0] as usize) == (found[x] != [0; 4])));
+    canvas.ground_mut().rims.clear();
+    found[pixel[0] as usize]
+}
+
+#[test]
+fn rims_are_surfaces_wherever_they_lie() {
+    let (mut surfaces, mut ellipses) = (SurfaceCanvas::default(), EllipseCanvas::default());
+    (surfaces.tolerance, surfaces.bin, ellipses.tolerance, ellipses.bin) = (0.01, 0.001, 0.01, 0.001);
+    for pixel in [[0, 0], [9, 31], [19, 33], [2, 39]] {
+        // What lies infinitely far away may round below 0.
+        for depths in [[0.5, 0.499], [-1e-9, -1e-9]] {
+            assert_eq!(of_rims(&mut surfaces, depths, pixel)[3], 216, "102 of 128 parts of 255 each, of 120");
+            assert_eq!(of_rims(&mut ellipses, depths, pixel)[3], 222, "0.8 of 0.92");
+        }
+    }
+    // A hundredth of 0.5 is 0.005; of 0.05 less than a bin of 0.001.
+    for (depths, share) in [([0.504, 0.5], 222), ([0.506, 0.5], 213), ([0.0508, 0.05], 222), ([0.0512, 0.05], 213)] {
+        assert_eq!(of_rims(&mut ellipses, depths, [3, 3])[3], share, "{depths:?}");
+    }
+}
+
+/// A camera at the centre whose pixels are those of the face: each shows one texel.
+#[test]
+fn pictures_show_to_their_last_texel() {
+    let mut set = one_picture(Face::NegZ.normal() * 0.5, Face::NegZ, [20, 22], [23, 19]);
+    set.texels = (0..23 * 19).map(|i| [(i % 23 * 11) as u8, (i / 23 * 13) as u8, 80, 255]).collect();
+    let camera = Camera::look_at(DVec3::ZERO, Face::NegZ.normal(), DVec3::Y, 90.0, [FACE_PX; 2]).expect("valid");
+    for level in simd::levels() {
+        let canvas = drawn(&set, &camera, None, 0..FACE_PX, level);
+        for (y, x) in (0..19).flat_map(|y| (0..23).map(move |x| (y, x))) {
+            assert_eq!(canvas.row(22 + y).0[20 + x], set.texels[y * 23 + x], "{x}, {y}");
+        }
+    }
 }
 
 #[test]
