@@ -1,14 +1,17 @@
 //! What packing keeps, against the layered depth image itself: small cubes, sample by sample.
 
 use super::blocks::{BLOCK_COLUMNS, BLOCK_ROWS, BlockIndex};
+use super::file::CUBE_LDI;
+use super::validate::{PackedError, SegmentProblem};
 use super::{
     ExactCube, PackedCube, PackedDepthPixel, PackedSegment, Plane, PlaneSet, PlaneTile, SegmentSide, SplatIndexLayout,
     Split, runs,
 };
 use crate::capture::random::Rng;
 use crate::capture::rig::Face;
+use crate::container::{Container, ContainerWriter, Section};
 use crate::environment::Environment;
-use crate::ldi::{CaptureInfo, CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
+use crate::ldi::{CaptureInfo, CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage, MAX_FACE_SIZE_PX};
 use std::collections::HashMap;
 
 /// A cube about the origin of what `samples` says of each pixel of each face, farthest first.
@@ -281,4 +284,182 @@ fn every_broken_promise_of_pictures_is_named() {
     check(false, &|set| set.error_px = f64::INFINITY);
     check(false, &|set| set.tiles.clear());
     check(true, &|set| *set = PlaneSet::default());
+}
+
+#[test]
+fn bytes_are_those_of_all_arrays() {
+    let mut cube = PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs");
+    cube.environment = Environment { size_px: 3, texels: vec![[9; 4]; 54] };
+    let planes = vec![Plane::default(); 2];
+    let tile = PlaneTile { opaque: 0, face: 0, plane: 0, first_texel: 0, x0: 1, y0: 2, width: 2, height: 3 };
+    cube.planes = PlaneSet { planes, tiles: vec![tile], texels: vec![[0; 4]; 6], ..PlaneSet::default() };
+    let of_planes = 2 * size_of::<Plane>() + size_of::<PlaneTile>() + 6 * 4;
+    let of_segments =
+        |s: &PackedSegment| 8 * s.depth_pixels.len() + 4 * (s.height + 1 + s.height * (s.width + 1)) as usize;
+    assert_eq!(cube.bytes(), cube.segments.iter().map(of_segments).sum::<usize>() + 54 * 4 + of_planes);
+}
+
+#[test]
+fn cuts_are_at_depths_and_what_lies_on_them_is_near() {
+    let ldi = ldi(4, |face, _, _| [0.5, 0.8, 1.0].map(|q| sample(&mut Rng::keyed(1), face, q)).to_vec());
+    for depth in [0.0, -1.0, f64::INFINITY, f64::NAN] {
+        assert!(PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::AtDepth(depth)).is_err(), "{depth}");
+    }
+    let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs");
+    let ranges = cube.segments.iter().map(|s| [s.inverse_depth_min, s.inverse_depth_max]);
+    assert!(ranges.eq([[0.5, 0.5], [0.8, 1.0]].into_iter().cycle().take(12)));
+}
+
+/// Of few pixels, so that half a one is an angle of seven degrees.
+#[test]
+fn what_its_pixels_ray_sees_from_the_front_still_faces_it() {
+    let (mut random, mut grazing) = (Rng::keyed(2), 0);
+    let mut ldi = ldi(8, |face, _, _| vec![sample(&mut Rng::keyed(1), face, 0.5)]);
+    for face in &mut ldi.faces {
+        for (i, sample) in (0..).zip(&mut face.samples) {
+            let toward = face.face.direction(f64::from(i % 8) + 0.5, f64::from(i / 8) + 0.5, 8).normalize();
+            let across = toward.cross(random.in_cube(1.0)).normalize();
+            sample.normal = EncodedNormal::new((across - toward * random.between(0.001, 0.05)).as_vec3());
+        }
+    }
+    let unpacked = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::None).expect("packs").unpack();
+    for (face, back) in ldi.faces.iter().zip(unpacked.faces) {
+        for (i, (sample, back)) in (0..).zip(face.samples.iter().zip(back.samples)) {
+            let toward = face.face.direction(f64::from(i % 8) + 0.5, f64::from(i / 8) + 0.5, 8).normalize();
+            // Beyond 95 degrees from the face's middle codes lie too far apart.
+            let normal = sample.normal.decode().as_dvec3();
+            if normal.dot(toward) < 0.0 && normal.dot(-face.face.normal()) > -0.08 {
+                grazing += 1;
+                assert!(back.normal.decode().as_dvec3().dot(toward) < 1e-4, "{normal} {toward}");
+            }
+        }
+    }
+    assert!(grazing > 100, "{grazing}");
+}
+
+/// Bytes as a section of a file.
+fn section(bytes: Vec<u8>) -> Section {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("section");
+    let mut writer = ContainerWriter::new(CUBE_LDI);
+    writer.section("bytes", move || Ok(bytes));
+    writer.write(&path).expect("written");
+    Container::open(&path, CUBE_LDI).and_then(|file| file.section("bytes")).expect("read")
+}
+
+#[test]
+fn arrays_of_a_house_file_give_back_the_cube() {
+    let mut cube = PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::AtDepth(1.25)).expect("packs");
+    cube.environment = Environment { size_px: 3, texels: (0..54).map(|i| [i, 2, 3, 255]).collect() };
+    let tile = PlaneTile { opaque: 0, face: 0, plane: 0, first_texel: 0, x0: 1, y0: 2, width: 2, height: 3 };
+    let texels = (0..6).map(|i| PlaneSet::covered([200, 100, i, 40 * i])).collect();
+    let pictures =
+        PlaneSet { error_px: 1.0, planes: vec![Plane::default()], tiles: vec![tile], texels, ..PlaneSet::default() };
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("cube.ldi");
+    for planes in [PlaneSet::default(), pictures] {
+        cube.planes = planes;
+        let mut section = section(cube.arrays());
+        assert_eq!(PackedCube::from_arrays(cube.header(), &mut section).expect("read"), cube);
+        section.end().expect("all was read");
+        cube.write(&path).expect("written");
+        assert_eq!(PackedCube::read(&path).expect("read"), cube);
+    }
+}
+
+#[test]
+fn counts_that_no_writer_makes_are_damage() {
+    let decoded = |width: u32, height: u32, bytes: &[u8]| {
+        let length = (bytes.len() as u32).to_le_bytes();
+        runs::decode(&mut section([&length, bytes].concat()), width, height).ok()
+    };
+    assert_eq!(decoded(3, 1, &[5, 0, 1, 0]), Some(vec![0, 5, 5, 5]));
+    assert_eq!(decoded(3, 1, &[5, 0, 1]), Some(vec![0, 5, 5, 5]));
+    assert_eq!(decoded(3, 1, &[5, 0, 2, 0]), None, "a pixel more");
+    assert_eq!(decoded(3, 1, &[5, 0, 1, 0, 0, 0, 0]), None, "four bytes at the end");
+    assert_eq!(decoded(3, 1, &[5, 0, 1, 0, 0, 0]), Some(vec![0, 5, 5, 5]));
+    assert_eq!(decoded(3, 1, &[5, 0, 1, 7]), None, "a count at the end");
+    assert_eq!(decoded(3, 1, &[5, 0, 0]), None, "a pixel less");
+    // The largest number of 32 bits, and one of 33.
+    assert_eq!(decoded(1, 1, &[255, 255, 255, 255, 15]), Some(vec![0, u32::MAX]));
+    assert_eq!(decoded(1, 1, &[255, 255, 255, 255, 16]), None);
+    assert_eq!(decoded(1, 1, &[128, 128, 128, 128, 128, 1]), None, "six bytes");
+    // So many pixels side by side as a face may have, and one more.
+    let all_empty =
+        |pixels: u32| [0, (pixels - 1) as u8 | 128, ((pixels - 1) >> 7) as u8 | 128, ((pixels - 1) >> 14) as u8];
+    assert!(decoded(MAX_FACE_SIZE_PX, 1, &all_empty(MAX_FACE_SIZE_PX)).is_some());
+    assert!(decoded(1, MAX_FACE_SIZE_PX, &all_empty(MAX_FACE_SIZE_PX)).is_some());
+    assert!(decoded(MAX_FACE_SIZE_PX + 1, 1, &all_empty(MAX_FACE_SIZE_PX + 1)).is_none());
+    assert!(decoded(1, MAX_FACE_SIZE_PX + 1, &all_empty(MAX_FACE_SIZE_PX + 1)).is_none());
+}
+
+/// A column of no samples before a segment's first or after its last.
+fn with_column(segment: &mut PackedSegment, is_first: bool) {
+    let rows = segment.row_counts.chunks_exact(segment.width as usize + 1);
+    let wider = |row: &[u32]| if is_first { [&[0], row].concat() } else { [row, &row[row.len() - 1..]].concat() };
+    segment.row_counts = rows.flat_map(wider).collect();
+    (segment.x0, segment.width) = (segment.x0 - u32::from(is_first), segment.width + 1);
+}
+
+/// A row of no samples above a segment or below it.
+fn with_row(segment: &mut PackedSegment, is_first: bool) {
+    let (width, end) = (segment.width as usize, segment.row_offsets.len() - 1);
+    let (offset, counts) = if is_first { (0, 0) } else { (end, segment.row_counts.len()) };
+    segment.row_offsets.insert(offset, segment.row_offsets[offset]);
+    segment.row_counts.splice(counts..counts, vec![0; width + 1]);
+    (segment.y0, segment.height) = (segment.y0 - u32::from(is_first), segment.height + 1);
+}
+
+#[test]
+fn every_broken_promise_of_segments_is_named() {
+    use SegmentProblem::{
+        Bits, InverseDepthRange, LooseRectangle, Rectangle, RowCountCount, RowCounts, RowOffsetCount, RowOffsets,
+        SplitPlane,
+    };
+    for layout in LAYOUTS {
+        let valid = PackedCube::pack(&scattered(), layout, Split::AtDepth(1.25)).expect("packs");
+        let (all, width) = (valid.segments[0].depth_pixels.len(), valid.segments[0].width as usize);
+        let check = |expected: Option<SegmentProblem>, change: &dyn Fn(&mut PackedSegment)| {
+            let mut cube = valid.clone();
+            change(&mut cube.segments[0]);
+            let found = match cube.validate() {
+                Err(PackedError::Segment { face: Face::PosX, problem, .. }) => Some(problem),
+                other => other.map(|()| None).expect("a problem of the segment"),
+            };
+            assert_eq!(found, expected);
+        };
+        let max = valid.segments[0].inverse_depth_max;
+        check(Some(InverseDepthRange(0.0, max)), &|s| s.inverse_depth_min = 0.0);
+        check(Some(InverseDepthRange(-1.0, max)), &|s| s.inverse_depth_min = -1.0);
+        check(Some(InverseDepthRange(2.0, max)), &|s| s.inverse_depth_min = 2.0);
+        let min = valid.segments[0].inverse_depth_min;
+        check(Some(InverseDepthRange(min, f32::INFINITY)), &|s| s.inverse_depth_max = f32::INFINITY);
+        check(None, &|s| s.inverse_depth_min = s.inverse_depth_max);
+        check(Some(SplitPlane), &|s| s.inverse_depth_max = valid.segments[1].inverse_depth_min);
+        check(None, &|s| s.inverse_depth_max = valid.segments[1].inverse_depth_min.next_down());
+        check(Some(Rectangle), &|s| s.width = 0);
+        check(Some(Rectangle), &|s| s.height = 0);
+        check(Some(Rectangle), &|s| s.x0 = 171 - s.width);
+        check(Some(Rectangle), &|s| s.y0 = 171 - s.height);
+        check(None, &|s| (s.x0, s.y0) = (170 - s.width, 170 - s.height));
+        check(Some(Bits(7)), &|s| s.depth_pixels[7].geometry |= 1 << 31);
+        for is_first in [true, false] {
+            check(Some(LooseRectangle), &|s| with_column(s, is_first));
+            check(Some(LooseRectangle), &|s| with_row(s, is_first));
+        }
+        let rows = valid.segments[0].height as usize;
+        let offsets = RowOffsetCount { found: rows, expected: rows + 1 };
+        check(Some(offsets), &|s| s.row_offsets.truncate(rows));
+        let expected = rows * (width + 1);
+        check(Some(RowCountCount { found: expected - 1, expected }), &|s| s.row_counts.truncate(expected - 1));
+        check(Some(RowOffsets(0)), &|s| s.row_offsets[0] = 1);
+        check(Some(RowOffsets(rows as u32)), &|s| s.row_offsets[rows] = all as u32 + 1);
+        check(Some(RowCounts(0)), &|s| s.row_counts[0] = 1);
+        check(Some(RowCounts(1)), &|s| s.row_counts[2 * width + 1] += 1);
+        check(Some(RowCounts(1)), &|s| s.row_counts[width + 2] = u32::MAX);
+        check(Some(RowCounts(1)), &|s| s.row_counts[width + 1] = 1);
+    }
+    let mut twice = PackedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs");
+    twice.segments.insert(1, twice.segments[0].clone());
+    assert_eq!(twice.validate(), Err(PackedError::SegmentOrder(1)));
 }
