@@ -165,6 +165,51 @@ mod tests {
     }
 
     #[test]
+    fn edge_on_is_an_angle_whatever_the_distance() {
+        let (sprite, _) = setup();
+        let (normal, middle) = (sprite.plane().normal.normalize(), sprite.middle());
+        let along = normal.any_orthonormal_vector();
+        for range in [0.2, 5.0, 300.0] {
+            for (angle, is_edge_on) in [(0.8e-3, true), (1.2e-3, false), (-0.8e-3, true), (-1.2e-3, false)] {
+                let eye = middle + (along + normal * angle) * range;
+                let target = Camera::look_at(eye, middle, normal, 50.0, [64, 48]).expect("valid");
+                let found = SpriteTransfer::new(&sprite, &target).map(|_| ()) == Err(Outcome::EdgeOn);
+                assert_eq!(found, is_edge_on, "{range} m, {angle} rad");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_partly_before_the_eye_is_drawn() {
+        let (sprite, _) = setup();
+        let corner = |x, y| {
+            let ray = sprite.camera().direction(x, y);
+            let depth = -sprite.plane().signed_distance(sprite.camera().eye()) / sprite.plane().normal.dot(ray);
+            sprite.camera().eye() + ray * depth
+        };
+        let (left, right) = (corner(0.0, 24.0), corner(64.0, 24.0));
+        // From amid the rectangle, toward one end of it.
+        for at in [left, right] {
+            let eye = sprite.middle() + sprite.plane().normal * 0.3;
+            let target = Camera::look_at(eye, at, DVec3::Y, 50.0, [64, 48]).expect("valid");
+            assert!(SpriteTransfer::new(&sprite, &target).is_ok());
+        }
+        let target = Camera::look_at(left * 2.0 - right, left * 3.0 - right * 2.0, DVec3::Y, 50.0, [64, 48]);
+        assert!(SpriteTransfer::new(&sprite, &target.expect("valid")).is_err(), "all of it is behind");
+    }
+
+    #[test]
+    fn maps_without_an_inverse_or_a_finite_epipole_are_none() {
+        let finite = DVec3::new(1.0, 2.0, 3.0);
+        assert!(SpriteTransfer::from_parts(DMat3::IDENTITY, finite, 1.0).is_some());
+        for value in [f64::INFINITY, f64::NAN] {
+            assert!(SpriteTransfer::from_parts(DMat3::IDENTITY, finite * value, 1.0).is_none());
+            assert!(SpriteTransfer::from_parts(DMat3::IDENTITY * value, finite, 1.0).is_none());
+        }
+        assert!(SpriteTransfer::from_parts(DMat3::ZERO, finite, 1.0).is_none());
+    }
+
+    #[test]
     fn degenerate_views_are_named() {
         let (sprite, _) = setup();
         let look = |eye, at| Camera::look_at(eye, at, DVec3::Y, 50.0, [64, 48]).expect("valid");
