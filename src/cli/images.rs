@@ -1,5 +1,6 @@
 //! `headbox images`: what an image set is, and what is wrong with it.
 
+use super::capture_deep::{self, is_deep_picture};
 use super::image_set::SetArgs;
 use super::images_depth::{DepthArgs, Outcome};
 use super::output::print_json;
@@ -22,7 +23,7 @@ use std::path::{Path, PathBuf};
 #[derive(Args)]
 pub(super) struct ImagesCommand {
     /// A folder of pictures with known cameras (Seurat, nerfstudio, COLMAP, RGB-D frames, Middlebury, panoramas), or its
-    /// manifest.json or transforms.json
+    /// manifest.json or transforms.json; or a deep EXR
     folder: PathBuf,
     /// Find out where photographs were taken: runs COLMAP, where it is installed, and puts its model beside them as sparse/0
     #[arg(long)]
@@ -135,6 +136,9 @@ impl ImagesCommand {
     }
 
     pub(super) fn run(&self) -> anyhow::Result<()> {
+        if is_deep_picture(&self.folder.to_string_lossy()) {
+            return capture_deep::describe(&self.folder, self.json);
+        }
         if self.align {
             self.align()?;
         }

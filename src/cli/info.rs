@@ -2,6 +2,7 @@
 
 use super::args::vertical_fov_deg;
 use super::capture::aimed;
+use super::capture_deep::{self, is_deep_picture};
 use super::house_file;
 use super::images::{ImagesCommand, is_image_set};
 use super::lumigraph;
@@ -22,7 +23,7 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(super) struct InfoCommand {
-    /// A .ldi, .sprite, .lumi or .house file, a shard, or a folder of images
+    /// A .ldi, .sprite, .lumi or .house file, a shard, a deep EXR, or a folder of images
     file: PathBuf,
     /// Check every promise of the layout, sample by sample
     #[arg(long)]
@@ -36,6 +37,9 @@ impl InfoCommand {
     pub(super) fn run(&self) -> anyhow::Result<()> {
         if is_image_set(&self.file.to_string_lossy()) {
             return ImagesCommand::of(&self.file, self.json).run();
+        }
+        if is_deep_picture(&self.file.to_string_lossy()) {
+            return capture_deep::describe(&self.file, self.json);
         }
         let kind = Container::peek_kind(&self.file).with_context(|| format!("{}", self.file.display()))?;
         match kind {

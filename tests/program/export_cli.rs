@@ -219,6 +219,14 @@ fn deep_pictures_come_back() {
     let bare = DeepImage { view: DeepView::default(), ..DeepImage::read(&dir.path().join("face.exr")).unwrap() };
     bare.write(&dir.path().join("bare.exr"), DeepCompression::Rle).unwrap();
     fails(dir.path(), 1, &["capture", "bare.exr", "-o", "x.ldi"], "give --fov, and --center and --look-at");
+    for (file, knows_camera) in [("all.exr", true), ("face.exr", true), ("bare.exr", false)] {
+        let told = json(dir.path(), &["images", file, "--json"]);
+        assert_eq!(told, json(dir.path(), &["info", file, "--json"]));
+        assert_eq!((&told["kind"], &told["knows_camera"]), (&"deep EXR".into(), &knows_camera.into()), "{told}");
+        assert!(told["depth"][0].as_f64() > Some(0.0) && told["samples"].as_u64() > Some(0), "{told}");
+    }
+    succeeds(dir.path(), &["export", "a.ldi", "-o", "flat.exr", "--face", "-Z", "--layers", "1"]);
+    fails(dir.path(), 1, &["images", "flat.exr"], "flat.exr: the version: is that of a flat picture");
     succeeds(dir.path(), &[["capture", "bare.exr", "-o", "bare.ldi", "--fov", "90"].as_slice(), &place].concat());
     let twice = "--fov has no meaning for it, as its header says what its camera sees; leave it out";
     fails(dir.path(), 1, &["capture", "face.exr", "-o", "x.ldi", "--fov", "90"], twice);

@@ -81,8 +81,12 @@ impl Header {
         if magic != MAGIC {
             return Err(wrong("the first bytes", "are not those of OpenEXR"));
         }
-        if version & 0xff != VERSION || version & PARTS != 0 || version & DEEP == 0 {
+        if version & 0xff != VERSION || version & PARTS != 0 {
             return Err(wrong("the version", format!("{version:#x} is not that of one deep part")));
+        }
+        if version & DEEP == 0 {
+            let cause = "is that of a flat picture, with one depth a pixel at most; such pictures are read by the folder, with depth beside them (NAME_depth.exr)";
+            return Err(wrong("the version", cause));
         }
         let (mut kind, mut compression, mut windows, mut channels) = (None, None, [None; 2], None);
         let mut view = DeepView::default();

@@ -77,7 +77,7 @@ pub enum ImagesError {
     #[error(
         "{}: no image set; expected manifest.json (Seurat), transforms.json (nerfstudio), cameras.bin or cameras.txt \
          (COLMAP), frame-*.pose.txt (RGB-D frames), *_par.txt (Middlebury), or panoramas with depth beside them \
-         (NAME.png and NAME_depth.exr)",
+         (NAME.png and NAME_depth.exr); a deep EXR is given by its own name",
         path.display()
     )]
     NoImageSet {
