@@ -84,6 +84,7 @@ pub(crate) fn saved(view: &LoadedView, folder: &Path, name: &str) -> View {
         depth: Some(DepthSource::metres(depth, DepthKind::EyeDepth, 1.0)),
         mask: None,
         depth_scale: 1.0,
+        color_channels: None,
         registration: None,
     }
 }

@@ -1,12 +1,11 @@
 //! Depth in files, and what it means.
 
 use super::ImagesError;
+use super::exr_layer::ExrLayer;
 use crate::DepthKind;
 use crate::files::write_whole;
 use crate::picture;
-use crate::words::of_exr;
-use exr::meta::MetaData;
-use exr::prelude::{Image, ReadChannels, ReadLayers, SpecificChannels, WritableImage, read};
+use exr::prelude::{Image, SpecificChannels, WritableImage};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -14,8 +13,8 @@ use std::path::{Path, PathBuf};
 /// taken before the first pixel is read.
 pub(super) const MAX_PIXELS: usize = 1 << 26;
 
-/// From so many pixels on one picture is worth threads of its own, which are started for it; many smaller ones are read side by side anyhow.
-const PARALLEL_PIXELS: usize = 1 << 22;
+/// Window depth so near to what an infinite far plane has is infinitely far: 32 bits, and sixteen all the more, tell no more.
+const INFINITELY_FAR: f64 = 1e-6;
 
 /// A depth per pixel, whatever it means.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,7 +46,7 @@ pub fn write_depth_exr(depth: &DepthPicture, path: &Path) -> io::Result<()> {
 pub struct DepthSource {
     /// EXR, a grey picture of 16 bits, or a `.bin` map of COLMAP.
     pub path: PathBuf,
-    /// Channel of an EXR; `None` for `Z`, or else `Y`, `R`, or the only one.
+    /// Channel of an EXR; `None` for `Z`, or else `Y`, `R`, or the only one. Of a picture of integers with colours R, G, B or A.
     pub channel: Option<String>,
     /// What a value means once it is multiplied by `unit_m`.
     pub kind: DepthKind,
@@ -57,6 +56,8 @@ pub struct DepthSource {
     pub window: Option<[f64; 2]>,
     /// Whether zero is infinitely far (Seurat's), not unknown.
     pub zero_is_far: bool,
+    /// Whether integers are shares of 1 (Seurat's), all of which say something.
+    pub is_share: bool,
     /// Of depth that was found from the pictures themselves ([`super::dense_depth`]), which belongs to the ideal lens and needs no
     /// registration: the standard deviation of inverse depth, 1/m.
     pub found: Option<f32>,
@@ -65,11 +66,12 @@ pub struct DepthSource {
 impl DepthSource {
     /// Eye depth, or ray distance, in metres.
     pub fn metres(path: PathBuf, kind: DepthKind, unit_m: f32) -> Self {
-        Self { path, channel: None, kind, unit_m, window: None, zero_is_far: false, found: None }
+        Self { path, channel: None, kind, unit_m, window: None, zero_is_far: false, is_share: false, found: None }
     }
 
     /// Reads it: eye depth, or ray distance if that is its kind, in metres; infinite where the file says that nothing is there (infinity in EXR, zero in
-    /// Seurat's manifests), NaN where nothing is known (else zero, negative values, and the largest value of 16 bits, which sensors write for "none").
+    /// Seurat's manifests), NaN where nothing is known (else zero, negative values, and the largest value of 16 bits that is no share, which
+    /// sensors write for "none").
     ///
     /// # Errors
     /// [`ImagesError`] that names the file.
@@ -78,15 +80,20 @@ impl DepthSource {
             "exr" => read_exr(&self.path, self.channel.as_deref(), self.unit_m)?,
             "bin" => read_colmap_map(&self.path)?,
             _ => {
-                read_integers(&self.path, self.unit_m, Integers { eight_bits: false, zero_is_known: self.zero_is_far })?
+                let channel = self.channel.as_deref();
+                read_integers(
+                    &self.path,
+                    self.unit_m,
+                    &Integers { eight_bits: false, are_shares: self.is_share, channel },
+                )?
             }
         };
         for value in &mut picture.values {
             let depth = match (self.kind, self.window) {
                 // Window depth d is (ndc + 1) / 2, and ndc = -a + b / Z with the clip matrix's a and b (C1).
                 (DepthKind::WindowDepth, Some([a, b])) => {
-                    let ndc = 2.0 * f64::from(*value) - 1.0;
-                    (b / (ndc + a)) as f32
+                    let from_infinity = 2.0 * f64::from(*value) - 1.0 + a;
+                    if from_infinity.abs() < INFINITELY_FAR { f32::INFINITY } else { (b / from_infinity) as f32 }
                 }
                 _ if self.zero_is_far && *value == 0.0 => f32::INFINITY,
                 _ => *value,
@@ -108,7 +115,7 @@ impl DepthPicture {
         if extension(path) == "exr" {
             read_exr(path, None, unit)
         } else {
-            read_integers(path, unit, Integers { eight_bits: true, zero_is_known: false })
+            read_integers(path, unit, &Integers { eight_bits: true, are_shares: false, channel: None })
         }
     }
 }
@@ -119,43 +126,30 @@ pub(super) fn extension(path: &Path) -> String {
 
 fn read_exr(path: &Path, wanted: Option<&str>, unit: f32) -> Result<DepthPicture, ImagesError> {
     let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
-    let failed = |error: exr::error::Error| match error {
-        exr::error::Error::Io(cause) => ImagesError::io(path, cause),
-        other => bad(of_exr(&other)),
-    };
-    let meta = MetaData::read_from_file(path, false).map_err(failed)?;
-    let pixels = meta.headers.iter().map(|header| header.layer_size.area()).max().unwrap_or(0);
-    if pixels > MAX_PIXELS {
-        return Err(bad(format!("has more than {MAX_PIXELS} pixels")));
-    }
-    let reader = read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer().all_attributes();
-    let reader = if pixels < PARALLEL_PIXELS { reader.non_parallel() } else { reader };
-    let image = reader.from_file(path).map_err(failed)?;
-    let channels = &image.layer_data.channel_data.list;
-    let named = |name: &str| channels.iter().find(|channel| channel.name == *name);
-    let channel = match wanted {
-        Some(name) => named(name).ok_or_else(|| bad(format!("has no channel {name}")))?,
+    let layer = ExrLayer::read(path)?;
+    let samples = match wanted {
+        Some(name) => layer.channel(name).ok_or_else(|| bad(format!("has no channel {name}")))?,
         None => {
-            let only = if channels.len() == 1 { channels.first() } else { None };
-            let usual = named("Z").or_else(|| named("Y")).or_else(|| named("R")).or(only);
+            let usual = ["Z", "Y", "R"].into_iter().find_map(|name| layer.channel(name));
+            let usual = usual.or_else(|| layer.only_channel());
             usual.ok_or_else(|| bad("has no channel Z, Y or R to take depth from".into()))?
         }
     };
-    let size = image.layer_data.size;
-    let values = channel.sample_data.values_as_f32().map(|value| value * unit).collect();
-    Ok(DepthPicture { width: size.x() as u32, height: size.y() as u32, values })
+    let values = samples.values_as_f32().map(|value| value * unit).collect();
+    Ok(DepthPicture { width: layer.width, height: layer.height, values })
 }
 
 /// Which integers are depth.
-#[derive(Clone, Copy)]
-struct Integers {
+struct Integers<'a> {
     /// Those of 8 bits too.
     eight_bits: bool,
-    /// Zero too.
-    zero_is_known: bool,
+    /// The least and the largest too.
+    are_shares: bool,
+    /// Of pictures with colours.
+    channel: Option<&'a str>,
 }
 
-fn read_integers(path: &Path, unit: f32, which: Integers) -> Result<DepthPicture, ImagesError> {
+fn read_integers(path: &Path, unit: f32, which: &Integers) -> Result<DepthPicture, ImagesError> {
     let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
     let image = picture::read(path, 2 * MAX_PIXELS as u64).map_err(|error| ImagesError::picture(path, error))?;
     let values: Vec<u16> = match &image {
@@ -166,9 +160,15 @@ fn read_integers(path: &Path, unit: f32, which: Integers) -> Result<DepthPicture
             return Err(bad("depth in 8 bits has 255 steps, too few to move by; give 16 bits, or EXR".into()));
         }
         image::DynamicImage::ImageLuma16(grey) => grey.as_raw().clone(),
+        image::DynamicImage::ImageRgb16(_) | image::DynamicImage::ImageRgba16(_) if which.channel.is_some() => {
+            let name = which.channel.unwrap_or_default();
+            let channel = ["R", "G", "B", "A"].iter().position(|known| *known == name);
+            let channel = channel.ok_or_else(|| bad(format!("has no channel {name}, only R, G, B and A")))?;
+            image.to_rgba16().pixels().map(|pixel| pixel.0[channel]).collect()
+        }
         _ => return Err(bad("depth must be a grey picture of 8 or 16 bits, or EXR".into())),
     };
-    let unknown = |v: u16| (v == 0 && !which.zero_is_known) || (!which.eight_bits && v == u16::MAX);
+    let unknown = |v: u16| !which.are_shares && (v == 0 || (!which.eight_bits && v == u16::MAX));
     let value = |v: u16| if unknown(v) { f32::NAN } else { f32::from(v) * unit };
     let values = values.into_iter().map(value).collect();
     Ok(DepthPicture { width: image.width(), height: image.height(), values })
@@ -202,7 +202,8 @@ mod tests {
     use super::*;
 
     fn source(path: PathBuf, kind: DepthKind, window: Option<[f64; 2]>) -> DepthSource {
-        DepthSource { path, channel: None, kind, unit_m: 1.0 / 65_535.0, window, zero_is_far: false, found: None }
+        let shares = DepthSource::metres(path, kind, 1.0 / 65_535.0);
+        DepthSource { window, is_share: true, ..shares }
     }
 
     #[test]
@@ -249,7 +250,9 @@ mod tests {
         let grey = image::ImageBuffer::<image::Luma<u16>, _>::from_raw(3, 1, vec![0u16, 65_535, 1500]);
         grey.expect("a picture").save(&png).expect("written");
         let read = |path: &Path, zero_is_far: bool| {
-            let source = DepthSource { zero_is_far, ..DepthSource::metres(path.into(), DepthKind::EyeDepth, 0.5) };
+            // Seurat's shares of 1 are known from the least to the largest.
+            let metres = DepthSource::metres(path.into(), DepthKind::EyeDepth, 0.5);
+            let source = DepthSource { zero_is_far, is_share: zero_is_far, ..metres };
             let word = |value: f32| match value {
                 _ if value.is_nan() => "unknown".to_owned(),
                 f32::INFINITY => "far".to_owned(),
@@ -260,7 +263,15 @@ mod tests {
         assert_eq!(read(&exr, false), "far unknown unknown unknown 1");
         assert_eq!(read(&exr, true), "far unknown far unknown 1");
         assert_eq!(read(&png, false), "unknown unknown 750");
-        assert_eq!(read(&png, true), "far unknown 750");
+        assert_eq!(read(&png, true), "far 32767.5 750");
+        let far = image::ImageBuffer::<image::Luma<u16>, _>::from_raw(2, 1, vec![0u16, 65_535]).expect("a picture");
+        far.save(&png).expect("written");
+        // Infinite far planes, and reversed ones.
+        for (window, expected) in [([-1.0, -0.2], [0.1, f32::INFINITY]), ([1.0, 0.2], [f32::INFINITY, 0.1])] {
+            let read = source(png.clone(), DepthKind::WindowDepth, Some(window)).read().expect("read").values;
+            assert!((read[0] - expected[0]).abs() < 1e-6 || read[0] == expected[0], "{read:?}");
+            assert!((read[1] - expected[1]).abs() < 1e-6 || read[1] == expected[1], "{read:?}");
+        }
     }
 
     #[test]

@@ -21,6 +21,7 @@ pub(super) fn photographs(folder: &Path, views: impl IntoIterator<Item = LoadedV
             depth: None,
             mask: None,
             depth_scale: 1.0,
+            color_channels: None,
             registration: None,
         }
     };

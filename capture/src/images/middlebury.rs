@@ -57,6 +57,7 @@ fn read_line(file: &Path, line: &str, number: usize) -> Result<View, ImagesError
         depth: None,
         mask: None,
         depth_scale: 1.0,
+        color_channels: None,
         registration: None,
     })
 }

@@ -22,6 +22,7 @@ mod check;
 mod colmap;
 pub mod dense_depth;
 mod depth;
+mod exr_layer;
 mod json;
 mod lens;
 #[cfg(test)]
@@ -45,7 +46,7 @@ pub use check::{CheckReport, Residual, check};
 pub use depth::{DepthPicture, DepthSource, write_depth_exr};
 pub use lens::{Distortion, Lens, Pinhole};
 pub use nerfstudio::{SetWriter, write_set};
-pub use pictures::{ColorPicture, read_color};
+pub use pictures::{ColorChannels, ColorPicture, read_color};
 pub use pose::Pose;
 pub use refine::{RefinementReport, RefinementStep};
 pub use register::{Kept, Registration, RegistrationReport, RegistrationStep};

@@ -79,6 +79,7 @@ fn read_view(root: &Object, view: &Object, frame: &FileFrame, allow_outside: boo
     })
 }
 
+        color_channels: None,
 /// Writes perspective views as a set of their own: pictures with ideal lenses as `images/NNNNN.png`, and `transforms.json`. `look` is told of each
 /// view that was written. Others, such as panoramas, are left out.
 ///

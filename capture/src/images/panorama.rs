@@ -60,6 +60,7 @@ pub(super) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
             depth,
             mask: None,
             depth_scale: 1.0,
+            color_channels: None,
             registration: None,
         });
     }

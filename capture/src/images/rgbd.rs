@@ -60,7 +60,18 @@ pub(super) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         }
         let depth = depth.map(|path| DepthSource::metres(path, DepthKind::EyeDepth, DEPTH_UNIT_M));
         let name = text::file_name(&color);
-        views.push(View { name, size_px, lens, pose, color, depth, mask: None, depth_scale: 1.0, registration: None });
+        views.push(View {
+            name,
+            size_px,
+            lens,
+            pose,
+            color,
+            depth,
+            mask: None,
+            depth_scale: 1.0,
+            color_channels: None,
+            registration: None,
+        });
     }
     if views.is_empty() {
         return Err(ImagesError::field(&place, "frame-*.pose.txt", "no frame has a pose"));

@@ -3,6 +3,7 @@
 use super::depth::DepthSource;
 use super::json::{self, Object};
 use super::lens::{Distortion, Lens, Pinhole};
+use super::pictures::ColorChannels;
 use super::pose::Pose;
 use super::view::View;
 use super::{ImageSet, ImagesError, resolve};
@@ -66,9 +67,9 @@ fn read_view(view: &Object, allow_outside: bool) -> Result<View, ImagesError> {
     let rows = clip_from_eye.transpose();
     let depth_path = path(&depth)?;
     let is_exr = super::depth::extension(&depth_path) == "exr";
-    let channel = depth.value.get("channel_0").and_then(serde_json::Value::as_str).map(str::to_owned);
     let source = DepthSource {
-        channel: channel.filter(|_| is_exr),
+        channel: channel(&depth, "channel_0"),
+        is_share: !is_exr,
         kind,
         // Pictures of integers hold shares of 1.
         unit_m: if is_exr { 1.0 } else { 1.0 / 65_535.0 },
@@ -78,10 +79,33 @@ fn read_view(view: &Object, allow_outside: bool) -> Result<View, ImagesError> {
         zero_is_far: kind != DepthKind::WindowDepth,
         found: None,
     };
-    let color = path(&color)?;
-    let name = color.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let color_path = path(&color)?;
+    let name = color_path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let lens = Lens::Pinhole(pinhole);
-    Ok(View { name, size_px, lens, pose, color, depth: Some(source), mask: None, depth_scale: 1.0, registration: None })
+    Ok(View {
+        name,
+        size_px,
+        lens,
+        pose,
+        color: color_path,
+        depth: Some(source),
+        mask: None,
+        depth_scale: 1.0,
+        color_channels: color_channels(&color),
+        registration: None,
+    })
+}
+
+fn channel(file: &Object, key: &str) -> Option<String> {
+    file.value.get(key).and_then(serde_json::Value::as_str).map(str::to_owned)
+}
+
+/// Channels of a colour picture where they are not the usual ones. Captures of game engines keep depth in alpha.
+fn color_channels(color: &Object) -> Option<ColorChannels> {
+    let keys = ["channel_0", "channel_1", "channel_2", "channel_alpha"];
+    let usual = ColorChannels::default();
+    let named = std::array::from_fn(|i| channel(color, keys[i]).unwrap_or_else(|| usual.0[i].clone()));
+    Some(ColorChannels(named)).filter(|channels| *channels != usual)
 }
 
 /// The pinhole of a projection matrix in OpenGL's clip space.

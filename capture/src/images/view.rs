@@ -3,7 +3,7 @@
 use super::ImagesError;
 use super::depth::DepthSource;
 use super::lens::{Lens, Pinhole};
-use super::pictures::read_color;
+use super::pictures::{ColorChannels, read_channels, read_color};
 use super::pose::Pose;
 use super::register::Registration;
 use crate::{Camera, DepthKind};
@@ -32,6 +32,8 @@ pub struct View {
     pub mask: Option<PathBuf>,
     /// Metres for a unit of the file's depth beyond its own unit (the set's frame).
     pub depth_scale: f32,
+    /// Channels that hold its colours, if not R, G, B and A.
+    pub color_channels: Option<ColorChannels>,
     /// Where its colours were taken from, if not from where its depth was. [`Self::load`] brings the depth there.
     pub registration: Option<Registration>,
 }
@@ -58,12 +60,11 @@ impl View {
     /// # Errors
     /// [`ImagesError`] that names the file, also if sizes differ.
     pub fn load(&self) -> Result<LoadedView, ImagesError> {
-        let (width, height, mut color) = read_color(&self.color)?;
-        if [width, height] != self.size_px {
-            let [w, h] = self.size_px;
-            let cause = format!("is {width}x{height} pixels, but the set says {w}x{h}");
-            return Err(ImagesError::Picture { path: self.color.clone(), cause });
-        }
+        let (width, height, mut color) = match &self.color_channels {
+            Some(channels) => read_channels(&self.color, channels)?,
+            None => read_color(&self.color)?,
+        };
+        self.is_of_size([width, height])?;
         if let Some(mask) = &self.mask {
             let (mask_width, mask_height, mask_pixels) = read_color(mask)?;
             if (mask_width, mask_height) != (width, height) {
@@ -86,6 +87,15 @@ impl View {
             Some(registration) => registration.apply(ideal),
             None => ideal,
         })
+    }
+
+    fn is_of_size(&self, [width, height]: [u32; 2]) -> Result<(), ImagesError> {
+        if [width, height] == self.size_px {
+            return Ok(());
+        }
+        let [w, h] = self.size_px;
+        let cause = format!("is {width}x{height} pixels, but the set says {w}x{h}");
+        Err(ImagesError::Picture { path: self.color.clone(), cause })
     }
 
     fn load_depth(&self) -> Result<Vec<f32>, ImagesError> {

@@ -188,6 +188,28 @@ fn seurat(folder: &Path) -> Value {
     json!({"view_groups": [{"views": views}]})
 }
 
+/// As the plugin for Unreal Engine writes it: colour and depth in one EXR, depth in alpha, and every pixel opaque.
+fn seurat_of_an_engine(folder: &Path) -> Value {
+    let mut value = seurat(folder);
+    for i in 0..2 {
+        let colors = image::open(folder.join(format!("c{i}.png"))).expect("a picture").into_rgb8();
+        let linear = |level: u8| headbox_capture::linear_from_srgb8(level);
+        let channels = exr::prelude::SpecificChannels::rgba(|at: exr::math::Vec2<usize>| {
+            let (x, y) = (at.x() as u32, at.y() as u32);
+            let [r, g, b] = colors.get_pixel(x, y).0.map(linear);
+            (r, g, b, depth(poses()[i], x, y) as f32)
+        });
+        let image = exr::prelude::Image::from_channels((SIZE[0] as usize, SIZE[1] as usize), channels);
+        let name = format!("{i}_ColorDepth.exr");
+        exr::prelude::WritableImage::write(&image).to_file(folder.join(&name)).expect("written");
+        let view = &mut value["view_groups"][0]["views"][i];
+        view["projective_camera"]["depth_type"] = json!("EYE_Z");
+        view["depth_image_file"]["color"]["path"] = json!(name);
+        view["depth_image_file"]["depth"] = json!({"path": name, "channel_0": "A"});
+    }
+    value
+}
+
 fn open(folder: &Path) -> Result<ImageSet, ImagesError> {
     ImageSet::open(folder, &ImageSetOptions::default())
 }
@@ -195,7 +217,7 @@ fn open(folder: &Path) -> Result<ImageSet, ImagesError> {
 #[test]
 fn every_format_gives_the_same_cameras_and_points() {
     type Write = fn(&Path);
-    let formats: [(&str, Write); 7] = [
+    let formats: [(&str, Write); 8] = [
         ("RGB-D frames", rgbd),
         ("nerfstudio transforms", |folder| write_json(folder, "transforms.json", &transforms(folder))),
         ("nerfstudio transforms", |folder| write_json(folder, "transforms_train.json", &transforms(folder))),
@@ -203,6 +225,7 @@ fn every_format_gives_the_same_cameras_and_points() {
         ("COLMAP model (binary)", colmap_binary),
         ("Middlebury multi-view", middlebury),
         ("Seurat manifest", |folder| write_json(folder, "manifest.json", &seurat(folder))),
+        ("Seurat manifest", |folder| write_json(folder, "manifest.json", &seurat_of_an_engine(folder))),
     ];
     for (name, write) in formats {
         let folder = tempfile::tempdir().expect("a folder");
@@ -351,4 +374,36 @@ fn disagreeing_depths_and_equal_poses_are_warned_of() {
     fs::copy(folder.path().join("frame-000000.pose.txt"), &pose).expect("copied");
     let report = check(&open(folder.path()).expect("opens"), 4, &mut |_| {}).expect("loads");
     assert!(report.warnings.iter().any(|warning| warning.contains("same pose")), "{report:?}");
+}
+
+/// Red and green exchanged by name, and nothing masked out though the file's alpha is zero.
+#[test]
+fn channels_are_those_that_a_manifest_names() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut value = seurat(folder.path());
+    let pixel = |x, y| image::Rgba([x as u8, y as u8, 7, 0]);
+    image::RgbaImage::from_fn(SIZE[0], SIZE[1], pixel).save(folder.path().join("c0.png")).expect("written");
+    let rgba = |x, y| image::Rgba([9, 8, 7, (depth(poses()[0], x, y) * 16_000.0) as u16]);
+    let with_depth = ImageBuffer::<image::Rgba<u16>, Vec<u16>>::from_fn(SIZE[0], SIZE[1], rgba);
+    with_depth.save(folder.path().join("d0.png")).expect("written");
+    let view = &mut value["view_groups"][0]["views"][0];
+    view["projective_camera"]["depth_type"] = json!("EYE_Z");
+    view["depth_image_file"]["color"]["channel_0"] = json!("G");
+    view["depth_image_file"]["color"]["channel_1"] = json!("R");
+    view["depth_image_file"]["color"]["channel_2"] = json!("CONSTANT_ZERO");
+    view["depth_image_file"]["depth"]["channel_0"] = json!("A");
+    let load = |value: &Value| {
+        write_json(folder.path(), "manifest.json", value);
+        open(folder.path()).expect("opens").views[0].load()
+    };
+    let loaded = load(&value).expect("loads");
+    assert_eq!(loaded.color[(5 * SIZE[0] + 20) as usize], [5, 20, 0, 255]);
+    let expected = depth(poses()[0], 20, 5) * 16_000.0 / 65_535.0;
+    assert!((f64::from(loaded.depth_at(20, 5).expect("known")) - expected).abs() < 1e-4);
+    for (of, key) in [("color", "channel_alpha"), ("depth", "channel_0")] {
+        let mut wrong = value.clone();
+        wrong["view_groups"][0]["views"][0]["depth_image_file"][of][key] = json!("W");
+        let error = load(&wrong).expect_err("no such channel").to_string();
+        assert!(error.contains("0.png: has no channel W"), "{error}");
+    }
 }

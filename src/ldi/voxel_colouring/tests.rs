@@ -271,6 +271,7 @@ fn photographs_for_which_there_is_no_room_are_told() {
         depth: None,
         mask: None,
         depth_scale: 1.0,
+        color_channels: None,
         registration: None,
     };
     let told = |count: u32, size_px: [u32; 2]| {
