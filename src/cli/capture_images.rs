@@ -5,10 +5,14 @@ use super::images::SetJob;
 use super::output::{CUBE, Outputs, peak_rss_mb, print_json};
 use super::packing::what_is_kept;
 use super::progress::Bar;
+use crate::capture::images::check;
 use anyhow::bail;
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
+
+/// Pairs of neighbours that are looked at while a set is captured; `headbox images` looks at more.
+const CHECKED_PAIRS: usize = 4;
 
 impl CaptureCommand {
     /// Warps the depth images of a set into one cube, or colours what its photographs agree on.
@@ -46,6 +50,11 @@ impl CaptureCommand {
                 }
             };
             bail!("{}: {why}", set.folder.display());
+        }
+        if let SetJob::Depth(_) = job {
+            for warning in check(&set, CHECKED_PAIRS, &mut |_| {})?.warnings {
+                eprintln!("warning: {warning}");
+            }
         }
         packed.write(&self.output)?;
         bar.finish();

@@ -231,11 +231,11 @@ impl ImagesCommand {
         let (low, high) = extent(set);
         println!("  eyes        from {} to {} (the file's axes and unit)", words(low), words(high));
         if with_depth > 0 && self.pairs > 0 {
-            println!(
-                "  depth       known for {:.1} % of the pixels, half of it within {:.2} m",
-                report.depth_share * 100.0,
-                report.median_depth_m
-            );
+            let half = match report.median_depth_m.is_nan() {
+                true => String::new(),
+                false => format!(", half of it within {:.2} m", report.median_depth_m),
+            };
+            println!("  depth       known for {:.1} % of the pixels{half}", report.depth_share * 100.0);
         }
         print_neighbors(&report.residuals);
         if !set.views.is_empty() {

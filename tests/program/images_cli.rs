@@ -407,6 +407,8 @@ fn what_is_wrong_with_pictures_is_said() {
         let [from, to] = [0, 9].map(|i| dir.path().join(format!("room/frame-{i:06}.{ending}")));
         std::fs::copy(from, to).unwrap();
     }
+    let (_, said) = succeeds(dir.path(), &["capture", "room", "-o", "room.ldi", "--no-registration"]);
+    assert!(said.contains("warning: views with the same pose: frame-000000.color.png"), "{said}");
     let (_, said) = succeeds(dir.path(), &["images", "room"]);
     for expected in [
         "depth of no pixel is known (all are zero, or no numbers): frame-000001.color.png",

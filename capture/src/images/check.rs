@@ -1,6 +1,6 @@
 //! Whether the views of a set agree with each other.
 
-use super::view::{LoadedView, View};
+use super::view::{FARTHEST_M, LoadedView, View};
 use super::{ImageSet, ImagesError, text};
 
 /// How well two neighbouring views agree where both know a depth.
@@ -23,7 +23,7 @@ pub struct Residual {
 pub struct CheckReport {
     /// Neighbours in the set's order that have depth.
     pub residuals: Vec<Residual>,
-    /// Median depth over all views that were loaded, metres; NaN without depth.
+    /// Median over all views that were loaded of depth that ends somewhere, metres; NaN without any.
     pub median_depth_m: f64,
     /// Share of pixels of known depth.
     pub depth_share: f64,
@@ -37,12 +37,16 @@ const STEP: u32 = 8;
 /// Neighbours whose depths differ by more than this, relative, disagree: ten times what a depth sensor errs by.
 const DISAGREE: f64 = 0.1;
 
-/// Loads at most `most` pairs of neighbours, evenly over the set, and compares them. `look` is told of every view that was
-/// loaded.
+/// Neighbours' eyes so many times as far apart as they see can hardly see the same.
+const FAR_APART: f64 = 10.0;
+
+/// Looks whether all files are there, as large as they should be by what their headers say; loads at most `most` pairs of neighbours, evenly
+/// over the set, and compares them. `look` is told of every view that was loaded.
 ///
 /// # Errors
-/// [`ImagesError`] of the first view that cannot be loaded.
+/// [`ImagesError`] of the first view whose files are not there, or that cannot be loaded.
 pub fn check(set: &ImageSet, most: usize, look: &mut dyn FnMut(&str)) -> Result<CheckReport, ImagesError> {
+    set.views.iter().try_for_each(View::check_files)?;
     let mut report = CheckReport { warnings: duplicates(&set.views), ..CheckReport::default() };
     let views: Vec<&View> = set.with_depth().collect();
     let (mut depths, mut known, mut pixels) = (Vec::new(), 0u64, 0u64);
@@ -93,7 +97,22 @@ pub fn check(set: &ImageSet, most: usize, look: &mut dyn FnMut(&str)) -> Result<
             report.median_depth_m
         ));
     }
+    report.warnings.extend(other_units(&views, &report));
     Ok(report)
+}
+
+/// Poses in millimetres beside depth in metres make neighbours that see nothing of each other.
+fn other_units(views: &[&View], report: &CheckReport) -> Option<String> {
+    let mut apart: Vec<f64> = views.windows(2).map(|pair| pair[0].pose.eye.distance(pair[1].pose.eye)).collect();
+    let apart = median(&mut apart);
+    let none_agree = report.residuals.iter().all(|residual| residual.relative_depth.is_nan());
+    (none_agree && apart > FAR_APART * report.median_depth_m).then(|| {
+        format!(
+            "neighbours stand {apart:.3} m apart (median) and see nothing of each other, as half of all depths lie within {:.3} m: poses and \
+             depth may be in different units, such as millimetres and metres",
+            report.median_depth_m
+        )
+    })
 }
 
 fn load(view: &View, look: &mut dyn FnMut(&str)) -> Result<LoadedView, ImagesError> {
@@ -119,7 +138,8 @@ fn gather(view: &LoadedView, depths: &mut Vec<f64>, known: &mut u64, pixels: &mu
         *pixels += 1;
         if let Some(depth) = view.depth_at(x, y) {
             *known += 1;
-            depths.push(f64::from(depth));
+            // How far the sky is says nothing of units.
+            depths.extend((depth < FARTHEST_M).then_some(f64::from(depth)));
         }
     });
 }

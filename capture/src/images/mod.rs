@@ -297,6 +297,9 @@ impl ImageSet {
 /// Makes a path of a manifest one of the file system: relative to the manifest's folder, and under it unless `allow_outside`.
 fn resolve(manifest: &Path, field: &str, written: &str, allow_outside: bool) -> Result<PathBuf, ImagesError> {
     use std::path::Component;
+    if written.is_empty() {
+        return Err(ImagesError::field(manifest, field, "is empty, and names no file"));
+    }
     let folder = manifest.parent().unwrap_or(Path::new(""));
     let path = Path::new(written);
     let mut depth = 0i32;
@@ -329,5 +332,6 @@ mod tests {
             assert!(error.contains("manifest.json") && error.contains("color"), "{error}");
             assert!(resolved(outside, true).is_ok());
         }
+        assert!(resolved("", true).expect_err("no name").to_string().contains("names no file"));
     }
 }

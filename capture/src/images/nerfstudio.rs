@@ -59,7 +59,11 @@ fn read_view(root: &Object, view: &Object, frame: &FileFrame, allow_outside: boo
         false => Ok(None),
     };
     let depth = path_of("depth_file_path")?;
-    let unit_m = of("depth_unit_scale_factor").number_or("depth_unit_scale_factor", DEPTH_UNIT_M)?;
+    let unit = of("depth_unit_scale_factor");
+    let unit_m = unit.number_or("depth_unit_scale_factor", DEPTH_UNIT_M)?;
+    if unit_m <= 0.0 {
+        return Err(unit.error("depth_unit_scale_factor", "must be above 0: metres for a step of depth"));
+    }
     let depth = depth.map(|path| {
         let unit_m = if super::depth::extension(&path) == "exr" { 1.0 } else { unit_m as f32 };
         let kind = if lens == Lens::Equirectangular { DepthKind::RayDistance } else { DepthKind::EyeDepth };
@@ -75,11 +79,11 @@ fn read_view(root: &Object, view: &Object, frame: &FileFrame, allow_outside: boo
         depth,
         mask: path_of("mask_path")?,
         depth_scale: 1.0,
+        color_channels: None,
         registration: None,
     })
 }
 
-        color_channels: None,
 /// Writes perspective views as a set of their own: pictures with ideal lenses as `images/NNNNN.png`, and `transforms.json`. `look` is told of each
 /// view that was written. Others, such as panoramas, are left out.
 ///

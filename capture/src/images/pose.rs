@@ -14,6 +14,9 @@ pub struct Pose {
 /// How far the columns of a matrix may be from those of a rotation: poses are written with some six digits.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 
+/// How far from the origin eyes may be along an axis, in the file's unit: the Earth is 12,756,000 m across. Beyond it is a number gone wrong, not a place.
+const FARTHEST_EYE: f64 = 1e9;
+
 impl Pose {
     /// From a camera-to-world matrix whose eye space is that of this crate (OpenGL, Blender, nerfstudio, Seurat).
     ///
@@ -27,6 +30,10 @@ impl Pose {
         let last_row = world_from_eye.transpose().w_axis;
         if (last_row - glam::DVec4::W).abs().max_element() > ROTATION_TOLERANCE {
             return Err(format!("its last row is {last_row}, not 0, 0, 0, 1"));
+        }
+        let farthest = eye.abs().max_element();
+        if farthest > FARTHEST_EYE {
+            return Err(format!("puts the eye {farthest:.3e} away from the origin"));
         }
         Ok(Self { eye, world_from_eye: rotation_of(rotation)? })
     }
@@ -126,6 +133,7 @@ mod tests {
         assert!(error(DMat4::from_scale(DVec3::new(1.0, 1.0, -1.0))).contains("mirrors"));
         assert!(error(DMat4::from_scale(DVec3::new(1.0, 2.0, 1.0))).contains("no rotation"));
         assert!(error(DMat4::from_translation(DVec3::NAN)).contains("finite"));
+        assert!(error(DMat4::from_translation(DVec3::X * 1e300)).contains("away from the origin"));
         assert!(error(DMat4::ZERO).contains("last row"));
     }
 }

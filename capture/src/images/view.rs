@@ -3,7 +3,7 @@
 use super::ImagesError;
 use super::depth::DepthSource;
 use super::lens::{Lens, Pinhole};
-use super::pictures::{ColorChannels, read_channels, read_color};
+use super::pictures::{ColorChannels, read_channels, read_color, read_size};
 use super::pose::Pose;
 use super::register::Registration;
 use crate::{Camera, DepthKind};
@@ -87,6 +87,19 @@ impl View {
             Some(registration) => registration.apply(ideal),
             None => ideal,
         })
+    }
+
+    /// Whether its files are there and its picture is as large as the set says, as far as names and headers tell.
+    ///
+    /// # Errors
+    /// [`ImagesError`] that names the file.
+    pub(super) fn check_files(&self) -> Result<(), ImagesError> {
+        self.is_of_size(read_size(&self.color)?)?;
+        let depth = self.depth.as_ref().map(|depth| &depth.path);
+        depth
+            .into_iter()
+            .chain(&self.mask)
+            .try_for_each(|path| std::fs::metadata(path).map(|_| ()).map_err(|cause| ImagesError::io(path, cause)))
     }
 
     fn is_of_size(&self, [width, height]: [u32; 2]) -> Result<(), ImagesError> {

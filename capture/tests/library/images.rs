@@ -2,7 +2,7 @@
 //! points. What is wrong with a set is said in a sentence that names file and field.
 
 use glam::{DMat3, DMat4, DVec3, dvec3};
-use headbox_capture::images::{ImageSet, ImageSetOptions, ImagesError, Lens, check};
+use headbox_capture::images::{DepthPicture, ImageSet, ImageSetOptions, ImagesError, Lens, check, write_depth_exr};
 use headbox_capture::scene::FileFrame;
 use image::{ImageBuffer, Luma, Rgb, RgbImage};
 use serde_json::{Value, json};
@@ -406,4 +406,66 @@ fn channels_are_those_that_a_manifest_names() {
         let error = load(&wrong).expect_err("no such channel").to_string();
         assert!(error.contains("0.png: has no channel W"), "{error}");
     }
+}
+
+/// Poses in millimetres beside depth in metres are named; how far the sky is says nothing of units.
+#[test]
+fn units_that_differ_are_warned_of_and_the_sky_is_not() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut value = transforms(folder.path());
+    let warnings = |value: &Value| {
+        write_json(folder.path(), "transforms.json", value);
+        let report = check(&open(folder.path()).expect("opens"), 4, &mut |_| {}).expect("loads");
+        (report.warnings, report.median_depth_m)
+    };
+    let values = |x: usize, y: usize| if y < 14 { f32::INFINITY } else { depth(poses()[0], x as u32, y as u32) as f32 };
+    let [width, height] = SIZE.map(|side| side as usize);
+    let values = (0..width * height).map(|i| values(i % width, i / width)).collect();
+    let sky = DepthPicture { width: SIZE[0], height: SIZE[1], values };
+    write_depth_exr(&sky, &folder.path().join("sky.exr")).expect("written");
+    let mut outside = value.clone();
+    outside["frames"] = json!([outside["frames"][0]]);
+    outside["frames"][0]["depth_file_path"] = json!("sky.exr");
+    let (said, median) = warnings(&outside);
+    assert!(said.is_empty() && median > 1.5 && median < 3.0, "{said:?} {median}");
+    for frame in value["frames"].as_array_mut().expect("a list") {
+        for row in 0..3 {
+            let of = &mut frame["transform_matrix"][row][3];
+            *of = json!(of.as_f64().expect("a number") * 1000.0);
+        }
+    }
+    let (said, _) = warnings(&value);
+    let [warning] = &said[..] else { panic!("one: {said:?}") };
+    assert!(warning.contains("millimetres and metres"), "{warning}");
+    value["depth_unit_scale_factor"] = json!(0);
+    write_json(folder.path(), "transforms.json", &value);
+    let error = open(folder.path()).expect_err("no unit").to_string();
+    assert!(error.contains("transforms.json: depth_unit_scale_factor: must be above 0"), "{error}");
+}
+
+/// What pairs do not happen to look at is looked for, too.
+#[test]
+fn every_file_of_a_set_is_checked() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut value = transforms(folder.path());
+    let frames = value["frames"].as_array_mut().expect("a list");
+    for i in 2..9 {
+        let names = ["", "_depth16"].map(|ending| format!("{i}{ending}.png"));
+        for (name, of) in names.iter().zip(["0.png", "0_depth16.png"]) {
+            fs::copy(folder.path().join(of), folder.path().join(name)).expect("copied");
+        }
+        let mut frame = frames[0].clone();
+        frame["file_path"] = json!(names[0]);
+        frame["depth_file_path"] = json!(names[1]);
+        frames.push(frame);
+    }
+    write_json(folder.path(), "transforms.json", &value);
+    let checked = || check(&open(folder.path()).expect("opens"), 1, &mut |_| {});
+    checked().expect("all is there");
+    RgbImage::new(8, 8).save(folder.path().join("8.png")).expect("written");
+    let error = checked().expect_err("another size").to_string();
+    assert!(error.contains("8.png: is 8x8 pixels, but the set says 32x24"), "{error}");
+    fs::remove_file(folder.path().join("7_depth16.png")).expect("removed");
+    let error = checked().expect_err("not there").to_string();
+    assert!(error.contains("7_depth16.png"), "{error}");
 }
