@@ -383,7 +383,9 @@ fn channels_are_those_that_a_manifest_names() {
     let mut value = seurat(folder.path());
     let pixel = |x, y| image::Rgba([x as u8, y as u8, 7, 0]);
     image::RgbaImage::from_fn(SIZE[0], SIZE[1], pixel).save(folder.path().join("c0.png")).expect("written");
-    let rgba = |x, y| image::Rgba([9, 8, 7, (depth(poses()[0], x, y) * 16_000.0) as u16]);
+    // In one corner the largest share.
+    let step = |x, y| if [x, y] == [0, 0] { u16::MAX } else { (depth(poses()[0], x, y) * 16_000.0) as u16 };
+    let rgba = |x, y| image::Rgba([9, 8, 7, step(x, y)]);
     let with_depth = ImageBuffer::<image::Rgba<u16>, Vec<u16>>::from_fn(SIZE[0], SIZE[1], rgba);
     with_depth.save(folder.path().join("d0.png")).expect("written");
     let view = &mut value["view_groups"][0]["views"][0];
@@ -400,6 +402,7 @@ fn channels_are_those_that_a_manifest_names() {
     assert_eq!(loaded.color[(5 * SIZE[0] + 20) as usize], [5, 20, 0, 255]);
     let expected = depth(poses()[0], 20, 5) * 16_000.0 / 65_535.0;
     assert!((f64::from(loaded.depth_at(20, 5).expect("known")) - expected).abs() < 1e-4);
+    assert_eq!(loaded.depth_at(0, 0), Some(1.0), "a sensor's \"none\" is a share like any other");
     for (of, key) in [("color", "channel_alpha"), ("depth", "channel_0")] {
         let mut wrong = value.clone();
         wrong["view_groups"][0]["views"][0]["depth_image_file"][of][key] = json!("W");
