@@ -140,7 +140,14 @@ impl ViewCommand {
         }
         self.images.only_for_sets(is_set)?;
         let texturing = texturing_of(self.variant.as_deref(), is_set)?;
-        if texturing.is_none() && (self.variant.is_some() || self.geometry.are_given()) {
+        if let (None, Some(variant)) = (texturing, &self.variant) {
+            let message = format!(
+                "--variant {variant}: view has geometry-blended and its kin (-averaged, -multi, -single, -nearest) alone, of a folder of \
+                 images with depth; what splats look like is a setting (--set kernel=NAME)"
+            );
+            return Err(UsageError(message).into());
+        }
+        if texturing.is_none() && self.geometry.are_given() {
             return Err(UsageError(GEOMETRY_ALONE.into()).into());
         }
         let shown = ToShow {

@@ -4,14 +4,10 @@ use super::ImagesError;
 use super::exr_layer::ExrLayer;
 use crate::DepthKind;
 use crate::files::write_whole;
-use crate::picture;
+use crate::picture::{self, MAX_PIXELS};
 use exr::prelude::{Image, SpecificChannels, WritableImage};
 use std::io;
 use std::path::{Path, PathBuf};
-
-/// Pixels of the largest depth picture that is read, 8,192 x 8,192. A header that promises more is not believed: memory is
-/// taken before the first pixel is read.
-pub(super) const MAX_PIXELS: usize = 1 << 26;
 
 /// Window depth so near to what an infinite far plane has is infinitely far: 32 bits, and sixteen all the more, tell no more.
 const INFINITELY_FAR: f64 = 1e-6;
@@ -151,7 +147,7 @@ struct Integers<'a> {
 
 fn read_integers(path: &Path, unit: f32, which: &Integers) -> Result<DepthPicture, ImagesError> {
     let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
-    let image = picture::read(path, 2 * MAX_PIXELS as u64).map_err(|error| ImagesError::picture(path, error))?;
+    let image = picture::read(path, 2 * MAX_PIXELS).map_err(|error| ImagesError::picture(path, error))?;
     let values: Vec<u16> = match &image {
         image::DynamicImage::ImageLuma8(grey) if which.eight_bits => {
             grey.as_raw().iter().map(|&v| u16::from(v)).collect()
@@ -188,7 +184,7 @@ fn read_colmap_map(path: &Path) -> Result<DepthPicture, ImagesError> {
         rest = &rest[end + 1..];
     }
     let [width, height, channels] = header;
-    let count = width.checked_mul(height).filter(|&count| count <= MAX_PIXELS && channels == 1);
+    let count = width.checked_mul(height).filter(|&count| count as u64 <= MAX_PIXELS && channels == 1);
     let count = count.ok_or_else(|| bad("is no depth map of COLMAP with one channel"))?;
     if rest.len() != count * 4 {
         return Err(bad("is truncated, or has more bytes than its size says"));

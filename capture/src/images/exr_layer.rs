@@ -1,7 +1,7 @@
 //! The channels of a flat EXR, by their names.
 
 use super::ImagesError;
-use super::depth::MAX_PIXELS;
+use crate::picture::MAX_PIXELS;
 use crate::words::of_exr;
 use exr::image::{AnyChannel, FlatSamples};
 use exr::meta::MetaData;
@@ -29,7 +29,7 @@ impl ExrLayer {
         };
         let meta = MetaData::read_from_file(path, false).map_err(failed)?;
         let pixels = meta.headers.iter().map(|header| header.layer_size.area()).max().unwrap_or(0);
-        if pixels > MAX_PIXELS {
+        if pixels as u64 > MAX_PIXELS {
             return Err(bad(format!("has more than {MAX_PIXELS} pixels")));
         }
         let reader =

@@ -1,10 +1,10 @@
 //! Colour pictures of image sets.
 
 use super::ImagesError;
-use super::depth::{MAX_PIXELS, extension};
+use super::depth::extension;
 use super::exr_layer::ExrLayer;
 use crate::material::srgb8_from_linear;
-use crate::picture;
+use crate::picture::{self, MAX_PIXELS};
 use crate::words::{of_exr, of_picture};
 use exr::meta::MetaData;
 use std::path::Path;
@@ -104,7 +104,7 @@ pub(super) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
 }
 
 fn read_other(path: &Path) -> Result<ColorPicture, ImagesError> {
-    let decoded = picture::read(path, 8 * MAX_PIXELS as u64).map_err(|error| ImagesError::picture(path, error))?;
+    let decoded = picture::read(path, 8 * MAX_PIXELS).map_err(|error| ImagesError::picture(path, error))?;
     let picture = decoded.into_rgba8();
     let (width, height) = picture.dimensions();
     Ok((width, height, picture.pixels().map(|pixel| pixel.0).collect()))
@@ -113,7 +113,7 @@ fn read_other(path: &Path) -> Result<ColorPicture, ImagesError> {
 fn read_exr(path: &Path) -> Result<ColorPicture, ImagesError> {
     let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
     let [width, height] = read_size(path)?;
-    if width as usize * height as usize > MAX_PIXELS {
+    if u64::from(width) * u64::from(height) > MAX_PIXELS {
         return Err(bad(format!("has more than {MAX_PIXELS} pixels")));
     }
     let image = exr::prelude::read_first_rgba_layer_from_file(
