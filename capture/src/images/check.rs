@@ -2,6 +2,7 @@
 
 use super::view::{FARTHEST_M, LoadedView, View};
 use super::{ImageSet, ImagesError, text};
+use crate::statistics::median;
 
 /// How well two neighbouring views agree where both know a depth.
 #[derive(Clone, Debug, PartialEq)]
@@ -89,7 +90,7 @@ pub fn check(set: &ImageSet, most: usize, look: &mut dyn FnMut(&str)) -> Result<
     report
         .warnings
         .extend(unknown.map(|which| format!("depth of no pixel is known (all are zero, or no numbers): {which}")));
-    report.median_depth_m = median(&mut depths);
+    report.median_depth_m = median(depths).unwrap_or(f64::NAN);
     report.depth_share = known as f64 / pixels.max(1) as f64;
     if report.median_depth_m > 500.0 || report.median_depth_m < 0.01 {
         report.warnings.push(format!(
@@ -103,8 +104,7 @@ pub fn check(set: &ImageSet, most: usize, look: &mut dyn FnMut(&str)) -> Result<
 
 /// Poses in millimetres beside depth in metres make neighbours that see nothing of each other.
 fn other_units(views: &[&View], report: &CheckReport) -> Option<String> {
-    let mut apart: Vec<f64> = views.windows(2).map(|pair| pair[0].pose.eye.distance(pair[1].pose.eye)).collect();
-    let apart = median(&mut apart);
+    let apart = median(views.windows(2).map(|pair| pair[0].pose.eye.distance(pair[1].pose.eye)))?;
     let none_agree = report.residuals.iter().all(|residual| residual.relative_depth.is_nan());
     (none_agree && apart > FAR_APART * report.median_depth_m).then(|| {
         format!(
@@ -178,15 +178,7 @@ fn compare(a: &LoadedView, b: &LoadedView, from: &str, to: &str) -> Residual {
         from: from.into(),
         to: to.into(),
         overlap: seen as f64 / points.max(1) as f64,
-        relative_depth: median(&mut relative),
-        color_levels: median(&mut levels),
+        relative_depth: median(relative).unwrap_or(f64::NAN),
+        color_levels: median(levels).unwrap_or(f64::NAN),
     }
-}
-
-fn median(values: &mut [f64]) -> f64 {
-    if values.is_empty() {
-        return f64::NAN;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
