@@ -45,15 +45,12 @@ fn main() {
 
 fn study(file: &Path, error_px: f64, repeat: usize, pictures: Option<&Path>) -> [PackedCube; 2] {
     let all = PackedCube::read(file).expect("a cube LDI");
-    let mut ldi = all.unpack();
+    let ldi = all.unpack();
     let started = Instant::now();
-    let set = primitives::choose(&mut ldi, error_px);
+    let mixed = primitives::pack(ldi, all.layout, Split::None, error_px).expect("packs");
     let choosing = started.elapsed();
-    let mut mixed = PackedCube::pack(&ldi, all.layout, Split::None).expect("packs");
-    drop(ldi);
-    mixed.planes = set;
     let set = &mixed.planes;
-    println!("{}: chosen in {choosing:.1?}", file.display());
+    println!("{}: chosen and packed in {choosing:.1?}", file.display());
     println!(
         "  {} samples: {} on {} planes ({:.1} %), {} left; {} tiles, {} texels",
         all.depth_pixel_count(),

@@ -5,7 +5,7 @@ use super::images::SetJob;
 use super::output::{CUBE, Outputs, peak_rss_mb, print_json};
 use super::packing::what_is_kept;
 use super::progress::Bar;
-use crate::capture::images::check;
+use crate::capture::images::check_neighbors;
 use anyhow::bail;
 use serde_json::json;
 use std::path::Path;
@@ -38,6 +38,12 @@ impl CaptureCommand {
                 job.backdrop = self.backdrop;
             }
         }
+        if let SetJob::Depth(_) = job {
+            // Before the work, so that what is wrong is known at once; views without depth take no part, nor are their files needed.
+            for warning in check_neighbors(&set, CHECKED_PAIRS, &mut |_| {})?.warnings {
+                eprintln!("warning: {warning}");
+            }
+        }
         let bar = Bar::new();
         let views = job.views(&set);
         let ldi = job.run(&set, &bar)?;
@@ -50,11 +56,6 @@ impl CaptureCommand {
                 }
             };
             bail!("{}: {why}", set.folder.display());
-        }
-        if let SetJob::Depth(_) = job {
-            for warning in check(&set, CHECKED_PAIRS, &mut |_| {})?.warnings {
-                eprintln!("warning: {warning}");
-            }
         }
         packed.write(&self.output)?;
         bar.finish();

@@ -35,7 +35,14 @@ pub const DEFAULT_ERROR_PX: f64 = 0.5;
 /// See [`PackedCube::pack`].
 pub fn pack(mut ldi: CubeLdi, layout: SplatIndexLayout, split: Split, error_px: f64) -> Result<PackedCube, PackError> {
     ldi.validate()?;
-    let planes = choose(&mut ldi, error_px);
+    let found = find(&ldi, error_px);
+    let samples = found.iter().map(|of_face| of_face.pictures.samples).sum();
+    let tiles = found.iter().flat_map(|of_face| &of_face.pictures.tiles).map(|tile| [tile.width, tile.height]);
+    let face_pixels = ldi.faces.iter().map(|face| u64::from(face.size_px).pow(2)).sum();
+    let planes = match cost::are_worth_a_canvas(samples, tiles, face_pixels) {
+        true => take(&mut ldi, found, error_px),
+        false => PlaneSet::default(),
+    };
     let split = match split {
         // What pictures leave is little, and a second table of pixels would be larger than what a split saves.
         Split::Auto if !planes.tiles.is_empty() => Split::None,
@@ -54,15 +61,29 @@ const LEAST_SAMPLES: usize = 48;
 ///
 /// The LDI must be valid ([`CubeLdi::validate`]).
 pub fn choose(ldi: &mut CubeLdi, error_px: f64) -> PlaneSet {
-    let mut set = PlaneSet::default();
+    let found = find(ldi, error_px);
+    take(ldi, found, error_px)
+}
+
+/// The pictures of each face.
+fn find(ldi: &CubeLdi, error_px: f64) -> Vec<Chosen> {
     if error_px.is_nan() || error_px <= 0.0 {
-        return set;
+        return Vec::new();
     }
-    set.error_px = error_px;
     let half_size_m = ldi.info.half_size_m;
-    let chosen: Vec<_> =
-        ldi.faces.par_iter_mut().with_max_len(1).map(|face| choose_on(face, error_px, half_size_m)).collect();
-    for (planes, pictures) in chosen {
+    ldi.faces.par_iter().with_max_len(1).map(|face| choose_on(face, error_px, half_size_m)).collect()
+}
+
+/// Takes the samples of pictures from a cube, and makes a set of these.
+fn take(ldi: &mut CubeLdi, found: Vec<Chosen>, error_px: f64) -> PlaneSet {
+    if found.iter().all(|of_face| of_face.pictures.tiles.is_empty()) {
+        return PlaneSet::default();
+    }
+    ldi.faces.par_iter_mut().zip(&found).with_max_len(1).for_each(|(face, of_face)| {
+        keep(face, |i| of_face.owner[i] == NOBODY);
+    });
+    let mut set = PlaneSet { error_px, ..PlaneSet::default() };
+    for Chosen { planes, pictures, .. } in found {
         let (plane, texel) = (set.planes.len() as u32, set.texels.len() as u32);
         set.planes.extend(planes);
         set.tiles.extend(pictures.tiles.into_iter().map(|mut tile| {
@@ -72,20 +93,23 @@ pub fn choose(ldi: &mut CubeLdi, error_px: f64) -> PlaneSet {
         set.texels.extend(pictures.texels);
         set.samples += pictures.samples;
     }
-    if set.tiles.is_empty() {
-        return PlaneSet::default();
-    }
     set
 }
 
-fn choose_on(face: &mut LayeredDepthImage, error_px: f64, half_size_m: f64) -> (Vec<Plane>, textures::Pictures) {
+/// What becomes pictures of a face.
+struct Chosen {
+    planes: Vec<Plane>,
+    pictures: textures::Pictures,
+    /// Of each sample of the face its plane, or [`NOBODY`].
+    owner: Vec<u32>,
+}
+
+fn choose_on(face: &LayeredDepthImage, error_px: f64, half_size_m: f64) -> Chosen {
     let mut grower = Grower::new(face, &Bound::new(error_px, half_size_m, face.size_px), half_size_m);
     grower.grow_all(LEAST_SAMPLES);
     let pictures = textures::draw(&mut grower, 0);
     let planes = grower.regions.iter().map(|region| region.plane).collect();
-    let owner = grower.owner;
-    keep(face, |i| owner[i] == NOBODY);
-    (planes, pictures)
+    Chosen { planes, pictures, owner: grower.owner }
 }
 
 /// Drops all samples but some.

@@ -11,11 +11,13 @@ use std::process::{Command, Output};
 
 /// What the program does in its last step, where `$out` is the folder for models.
 fn with_colmap(folder: &Path, last_step: &str) {
+    let asked = folder.join("asked");
+    let asked = asked.display();
     let script = format!(
         "#!/bin/sh\n\
          case \"$*\" in *--Sift*) echo \"unrecognised option '--SiftExtraction.use_gpu'\"; exit 1;; esac\n\
          case $1 in\n\
-         feature_extractor) echo 'Processed file [1/3]'; echo 'Processed file [3/3]';;\n\
+         feature_extractor) echo \"$*\" > {asked}; echo 'Processed file [1/3]'; echo 'Processed file [3/3]';;\n\
          exhaustive_matcher) echo 'Matching block [1/1, 1/1]' >&2;;\n\
          mapper) while [ $# -gt 0 ]; do [ \"$1\" = --output_path ] && out=$2; shift; done; {last_step};;\n\
          esac\n"
@@ -24,6 +26,11 @@ fn with_colmap(folder: &Path, last_step: &str) {
     let program = folder.join("bin/colmap");
     fs::write(&program, script).unwrap();
     fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+/// What features were asked for with, by the program that stands in COLMAP's place.
+fn asked(folder: &Path) -> String {
+    fs::read_to_string(folder.join("asked")).unwrap()
 }
 
 /// Three photographs, and beside them the model that the program will find.
@@ -103,4 +110,17 @@ fn what_fails_is_told_and_leaves_the_folder_as_it_was() {
     let (_, words) = align(dir.path(), "/nonexistent");
     assert!(words.contains("COLMAP is not installed") && words.contains("apt install colmap"), "{words}");
     assert!(left(dir.path()).is_empty());
+}
+
+/// COLMAP leaves out what is not as large as its only camera: upright photographs among others were, and nothing was found.
+#[test]
+fn photographs_of_several_sizes_have_cameras_of_their_own() {
+    for (size, expected) in [([16, 12], "single_camera 1"), ([12, 16], "single_camera 0")] {
+        let dir = tempfile::tempdir().unwrap();
+        photographs(dir.path());
+        RgbImage::new(size[0], size[1]).save(dir.path().join("photos/3.png")).unwrap();
+        with_colmap(dir.path(), "exit 0");
+        align(dir.path(), &with_bin(dir.path()));
+        assert!(asked(dir.path()).contains(expected), "{size:?}: {}", asked(dir.path()));
+    }
 }

@@ -3,6 +3,7 @@
 //! Its model is put beside the photographs, as `sparse/0`, where [`ImageSet::open`](super::ImageSet::open) looks for it: whole, or
 //! not at all. Axes and unit of such a model are what COLMAP makes them.
 
+use super::pictures::read_size;
 use std::collections::VecDeque;
 use std::fs;
 use std::io::{self, BufRead, BufReader};
@@ -99,7 +100,8 @@ pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Aligned,
     }
     let images = [folder.join("images"), folder.to_owned()].into_iter().find(|path| path.is_dir());
     let images = images.unwrap_or_else(|| folder.to_owned());
-    let pictures = count_pictures(&images).map_err(io(&images))?;
+    let photographs = pictures_in(&images).map_err(io(&images))?;
+    let pictures = photographs.len();
     if pictures < 3 {
         return Err(AlignError::FewPictures { folder: images, count: pictures });
     }
@@ -109,9 +111,11 @@ pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Aligned,
     fs::create_dir(&models).map_err(io(&models))?;
 
     let mut colmap = Colmap { database: &database, pictures, progress };
-    let one_camera = ["--ImageReader.single_camera", "1", "--ImageReader.camera_model", "SIMPLE_RADIAL"];
+    // COLMAP leaves out what is of another size than its only camera, such as upright pictures among others.
+    let one_camera = if of_one_size(&photographs) { "1" } else { "0" };
+    let cameras = ["--ImageReader.single_camera", one_camera, "--ImageReader.camera_model", "SIMPLE_RADIAL"];
     let mut extract = vec!["--image_path".into(), images.as_os_str().to_owned()];
-    extract.extend(one_camera.map(Into::into));
+    extract.extend(cameras.map(Into::into));
     colmap.run("feature_extractor", AlignStep::Features, Some("Extraction"), &extract)?;
     let matcher = if pictures <= ALL_PAIRS { "exhaustive_matcher" } else { "sequential_matcher" };
     colmap.run(matcher, AlignStep::Matches, Some("Matching"), &[])?;
@@ -129,14 +133,21 @@ pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Aligned,
     Ok(Aligned { found, pictures, model: sparse.join("0") })
 }
 
-fn count_pictures(folder: &Path) -> io::Result<usize> {
-    let mut count = 0;
+fn pictures_in(folder: &Path) -> io::Result<Vec<PathBuf>> {
+    let mut pictures = Vec::new();
     for entry in fs::read_dir(folder)? {
-        let name = entry?.path();
-        count +=
-            usize::from(name.extension().is_some_and(|e| ENDINGS.iter().any(|known| e.eq_ignore_ascii_case(known))));
+        let path = entry?.path();
+        if path.extension().is_some_and(|e| ENDINGS.iter().any(|known| e.eq_ignore_ascii_case(known))) {
+            pictures.push(path);
+        }
     }
-    Ok(count)
+    Ok(pictures)
+}
+
+/// Whether all pictures can be of one camera. What cannot be read is no reason against it: COLMAP leaves it out.
+fn of_one_size(pictures: &[PathBuf]) -> bool {
+    let mut sizes = pictures.iter().filter_map(|path| read_size(path).ok());
+    sizes.next().is_none_or(|first| sizes.all(|size| size == first))
 }
 
 /// Of the models that do not hang together the one with most pictures, and how many.

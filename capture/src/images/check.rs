@@ -41,13 +41,21 @@ const DISAGREE: f64 = 0.1;
 /// Neighbours' eyes so many times as far apart as they see can hardly see the same.
 const FAR_APART: f64 = 10.0;
 
-/// Looks whether all files are there, as large as they should be by what their headers say; loads at most `most` pairs of neighbours, evenly
-/// over the set, and compares them. `look` is told of every view that was loaded.
+/// Looks whether all files are there, as large as they should be by what their headers say; then [`check_neighbors`].
 ///
 /// # Errors
 /// [`ImagesError`] of the first view whose files are not there, or that cannot be loaded.
 pub fn check(set: &ImageSet, most: usize, look: &mut dyn FnMut(&str)) -> Result<CheckReport, ImagesError> {
     set.views.iter().try_for_each(View::check_files)?;
+    check_neighbors(set, most, look)
+}
+
+/// Loads at most `most` pairs of neighbours that have depth, evenly over the set, and compares them. `look` is told of every view that was
+/// loaded; files of others are not looked at.
+///
+/// # Errors
+/// [`ImagesError`] of the first view that cannot be loaded.
+pub fn check_neighbors(set: &ImageSet, most: usize, look: &mut dyn FnMut(&str)) -> Result<CheckReport, ImagesError> {
     let mut report = CheckReport { warnings: duplicates(&set.views), ..CheckReport::default() };
     let views: Vec<&View> = set.with_depth().collect();
     let (mut depths, mut known, mut pixels) = (Vec::new(), 0u64, 0u64);

@@ -113,10 +113,7 @@ fn lens_of(model: &str, p: &[f64]) -> Result<Lens, String> {
             return Err(format!("has the model {other}; expected {known}: run COLMAP's image_undistorter first"));
         }
     };
-    if !(focal_px.iter().all(|&focal| focal > 0.0) && p.iter().all(|p| p.is_finite())) {
-        return Err("has a focal length that is not above 0, or a parameter that is not finite".into());
-    }
-    Ok(Lens::Pinhole(Pinhole { focal_px, principal_px, distortion }))
+    Ok(Lens::Pinhole(Pinhole { focal_px, principal_px, distortion }.checked()?))
 }
 
 fn camera_of(id: u32, model: &str, size: [u64; 2], parameters: &[f64], file: &Path) -> Result<Camera, ImagesError> {

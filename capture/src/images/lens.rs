@@ -22,6 +22,30 @@ pub struct Pinhole {
     pub distortion: Distortion,
 }
 
+/// Pixels beyond which no focal length and no principal point of a camera lies: a picture of 2^16 pixels through a lens of a thousandth of a
+/// degree. Past it positions lose their fractions of a pixel.
+const FARTHEST_PX: f64 = 1e10;
+
+impl Pinhole {
+    /// Itself, if a camera could be like that.
+    ///
+    /// # Errors
+    /// What is wrong, to follow the name of file and field.
+    pub(super) fn checked(self) -> Result<Self, &'static str> {
+        if !self.focal_px.iter().all(|&focal| focal > 0.0) {
+            return Err("has a focal length that is not above 0");
+        }
+        if !self.focal_px.iter().chain(&self.principal_px).all(|px| px.abs() <= FARTHEST_PX) {
+            return Err("has a focal length or a principal point of more than 1e10 pixels, as no camera has");
+        }
+        let Distortion { radial, tangential } = self.distortion;
+        match radial.iter().chain(&tangential).all(|k| k.is_finite()) {
+            true => Ok(self),
+            false => Err("has a distortion that is no finite number"),
+        }
+    }
+}
+
 /// OpenCV's distortion of normalised positions: `radial` holds k1, k2, k3 of the numerator and k4, k5, k6 of the
 /// denominator, `tangential` p1 and p2. All zero for none.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -143,6 +167,22 @@ mod tests {
     fn pinhole() -> Lens {
         let distortion = Distortion::default();
         Lens::Pinhole(Pinhole { focal_px: [500.0, 510.0], principal_px: [321.0, 239.5], distortion })
+    }
+
+    #[test]
+    fn lenses_that_no_camera_has_are_refused() {
+        let Lens::Pinhole(good) = pinhole() else { panic!("made as a pinhole") };
+        assert_eq!(good.checked(), Ok(good));
+        let refused = |change: fn(&mut Pinhole)| {
+            let mut lens = good;
+            change(&mut lens);
+            lens.checked().expect_err("no camera is like that")
+        };
+        assert!(refused(|lens| lens.focal_px[1] = 0.0).contains("not above 0"));
+        assert!(refused(|lens| lens.focal_px[0] = f64::NAN).contains("not above 0"));
+        assert!(refused(|lens| lens.focal_px[0] = 1e300).contains("more than 1e10"));
+        assert!(refused(|lens| lens.principal_px[1] = -1e300).contains("more than 1e10"));
+        assert!(refused(|lens| lens.distortion.radial[5] = f64::INFINITY).contains("distortion"));
     }
 
     #[test]

@@ -38,16 +38,14 @@ fn read_line(file: &Path, line: &str, number: usize) -> Result<View, ImagesError
     let numbers: Option<Vec<f64>> = words.map(|word| word.parse().ok().filter(|n: &f64| n.is_finite())).collect();
     let numbers: Option<[f64; 21]> = numbers.and_then(|numbers| numbers.try_into().ok());
     let p = numbers.ok_or_else(|| bad("expected a name and 21 finite numbers: K, R, t"))?;
-    if !(p[0] > 0.0 && p[4] > 0.0) {
-        return Err(bad("has a focal length that is not above 0"));
-    }
     let rotation = DMat3::from_cols_array(&std::array::from_fn(|i| p[9 + i])).transpose();
     let pose = Pose::from_camera_from_world(rotation, DVec3::new(p[18], p[19], p[20])).map_err(|cause| bad(&cause))?;
     let color = resolve(file, &place, name, false)?;
     let size_px = read_size(&color)?;
     // Centres of pixels lie at whole numbers in these files.
     let principal_px = [p[2] + 0.5, p[5] + 0.5];
-    let lens = Lens::Pinhole(Pinhole { focal_px: [p[0], p[4]], principal_px, distortion: Distortion::default() });
+    let lens = Pinhole { focal_px: [p[0], p[4]], principal_px, distortion: Distortion::default() };
+    let lens = lens.checked().map(Lens::Pinhole).map_err(bad)?;
     Ok(View {
         name: name.into(),
         size_px,

@@ -42,7 +42,7 @@ mod text;
 mod view;
 
 pub use align::{AlignError, AlignProgress, AlignStep, Aligned, align};
-pub use check::{CheckReport, Residual, check};
+pub use check::{CheckReport, Residual, check, check_neighbors};
 pub use depth::{DepthPicture, DepthSource, write_depth_exr};
 pub use lens::{Distortion, Lens, Pinhole};
 pub use nerfstudio::{SetWriter, write_set};

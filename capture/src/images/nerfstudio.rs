@@ -208,11 +208,9 @@ fn lens_of<'a>(of: &impl Fn(&str) -> Object<'a>, view: &Object, size_px: [u32; 2
         return Err(view.error("fl_x", "is missing, and so is camera_angle_x: one of them must say how wide a view is"));
     };
     let focal_px = [across, down.unwrap_or(across)];
-    if focal_px.iter().any(|&focal| focal <= 0.0) {
-        return Err(view.error("fl_x", "must be above 0"));
-    }
     let radial = [number("k1", 0.0)?, number("k2", 0.0)?, number("k3", 0.0)?, number("k4", 0.0)?, 0.0, 0.0];
     let tangential = [number("p1", 0.0)?, number("p2", 0.0)?];
     let principal_px = [number("cx", width / 2.0)?, number("cy", height / 2.0)?];
-    Ok(Lens::Pinhole(Pinhole { focal_px, principal_px, distortion: Distortion { radial, tangential } }))
+    let lens = Pinhole { focal_px, principal_px, distortion: Distortion { radial, tangential } };
+    lens.checked().map(Lens::Pinhole).map_err(|cause| view.error("fl_x", cause))
 }

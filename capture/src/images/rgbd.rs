@@ -22,20 +22,19 @@ const SEVEN_SCENES: [f64; 3] = [585.0, 320.0, 240.0];
 pub(super) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     let Some((place, poses)) = find_poses(folder, 3)? else { return Ok(None) };
     let mut notes = Vec::new();
-    let lens = match intrinsics_file(&place, folder) {
+    let pinhole = match intrinsics_file(&place, folder) {
         Some(file) => {
             let k = text::numbers(&file, 9, "the 3x3 intrinsics")?;
-            if !(k[0] > 0.0 && k[4] > 0.0) {
-                return Err(ImagesError::field(&file, "the 3x3 intrinsics", "have a focal length that is not above 0"));
-            }
-            pinhole([k[0], k[4]], [k[2], k[5]])
+            let checked = pinhole_of([k[0], k[4]], [k[2], k[5]]).checked();
+            checked.map_err(|cause| ImagesError::field(&file, "the 3x3 intrinsics", cause))?
         }
         None => {
             let [focal, x, y] = SEVEN_SCENES;
             notes.push(format!("no camera-intrinsics.txt: taken as {focal} px at {x}, {y}, the camera of 7-Scenes"));
-            pinhole([focal; 2], [x, y])
+            pinhole_of([focal; 2], [x, y])
         }
     };
+    let lens = Lens::Pinhole(pinhole);
     let (mut views, mut without_pose, mut without_depth) = (Vec::new(), Vec::new(), Vec::new());
     for pose_file in poses {
         let stem = pose_file.to_string_lossy().trim_end_matches("pose.txt").to_owned();
@@ -83,8 +82,8 @@ pub(super) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
 }
 
 /// Centres of pixels lie at whole numbers in these files, and at halves here.
-fn pinhole(focal_px: [f64; 2], principal: [f64; 2]) -> Lens {
-    Lens::Pinhole(Pinhole { focal_px, principal_px: principal.map(|c| c + 0.5), distortion: Distortion::default() })
+fn pinhole_of(focal_px: [f64; 2], principal: [f64; 2]) -> Pinhole {
+    Pinhole { focal_px, principal_px: principal.map(|c| c + 0.5), distortion: Distortion::default() }
 }
 
 fn is_lost(pose_file: &Path) -> bool {

@@ -119,11 +119,12 @@ fn pinhole_of(clip_from_eye: DMat4, [width, height]: [u32; 2]) -> Result<Pinhole
         return Err("mirrors, or has no width: its diagonal must be above 0".into());
     }
     let half = [f64::from(width) / 2.0, f64::from(height) / 2.0];
-    Ok(Pinhole {
+    let lens = Pinhole {
         focal_px: [x.x * half[0], y.y * half[1]],
         principal_px: [half[0] * (1.0 - x.z), half[1] * (1.0 + y.z)],
         distortion: Distortion::default(),
-    })
+    };
+    Ok(lens.checked()?)
 }
 
 #[cfg(test)]
