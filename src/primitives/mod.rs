@@ -29,20 +29,44 @@ pub const MAX_ERROR_PX: f64 = 1e6;
 /// noise have 50 dB and more (docs/decisions.md: what half a pixel costs).
 pub const DEFAULT_ERROR_PX: f64 = 0.5;
 
-/// Packs a cube LDI, of which what is flat becomes pictures on planes ([`choose`]).
+/// Packs a cube LDI that frames show all around. What of it is flat becomes pictures on planes ([`choose`]), if these together are
+/// worth the canvas that a frame needs for them.
 ///
 /// # Errors
 /// See [`PackedCube::pack`].
-pub fn pack(mut ldi: CubeLdi, layout: SplatIndexLayout, split: Split, error_px: f64) -> Result<PackedCube, PackError> {
+pub fn pack(ldi: CubeLdi, layout: SplatIndexLayout, split: Split, error_px: f64) -> Result<PackedCube, PackError> {
     ldi.validate()?;
     let found = find(&ldi, error_px);
     let samples = found.iter().map(|of_face| of_face.pictures.samples).sum();
     let tiles = found.iter().flat_map(|of_face| &of_face.pictures.tiles).map(|tile| [tile.width, tile.height]);
     let face_pixels = ldi.faces.iter().map(|face| u64::from(face.size_px).pow(2)).sum();
-    let planes = match cost::are_worth_a_canvas(samples, tiles, face_pixels) {
-        true => take(&mut ldi, found, error_px),
-        false => PlaneSet::default(),
-    };
+    let is_worth_it = cost::are_worth_a_canvas(samples, tiles, face_pixels);
+    pack_found(ldi, if is_worth_it { found } else { Vec::new() }, layout, split, error_px)
+}
+
+/// As [`pack`], with all pictures: for a cube of which portals show parts.
+///
+/// # Errors
+/// See [`PackedCube::pack`].
+pub fn pack_in_parts(
+    ldi: CubeLdi,
+    layout: SplatIndexLayout,
+    split: Split,
+    error_px: f64,
+) -> Result<PackedCube, PackError> {
+    ldi.validate()?;
+    let found = find(&ldi, error_px);
+    pack_found(ldi, found, layout, split, error_px)
+}
+
+fn pack_found(
+    mut ldi: CubeLdi,
+    found: Vec<Chosen>,
+    layout: SplatIndexLayout,
+    split: Split,
+    error_px: f64,
+) -> Result<PackedCube, PackError> {
+    let planes = take(&mut ldi, found, error_px);
     let split = match split {
         // What pictures leave is little, and a second table of pixels would be larger than what a split saves.
         Split::Auto if !planes.tiles.is_empty() => Split::None,

@@ -23,7 +23,7 @@ pub struct Pinhole {
 }
 
 /// Pixels beyond which no focal length and no principal point of a camera lies: a picture of 2^16 pixels through a lens of a thousandth of a
-/// degree. Past it positions lose their fractions of a pixel.
+/// degree.
 const FARTHEST_PX: f64 = 1e10;
 
 impl Pinhole {

@@ -87,7 +87,7 @@ impl CubeJob<'_> {
         }
         let mender = BackdropMender { house: self.house, centre: self.centre, tolerance: self.tolerance() };
         mender.mend(&mut cube.faces);
-        primitives::pack(cube, SplatIndexLayout::Normal, Split::Auto, ERROR_PX)
+        primitives::pack_in_parts(cube, SplatIndexLayout::Normal, Split::Auto, ERROR_PX)
     }
 
     /// The samples of a batch, each with its row, and the environment's texels that its misses reach.
