@@ -126,7 +126,8 @@ const EYES: usize = 6;
 fn compare_with_truth(all: &PackedCube, mixed: &PackedCube, samples: u32, stem: &Path) {
     let source = SceneSource::in_frame(all.info.scene.clone(), all.info.frame);
     let tracer = Tracer::new(Arc::new(source.open().expect("the scene it was captured from")), all.info.centre);
-    let lighting = Lighting::measure(&tracer, all.info.parameters.bounces);
+    let is_lit = all.info.parameters.light_samples > 0;
+    let lighting = Lighting::prepare(&tracer, all.info.parameters.bounces, is_lit);
     let mut planes = mixed.clone();
     planes.segments.clear();
     let (width, height) = (all.face_size_px, all.face_size_px * 3 / 4);
@@ -141,9 +142,7 @@ fn compare_with_truth(all: &PackedCube, mixed: &PackedCube, samples: u32, stem: 
         let truth = match image::open(&kept) {
             Ok(picture) => picture.to_rgb8(),
             Err(_) => {
-                let found =
-                    truth::render(&tracer, &lighting, all.info.parameters.light_samples > 0, &camera, samples, &Silent)
-                        .rgb();
+                let found = truth::render(&tracer, &lighting, is_lit, &camera, samples, &Silent).rgb();
                 found.save(&kept).expect("writes");
                 found
             }

@@ -129,7 +129,7 @@ struct Chosen {
 }
 
 fn choose_on(face: &LayeredDepthImage, error_px: f64, half_size_m: f64) -> Chosen {
-    let mut grower = Grower::new(face, &Bound::new(error_px, half_size_m, face.size_px), half_size_m);
+    let mut grower = Grower::new(face, &Bound::new(error_px, half_size_m, face.size_px));
     grower.grow_all(LEAST_SAMPLES);
     let pictures = textures::draw(&mut grower, 0);
     let planes = grower.regions.iter().map(|region| region.plane).collect();

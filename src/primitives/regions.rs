@@ -2,10 +2,8 @@
 
 use super::bound::Bound;
 use super::fit::{Affine, Fit};
-use crate::ldi::accumulate::DepthBins;
 use crate::ldi::{DepthPixel, LayeredDepthImage};
 use crate::packed::Plane;
-use crate::render::surface::SurfaceCanvas;
 
 /// Stands for no region.
 pub(super) const NOBODY: u32 = u32::MAX;
@@ -41,10 +39,6 @@ pub(super) struct Grower<'a> {
     /// Of each sample, the index of its region, or [`NOBODY`].
     pub(super) owner: Vec<u32>,
     pub(super) regions: Vec<Region>,
-    /// Width of a depth bin of the capture, 1/m.
-    pub(super) bin: f64,
-    /// Relative difference of inverse depth up to which frames take two samples of a pixel for one surface.
-    pub(super) one_surface: f64,
     /// Of each pixel, the last visit.
     visited: Vec<u32>,
     visit: u32,
@@ -60,7 +54,7 @@ struct Seed {
 }
 
 impl<'a> Grower<'a> {
-    pub(super) fn new(face: &'a LayeredDepthImage, bound: &Bound, half_size_m: f64) -> Self {
+    pub(super) fn new(face: &'a LayeredDepthImage, bound: &Bound) -> Self {
         let size = face.size_px;
         let mut tolerance = Vec::with_capacity(face.samples.len());
         for p in 0..size * size {
@@ -70,10 +64,8 @@ impl<'a> Grower<'a> {
         }
         let owner = vec![NOBODY; face.samples.len()];
         let visited = vec![0; (size * size) as usize];
-        let bin = DepthBins::new(half_size_m, size).inverse_depth(1.0);
-        let one_surface = f64::from(SurfaceCanvas::tolerance(size));
         let (regions, queue) = (Vec::new(), Vec::new());
-        Self { face, tolerance, owner, regions, bin, one_surface, visited, visit: 0, queue }
+        Self { face, tolerance, owner, regions, visited, visit: 0, queue }
     }
 
     /// Finds all regions of at least `least` samples, best seeds first.

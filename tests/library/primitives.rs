@@ -11,7 +11,7 @@ use headbox::frame::Frame;
 use headbox::ldi::{CubeLdi, DepthPixel};
 use headbox::metrics::compare;
 use headbox::packed::{PackedCube, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
-use headbox::primitives::{Bound, DEFAULT_ERROR_PX, choose, pack};
+use headbox::primitives::{Bound, DEFAULT_ERROR_PX, choose, pack, pack_in_parts};
 use headbox::render::{RenderSettings, Renderer};
 
 const FACE_PX: u32 = 192;
@@ -151,8 +151,23 @@ fn pictures_are_as_large_as_pays() {
     }
 }
 
-/// dB of PSNR, and share of FLIP, by which frames with pictures may be worse than those of all samples, in the mean over eyes.
-const LOSS_DB: f64 = 0.25;
+/// A frame that shows next to no picture pays for a canvas all the same; a portal that shows the disk shows little else.
+#[test]
+fn few_pictures_are_left_out_where_frames_look_all_around() {
+    let disk = Shape::Disk { centre: dvec3(0.0, 0.0, -3.0), normal: DVec3::Z, radius: 1.0 };
+    for (scene, has_few) in [(Scene { shapes: vec![disk], detail: 6.0 }, true), (room(6.0), false)] {
+        let ldi = quick(&scene, FACE_PX);
+        let [around, in_parts] = [pack, pack_in_parts]
+            .map(|pack| pack(ldi.clone(), SplatIndexLayout::Normal, Split::Auto, 0.5).expect("packs"));
+        assert!(!in_parts.planes.tiles.is_empty());
+        assert_eq!(around.planes.tiles.is_empty(), has_few);
+        assert!(has_few || around == in_parts);
+        let samples = |cube: &PackedCube| cube.depth_pixel_count() as u64 + cube.planes.samples;
+        assert_eq!(samples(&around), samples(&in_parts), "what is no picture stays samples");
+    }
+}
+
+/// Share of FLIP by which frames with pictures may be worse than those of all samples, in the mean over eyes.
 const LOSS_OF_FLIP: f64 = 0.05;
 
 #[test]
@@ -178,7 +193,7 @@ fn frames_are_no_worse_and_have_no_cracks() {
             }
         }
         println!("{name}: {share:.3} on planes, {sums:.2?} dB, FLIP {flips:.4?}, holes {holes:?}");
-        assert!(sums[1] > sums[0] - LOSS_DB, "{name}: {sums:?} dB");
+        assert!(sums[1] >= sums[0], "{name}: {sums:?} dB");
         assert!(flips[1] < flips[0] * (1.0 + LOSS_OF_FLIP), "{name}: FLIP {flips:?}");
         assert!(holes[1] <= holes[0] + 6, "{name}: {holes:?}");
     }

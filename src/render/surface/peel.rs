@@ -13,6 +13,10 @@ use fearless_simd::{Simd, f32x8, i32x8, mask32x8, prelude::*, u32x8};
 /// Inverse depth where nothing is.
 const NOWHERE: f32 = -1.0;
 
+/// What lies under splats and hides a pixel wholly is as far away as it says there, where a splat is as far away as its middle: so much of
+/// the relative tolerance is left (docs/decisions.md: pictures are sharpened, and end where their samples do).
+pub(in crate::render) const GROUND_PART: f32 = 0.25;
+
 /// Two splats are of one surface up to this difference of inverse depth.
 #[derive(Clone, Copy)]
 pub(super) struct Tolerance {
@@ -29,10 +33,10 @@ impl Tolerance {
         inverse_depth + (inverse_depth * self.relative).max(self.least)
     }
 
-    /// The same of lanes.
+    /// The same of what lies under all that is drawn, in lanes.
     #[inline(always)]
-    fn reach_of<S: Simd>(self, inverse_depth: f32x8<S>) -> f32x8<S> {
-        inverse_depth + (inverse_depth * self.relative).max(self.least)
+    fn reach_of_ground<S: Simd>(self, inverse_depth: f32x8<S>) -> f32x8<S> {
+        inverse_depth + (inverse_depth * (self.relative * GROUND_PART)).max(self.least)
     }
 }
 
@@ -261,7 +265,7 @@ impl Row {
     fn begin_front<S: Simd>(&mut self, simd: S, tolerance: Tolerance) {
         let q = f32x8::load_array(simd, self.ground_inverse_depth);
         let is_there = q.simd_ge(0.0);
-        let on_front = f32x8::load_array(simd, self.front).simd_le(tolerance.reach_of(q)) & is_there;
+        let on_front = f32x8::load_array(simd, self.front).simd_le(tolerance.reach_of_ground(q)) & is_there;
         self.sums = of_ground(simd, on_front, &self.ground);
         (!on_front & is_there).select(q, f32x8::splat(simd, NOWHERE)).store_array(&mut self.second);
     }
@@ -281,7 +285,7 @@ impl Row {
             return false;
         }
         let q = f32x8::load_array(simd, self.ground_inverse_depth);
-        let reach = tolerance.reach_of(q);
+        let reach = tolerance.reach_of_ground(q);
         let behind = is_open & q.simd_ge(0.0) & front.simd_gt(reach);
         let on_second = second.simd_le(reach);
         self.sums = of_ground(simd, behind & on_second, &self.ground);

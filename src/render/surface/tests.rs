@@ -1,7 +1,7 @@
 //! Peeled tiles against the definition, splat by splat.
 
 use super::mean::{BLOCK, MIN_SHARE, OPAQUE, together};
-use super::peel::{Peel, Tolerance, Touched};
+use super::peel::{GROUND_PART, Peel, Tolerance, Touched};
 use super::piece::{Piece, TILE_ROWS};
 use super::{Canvas, Splats, SurfaceCanvas, Tents};
 use crate::capture::random::Rng;
@@ -43,19 +43,27 @@ fn mean(splats: &[Splat]) -> [u8; 4] {
     [channel(0), channel(1), channel(2), share]
 }
 
-/// What splats show in a pixel: the definition. And the inverse depth in front.
-fn of_pixel(mut splats: Vec<Splat>) -> ([u8; 4], f32) {
-    splats.retain(|(weight, ..)| *weight > 0);
+/// The largest inverse depth in front of a surface with which it is still one.
+fn reach(q: f32, relative: f32) -> f32 {
+    q + (q * relative).max(TOLERANCE.least)
+}
+
+/// What splats show in a pixel, and a colour under them: the definition. And the inverse depth in front.
+fn of_pixel(splats: impl IntoIterator<Item = Splat>, ground: Option<([u8; 3], f32)>) -> ([u8; 4], f32) {
+    let splats = splats.into_iter().map(|splat| (splat, TOLERANCE.relative));
+    let ground = ground.map(|(color, q)| ((ONE, color, q), TOLERANCE.relative * GROUND_PART));
+    let mut left: Vec<(Splat, f32)> = splats.chain(ground).filter(|((weight, ..), _)| *weight > 0).collect();
     let mut surfaces = [[0; 4]; 3];
-    let nearest = |splats: &[Splat]| splats.iter().map(|(.., q)| *q).fold(-1.0, f32::max);
-    let front = nearest(&splats).max(0.0);
+    let nearest = |left: &[(Splat, f32)]| left.iter().map(|((.., q), _)| *q).fold(-1.0, f32::max);
+    let front = nearest(&left).max(0.0);
     for surface in &mut surfaces[..2] {
-        let nearest = nearest(&splats);
-        let on_it = |(.., q): &Splat| nearest <= q + (q * TOLERANCE.relative).max(TOLERANCE.least);
-        *surface = mean(&splats.iter().copied().filter(on_it).collect::<Vec<_>>());
-        splats.retain(|splat| !on_it(splat));
+        let nearest = nearest(&left);
+        let (on_it, behind): (Vec<_>, Vec<_>) =
+            left.into_iter().partition(|((.., q), relative)| nearest <= reach(*q, *relative));
+        *surface = mean(&on_it.into_iter().map(|(splat, _)| splat).collect::<Vec<_>>());
+        left = behind;
     }
-    surfaces[2] = mean(&splats);
+    surfaces[2] = mean(&left.into_iter().map(|(splat, _)| splat).collect::<Vec<_>>());
     (together(surfaces, LinearLight::tables()), front)
 }
 
@@ -108,9 +116,9 @@ fn tiles_show_what_the_definition_says_at_every_level_in_any_order() {
                     });
                     let under = ground.filter(|ground| ground[row].0[i][3] == 255).map(|ground| {
                         let [r, g, b, _] = ground[row].0[i];
-                        (ONE, [r, g, b], ground[row].1[i])
+                        ([r, g, b], ground[row].1[i])
                     });
-                    let (expected, front) = of_pixel(drawn.chain(under).collect());
+                    let (expected, front) = of_pixel(drawn, under);
                     let found = colors[i].to_le_bytes();
                     let apart = found.iter().zip(expected).map(|(a, b)| a.abs_diff(b)).max();
                     assert!(apart <= Some(LEVELS), "{count}: {found:?} for {expected:?} at {i}, {row}");
@@ -172,19 +180,22 @@ fn one_colour_stays_one_colour_however_many_splats() {
 /// What is in front, in the middle and behind, with splats at the tolerance's very border and infinitely far away.
 #[test]
 fn borders_of_surfaces_are_part_of_them() {
-    let reach = |q: f32| q + (q * TOLERANCE.relative).max(TOLERANCE.least);
+    let [of_splat, of_ground] = [1.0, GROUND_PART].map(|part| move |q| reach(q, TOLERANCE.relative * part));
     let (half, [red, green, blue]) = (OPAQUE / 2, [[250, 0, 0], [0, 250, 0], [0, 0, 250]]);
     let quarter = half / 2;
-    let near = [(quarter, red, reach(1.0)), (quarter, blue, 1.0)];
+    let near = [(quarter, red, of_splat(1.0)), (quarter, blue, 1.0)];
     // The nearer of two surfaces a little nearer than the border, on it, and a little beyond.
-    let around = |q: f32| [reach(q).next_down(), reach(q), reach(q).next_up()];
+    let around = |border: f32| [border.next_down(), border, border.next_up()];
     let mut cases: Vec<(Vec<Splat>, f32)> = vec![([&near[..], &[(ONE, green, 0.0)]].concat(), 0.5)];
-    for front in around(0.5).into_iter().chain(around(0.01)) {
-        let q = if front < 0.1 { 0.01 } else { 0.5 };
-        cases.push((vec![(half, red, 2.0), (half, green, front), (half, blue, q)], -1.0));
-        cases.push(([&near[..], &[(half, red, front), (quarter, green, q)]].concat(), -1.0));
-        cases.push((vec![(half, red, 2.0), (half, green, front)], q));
-        cases.push((vec![(half, green, front)], q));
+    for q in [0.5, 0.01] {
+        for front in around(of_splat(q)) {
+            cases.push((vec![(half, red, 2.0), (half, green, front), (half, blue, q)], -1.0));
+            cases.push(([&near[..], &[(half, red, front), (quarter, green, q)]].concat(), -1.0));
+        }
+        for front in around(of_ground(q)) {
+            cases.push((vec![(half, red, 2.0), (half, green, front)], q));
+            cases.push((vec![(half, green, front)], q));
+        }
     }
     for q in [0.0, 0.01] {
         cases.extend([(vec![(half, red, 1.0), (half, blue, q)], -1.0), (vec![(half, red, 1.0)], q)]);
@@ -199,8 +210,7 @@ fn borders_of_surfaces_are_part_of_them() {
         if is_there {
             (ground[0].0[0], ground[0].1[0]) = ([under[0], under[1], under[2], 255], q);
         }
-        let below = is_there.then_some((ONE, under, q));
-        let (expected, front) = of_pixel(splats.iter().copied().chain(below).collect());
+        let (expected, front) = of_pixel(splats.iter().copied(), is_there.then_some((under, q)));
         for level in simd::levels() {
             let (_, shown) = peeled(level, &pixel.0, Some(&ground));
             let found = shown[0].0[0].to_le_bytes();
@@ -257,7 +267,7 @@ fn tents_show_in_every_tile_that_they_reach() {
                 canvas.resolve(y as usize - 5, 0, &mut colors, level);
                 canvas.tell_depths(y as usize - 5, 0, &mut depths);
                 for x in 0..width {
-                    let (expected, front) = of_pixel(drawn(x, y.cast_signed()));
+                    let (expected, front) = of_pixel(drawn(x, y.cast_signed()), None);
                     let found = colors[x as usize];
                     let apart = found.iter().zip(expected).map(|(a, b)| a.abs_diff(b)).max();
                     assert!(apart <= Some(LEVELS), "{found:?} for {expected:?} at {x}, {y} of {width}");
