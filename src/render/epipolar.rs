@@ -281,6 +281,7 @@ pub(super) fn spans(boundaries: &[Boundary], k: usize, rays: &Rays, range: &Rang
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::capture::random::Rng;
 
     #[test]
     fn turns_grow_with_the_angle_and_lead_back() {
@@ -312,5 +313,105 @@ mod tests {
         assert!(turns.len() == 4 && turns.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 0.002), "{turns:?}");
         weights.cut(1, &mut turns);
         assert!(turns.is_empty());
+    }
+
+    /// A camera in some place and direction, and a half plane through its baseline.
+    fn some_boundary(random: &mut Rng) -> (Camera, DVec3, Epipolar, Boundary) {
+        let (eye, toward) = (random.in_cube(0.5), random.in_cube(1.0));
+        let camera =
+            Camera::look_at(eye, eye + toward, DVec3::Y, random.between(40.0, 100.0), [64, 48]).expect("valid");
+        let epipolar = Epipolar::new(eye);
+        let boundary = Boundary::new(random.between(0.0, 4.0), &epipolar, &camera, random.between(0.5, 6.0));
+        (camera, eye, epipolar, boundary)
+    }
+
+    /// Rounding, in units of a direction's coordinates.
+    const ROUNDING: f64 = 1e-9;
+
+    /// By the corners of the square about each pixel's centre: it touches the boundary's line if some lie on both sides of it, and its
+    /// half if they are not all behind the baseline.
+    #[test]
+    fn masks_are_the_pixels_whose_squares_touch_the_boundary() {
+        let (mut random, mut inside, mut outside) = (Rng::keyed(21), 0, 0);
+        for _ in 0..400 {
+            let (camera, _, epipolar, boundary) = some_boundary(&mut random);
+            let row = random.below(48) as u32;
+            let mask = boundary.mask(&epipolar.frame_row(&camera, row), 64);
+            for x in 0..64 {
+                let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)].map(|(right, down)| {
+                    let [x, y] =
+                        [(x, right), (row, down)].map(|(at, to)| f64::from(at) + 0.5 + to * boundary.radius_px);
+                    boundary.coordinates(epipolar.project(camera.direction(x, y)))
+                });
+                let across = corners.map(|corner| corner.x);
+                let (least, most) =
+                    (across.into_iter().fold(f64::MAX, f64::min), across.into_iter().fold(f64::MIN, f64::max));
+                let along = corners.map(|corner| corner.y).into_iter().fold(f64::MIN, f64::max);
+                if [least, most, along].iter().any(|border| border.abs() < ROUNDING) {
+                    continue;
+                }
+                let touches = least < 0.0 && most > 0.0 && along > 0.0;
+                assert_eq!(mask.contains(&x), touches, "{x} of row {row}, {mask:?}, {boundary:?}");
+                *(if touches { &mut inside } else { &mut outside }) += 1;
+            }
+        }
+        assert!(inside > 500 && outside > 5000, "{inside} {outside}");
+    }
+
+    /// True if a square of `radius_px` about a point, `w` times a ray, may touch a boundary.
+    fn may_touch(boundary: &Boundary, ray: DVec2, w: f64, radius_px: f64) -> bool {
+        let (seen, reach) = (boundary.coordinates(ray), boundary.per_px * radius_px * w);
+        seen.x.abs() <= reach.x && seen.y >= -reach.y
+    }
+
+    #[test]
+    fn extended_zones_hold_all_that_may_touch_a_mask_and_a_pixel_more_at_most() {
+        let (mut random, mut near, mut far) = (Rng::keyed(22), 0, 0);
+        for _ in 0..400 {
+            let (_, _, epipolar, boundary) = some_boundary(&mut random);
+            let (size, face) = (64, Face::ALL[random.below(6) as usize]);
+            let start = face.direction(0.0, random.between(0.0, 64.0), size);
+            let rays = epipolar.row(start, face.direction(1.0, 0.0, size) - face.direction(0.0, 0.0, size));
+            let (w, reach_px) = ([random.between(0.1, 2.0), random.between(-0.01, 0.01)], random.between(0.0, 3.0));
+            let range = 5..60;
+            let extended = boundary.extended(&rays, w, reach_px, &range);
+            let touches = |x: u32| {
+                let x = f64::from(x) + 0.5;
+                may_touch(&boundary, rays.at(x), w[0] + w[1] * x, reach_px + boundary.radius_px)
+            };
+            for x in range.clone() {
+                assert!(extended.contains(&x) || !touches(x), "{x} of {extended:?}, {boundary:?}");
+                near += u32::from(touches(x));
+            }
+            assert!(extended.start >= range.start && extended.end <= range.end);
+            let inner = extended.start + 2..extended.end.saturating_sub(2);
+            assert!(inner.clone().all(touches), "{inner:?} of {extended:?}, {boundary:?}");
+            far += range.len() - extended.len();
+        }
+        assert!(near > 1000 && far > 5000, "{near} {far}");
+    }
+
+    #[test]
+    fn boxes_that_hold_a_point_near_a_boundary_are_near_it() {
+        let (mut random, mut near, mut far) = (Rng::keyed(23), 0, 0);
+        for _ in 0..2000 {
+            let (camera, eye, epipolar, boundary) = some_boundary(&mut random);
+            let (size, face) = (64, Face::ALL[random.below(6) as usize]);
+            let transfer = Transfer::new(&camera, eye, face, size);
+            let bounds = [(0.0, 64.0, 16.0), (0.0, 64.0, 16.0), (0.0, 1.0, 0.5)].map(|(from, to, most)| {
+                let start = random.between(from, to);
+                [start, start + random.between(0.0, most)]
+            });
+            let radius_px = random.between(0.5, 4.0);
+            let found = boundary.is_near(&boundary.see(&epipolar, face, size, &transfer, &bounds), radius_px);
+            for _ in 0..60 {
+                let [x, y, q] = bounds.map(|[from, to]| random.between(from, to));
+                let (ray, w) =
+                    (epipolar.project(face.direction(x, y, size)), transfer.at(x, y).z + transfer.inverse_depth.z * q);
+                assert!(found || !may_touch(&boundary, ray, w, radius_px), "({x}, {y}) at {q} of {bounds:?}");
+            }
+            *(if found { &mut near } else { &mut far }) += 1;
+        }
+        assert!(near > 50 && far > 500, "{near} {far}");
     }
 }
