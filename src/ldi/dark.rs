@@ -6,6 +6,7 @@ use super::mend::Mender;
 use super::parameters::{CaptureSettings, Sampler};
 use super::parts::FaceParts;
 use super::pixel_set::PixelSet;
+use super::rows::pieces;
 use super::shade::{LitPart, Shader};
 use super::store::TILE_PX;
 use crate::capture::rig::Face;
@@ -33,30 +34,29 @@ impl Dark<'_> {
         Ok(parts)
     }
 
-    /// Makes parts of the accumulators of a face, and forgets them unless only their shape is looked at: a row of tiles at a time, so
-    /// that the parts of a face are in memory only once.
+    /// Makes parts of the accumulators of a face, and forgets them unless only their shape is looked at: a few rows of tiles at a time,
+    /// so that the parts of a face are in memory only once.
     fn unmended(&self, face: Face, only: Option<&PixelSet>) -> io::Result<FaceParts> {
         let (store, size_px) = (&self.run.store, self.shader.face_size_px);
         let per_row = store.tiles_per_side() as usize;
         let first = face.index() * per_row * per_row;
-        let mut parts = Vec::new();
-        if only.is_none() {
-            let most: usize = (first..first + per_row * per_row).map(|tile| store.most_in_tile(tile)).sum();
-            // Mending adds a few.
-            parts.reserve_exact(most + most / 64);
-        }
+        let most: usize = match only {
+            None => (first..first + per_row * per_row).map(|tile| store.most_in_tile(tile)).sum(),
+            Some(_) => 0,
+        };
+        // Memory that is not touched until a thread puts its rows there. Mending adds a few.
+        let parts = bytemuck::zeroed_vec(most + most / 64);
         let mut made = FaceParts { size_px, offsets: vec![0], parts };
-        for tile_row in 0..per_row {
+        for tile_row in (0..per_row).step_by(TILE_ROWS_AT_ONCE) {
             check_cancelled(self.progress)?;
-            let tiles = first + tile_row * per_row..first + (tile_row + 1) * per_row;
+            let end = per_row.min(tile_row + TILE_ROWS_AT_ONCE);
+            let tiles = first + tile_row * per_row..first + end * per_row;
             let tiles: io::Result<Vec<TileParts>> =
                 tiles.into_par_iter().map(|tile| self.tile_parts(tile, only)).collect();
-            let mut tiles = tiles?;
-            let y0 = tile_row as u32 * TILE_PX;
-            for y in y0..(y0 + TILE_PX).min(size_px) {
-                append_row(&mut made, &mut tiles, y);
-            }
+            append(&mut made, &tiles?, per_row);
         }
+        let count = made.offsets.last().map_or(0, |&end| end as usize);
+        made.parts.truncate(count);
         Ok(made)
     }
 
@@ -74,42 +74,64 @@ impl Dark<'_> {
         if !shader.shape_only {
             run.store.clear_tile(tile);
         }
-        let mut made = TileParts::default();
+        let mut made = TileParts { parts: Vec::with_capacity(accumulators.len()), ..TileParts::default() };
         for pixel in accumulators.chunk_by(|a, b| a.link == b.link) {
-            let (x, y) = place(pixel[0].link);
-            made.pixels.push((x, y, pixel.len() as u32));
+            let (number, (x, y)) = (pixel[0].link as usize, place(pixel[0].link));
+            made.counts[number] = pixel.len() as u32;
             made.parts.extend(pixel.iter().map(|acc| shader.part(acc, face, x, y)));
         }
         Ok(made)
     }
 }
 
+/// Rows of tiles whose parts are made before they move to the end of the face: enough tiles for many threads.
+const TILE_ROWS_AT_ONCE: usize = 4;
+
+/// Pixels a side of a tile.
+const SIDE: usize = TILE_PX as usize;
+
 /// The parts of one tile, row-major.
-#[derive(Default)]
 struct TileParts {
-    /// Column, row and number of parts of each occupied pixel.
-    pixels: Vec<(u32, u32, u32)>,
+    /// Number of parts of each pixel.
+    counts: [u32; SIDE * SIDE],
     parts: Vec<LitPart>,
-    /// How many pixels and parts have been taken.
-    taken: [usize; 2],
 }
 
-/// Moves row `y` of a row of tiles, from left to right, to the end of the face.
-fn append_row(face: &mut FaceParts, tiles: &mut [TileParts], y: u32) {
-    let start = face.offsets.len();
-    face.offsets.resize(start + face.size_px as usize, 0);
-    for tile in tiles {
-        let [mut pixel, part] = tile.taken;
-        let mut end = part;
-        while let Some(&(x, _, count)) = tile.pixels.get(pixel).filter(|pixel| pixel.1 == y) {
-            face.offsets[start + x as usize] = count;
-            end += count as usize;
-            pixel += 1;
-        }
-        face.parts.extend_from_slice(&tile.parts[part..end]);
-        tile.taken = [pixel, end];
+impl Default for TileParts {
+    fn default() -> Self {
+        Self { counts: [0; SIDE * SIDE], parts: Vec::new() }
     }
-    for p in start..face.offsets.len() {
-        face.offsets[p] += face.offsets[p - 1];
+}
+
+/// Copies whole rows of tiles, of `per_row` each, to the end of the face, row of pixels by row of pixels.
+fn append(face: &mut FaceParts, tiles: &[TileParts], per_row: usize) {
+    let (size, before) = (face.size_px as usize, face.offsets.len() - 1);
+    let used = face.offsets[before] as usize;
+    let mut rest: Vec<&[LitPart]> = tiles.iter().map(|tile| &*tile.parts).collect();
+    let mut rows: Vec<Vec<&[LitPart]>> = Vec::new();
+    let mut total = used as u32;
+    for y in 0..(tiles.len() / per_row * SIDE).min(size - before / size) {
+        let in_row = y / SIDE * per_row..(y / SIDE + 1) * per_row;
+        let counts = tiles[in_row.clone()].iter().map(|tile| &tile.counts[y % SIDE * SIDE..][..SIDE]);
+        let lengths = counts.clone().map(|counts| counts.iter().sum::<u32>() as usize);
+        rows.push(rest[in_row].iter_mut().zip(lengths).map(take_first).collect());
+        let offset = |count: &u32| {
+            total += count;
+            total
+        };
+        face.offsets.extend(counts.flatten().take(size).map(offset));
     }
+    if face.parts.len() < total as usize {
+        face.parts.resize(total as usize, bytemuck::Zeroable::zeroed());
+    }
+    let lengths = rows.iter().map(|row| row.iter().map(|of| of.len()).sum());
+    let places = pieces(&mut face.parts[used..], lengths);
+    places.into_par_iter().zip(&rows).for_each(|(place, row)| {
+        let of_tiles = pieces(place, row.iter().map(|of| of.len()));
+        of_tiles.into_iter().zip(row).for_each(|(place, of)| place.copy_from_slice(of));
+    });
+}
+
+fn take_first<'a>((from, count): (&mut &'a [LitPart], usize)) -> &'a [LitPart] {
+    from.split_off(..count).unwrap_or_default()
 }

@@ -9,6 +9,7 @@
 
 use super::parts::FaceParts;
 use super::pool::{Blocks, Classes, Gathered, Pooled, Pooling, Windows, same_surface};
+use super::rows;
 use super::shade::{LitPart, Shader, Spot};
 use super::spread::{Share, spread};
 use crate::capture::light::{Arrival, LightSample, luminance};
@@ -17,6 +18,7 @@ use crate::capture::sampler::random4;
 use crate::progress::Progress;
 use glam::Vec3;
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Samples a cell of arrivals takes of what lies beyond, at most.
 const SAMPLES_OF_CELL: usize = 8;
@@ -104,29 +106,21 @@ impl FaceLight<'_> {
         visit: impl Fn(&mut P, usize, [u32; 2], &mut Vec<T>) + Sync,
     ) -> Vec<Vec<T>> {
         let size = self.size_px;
-        let mut rows = Vec::with_capacity(size as usize);
-        let mut rest = all;
-        for y in 0..size {
-            let [first, end] = [y, y + 1].map(|y| offsets[(y * size) as usize] as usize);
-            let (row, after) = rest.split_at_mut(end - first);
-            rows.push((y, first, row));
-            rest = after;
-        }
-        let visit_row = |(y, first, row): (u32, usize, &mut [P])| {
-            let mut aside = Vec::new();
+        let visit_row = |(y, (first, row)): (usize, (usize, &mut [P]))| {
+            let (mut aside, pixels) = (Vec::new(), &offsets[y * size as usize..][..=size as usize]);
             if self.progress.is_cancelled() {
                 return aside;
             }
-            for x in 0..size {
-                let pixel = (y * size + x) as usize;
-                for p in offsets[pixel] as usize..offsets[pixel + 1] as usize {
-                    visit(&mut row[p - first], p, [x, y], &mut aside);
+            for (x, ends) in (0..).zip(pixels.windows(2)) {
+                for p in ends[0] as usize..ends[1] as usize {
+                    visit(&mut row[p - first], p, [x, y as u32], &mut aside);
                 }
             }
             self.progress.advance(steps);
             aside
         };
-        rows.into_par_iter().map(visit_row).collect()
+        let rows = rows::of_face(offsets, size, all);
+        rows.into_par_iter().enumerate().map(visit_row).collect()
     }
 
     /// Samples of everything but the light straight from the sun.
@@ -194,11 +188,15 @@ impl FaceLight<'_> {
             gathered.samples += count as f32;
         };
         let rows = self.for_each_part(&parts.offsets, gathered, 1, begin);
-        let (cell_of, light) = self.beyond(&rows);
-        for (begun, cell) in rows.iter().flatten().zip(cell_of) {
-            let light = begun.before + begun.arrival.brings(light[cell as usize]);
-            gathered[begun.part as usize].add(light * lighting.exposure);
-        }
+        let beyond = self.beyond(&rows);
+        let add = |((first, gathered), (row, beyond)): ((usize, &mut [Gathered]), (&Vec<Begun>, Vec<Vec3>))| {
+            for (begun, beyond) in row.iter().zip(beyond) {
+                let light = begun.before + begun.arrival.brings(beyond);
+                gathered[begun.part as usize - first].add(light * lighting.exposure);
+            }
+        };
+        let gathered = rows::of_face(&parts.offsets, self.size_px, gathered);
+        gathered.into_par_iter().zip(rows.par_iter().zip(beyond)).for_each(add);
     }
 
     /// The stream of samples of one kind that all parts of a class share.
@@ -206,9 +204,8 @@ impl FaceLight<'_> {
         random4([self.face.index() as u32, u32::from(part.class), kind, 1])[0]
     }
 
-    /// What lies beyond the arrivals of the samples of all rows, which are numbered one after the other: the number of the cell of each,
-    /// and the light of each cell.
-    fn beyond(&self, rows: &[Vec<Begun>]) -> (Vec<u32>, Vec<Vec3>) {
+    /// What lies beyond the arrivals of the samples of each row.
+    fn beyond(&self, rows: &[Vec<Begun>]) -> Vec<Vec<Vec3>> {
         let mut count = 0;
         let firsts: Vec<u32> = rows.iter().map(|row| (count, count += row.len() as u32).0).collect();
         let filed = |(first, row): (&u32, &Vec<Begun>)| -> Vec<(u64, u32, u32)> {
@@ -216,10 +213,13 @@ impl FaceLight<'_> {
             (*first..).zip(row).map(|(i, begun)| (begun.cell, i.wrapping_mul(0x9e37_79b9), i)).collect()
         };
         let filed: Vec<Vec<_>> = firsts.par_iter().zip(rows).map(filed).collect();
-        let mut order = filed.concat();
+        let mut order = rows::concat(&filed, |row| row);
         order.par_sort_unstable();
         let cells: Vec<&[(u64, u32, u32)]> = order.chunk_by(|a, b| a.0 == b.0).collect();
-        let light_of = |cell: &&[(u64, u32, u32)]| {
+        // Each sample's cell, written by whatever thread has the cell.
+        let cell_of: Vec<AtomicU32> = order.par_iter().map(|_| AtomicU32::new(0)).collect();
+        let light_of = |(number, cell): (usize, &&[(u64, u32, u32)])| {
+            cell.iter().for_each(|&(_, _, i)| cell_of[i as usize].store(number as u32, Ordering::Relaxed));
             if self.progress.is_cancelled() {
                 return Vec3::ZERO;
             }
@@ -233,12 +233,10 @@ impl FaceLight<'_> {
             };
             (0..).zip(drawn).map(light).sum::<Vec3>() / drawn.len() as f32
         };
-        let light = cells.par_iter().map(light_of).collect();
-        let mut cell_of = vec![0; order.len()];
-        for (number, cell) in (0..).zip(&cells) {
-            cell.iter().for_each(|&(_, _, i)| cell_of[i as usize] = number);
-        }
-        (cell_of, light)
+        let light: Vec<Vec3> = cells.par_iter().enumerate().map(light_of).collect();
+        let of_sample = |i: usize| light[cell_of[i].load(Ordering::Relaxed) as usize];
+        let of_row = |(&first, row): (&u32, &Vec<Begun>)| (first as usize..).take(row.len()).map(of_sample).collect();
+        firsts.par_iter().zip(rows).map(of_row).collect()
     }
 
     /// Sample `number` of `count` of the sun that a part takes. Parts of one kind of surface that take as many share a sequence.
@@ -262,22 +260,20 @@ impl FaceLight<'_> {
             }
         };
         let rows = self.for_each_part(&parts.offsets, &mut parts.parts, 0, gather);
-        let light_row = |row: Vec<(u32, (_, LightSample))>| {
-            let (parts, requests): (Vec<u32>, Vec<_>) = row.into_iter().unzip();
-            let light = lighting.sharp_radiosities(tracer, &requests);
-            (parts, light)
-        };
-        let rows: Vec<(Vec<u32>, Vec<Vec3>)> = rows.into_par_iter().map(light_row).collect();
-        for (numbers, light) in rows {
-            let mut from = 0;
+        let light_row = |(row, (first, parts)): (Vec<(u32, (_, LightSample))>, (usize, &mut [LitPart]))| {
+            let (numbers, requests): (Vec<u32>, Vec<_>) = row.into_iter().unzip();
+            let mut light = &*lighting.sharp_radiosities(tracer, &requests);
             for same in numbers.chunk_by(|a, b| a == b) {
-                let (part, taken) = (&mut parts.parts[same[0] as usize], same.len() as u32);
-                let sum: Vec3 = light[from..from + same.len()].iter().sum();
+                let (part, taken) = (&mut parts[same[0] as usize - first], same.len() as u32);
+                let (of_part, rest) = light.split_at(same.len());
                 let of_before = before as f32 / (before + taken) as f32;
-                part.sun = part.sun * of_before + sum * (lighting.exposure / (before + taken) as f32);
-                from += same.len();
+                part.sun =
+                    part.sun * of_before + of_part.iter().sum::<Vec3>() * (lighting.exposure / (before + taken) as f32);
+                light = rest;
             }
-        }
+        };
+        let parts = rows::of_face(&parts.offsets, self.size_px, &mut parts.parts);
+        rows.into_par_iter().zip(parts).for_each(light_row);
     }
 
     /// How many more samples of the sun each part needs.

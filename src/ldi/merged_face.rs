@@ -2,7 +2,7 @@
 
 use super::accumulate::DepthBins;
 use super::coverage::{AlphaMeasure, BinSpan};
-use super::{DepthPixel, LayeredDepthImage};
+use super::{DepthPixel, LayeredDepthImage, rows};
 use crate::capture::rig::Face;
 use crate::capture::trace::Tracer;
 use rayon::prelude::*;
@@ -22,27 +22,24 @@ impl MergedFace {
         depth_pixels: impl Fn(u32, u32, &mut Vec<(DepthPixel, BinSpan)>) + Sync,
     ) -> Self {
         let row = |y: u32| {
-            let (mut samples, mut counts) = (Vec::new(), Vec::with_capacity(size_px as usize));
+            let (mut found, mut counts) = (Vec::new(), Vec::with_capacity(size_px as usize));
             for x in 0..size_px {
-                let before = samples.len();
-                depth_pixels(x, y, &mut samples);
-                counts.push((samples.len() - before) as u32);
+                let before = found.len();
+                depth_pixels(x, y, &mut found);
+                counts.push((found.len() - before) as u32);
             }
-            (samples, counts)
+            let (samples, spans): (Vec<DepthPixel>, Vec<BinSpan>) = found.into_iter().unzip();
+            (samples, spans, counts)
         };
         let rows: Vec<_> = (0..size_px).into_par_iter().map(row).collect();
         let mut ldi = LayeredDepthImage::empty(face, size_px);
         let mut total = 0;
-        for (slot, count) in ldi.offsets[1..].iter_mut().zip(rows.iter().flat_map(|row| &row.1)) {
+        for (slot, count) in ldi.offsets[1..].iter_mut().zip(rows.iter().flat_map(|row| &row.2)) {
             total += count;
             *slot = total;
         }
-        let mut spans = Vec::with_capacity(total as usize);
-        ldi.samples.reserve_exact(total as usize);
-        for (sample, span) in rows.into_iter().flat_map(|row| row.0) {
-            ldi.samples.push(sample);
-            spans.push(span);
-        }
+        ldi.samples = rows::concat(&rows, |row| &row.0);
+        let spans = rows::concat(&rows, |row| &row.1);
         Self { ldi, spans }
     }
 

@@ -26,6 +26,7 @@ pub mod parts;
 mod pixel_set;
 mod pool;
 pub mod ray_plan;
+mod rows;
 pub mod shade;
 pub mod shape;
 pub mod shard;
@@ -47,7 +48,7 @@ use parameters::CaptureParameters;
 use serde::{Deserialize, Serialize};
 
 /// One sample of a layered depth image.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Zeroable)]
 pub struct DepthPixel {
     /// 1/Z about the cube's centre, 1/m, Z along the face's normal. Positive and finite.
     pub inverse_depth: f32,
@@ -58,7 +59,7 @@ pub struct DepthPixel {
 }
 
 /// A unit vector in 32 bits: octahedral map, 16 bits a side (error below 0.004 degrees).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Zeroable)]
 pub struct EncodedNormal([i16; 2]);
 
 impl EncodedNormal {

@@ -30,7 +30,7 @@ pub struct Shader<'a> {
 }
 
 /// A lit accumulator: one kind of surface in one depth bin of one pixel.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Zeroable)]
 pub struct LitPart {
     /// As [`Accumulator::key`].
     pub key: RayKey,

@@ -4,6 +4,7 @@ use super::Gathered;
 use super::surface::Surface;
 use super::window::{SHARE, Sums, sums_of};
 use crate::ldi::parts::FaceParts;
+use crate::ldi::rows;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -150,13 +151,8 @@ impl Level {
     /// Calls `fill` for each row of blocks with its number, the number of its first surface and the row's sums, which are nothing yet.
     fn for_each_row(&mut self, fill: impl Fn(usize, usize, &mut [Sums]) + Sync) {
         let Lattice { starts, sums, .. } = &mut self.lattice;
-        let (mut rows, mut rest) = (Vec::with_capacity(self.blocks as usize), sums.as_mut_slice());
-        for (y, ends) in starts.windows(self.blocks as usize + 1).step_by(self.blocks as usize).enumerate() {
-            let (row, after) = rest.split_at_mut((ends[self.blocks as usize] - ends[0]) as usize);
-            rows.push((y, ends[0] as usize, row));
-            rest = after;
-        }
-        rows.into_par_iter().for_each(|(y, first, sums)| {
+        let rows = rows::of_face(starts, self.blocks, sums);
+        rows.into_par_iter().enumerate().for_each(|(y, (first, sums))| {
             sums.fill(Sums::default());
             fill(y, first, sums);
         });
