@@ -9,10 +9,10 @@
 
 use super::parts::FaceParts;
 use super::pool::{Blocks, Classes, Gathered, Pooled, Pooling, Windows, same_surface};
-use super::rows;
+use super::rows::{self, Row};
 use super::shade::{LitPart, Shader, Spot};
 use super::spread::{Share, spread};
-use crate::capture::light::{Arrival, LightSample, luminance};
+use crate::capture::light::{Arrival, LightSample, LitPoint, luminance};
 use crate::capture::rig::Face;
 use crate::capture::sampler::random4;
 use crate::progress::Progress;
@@ -76,6 +76,9 @@ struct FaceLight<'a> {
     progress: &'a dyn Progress,
 }
 
+/// A sample of the sun that the part of this number wants.
+type SunRequest = (u32, (LitPoint, LightSample));
+
 /// A light sample, cut after its first ray.
 struct Begun {
     part: u32,
@@ -106,7 +109,7 @@ impl FaceLight<'_> {
         visit: impl Fn(&mut P, usize, [u32; 2], &mut Vec<T>) + Sync,
     ) -> Vec<Vec<T>> {
         let size = self.size_px;
-        let visit_row = |(y, (first, row)): (usize, (usize, &mut [P]))| {
+        let visit_row = |(y, (first, row)): (usize, Row<P>)| {
             let (mut aside, pixels) = (Vec::new(), &offsets[y * size as usize..][..=size as usize]);
             if self.progress.is_cancelled() {
                 return aside;
@@ -189,7 +192,7 @@ impl FaceLight<'_> {
         };
         let rows = self.for_each_part(&parts.offsets, gathered, 1, begin);
         let beyond = self.beyond(&rows);
-        let add = |((first, gathered), (row, beyond)): ((usize, &mut [Gathered]), (&Vec<Begun>, Vec<Vec3>))| {
+        let add = |((first, gathered), (row, beyond)): (Row<Gathered>, (&Vec<Begun>, Vec<Vec3>))| {
             for (begun, beyond) in row.iter().zip(beyond) {
                 let light = begun.before + begun.arrival.brings(beyond);
                 gathered[begun.part as usize - first].add(light * lighting.exposure);
@@ -260,7 +263,7 @@ impl FaceLight<'_> {
             }
         };
         let rows = self.for_each_part(&parts.offsets, &mut parts.parts, 0, gather);
-        let light_row = |(row, (first, parts)): (Vec<(u32, (_, LightSample))>, (usize, &mut [LitPart]))| {
+        let light_row = |(row, (first, parts)): (Vec<SunRequest>, Row<LitPart>)| {
             let (numbers, requests): (Vec<u32>, Vec<_>) = row.into_iter().unzip();
             let mut light = &*lighting.sharp_radiosities(tracer, &requests);
             for same in numbers.chunk_by(|a, b| a == b) {

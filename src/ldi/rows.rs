@@ -12,9 +12,11 @@ pub(super) fn pieces<T>(mut slice: &mut [T], lengths: impl IntoIterator<Item = u
     lengths.into_iter().map(piece).collect()
 }
 
-/// What `all` holds for each row of `size_px` pixels of a face, whose `offsets` are those of a face's pixels: where each row starts, and
-/// the row.
-pub(super) fn of_face<'a, T>(offsets: &[u32], size_px: u32, all: &'a mut [T]) -> Vec<(usize, &'a mut [T])> {
+/// What a face has in a row of pixels: where it starts in all that the face has, and the row.
+pub(super) type Row<'a, T> = (usize, &'a mut [T]);
+
+/// What `all` holds for each row of `size_px` pixels of a face, whose `offsets` are those of a face's pixels.
+pub(super) fn of_face<'a, T>(offsets: &[u32], size_px: u32, all: &'a mut [T]) -> Vec<Row<'a, T>> {
     let starts: Vec<usize> = offsets.iter().step_by(size_px.max(1) as usize).map(|&offset| offset as usize).collect();
     let lengths = starts.windows(2).map(|ends| ends[1] - ends[0]);
     starts.iter().copied().zip(pieces(all, lengths)).collect()

@@ -187,39 +187,6 @@ fn fragments_have_about_equally_many_depth_pixels() {
     }
 }
 
-/// Where samples stand alone, nothing hides what a strip about a boundary misses that is drawn less wide than a footprint reaches.
-#[test]
-fn samples_that_stand_alone_are_whole_at_boundaries() {
-    let mut pair = Pair::new();
-    let mut random = Rng::keyed(39);
-    let (mut redone, mut passes) = (0, 0);
-    for i in 0..40 {
-        let seed = random.fork(i);
-        // Of some hundred pixels one, at any depth, turned within 60 degrees of the centre.
-        let ldi = one_layer(DVec3::ZERO, FACE_PX, &Face::ALL, |face, x, y| {
-            let number = face.index() as u64 * 1_000_000 + y as u64 * 1000 + x as u64;
-            let mut random = seed.fork(number);
-            let is_there = random.below(100) == 0;
-            let inverse_depth = random.between(0.1, 1.9) as f32;
-            let normal = EncodedNormal::new((random.in_cube(0.5) - face.normal()).as_vec3());
-            let [r, g, b] = [(); 3].map(|()| 64 + random.below(192) as u8);
-            is_there.then_some(DepthPixel { inverse_depth, normal, color_srgb: [r, g, b, 255] })
-        });
-        let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
-        let eye = random.in_cube(0.5);
-        let fov = [25.0, 50.0, 90.0][i as usize % 3];
-        let camera = Camera::look_at(eye, eye + random.in_cube(1.0), DVec3::Y, fov, [160, 120]).expect("valid");
-        for kernel in [SplatKernel::Tent, SplatKernel::Opaque, SplatKernel::Ellipse] {
-            let settings = RenderSettings { kernel, depth: true, ..RenderSettings::default() };
-            for [_, stats] in pair.compare(&format!("{i}: {fov} degrees"), &cube, &camera, settings, &[2, 5, 16]) {
-                redone += stats.redone_depth_pixels;
-                passes += stats.depth_pixels_in;
-            }
-        }
-    }
-    assert!(redone > 0 && redone < passes, "{redone} of {passes} drawn again");
-}
-
 /// On a face of an odd number of pixels, the middle one lies on the baseline of an eye at the centre, and has no angle.
 #[test]
 fn a_pixel_on_the_baseline_takes_no_neighbours_along() {
