@@ -135,3 +135,48 @@ fn append(face: &mut FaceParts, tiles: &[TileParts], per_row: usize) {
 fn take_first<'a>((from, count): (&mut &'a [LitPart], usize)) -> &'a [LitPart] {
     from.split_off(..count).unwrap_or_default()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+
+    /// How many parts a pixel has; those beyond the face have none.
+    fn count(x: usize, y: usize, size: usize) -> usize {
+        if x < size && y < size { (x * 7 + y * 3) % 4 } else { 0 }
+    }
+
+    /// Part `number` of a pixel, told from all others by its name.
+    fn part(x: usize, y: usize, number: usize) -> LitPart {
+        LitPart { primitive: ((y * 1000 + x) * 10 + number) as u32, ..LitPart::zeroed() }
+    }
+
+    #[test]
+    fn parts_of_tiles_follow_each_other_pixel_by_pixel() {
+        let size = 3 * SIDE - 5; // no whole number of tiles
+        let tile = |tx: usize, ty: usize| {
+            let mut made = TileParts::default();
+            for pixel in 0..SIDE * SIDE {
+                let (x, y) = (tx * SIDE + pixel % SIDE, ty * SIDE + pixel / SIDE);
+                let count = count(x, y, size);
+                made.counts[pixel] = count as u32;
+                made.parts.extend((0..count).map(|number| part(x, y, number)));
+            }
+            made
+        };
+        let mut face = FaceParts { size_px: size as u32, offsets: vec![0], parts: Vec::new() };
+        for rows in [0..2, 2..3] {
+            let tiles: Vec<TileParts> =
+                rows.flat_map(|ty| (0..3).map(move |tx| (tx, ty))).map(|(x, y)| tile(x, y)).collect();
+            append(&mut face, &tiles, 3);
+        }
+        assert_eq!(face.offsets.len(), size * size + 1);
+        for y in 0..size {
+            for x in 0..size {
+                let expected: Vec<LitPart> = (0..count(x, y, size)).map(|number| part(x, y, number)).collect();
+                assert_eq!(face.pixel(x as u32, y as u32), expected, "pixel {x}, {y}");
+            }
+        }
+        assert_eq!(face.parts.len(), face.offsets[size * size] as usize);
+    }
+}

@@ -6,6 +6,7 @@
 use super::piles::{RowSamples, Sample};
 use crate::capture::rig::Face;
 use crate::ldi::merge::{MergeRule, SAME_COLOR_LEVELS};
+use crate::ldi::rows::pieces;
 use crate::ldi::{DepthPixel, EncodedNormal, LayeredDepthImage};
 use crate::srgb::encode_srgb;
 use glam::Vec3;
@@ -82,12 +83,11 @@ impl LayerCube {
             let total = rows.iter().map(|row| row.layers.len()).sum();
             let nothing = DepthPixel { inverse_depth: 0.0, normal: EncodedNormal::Z, color_srgb: [0; 4] };
             image.samples = vec![nothing; total];
-            let (mut left, mut before, mut parts) = (image.samples.as_mut_slice(), 0, Vec::with_capacity(side));
-            for (row, ends) in rows.iter().zip(image.offsets[1..].chunks_exact_mut(side)) {
-                let (samples, rest) = left.split_at_mut(row.layers.len());
+            let places = pieces(&mut image.samples, rows.iter().map(|row| row.layers.len()));
+            let (mut before, mut parts) = (0, Vec::with_capacity(side));
+            for ((row, samples), ends) in rows.iter().zip(places).zip(image.offsets[1..].chunks_exact_mut(side)) {
                 parts.push((row, ends, before, samples));
                 before += row.layers.len() as u32;
-                left = rest;
             }
             parts.into_par_iter().for_each(|(row, ends, before, samples)| row.finish(before, ends, samples));
             image

@@ -11,11 +11,14 @@
 //!   the distances to what light comes from, with which Ward, Rubinstein and Clear (1988, "A ray tracing solution for diffuse
 //!   interreflection") bound the gradient of irradiance. Contact shadows stay.
 //!
+//! Where light comes from so near that nothing wider would count, it is averaged along the line across which light changes ([`along`]).
+//!
 //! The narrowest window on large surfaces is a sum over dilated rows and columns ([`narrow`]), as in the a-trous wavelet transform
 //! (Dammertz et al. 2010, "Edge-avoiding a-trous wavelet transform for fast global illumination filtering"); all others are made once
 //! for a block of pixels ([`blocks`], [`around`]), each of twice the width of the one before, and know no borders of faces.
 //! Sunlight, whose shadows have edges, and albedo are never pooled.
 
+mod along;
 mod around;
 mod blocks;
 mod narrow;
@@ -141,18 +144,24 @@ impl<'a> Pooling<'a> {
         let narrow = if is_last { self.narrow(gathered) } else { Vec::new() };
         let pooled = |readers: &mut Vec<Reader>, p: usize| {
             let expected = expected[usize::from(self.parts.parts[p].class)];
-            self.pooled(p, narrow.get(p), readers, expected)
+            self.pooled(p, &narrow, readers, expected)
         };
         (0..self.surfaces.len()).into_par_iter().map_init(|| windows.readers(), pooled).collect()
     }
 
-    fn pooled(&self, part: usize, narrow: Option<&Sums>, readers: &mut [Reader], expected: f32) -> Pooled {
+    fn pooled(&self, part: usize, narrow: &[Sums], readers: &mut [Reader], expected: f32) -> Pooled {
         let (surface, pixel) = (&self.surfaces[part], self.pixels[part]);
         let sums = readers.iter_mut().map(|reader| reader.at(surface, pixel));
         let mut first = [Sums::default(); SMALL_LEVEL + 1];
         first.iter_mut().zip(sums).for_each(|(first, sums)| *first = sums);
-        let narrow = narrow.filter(|_| first[SMALL_LEVEL][SHARE] >= LARGE_SHARE);
-        let mut chosen = narrow.map(|sums| Chosen::first(Window::new(sums, narrow::parts(), expected)));
+        let own = narrow.get(part).filter(|_| first[SMALL_LEVEL][SHARE] >= LARGE_SHARE);
+        let mut chosen = own.map(|sums| Chosen::first(Window::new(sums, narrow::parts(), expected)));
+        if let (Some(chosen), Some(reader)) = (&mut chosen, readers.get_mut(SMALL_LEVEL))
+            && chosen.is_near(reader.level.radius_px() * self.widths[part])
+            && let Some((sums, parts)) = self.along(part, narrow, reader)
+        {
+            chosen.widen(&Window::new(&sums, parts, expected), 0.0);
+        }
         for (number, reader) in readers.iter_mut().enumerate() {
             let sums = first.get(number).copied().unwrap_or_else(|| reader.at(surface, pixel));
             let window = Window::new(&sums, reader.level.parts(), expected);

@@ -89,6 +89,32 @@ fn a_contact_shadow_stays_in_noise_that_hides_it() {
     assert!(with < 0.1 && with < 0.8 * without, "{with}, and {without} without distances");
 }
 
+/// Root of the mean squared relative error of pooled light within 1.5 m of a corner, to one side of which distances (metres) are positive
+/// and to the other negative; each part has one sample of its light, within 100 %.
+fn grain_in_a_corner(distance_m: impl Fn([u32; 2]) -> f32) -> f32 {
+    let at = |p: u32| distance_m([p % SIZE, p / SIZE]);
+    let light = |p: u32| at(p).abs() / (at(p).abs() + 0.5);
+    let found = |p: u32| sample(light(p) * 2.0 * unit_float(random4([p, 1, 2, 3])[0]), 1.0 / at(p).abs());
+    let gathered: Vec<Gathered> = (0..SIZE * SIZE).map(found).collect();
+    let parts = (0..SIZE * SIZE).map(|p| part(if at(p) > 0.0 { 1 } else { 2 }, 5.0)).collect();
+    let face = FaceParts { size_px: SIZE, offsets: (0..=SIZE * SIZE).collect(), parts };
+    let pooled = pooled(&face, &gathered);
+    let is_near = |p: &u32| (0.5..1.5).contains(&at(*p).abs()) && (16..SIZE - 16).contains(&(p / SIZE));
+    let near: Vec<u32> = (0..SIZE * SIZE).filter(is_near).collect();
+    let error = |&p: &u32| (pooled[p as usize].light.x / light(p) - 1.0).powi(2);
+    (near.iter().map(error).sum::<f32>() / near.len() as f32).sqrt()
+}
+
+#[test]
+fn corners_are_pooled_along() {
+    // What a hundred percent of uniform noise leaves over the narrowest window.
+    let narrow = (1.0 / 3.0f32).sqrt() / narrow::parts().sqrt();
+    let pixel_m = 10.0 / SIZE as f32;
+    let upright = grain_in_a_corner(|[x, _]| (x as f32 + 0.5) * pixel_m);
+    let slanting = grain_in_a_corner(|[x, y]| (x as f32 - 0.6 * y as f32 - 12.8) * pixel_m / 1.17);
+    assert!(upright < 0.6 * narrow && slanting < 0.7 * narrow, "{upright}, {slanting}, and {narrow} of narrow windows");
+}
+
 #[test]
 fn walls_are_pooled_far() {
     let found = wall(0.1, |_| 1.0, |_| 0.01);

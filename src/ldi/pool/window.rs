@@ -8,6 +8,12 @@ use glam::Vec3;
 /// and nothing, so that they fill whole registers.
 pub(super) type Sums = [f32; 8];
 
+/// Which of [`Sums`] is the number of samples.
+pub(super) const SAMPLES: usize = 3;
+
+/// Which of [`Sums`] is that of the samples' nearness.
+pub(super) const NEARNESS: usize = 5;
+
 /// Which of [`Sums`] is the share of the window that the surface fills.
 pub(super) const SHARE: usize = 6;
 
@@ -34,6 +40,9 @@ const TOLD: [f32; 2] = [4.0, 16.0];
 
 /// Irradiance changes over a window by this share of the square of the window's radius over the harmonic mean distance, about.
 const CURVATURE: f32 = 1.0;
+
+/// A window of this share of the harmonic mean distance is biased by a hundredth of its light, about.
+const NEAR: f32 = 0.1;
 
 /// The window of a part alone.
 pub(super) fn sums_of(gathered: &Gathered) -> Sums {
@@ -89,6 +98,11 @@ impl Chosen {
         Self { pooled, last: window, open: 1.0 }
     }
 
+    /// True if light comes from so near that a window with a standard deviation of `radius_m` would be biased.
+    pub(super) fn is_near(&self, radius_m: f32) -> bool {
+        radius_m * self.last.nearness > NEAR
+    }
+
     /// True if a wider window may still count, which has not left out most of the surface as too small to follow.
     pub(super) fn may_take(&self, wide: &Window) -> bool {
         self.open > 0.0 && 2.0 * wide.parts > self.last.parts
@@ -118,7 +132,7 @@ impl Chosen {
     }
 }
 
-fn smooth_step([from, to]: [f32; 2], x: f32) -> f32 {
+pub(super) fn smooth_step([from, to]: [f32; 2], x: f32) -> f32 {
     let share = ((x - from) / (to - from)).clamp(0.0, 1.0);
     share * share * (3.0 - 2.0 * share)
 }
