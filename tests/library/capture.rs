@@ -366,6 +366,37 @@ fn a_closed_furnace_is_everywhere_equally_bright() {
 }
 
 #[test]
+fn what_bounces_lights_its_own_place() {
+    // A red wall and a green one, and a lamp under a plate on the floor: the ceiling has all of its light from walls and floor.
+    let mut boxes = Boxes::default();
+    let grey = boxes.material([0.7; 3], [0.0; 3]);
+    let [red, green] = [[0.8, 0.05, 0.05], [0.05, 0.8, 0.05]].map(|albedo| boxes.material(albedo, [0.0; 3]));
+    let lamp = boxes.material([0.5; 3], [6.0; 3]);
+    let boxes = boxes.add(DVec3::ZERO, dvec3(2.0, 1.5, 2.0), grey);
+    let boxes = boxes.add(dvec3(1.95, 0.0, 0.0), dvec3(0.04, 1.4, 1.9), red);
+    let boxes = boxes.add(dvec3(-1.95, 0.0, 0.0), dvec3(0.04, 1.4, 1.9), green);
+    let boxes = boxes.add(dvec3(0.0, -0.9, 0.0), dvec3(0.4, 0.02, 0.4), grey);
+    let scene = Arc::new(boxes.add(dvec3(0.0, -1.4, 0.0), dvec3(0.3, 0.04, 0.3), lamp).0);
+    let ldi = capture(&asked(|p| p.light_samples = 16), &scene, &Resources::default());
+    let tracer = Tracer::new(scene, DVec3::ZERO);
+    let lighting = Lighting::measure(&tracer, 1);
+    let face = &ldi.faces[Face::PosY.index()];
+    let more_red = |color: [u8; 3]| i32::from(color[0]) - i32::from(color[1]);
+    let [left, right] = [-1.3, 1.3].map(|x| {
+        let place = dvec3(x, 1.5, 0.3);
+        let [column, row, _] = Face::PosY.project(place, face.size_px);
+        let [r, g, b, _] = face.pixel(column as u32, row as u32).last().unwrap().color_srgb;
+        let light = light_at(&lighting, &tracer, place.as_vec3(), Vec3::NEG_Y);
+        let [found, expected] = [[r, g, b], lighting.stored(Vec3::from_array(light) * 0.7)];
+        let apart = found.iter().zip(expected).map(|(a, b)| a.abs_diff(b)).max().unwrap();
+        // A ceiling's light is pooled over a metre, within which the tint of a wall changes.
+        assert!(apart < 10, "{found:?} for {expected:?} at {x}");
+        more_red(found)
+    });
+    assert!(right > 5 && left < -5, "{left} on the left, {right} on the right");
+}
+
+#[test]
 fn a_dark_room_gets_fill_light_and_an_open_scene_does_not() {
     let mut boxes = Boxes::default();
     let grey = boxes.material([0.5; 3], [0.0; 3]);
