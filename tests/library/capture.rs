@@ -389,7 +389,7 @@ fn what_bounces_lights_its_own_place() {
         let light = light_at(&lighting, &tracer, place.as_vec3(), Vec3::NEG_Y);
         let [found, expected] = [[r, g, b], lighting.stored(Vec3::from_array(light) * 0.7)];
         let apart = found.iter().zip(expected).map(|(a, b)| a.abs_diff(b)).max().unwrap();
-        // A ceiling's light is pooled over a metre, within which the tint of a wall changes.
+        // The light of one cell for all errs by 60 levels here.
         assert!(apart < 10, "{found:?} for {expected:?} at {x}");
         more_red(found)
     });
