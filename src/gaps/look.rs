@@ -155,7 +155,7 @@ impl Look<'_> {
             let ray = rays.ray(x, y);
             let length = ray.direction.length();
             let unit = Ray { direction: ray.direction / length, ..ray };
-            aimed.extend(self.router.sample(&unit, &Hit { t: hit.t * length, ..*hit }, key));
+            aimed.push(self.router.sample(&unit, &Hit { t: hit.t * length, ..*hit }, key));
         }
         Findings { views: vec![(f64::from(lacking) / f64::from(side * side), view)], aimed }
     }

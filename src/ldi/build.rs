@@ -136,22 +136,20 @@ impl JobBuffers {
                 job.fill_packet(names, packet);
             }
             router.tracer.closest_packets(&self.packets[..count], &mut self.hits[..count]);
-            for (i, &(position_cell, ray)) in names.iter().enumerate() {
-                let (packet, hits, lane) = (&self.packets[i / PACKET], &self.hits[i / PACKET], i % PACKET);
-                let ray_here = Ray {
-                    origin: Vec3::from_array(packet.origin.map(|c| c[lane])),
-                    direction: Vec3::from_array(packet.direction.map(|c| c[lane])),
-                    t_min: 0.0,
-                    t_max: f32::INFINITY,
-                };
-                let hit = Hit { t: hits.t[lane], primitive: hits.primitive[lane], u: hits.u[lane], v: hits.v[lane] };
-                self.samples.extend(router.sample(&ray_here, &hit, job.key(position_cell, ray)));
+            for (names, (packet, hits)) in names.chunks(PACKET).zip(self.packets.iter().zip(&self.hits)) {
+                for (lane, &(position_cell, ray)) in names.iter().enumerate() {
+                    let (Some(ray_here), key) = (packet.ray(lane), job.key(position_cell, ray)) else { continue };
+                    match hits.hit(lane) {
+                        Some(hit) => self.samples.push(router.sample(&ray_here, &hit, key)),
+                        None => router.misses.mark(ray_here.direction),
+                    }
+                }
             }
         }
     }
 }
 
-/// Turns hits into samples of the face that contains them.
+/// Turns hits into samples of the face that contains them; misses are marked in the environment.
 pub(crate) struct Router<'a> {
     pub(crate) tracer: &'a Tracer,
     pub(crate) bins: DepthBins,
@@ -161,13 +159,9 @@ pub(crate) struct Router<'a> {
 }
 
 impl Router<'_> {
-    /// The sample of a hit; a miss (`t` infinite) is marked in the environment instead. The ray's direction has unit length.
-    #[inline]
-    pub(crate) fn sample(&self, ray: &Ray, hit: &Hit, key: RayKey) -> Option<Sample> {
-        if hit.t == f32::INFINITY {
-            self.misses.mark(ray.direction);
-            return None;
-        }
+    /// The sample of a hit. The ray's direction has unit length.
+    #[inline(always)] // the one caller that matters builds rays and hits from lanes, and would wait for them to reach memory
+    pub(crate) fn sample(&self, ray: &Ray, hit: &Hit, key: RayKey) -> Sample {
         let (face, [right, up, eye_depth]) = Face::locate(ray.origin + ray.direction * hit.t);
         let inverse_depth = 1.0 / eye_depth;
         let half = self.size_px as f32 / 2.0;
@@ -178,7 +172,7 @@ impl Router<'_> {
         let cos = normal.dot(ray.direction);
         let normal = if cos > 0.0 { -normal } else { normal };
         let material = scene.triangles[hit.primitive as usize].material;
-        Some(Sample {
+        Sample {
             face,
             x: pixel(right),
             y: pixel(-up),
@@ -190,7 +184,7 @@ impl Router<'_> {
             barycentric: [hit.u, hit.v].map(sixteen_bits),
             area: hit.t * hit.t / cos.abs().max(1e-6),
             key,
-        })
+        }
     }
 }
 
@@ -217,7 +211,7 @@ fn pierce_from_centre(
             let ray = Ray { origin: Vec3::ZERO, direction, t_min, t_max: f32::INFINITY };
             let before = samples.len();
             let key = RayKey::new(face.index() as u8, row % size * size + x, 0);
-            tracer.all_hits(&ray, &mut |hit| samples.extend(router.sample(&ray, &hit, key)));
+            tracer.all_hits(&ray, &mut |hit| samples.push(router.sample(&ray, &hit, key)));
             if samples.len() == before {
                 run.misses.mark(direction);
             }

@@ -8,7 +8,7 @@
 //! Sunlight is sampled once everywhere, and again where neighbours on one surface disagree on it: at the edges of its shadows.
 
 use super::parts::FaceParts;
-use super::pool::{Blocks, Classes, Gathered, Pooled, Pooling, Windows, same_surface};
+use super::pool::{Blocks, Classes, Gathered, Pooled, Pooling, Survey, Windows, same_surface};
 use super::rows::{self, Row};
 use super::shade::{LitPart, Shader, Spot};
 use super::spread::{Share, spread};
@@ -64,7 +64,7 @@ pub(super) fn pool(parts: &mut FaceParts, face: Face, samples: &mut [FaceSamples
     let windows = Windows::new(face, parts.size_px, &samples[face.index()].blocks, all);
     let mut classes = Classes::default();
     samples.iter().for_each(|of| classes.absorb(&of.classes));
-    let pooled = Pooling::new(parts, face).pool(&gathered, &windows, &classes.variances(), true);
+    let pooled = Pooling::new(parts, face).pool(&gathered, &windows, &classes.variances());
     parts.parts.iter_mut().zip(pooled).for_each(|(part, pooled)| part.soft = pooled.light);
 }
 
@@ -128,22 +128,21 @@ impl FaceLight<'_> {
 
     /// Samples of everything but the light straight from the sun.
     fn soft(&self, parts: &FaceParts) -> FaceSamples {
-        let pooling = Pooling::new(parts, self.face);
-        let (mut blocks, members) = pooling.blocks();
+        let (mut blocks, members) = Blocks::new(parts);
         let mut gathered = vec![Gathered::default(); parts.parts.len()];
         let windows = |blocks: &Blocks| Windows::new(self.face, self.size_px, blocks, [None; 6]);
-        let extents = pooling.extents(&windows(&blocks));
+        let survey = Survey::new(self.face, self.size_px, &blocks, &windows(&blocks), &members);
         let first_round = FIRST_ROUND * self.shader.samples as f32;
-        let wanted: Vec<f32> = extents.widest.iter().map(|widest| (first_round / widest).min(1.0)).collect();
-        self.gather(parts, &pooling, 0, &wanted, &mut gathered);
+        let first = |p: usize| (first_round / survey.widest(p)).min(1.0);
+        let wanted: Vec<f32> = (0..parts.parts.len()).into_par_iter().map(first).collect();
+        self.gather(parts, &survey, 0, &wanted, &mut gathered);
         blocks.fill(&members, &gathered);
-        let expected = Classes::of(parts, &gathered).variances();
-        let pooled = pooling.pool(&gathered, &windows(&blocks), &expected, false);
+        let pooled = survey.pooled(&windows(&blocks), &Classes::of(parts, &gathered).variances());
         let more = |(p, part): (usize, &LitPart)| {
-            self.wanted(part, &pooled[p], extents.most_samples(p, self.shader.samples as f32))
+            self.wanted(part, &pooled[survey.of(p)], survey.most_samples(p, self.shader.samples as f32))
         };
         let wanted: Vec<f32> = parts.parts.par_iter().enumerate().map(more).collect();
-        self.gather(parts, &pooling, 1, &wanted, &mut gathered);
+        self.gather(parts, &survey, 1, &wanted, &mut gathered);
         blocks.fill(&members, &gathered);
         FaceSamples { classes: Classes::of(parts, &gathered), gathered, blocks }
     }
@@ -162,7 +161,7 @@ impl FaceLight<'_> {
     }
 
     /// Takes samples of soft light: so many as parts want, in a round of that number.
-    fn gather(&self, parts: &FaceParts, pooling: &Pooling, round: u32, wanted: &[f32], gathered: &mut [Gathered]) {
+    fn gather(&self, parts: &FaceParts, survey: &Survey, round: u32, wanted: &[f32], gathered: &mut [Gathered]) {
         let (lighting, tracer) = (self.shader.lighting, self.shader.tracer);
         let shares = spread(parts, wanted);
         let begin = |gathered: &mut Gathered, p: usize, pixel: [u32; 2], begun: &mut Vec<Begun>| {
@@ -179,7 +178,7 @@ impl FaceLight<'_> {
                     gathered.add(before * lighting.exposure);
                     continue;
                 };
-                gathered.nearness += arrival.weight / arrival.distance_m.max(pooling.widths[p]);
+                gathered.nearness += arrival.weight / arrival.distance_m.max(survey.width_m(p));
                 match arrival.cell() {
                     Some(cell) => begun.push(Begun { part: p as u32, cell, before, arrival }),
                     None => {

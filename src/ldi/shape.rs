@@ -122,7 +122,7 @@ mod tests {
             let direction = direction.normalize();
             let ray = Ray { origin: Vec3::ZERO, direction, t_min: 0.0, t_max: f32::INFINITY };
             let hit = router.tracer.closest(&ray)?;
-            router.sample(&ray, &hit, RayKey::new(6, number as u32, 0))
+            Some(router.sample(&ray, &hit, RayKey::new(6, number as u32, 0)))
         };
         (0..count).filter_map(sample).collect()
     }

@@ -109,11 +109,11 @@ impl TileStore {
         scratch.sort_by_tile(samples.iter().map(|s| self.tile_of(s)), self.tiles.len());
         let mut order = scratch.order.as_slice();
         while let Some(&first) = order.first() {
-            let tile_index = self.tile_of(&samples[first as usize]);
-            let same = order.iter().take_while(|&&i| self.tile_of(&samples[i as usize]) == tile_index).count();
+            let tile_index = scratch.tiles[first as usize];
+            let same = order.iter().take_while(|&&i| scratch.tiles[i as usize] == tile_index).count();
             let (batch, rest) = order.split_at(same);
             order = rest;
-            let mut tile = lock(&self.tiles[tile_index]);
+            let mut tile = lock(&self.tiles[tile_index as usize]);
             let before = tile.chunks.len();
             for batch in batch.chunks(TOUCHED) {
                 let batch =
@@ -248,6 +248,7 @@ impl Tile {
         std::hint::black_box(read);
     }
 
+    #[inline]
     fn add(&mut self, pixel: u32, new: &Accumulator) {
         if self.heads.is_empty() {
             self.heads = vec![Accumulator::NO_NEXT; (TILE_PX * TILE_PX) as usize];

@@ -18,23 +18,28 @@ pub(super) struct Leaf {
     pub(super) name: u32,
 }
 
-/// A box around lights.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Nodes right below one.
+const WIDTH: usize = 8;
+
+/// Boxes around lights, side by side: they are weighed against each other together, and a hundred lights are three steps away.
+#[derive(Clone, Debug, PartialEq)]
 struct Node {
-    middle: Vec3,
-    /// Of the sphere around the box.
-    radius: f32,
-    power: f32,
-    /// The number of its first light, in the order of the tree.
-    first: u32,
-    below: Below,
+    /// Of the boxes, `[axis][box]`.
+    middle: [[f32; WIDTH]; 3],
+    /// Of the spheres around the boxes.
+    radius: [f32; WIDTH],
+    power: [f32; WIDTH],
+    /// The number of the first light of each, in the order of the tree; beyond the last box that of none.
+    first: [u32; WIDTH],
+    below: [Below; WIDTH],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Below {
+    /// The light of this name.
     Light(u32),
-    /// The next node, and that of this number.
-    Nodes(u32),
+    /// The node of this number.
+    Node(u32),
 }
 
 /// All lights of a scene.
@@ -48,7 +53,7 @@ pub(super) struct LightTree {
 
 impl LightTree {
     pub(super) fn new(mut leaves: Vec<Leaf>) -> Self {
-        let mut tree = Self { nodes: Vec::with_capacity(2 * leaves.len()), numbers: Vec::new() };
+        let mut tree = Self::default();
         if !leaves.is_empty() {
             tree.push(&mut leaves, 0);
         }
@@ -57,28 +62,19 @@ impl LightTree {
         tree
     }
 
-    /// Adds a node around lights, the first of which has this number, and all below it.
-    fn push(&mut self, leaves: &mut [Leaf], first: u32) {
-        let around = |[low, high]: [Vec3; 2], leaf: &Leaf| [low.min(leaf.bounds[0]), high.max(leaf.bounds[1])];
-        let [low, high] = leaves.iter().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], around);
-        let power = leaves.iter().map(|leaf| leaf.power).sum();
-        let (middle, radius) = ((low + high) / 2.0, (high - low).length() / 2.0);
-        let at = self.nodes.len();
-        self.nodes.push(Node { middle, radius, power, first, below: Below::Light(leaves[0].name) });
-        if leaves.len() == 1 {
-            return;
+    /// Adds a node for lights, the first of which has this number, and all below it. Its own number.
+    fn push(&mut self, leaves: &mut [Leaf], mut first: u32) -> u32 {
+        let number = self.nodes.len();
+        self.nodes.push(Node::EMPTY);
+        for (i, group) in groups(leaves).into_iter().enumerate() {
+            self.nodes[number].set(i, group, first);
+            let count = group.len() as u32;
+            if count > 1 {
+                self.nodes[number].below[i] = Below::Node(self.push(group, first));
+            }
+            first += count;
         }
-        let axis =
-            (high - low).to_array().into_iter().enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |it| it.0);
-        let place = |leaf: &Leaf| leaf.bounds[0][axis] + leaf.bounds[1][axis];
-        leaves.sort_unstable_by(|a, b| place(a).total_cmp(&place(b)).then(a.name.cmp(&b.name)));
-        // In the middle of the box, so that what lies apart is apart at once.
-        let lower = leaves.partition_point(|leaf| place(leaf) < low[axis] + high[axis]);
-        let half = if lower == 0 || lower == leaves.len() { leaves.len() / 2 } else { lower };
-        let (left, right) = leaves.split_at_mut(half);
-        self.push(left, first);
-        self.nodes[at].below = Below::Nodes(self.nodes.len() as u32);
-        self.push(right, first + half as u32);
+        number as u32
     }
 
     pub(super) fn is_empty(&self) -> bool {
@@ -89,16 +85,23 @@ impl LightTree {
     pub(super) fn draw(&self, point: &LitPoint, mut number: f32) -> Option<(u32, f32)> {
         let (mut at, mut probability) = (0, 1.0);
         loop {
-            match self.nodes.get(at)?.below {
-                Below::Light(name) => return Some((name, probability)),
-                Below::Nodes(right) => {
-                    let share = self.share(at, right, point);
-                    let is_first = number < share;
-                    let (from, width) = if is_first { (0.0, share) } else { (share, 1.0 - share) };
-                    number = ((number - from) / width).clamp(0.0, BELOW_ONE);
-                    probability *= width;
-                    at = if is_first { at + 1 } else { right as usize };
+            let node = self.nodes.get(at)?;
+            let shares = node.shares(point);
+            // Rounding may leave a number behind the last box that counts.
+            let mut chosen = None;
+            for (i, share) in shares.into_iter().enumerate().filter(|(_, share)| *share > 0.0) {
+                let of_box = probability * share;
+                chosen = Some((i, of_box));
+                if number < of_box {
+                    break;
                 }
+                number -= of_box;
+            }
+            let (i, of_box) = chosen?;
+            (number, probability) = (number.min(of_box * BELOW_ONE), of_box);
+            match node.below[i] {
+                Below::Light(name) => return Some((name, probability)),
+                Below::Node(below) => at = below as usize,
             }
         }
     }
@@ -108,37 +111,95 @@ impl LightTree {
         let Ok(place) = self.numbers.binary_search_by_key(&name, |&(name, _)| name) else { return 0.0 };
         let number = self.numbers[place].1;
         let (mut at, mut probability) = (0, 1.0);
-        while let Below::Nodes(right) = self.nodes[at].below {
-            let share = self.share(at, right, point);
-            let is_first = number < self.nodes[right as usize].first;
-            probability *= if is_first { share } else { 1.0 - share };
-            at = if is_first { at + 1 } else { right as usize };
+        loop {
+            let node = &self.nodes[at];
+            let i = node.first.partition_point(|&first| first <= number) - 1;
+            probability *= node.shares(point)[i];
+            match node.below[i] {
+                Below::Light(_) => return probability,
+                Below::Node(below) => at = below as usize,
+            }
         }
-        probability
-    }
-
-    /// How often the first of the two nodes below one is drawn, whose second has the number `right`.
-    fn share(&self, at: usize, right: u32, point: &LitPoint) -> f32 {
-        let (first, second) = (self.nodes[at + 1].importance(point), self.nodes[right as usize].importance(point));
-        let share = first / (first + second);
-        // Both may be infinite, or nothing, where a light is as small as a point.
-        if share.is_nan() { 0.5 } else { share }
     }
 }
 
 /// The largest number below 1.
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
+/// Cuts lights into [`WIDTH`] groups, or so many as there are lights: the largest box in two, again and again.
+fn groups(leaves: &mut [Leaf]) -> Vec<&mut [Leaf]> {
+    let mut groups = vec![leaves];
+    while groups.len() < WIDTH {
+        let size = |group: &[Leaf]| if group.len() > 1 { (1, extent(group).1.max_element()) } else { (0, 0.0) };
+        let sizes = groups.iter().map(|group| size(group)).enumerate();
+        let largest = sizes.max_by(|a, b| a.1.0.cmp(&b.1.0).then(a.1.1.total_cmp(&b.1.1)).then(b.0.cmp(&a.0)));
+        let Some((i, (1, _))) = largest else { break };
+        let (left, right) = halves(groups.remove(i));
+        groups.insert(i, right);
+        groups.insert(i, left);
+    }
+    groups
+}
+
+/// The lower corner and the edges of the box around lights.
+fn extent(leaves: &[Leaf]) -> (Vec3, Vec3) {
+    let around = |[low, high]: [Vec3; 2], leaf: &Leaf| [low.min(leaf.bounds[0]), high.max(leaf.bounds[1])];
+    let [low, high] = leaves.iter().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], around);
+    (low, high - low)
+}
+
+/// Two halves of more than one light, cut across the longest edge of their box in its middle, so that what lies apart is apart at once.
+fn halves(leaves: &mut [Leaf]) -> (&mut [Leaf], &mut [Leaf]) {
+    let (low, edges) = extent(leaves);
+    let axis = edges.max_position();
+    let place = |leaf: &Leaf| leaf.bounds[0][axis] + leaf.bounds[1][axis];
+    leaves.sort_unstable_by(|a, b| place(a).total_cmp(&place(b)).then(a.name.cmp(&b.name)));
+    let lower = leaves.partition_point(|leaf| place(leaf) < 2.0 * low[axis] + edges[axis]);
+    let half = if lower == 0 || lower == leaves.len() { leaves.len() / 2 } else { lower };
+    leaves.split_at_mut(half)
+}
+
 impl Node {
-    /// About what its lights would bring to a point: power over squared distance, times a bound of the cosine there. No point of the
-    /// sphere lies higher above the horizon than its middle and radius together; a root and a division are all that it costs.
+    const EMPTY: Self = Self {
+        middle: [[0.0; WIDTH]; 3],
+        radius: [0.0; WIDTH],
+        power: [0.0; WIDTH],
+        first: [u32::MAX; WIDTH],
+        below: [Below::Light(u32::MAX); WIDTH],
+    };
+
+    /// Makes box `i` one around lights, the first of which has this number.
+    fn set(&mut self, i: usize, leaves: &[Leaf], first: u32) {
+        let (low, edges) = extent(leaves);
+        (0..3).for_each(|axis| self.middle[axis][i] = low[axis] + edges[axis] / 2.0);
+        self.radius[i] = edges.length() / 2.0;
+        self.power[i] = leaves.iter().map(|leaf| leaf.power).sum();
+        (self.first[i], self.below[i]) = (first, Below::Light(leaves[0].name));
+    }
+
+    /// How often each box is drawn: by about what its lights would bring to a point, power over squared distance, times a bound of
+    /// the cosine there. No point of a sphere lies higher above the horizon than its middle and radius together; a root and a division are
+    /// all that it costs.
     #[inline]
-    fn importance(&self, point: &LitPoint) -> f32 {
-        let to_middle = self.middle - point.position;
-        let distance2 = to_middle.length_squared().max(self.radius * self.radius);
-        let distance = distance2.sqrt();
-        let height = to_middle.dot(point.shading_normal) + self.radius;
-        self.power * height.clamp(LEAST_COSINE * distance, distance) / (distance2 * distance)
+    fn shares(&self, point: &LitPoint) -> [f32; WIDTH] {
+        let (position, normal) = (point.position, point.shading_normal);
+        let mut shares = [0.0; WIDTH];
+        for (i, share) in shares.iter_mut().enumerate() {
+            let (x, y) = (self.middle[0][i] - position.x, self.middle[1][i] - position.y);
+            let z = self.middle[2][i] - position.z;
+            let distance2 = (x * x + y * y + z * z).max(self.radius[i] * self.radius[i]);
+            let distance = distance2.sqrt();
+            let height = x * normal.x + y * normal.y + z * normal.z + self.radius[i];
+            *share = self.power[i] * height.max(LEAST_COSINE * distance).min(distance) / (distance2 * distance);
+        }
+        let scale = 1.0 / shares.iter().sum::<f32>();
+        if scale > 0.0 && scale.is_finite() {
+            shares.iter_mut().for_each(|share| *share *= scale);
+            return shares;
+        }
+        // Where a light is as small as a point, and that is it, nothing can be told of any.
+        let count = self.first.iter().filter(|first| **first != u32::MAX).count();
+        std::array::from_fn(|i| if i < count { 1.0 / count as f32 } else { 0.0 })
     }
 }
 

@@ -6,7 +6,7 @@
 
 use super::around::Reader;
 use super::window::{NEARNESS, SAMPLES, Sums, smooth_step};
-use super::{Pooling, narrow};
+use super::{Pooling, middle, narrow};
 
 /// From one narrow window to the next, pixels: they hardly overlap.
 const STEP_PX: f32 = 4.0;
@@ -69,7 +69,7 @@ impl Pooling<'_> {
 
     /// One over the harmonic mean distance to what a part's surface has its light from, so many pixels away, 1/m.
     fn nearness(&self, part: usize, away: [i32; 2], reader: &mut Reader) -> Option<f32> {
-        let sums = reader.at(&self.surfaces[part], self.pixel_at(part, away)?);
+        let sums = reader.at(&self.surfaces[part], middle(self.pixel_at(part, away)?));
         (sums[SAMPLES] > 0.0 && sums[NEARNESS] > 0.0).then(|| sums[NEARNESS] / sums[SAMPLES])
     }
 

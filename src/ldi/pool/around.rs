@@ -74,10 +74,10 @@ impl Windows {
 }
 
 impl Reader<'_> {
-    /// The window of a surface about the middle of a pixel.
-    pub(super) fn at(&mut self, surface: &Surface, pixel: [u16; 2]) -> Sums {
+    /// The window of a surface about a position, pixels.
+    pub(super) fn at(&mut self, surface: &Surface, position: [f32; 2]) -> Sums {
         let level = self.level;
-        let [x, y] = pixel.map(|c| (f32::from(c) + 0.5) / level.width_px() + 0.5);
+        let [x, y] = position.map(|c| c / level.width_px() + 0.5);
         let (column, row) = (x as usize, y as usize);
         let (right, down) = (x - column as f32, y - row as f32);
         let side = level.blocks as usize + 2;

@@ -92,6 +92,13 @@ pub(in crate::ldi) struct Members {
     rows: Vec<usize>,
 }
 
+impl Members {
+    /// The number of a part's surface in the smallest blocks.
+    pub(super) fn of(&self, part: usize) -> usize {
+        self.entry[part] as usize
+    }
+}
+
 /// Blocks a side, from the smallest to the largest.
 fn sizes(size_px: u32) -> Vec<u32> {
     let mut blocks = (size_px as f32 / LARGEST_PX).round().max(1.0) as u32;
@@ -110,9 +117,10 @@ fn pixels_of(block: u32, blocks: u32, size_px: u32) -> Range<u32> {
 
 impl Blocks {
     /// Blocks of a face's surfaces, in which each part counts as present and has no light yet.
-    pub(super) fn new(parts: &FaceParts, surfaces: &[Surface]) -> (Self, Members) {
+    pub(in crate::ldi) fn new(parts: &FaceParts) -> (Self, Members) {
+        let surfaces: Vec<Surface> = parts.parts.par_iter().map(Surface::of).collect();
         let sizes = sizes(parts.size_px);
-        let (smallest, members) = smallest(parts, surfaces, sizes[0]);
+        let (smallest, members) = smallest(parts, &surfaces, sizes[0]);
         let mut levels = vec![smallest];
         for (number, &blocks) in sizes.iter().enumerate().skip(1) {
             let width_px = parts.size_px as f32 / blocks as f32;
@@ -121,6 +129,14 @@ impl Blocks {
             levels.extend(next);
         }
         (Self { levels }, members)
+    }
+
+    /// The surfaces of the smallest blocks, each with the middle of its block, pixels.
+    pub(super) fn middles(&self, size_px: u32) -> Vec<(Surface, [f32; 2])> {
+        let Level { blocks, lattice, .. } = &self.levels[0];
+        let middle = |cell: u32| [cell % blocks, cell / blocks].map(|c| (c as f32 + 0.5) * size_px as f32 / *blocks as f32);
+        let cells = (0..blocks * blocks).flat_map(|cell| lattice.cell(cell as usize).map(move |_| middle(cell)));
+        lattice.surfaces.iter().copied().zip(cells).collect()
     }
 
     /// Sums what the parts have gathered.

@@ -23,17 +23,18 @@ mod around;
 mod blocks;
 mod narrow;
 mod surface;
+mod survey;
 mod window;
 
 use around::Reader;
 pub(super) use around::Windows;
 pub(super) use blocks::Blocks;
 pub(super) use surface::same_surface;
+pub(super) use survey::Survey;
 
 use super::parts::FaceParts;
 use crate::capture::light::luminance;
 use crate::capture::rig::Face;
-use blocks::Members;
 use glam::Vec3;
 use rayon::prelude::*;
 use surface::Surface;
@@ -65,9 +66,6 @@ pub(super) struct Pooled {
     pub(super) parts: f32,
 }
 
-/// Share of the window of [`SMALL_LEVEL`] that a surface fills less of if its parts take as many samples as a part alone.
-const ENOUGH_SHARE: f32 = 0.125;
-
 /// Share of the window of [`SMALL_LEVEL`] that a surface fills at least if its narrowest window is that of rows and columns. Of smaller
 /// ones (leaves) these find too little.
 const LARGE_SHARE: f32 = 0.6;
@@ -82,66 +80,22 @@ pub(super) struct Pooling<'a> {
     pixels: Vec<[u16; 2]>,
     surfaces: Vec<Surface>,
     /// Width of the parts' pixels on their surfaces, metres.
-    pub(super) widths: Vec<f32>,
-}
-
-/// How much there is of the parts' surfaces.
-pub(super) struct Extents {
-    /// Share of the window of [`SMALL_LEVEL`] that each part's surface fills.
-    shares: Vec<f32>,
-    /// Parts of the widest window about each part.
-    pub(super) widest: Vec<f32>,
-}
-
-impl Extents {
-    /// How many samples a part takes at most, of so many that one alone takes: as many as make up for what its surface lacks of
-    /// the window.
-    pub(super) fn most_samples(&self, part: usize, samples: f32) -> f32 {
-        (samples * ENOUGH_SHARE / self.shares[part]).clamp(1.0, samples.max(1.0))
-    }
+    widths: Vec<f32>,
 }
 
 impl<'a> Pooling<'a> {
     pub(super) fn new(parts: &'a FaceParts, face: Face) -> Self {
         let surfaces: Vec<Surface> = parts.parts.par_iter().map(Surface::of).collect();
         let (size_px, pixels) = (parts.size_px, parts.pixels());
-        let width = |(surface, pixel): (&Surface, &[u16; 2])| surface.pixel_width(face, pixel.map(u32::from), size_px);
+        let width = |(surface, pixel): (&Surface, &[u16; 2])| surface.pixel_width(face, middle(*pixel), size_px);
         let widths = surfaces.par_iter().zip(&pixels).map(width).collect();
         Self { parts, pixels, surfaces, widths }
     }
 
-    /// Blocks without light.
-    pub(super) fn blocks(&self) -> (Blocks, Members) {
-        Blocks::new(self.parts, &self.surfaces)
-    }
-
-    /// How much there is of each surface, by windows over blocks.
-    pub(super) fn extents(&self, windows: &Windows) -> Extents {
-        let extent = |readers: &mut Vec<Reader>, p: usize| {
-            let (mut small, mut widest) = (0.0, 0.0f32);
-            for (number, reader) in readers.iter_mut().enumerate() {
-                let share = reader.at(&self.surfaces[p], self.pixels[p])[SHARE];
-                if number <= SMALL_LEVEL {
-                    small = share;
-                }
-                widest = widest.max(share * reader.level.parts());
-            }
-            (small, widest)
-        };
-        let (shares, widest) = (0..self.surfaces.len()).into_par_iter().map_init(|| windows.readers(), extent).unzip();
-        Extents { shares, widest }
-    }
-
-    /// The light of each part over its window, by what was gathered on the face and windows over blocks; not from the narrowest on unless
-    /// this is the last time.
-    pub(super) fn pool(
-        &self,
-        gathered: &[Gathered],
-        windows: &Windows,
-        expected: &[f32],
-        is_last: bool,
-    ) -> Vec<Pooled> {
-        let narrow = if is_last { self.narrow(gathered) } else { Vec::new() };
+    /// The light of each part over its window, by what was gathered on the face and windows over blocks; samples of a class vary as is
+    /// `expected` of it.
+    pub(super) fn pool(&self, gathered: &[Gathered], windows: &Windows, expected: &[f32]) -> Vec<Pooled> {
+        let narrow = self.narrow(gathered);
         let pooled = |readers: &mut Vec<Reader>, p: usize| {
             let expected = expected[usize::from(self.parts.parts[p].class)];
             self.pooled(p, &narrow, readers, expected)
@@ -150,31 +104,46 @@ impl<'a> Pooling<'a> {
     }
 
     fn pooled(&self, part: usize, narrow: &[Sums], readers: &mut [Reader], expected: f32) -> Pooled {
-        let (surface, pixel) = (&self.surfaces[part], self.pixels[part]);
-        let sums = readers.iter_mut().map(|reader| reader.at(surface, pixel));
+        let (surface, position) = (&self.surfaces[part], middle(self.pixels[part]));
+        let sums = readers.iter_mut().map(|reader| reader.at(surface, position));
         let mut first = [Sums::default(); SMALL_LEVEL + 1];
         first.iter_mut().zip(sums).for_each(|(first, sums)| *first = sums);
-        let own = narrow.get(part).filter(|_| first[SMALL_LEVEL][SHARE] >= LARGE_SHARE);
-        let mut chosen = own.map(|sums| Chosen::first(Window::new(sums, narrow::parts(), expected)));
+        let is_large = first[SMALL_LEVEL][SHARE] >= LARGE_SHARE;
+        let mut chosen = is_large.then(|| Chosen::first(Window::new(&narrow[part], narrow::parts(), expected)));
         if let (Some(chosen), Some(reader)) = (&mut chosen, readers.get_mut(SMALL_LEVEL))
             && chosen.is_near(reader.level.radius_px() * self.widths[part])
             && let Some((sums, parts)) = self.along(part, narrow, reader)
         {
             chosen.widen(&Window::new(&sums, parts, expected), 0.0);
         }
-        for (number, reader) in readers.iter_mut().enumerate() {
-            let sums = first.get(number).copied().unwrap_or_else(|| reader.at(surface, pixel));
-            let window = Window::new(&sums, reader.level.parts(), expected);
-            match &mut chosen {
-                None => chosen = Some(Chosen::first(window)),
-                Some(chosen) if chosen.may_take(&window) => {
-                    chosen.widen(&window, reader.level.radius_px() * self.widths[part]);
-                }
-                Some(_) => break,
-            }
-        }
-        chosen.map_or_else(Pooled::default, |chosen| chosen.pooled)
+        widened(chosen, &first, readers, (surface, position, self.widths[part]), expected)
     }
+}
+
+/// The middle of a pixel, pixels.
+fn middle(pixel: [u16; 2]) -> [f32; 2] {
+    pixel.map(|c| f32::from(c) + 0.5)
+}
+
+/// What windows over blocks make of what is chosen so far, if anything, from the smallest on and as long as they count: those of a
+/// surface about a position where its pixels have this width, metres. The `first` have been read.
+fn widened(
+    mut chosen: Option<Chosen>,
+    first: &[Sums],
+    readers: &mut [Reader],
+    (surface, position, width_m): (&Surface, [f32; 2], f32),
+    expected: f32,
+) -> Pooled {
+    for (number, reader) in readers.iter_mut().enumerate() {
+        let sums = first.get(number).copied().unwrap_or_else(|| reader.at(surface, position));
+        let window = Window::new(&sums, reader.level.parts(), expected);
+        match &mut chosen {
+            None => chosen = Some(Chosen::first(window)),
+            Some(chosen) if chosen.may_take(&window) => chosen.widen(&window, reader.level.radius_px() * width_m),
+            Some(_) => break,
+        }
+    }
+    chosen.map_or_else(Pooled::default, |chosen| chosen.pooled)
 }
 
 /// What samples found by class of surface.

@@ -9,7 +9,8 @@ use glam::Vec3;
 pub(super) struct Surface {
     normal: Vec3,
     distance: f32,
-    class: u32,
+    /// See [`crate::ldi::accumulate::Accumulator::class`].
+    pub(super) class: u32,
 }
 
 impl Surface {
@@ -30,9 +31,9 @@ impl Surface {
             && self.normal.dot(other.normal) >= MIN_COS
     }
 
-    /// Width of a pixel on the surface where it is widest, metres; infinite for what is edge-on.
-    pub(super) fn pixel_width(&self, face: Face, [x, y]: [u32; 2], size_px: u32) -> f32 {
-        let direction = face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, size_px).as_vec3();
+    /// Width of a pixel on the surface where it is widest, metres, at a position in pixels; infinite for what is edge-on.
+    pub(super) fn pixel_width(&self, face: Face, [x, y]: [f32; 2], size_px: u32) -> f32 {
+        let direction = face.direction(x.into(), y.into(), size_px).as_vec3();
         let facing = self.normal.dot(direction).abs();
         let eye_depth = self.distance.abs() / facing;
         2.0 * eye_depth / size_px as f32 * direction.length() / facing

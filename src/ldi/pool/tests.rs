@@ -33,10 +33,10 @@ fn sample(light: f32, nearness: f32) -> Gathered {
 /// What a face's samples are pooled to by themselves.
 fn pooled(face: &FaceParts, gathered: &[Gathered]) -> Vec<Pooled> {
     let pooling = Pooling::new(face, Face::NegZ);
-    let (mut blocks, members) = pooling.blocks();
+    let (mut blocks, members) = Blocks::new(face);
     blocks.fill(&members, gathered);
     let windows = Windows::new(Face::NegZ, face.size_px, &blocks, [None; 6]);
-    pooling.pool(gathered, &windows, &Classes::of(face, gathered).variances(), true)
+    pooling.pool(gathered, &windows, &Classes::of(face, gathered).variances())
 }
 
 /// Pooled light of a wall 5 m away, of which each part has a sample of `light` within a share of `noise`: the mean of each column.
@@ -149,8 +149,8 @@ fn across_a_border() -> Vec<(Face, FaceParts, Vec<Gathered>)> {
 /// not.
 fn step_at_border(know_each_other: bool) -> f32 {
     let faces = across_a_border();
-    let blocks = faces.iter().map(|(face, parts, gathered)| {
-        let (mut blocks, members) = Pooling::new(parts, *face).blocks();
+    let blocks = faces.iter().map(|(_, parts, gathered)| {
+        let (mut blocks, members) = Blocks::new(parts);
         blocks.fill(&members, gathered);
         blocks
     });
@@ -160,7 +160,7 @@ fn step_at_border(know_each_other: bool) -> f32 {
         let known = Face::ALL.map(|face| blocks.get(face.index()).filter(|_| know_each_other));
         let windows = Windows::new(*face, parts.size_px, &blocks[face.index()], known);
         let expected = Classes::of(parts, gathered).variances();
-        let pooled = Pooling::new(parts, *face).pool(gathered, &windows, &expected, true);
+        let pooled = Pooling::new(parts, *face).pool(gathered, &windows, &expected);
         // The last column of the one face meets the first of the other.
         let x = if *face == Face::NegZ { parts.size_px - 1 } else { 0 };
         let column = (0..parts.size_px)

@@ -132,7 +132,9 @@ impl Chosen {
     }
 }
 
+#[inline]
 pub(super) fn smooth_step([from, to]: [f32; 2], x: f32) -> f32 {
-    let share = ((x - from) / (to - from)).clamp(0.0, 1.0);
+    // One over a difference of constants is one, too.
+    let share = ((x - from) * (1.0 / (to - from))).clamp(0.0, 1.0);
     share * share * (3.0 - 2.0 * share)
 }

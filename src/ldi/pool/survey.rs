@@ -1,0 +1,88 @@
+//! What the parts of one surface in one of the smallest blocks have in common: how many samples they are asked for.
+//!
+//! Where samples go is decided by what windows hold, which are nearly the same for all of a block; so it is decided once for them. What
+//! is found in the end is pooled part by part.
+
+use super::around::{Reader, Windows};
+use super::blocks::{Blocks, Members};
+use super::surface::Surface;
+use super::window::SHARE;
+use super::{Pooled, SMALL_LEVEL, widened};
+use crate::capture::rig::Face;
+use rayon::prelude::*;
+
+/// Share of the window of [`SMALL_LEVEL`] that a surface fills less of if its parts take as many samples as a part alone.
+const ENOUGH_SHARE: f32 = 0.125;
+
+/// The middle of a block on one of its surfaces.
+struct Place {
+    surface: Surface,
+    /// Pixels.
+    position: [f32; 2],
+    /// Width of a pixel there, metres.
+    width_m: f32,
+    /// Share of the window of [`SMALL_LEVEL`] that the surface fills.
+    share: f32,
+    /// Parts of the widest window.
+    widest: f32,
+}
+
+/// A face's surfaces, block by block.
+pub(in crate::ldi) struct Survey<'a> {
+    members: &'a Members,
+    places: Vec<Place>,
+}
+
+impl<'a> Survey<'a> {
+    /// Of blocks and windows over them that need not hold light yet.
+    pub(in crate::ldi) fn new(face: Face, size_px: u32, blocks: &Blocks, windows: &Windows, members: &'a Members) -> Self {
+        let place = |readers: &mut Vec<Reader>, (surface, position): (Surface, [f32; 2])| {
+            let (mut small, mut widest) = (0.0, 0.0f32);
+            for (number, reader) in readers.iter_mut().enumerate() {
+                let share = reader.at(&surface, position)[SHARE];
+                if number <= SMALL_LEVEL {
+                    small = share;
+                }
+                widest = widest.max(share * reader.level.parts());
+            }
+            let width_m = surface.pixel_width(face, position, size_px);
+            Place { surface, position, width_m, share: small, widest }
+        };
+        let middles = blocks.middles(size_px);
+        Self { members, places: middles.into_par_iter().map_init(|| windows.readers(), place).collect() }
+    }
+
+    fn place(&self, part: usize) -> &Place {
+        &self.places[self.members.of(part)]
+    }
+
+    /// Parts of the widest window about a part.
+    pub(in crate::ldi) fn widest(&self, part: usize) -> f32 {
+        self.place(part).widest
+    }
+
+    /// Width of a part's pixel on its surface, metres, about.
+    pub(in crate::ldi) fn width_m(&self, part: usize) -> f32 {
+        self.place(part).width_m
+    }
+
+    /// How many samples a part takes at most, of so many that one alone takes: as many as make up for what its surface lacks of
+    /// the window.
+    pub(in crate::ldi) fn most_samples(&self, part: usize, samples: f32) -> f32 {
+        (samples * ENOUGH_SHARE / self.place(part).share).clamp(1.0, samples.max(1.0))
+    }
+
+    /// What windows over blocks hold about each part, by [`Self::of`], on surfaces where samples vary by so much.
+    pub(in crate::ldi) fn pooled(&self, windows: &Windows, expected: &[f32]) -> Vec<Pooled> {
+        let pooled = |readers: &mut Vec<Reader>, place: &Place| {
+            let Place { surface, position, width_m, .. } = place;
+            widened(None, &[], readers, (surface, *position, *width_m), expected[surface.class as usize])
+        };
+        self.places.par_iter().map_init(|| windows.readers(), pooled).collect()
+    }
+
+    /// The number of what is known of a part.
+    pub(in crate::ldi) fn of(&self, part: usize) -> usize {
+        self.members.of(part)
+    }
+}
