@@ -109,9 +109,19 @@ impl Face {
     }
 
     /// Direction from the centre through an image position in pixels, scaled to eye depth 1.
+    #[inline]
     pub fn direction(self, x_px: f64, y_px: f64, size_px: u32) -> DVec3 {
         let half = f64::from(size_px) / 2.0;
-        self.normal() + self.right() * (x_px / half - 1.0) + self.up() * (1.0 - y_px / half)
+        let (right, up) = (x_px / half - 1.0, 1.0 - y_px / half);
+        // The inverse of [`Self::eye_space`].
+        match self {
+            Self::PosX => DVec3::new(1.0, up, right),
+            Self::NegX => DVec3::new(-1.0, up, -right),
+            Self::PosY => DVec3::new(right, 1.0, up),
+            Self::NegY => DVec3::new(right, -1.0, -up),
+            Self::PosZ => DVec3::new(-right, up, 1.0),
+            Self::NegZ => DVec3::new(right, up, -1.0),
+        }
     }
 }
 

@@ -11,7 +11,7 @@ mod tone;
 pub use exposure::Exposure;
 pub use lights::{Lamp, Reach, Sky, SkyGradient, Sun};
 pub use sky_picture::{SkyError, SkyPicture};
-pub use surface::Surface;
+pub use surface::{Paint, Surface};
 pub use tone::ToneMap;
 
 use crate::material::{Material, Texture};

@@ -12,6 +12,7 @@ use super::accumulate::{Accumulator, sixteen_bits};
 use crate::capture::light::{LightSample, Lighting, LitPoint};
 use crate::capture::rig::Face;
 use crate::capture::sampler::RayKey;
+use crate::capture::scene::Paint;
 use crate::capture::trace::Tracer;
 use glam::{DVec3, Vec3};
 
@@ -116,7 +117,6 @@ impl Shader<'_> {
     /// Albedo over a pixel: the mean over the rays, and, where they are few and the triangle has a texture, over a grid of
     /// points of the pixel, of which those beside the triangle or in a hole of it count as the rays' mean.
     fn filtered_albedo(&self, acc: &Accumulator, face: Face, x: u32, y: u32, triangle: [Vec3; 3]) -> [u16; 3] {
-        const SIDE: u32 = 3;
         /// As many random rays err about as much as the grid does.
         const WORTH_OF_GRID: u32 = 8;
         let mean = acc.albedo_sum.map(|sum| (sum / u64::from(acc.count.max(1))) as u16);
@@ -125,14 +125,15 @@ impl Shader<'_> {
             return mean;
         }
         let pixel = PixelOnTriangle::new(face, [x, y], self.face_size_px, triangle);
-        let mut sum = mean.map(|c| acc.count * SIDE * SIDE * u32::from(c));
-        for i in 0..SIDE * SIDE {
-            let at = [i % SIDE, i / SIDE].map(|i| (f64::from(i) + 0.5) / f64::from(SIDE));
+        let [columns, rows] = pixel.grid(&paint);
+        let mut sum = mean.map(|c| acc.count * columns * rows * u32::from(c));
+        for i in 0..columns * rows {
+            let at = [(i % columns, columns), (i / columns, rows)].map(|(i, side)| (f64::from(i) + 0.5) / f64::from(side));
             let on_it = pixel.weights(at).filter(|&[u, v]| paint.is_solid(u, v));
             let albedo = on_it.map_or(mean, |[u, v]| paint.albedo(u, v).map(sixteen_bits));
             sum.iter_mut().zip(albedo).for_each(|(sum, c)| *sum += WORTH_OF_GRID * u32::from(c));
         }
-        sum.map(|sum| (sum / (SIDE * SIDE * (acc.count + WORTH_OF_GRID))) as u16)
+        sum.map(|sum| (sum / (columns * rows * (acc.count + WORTH_OF_GRID))) as u16)
     }
 }
 
@@ -182,9 +183,24 @@ impl PixelOnTriangle {
     /// Barycentric weights of the second and third corner at a position in the pixel, 0..1; `None` beside the triangle.
     fn weights(&self, [x, y]: [f64; 2]) -> Option<[f32; 2]> {
         let weights = self.first + self.steps[0] * x + self.steps[1] * y;
-        let sum = weights.element_sum();
-        (weights.min_element() >= 0.0 && sum > 0.0).then(|| [(weights.y / sum) as f32, (weights.z / sum) as f32])
+        (weights.min_element() >= 0.0 && weights.element_sum() > 0.0).then(|| second_and_third(weights))
     }
+
+    /// How many columns and rows of points tell what the triangle's texture is like in the pixel: one for each texel that they pass, within
+    /// limits. Within a texel a texture is so smooth that its middle tells.
+    fn grid(&self, paint: &Paint) -> [u32; 2] {
+        const MOST: f32 = 3.0;
+        let [here, right, below] =
+            [self.first, self.first + self.steps[0], self.first + self.steps[1]].map(|at| paint.texel_at(second_and_third(at)));
+        // A NaN is one.
+        [right, below].map(|there| (there - here).abs().max_element().ceil().clamp(1.0, MOST).max(1.0) as u32)
+    }
+}
+
+/// Barycentric weights of the second and third corner.
+fn second_and_third(homogeneous: DVec3) -> [f32; 2] {
+    let sum = homogeneous.element_sum();
+    [(homogeneous.y / sum) as f32, (homogeneous.z / sum) as f32]
 }
 
 /// Where the ray from the local origin along `direction` meets a triangle, if it does: the weights of its second and third

@@ -297,16 +297,19 @@ impl Tile {
         let mut run = Vec::with_capacity(self.len);
         let at = |number: u32| self.chunks[number as usize / CHUNK][number as usize % CHUNK];
         for (pixel, &head) in (0..).zip(&self.heads).filter(|(pixel, _)| wanted(*pixel)) {
-            let mut next = head;
+            let (mut next, before) = (head, run.len());
             while next != Accumulator::NO_NEXT {
                 let here = at(next);
                 run.push(Accumulator { link: pixel, ..here });
                 next = here.link;
             }
+            run[before..].sort_unstable_by_key(Accumulator::run_order);
         }
-        let beyond = self.beyond.iter().filter(|(of, _)| wanted(of.0));
-        run.extend(beyond.map(|(&(pixel, ..), &number)| Accumulator { link: pixel, ..at(number) }));
-        run.sort_unstable_by_key(Accumulator::run_order);
+        if !self.beyond.is_empty() {
+            let beyond = self.beyond.iter().filter(|(of, _)| wanted(of.0));
+            run.extend(beyond.map(|(&(pixel, ..), &number)| Accumulator { link: pixel, ..at(number) }));
+            run.sort_unstable_by_key(Accumulator::run_order);
+        }
         run
     }
 }

@@ -39,9 +39,9 @@ impl Arrival {
     /// The cell in which this arrival lies: arrivals in one cell lie close together, and their surfaces are turned alike. `None` if
     /// the ray was so short that the cell is no small part of what its start sees.
     pub fn cell(&self) -> Option<u64> {
-        let exponent = (self.point.position.abs().max_element() * CELL_SHARE).max(1e-30).log2().ceil();
-        let [x, y, z] = self.place_in_cells(exponent.exp2())?.map(|c| u64::from(c as u8));
-        Some(x | y << 8 | z << 16 | u64::from(exponent as i32 as u8) << 24 | self.point.turned() << 32)
+        let (exponent, width_m) = power_of_two_above(self.point.position.abs().max_element() * CELL_SHARE);
+        let [x, y, z] = self.place_in_cells(width_m)?.map(|c| u64::from(c as u8));
+        Some(x | y << 8 | z << 16 | u64::from(exponent) << 24 | self.point.turned() << 32)
     }
 
     /// As [`Self::cell`], where all cells are `width_m` metres wide.
@@ -59,6 +59,14 @@ impl Arrival {
     pub fn brings(&self, light: Vec3) -> Vec3 {
         self.albedo * self.weight * light
     }
+}
+
+/// The least power of two that is not below `length`, by its exponent (modulo 256) and itself.
+pub(super) fn power_of_two_above(length: f32) -> (u8, f32) {
+    // A float is its exponent, and beneath it what is beyond that power.
+    const MANTISSA: u32 = (1 << 23) - 1;
+    let power = (length.clamp(1e-30, 1e30).to_bits() + MANTISSA) & !MANTISSA;
+    ((power >> 23) as u8, f32::from_bits(power))
 }
 
 impl Lighting {
@@ -88,6 +96,17 @@ mod tests {
     fn arrival(position: Vec3, normal: Vec3, distance_m: f32) -> Arrival {
         let point = LitPoint { position, normal, shading_normal: normal, extent: 1.0 };
         Arrival { point, albedo: Vec3::ONE, weight: 1.0, distance_m }
+    }
+
+    #[test]
+    fn powers_of_two_are_the_least_that_are_not_below() {
+        for (length, expected) in [(1.0, 1.0), (1.000_000_1, 2.0), (0.75, 1.0), (5.0, 8.0), (0.25, 0.25), (3e-9, 2f32.powi(-28))] {
+            let (exponent, power) = power_of_two_above(length);
+            assert_eq!((power, exponent), (expected, (127 + expected.log2() as i32) as u8), "{length}");
+        }
+        for length in [0.0, -1.0, f32::INFINITY] {
+            assert!(power_of_two_above(length).1.is_normal(), "{length}");
+        }
     }
 
     #[test]

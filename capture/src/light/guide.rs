@@ -7,6 +7,7 @@
 //! of the light, by which the variance of one ray is least (Rath et al. 2020, "Variance-Aware Path Guiding").
 
 use super::pilot::percentile;
+use super::arrival::power_of_two_above;
 use super::square::{self, BINS, SquareDensity};
 use super::{FIRST_DIRECTION, LightSample, Lighting, LitPoint, Path, luminance};
 use crate::sampler::{cosine_direction, random4, square_from_disk};
@@ -52,10 +53,10 @@ pub(super) struct Guide {
 impl Guide {
     /// The cell in which a point lies: points in one cell lie close together, and face alike.
     fn cell(&self, point: &LitPoint) -> u64 {
-        let wanted = (point.position.abs().max_element() * CELL_SHARE).max(self.narrowest_m).max(1e-30);
-        let exponent = wanted.log2().ceil();
-        let [x, y, z] = (point.position / exponent.exp2()).floor().to_array().map(|c| u64::from(c as i32 as u8));
-        x | y << 8 | z << 16 | u64::from(exponent as i32 as u8) << 24 | point.turned() << 32
+        let wanted = (point.position.abs().max_element() * CELL_SHARE).max(self.narrowest_m);
+        let (exponent, width_m) = power_of_two_above(wanted);
+        let [x, y, z] = (point.position / width_m).floor().to_array().map(|c| u64::from(c as i32 as u8));
+        x | y << 8 | z << 16 | u64::from(exponent) << 24 | point.turned() << 32
     }
 
     /// Where light comes from at a point, if that is worth to know.
