@@ -382,10 +382,13 @@ impl Lighting {
     }
 }
 
+/// What the linear RGB of Rec. 709 count in [`luminance`].
+pub const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
+
 /// Rec. 709 luminance of linear RGB.
 #[inline]
 pub fn luminance([r, g, b]: [f32; 3]) -> f32 {
-    0.2126 * r + 0.7152 * g + 0.0722 * b
+    LUMINANCE[0] * r + LUMINANCE[1] * g + LUMINANCE[2] * b
 }
 
 /// Largest absolute coordinate of a triangle.

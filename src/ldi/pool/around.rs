@@ -75,6 +75,7 @@ impl Windows {
 
 impl Reader<'_> {
     /// The window of a surface about a position, pixels.
+    #[inline]
     pub(super) fn at(&mut self, surface: &Surface, position: [f32; 2]) -> Sums {
         let level = self.level;
         let [x, y] = position.map(|c| c / level.width_px() + 0.5);

@@ -20,14 +20,15 @@
 
 mod along;
 mod around;
+mod beside;
 mod blocks;
 mod narrow;
 mod surface;
 mod survey;
 mod window;
 
-use around::Reader;
 pub(super) use around::Windows;
+use beside::{Place, pooled};
 pub(super) use blocks::Blocks;
 pub(super) use surface::same_surface;
 pub(super) use survey::Survey;
@@ -38,7 +39,7 @@ use crate::capture::rig::Face;
 use glam::Vec3;
 use rayon::prelude::*;
 use surface::Surface;
-use window::{Chosen, FEW_SAMPLES, SHARE, Sums, Window};
+use window::FEW_SAMPLES;
 
 /// What the light samples of a part found.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -66,10 +67,6 @@ pub(super) struct Pooled {
     pub(super) parts: f32,
 }
 
-/// Share of the window of [`SMALL_LEVEL`] that a surface fills at least if its narrowest window is that of rows and columns. Of smaller
-/// ones (leaves) these find too little.
-const LARGE_SHARE: f32 = 0.6;
-
 /// Windows over the second smallest blocks: some 500 pixels.
 const SMALL_LEVEL: usize = 1;
 
@@ -95,55 +92,16 @@ impl<'a> Pooling<'a> {
     /// The light of each part over its window, by what was gathered on the face and windows over blocks; samples of a class vary as is
     /// `expected` of it.
     pub(super) fn pool(&self, gathered: &[Gathered], windows: &Windows, expected: &[f32]) -> Vec<Pooled> {
-        let narrow = self.narrow(gathered);
-        let pooled = |readers: &mut Vec<Reader>, p: usize| {
-            let expected = expected[usize::from(self.parts.parts[p].class)];
-            self.pooled(p, &narrow, readers, expected)
+        let place = |part: usize| {
+            let (surface, position, width_m) = (&self.surfaces[part], middle(self.pixels[part]), self.widths[part]);
+            Place { surface, position, width_m, expected: expected[surface.class as usize] }
         };
-        (0..self.surfaces.len()).into_par_iter().map_init(|| windows.readers(), pooled).collect()
-    }
-
-    fn pooled(&self, part: usize, narrow: &[Sums], readers: &mut [Reader], expected: f32) -> Pooled {
-        let (surface, position) = (&self.surfaces[part], middle(self.pixels[part]));
-        let sums = readers.iter_mut().map(|reader| reader.at(surface, position));
-        let mut first = [Sums::default(); SMALL_LEVEL + 1];
-        first.iter_mut().zip(sums).for_each(|(first, sums)| *first = sums);
-        let is_large = first[SMALL_LEVEL][SHARE] >= LARGE_SHARE;
-        let mut chosen = is_large.then(|| Chosen::first(Window::new(&narrow[part], narrow::parts(), expected)));
-        if let (Some(chosen), Some(reader)) = (&mut chosen, readers.get_mut(SMALL_LEVEL))
-            && chosen.is_near(reader.level.radius_px() * self.widths[part])
-            && let Some((sums, parts)) = self.along(part, narrow, reader)
-        {
-            chosen.widen(&Window::new(&sums, parts, expected), 0.0);
-        }
-        widened(chosen, &first, readers, (surface, position, self.widths[part]), expected)
+        pooled(self.surfaces.len(), place, windows, Some(&self.narrow(gathered)))
     }
 }
-
 /// The middle of a pixel, pixels.
 fn middle(pixel: [u16; 2]) -> [f32; 2] {
     pixel.map(|c| f32::from(c) + 0.5)
-}
-
-/// What windows over blocks make of what is chosen so far, if anything, from the smallest on and as long as they count: those of a
-/// surface about a position where its pixels have this width, metres. The `first` have been read.
-fn widened(
-    mut chosen: Option<Chosen>,
-    first: &[Sums],
-    readers: &mut [Reader],
-    (surface, position, width_m): (&Surface, [f32; 2], f32),
-    expected: f32,
-) -> Pooled {
-    for (number, reader) in readers.iter_mut().enumerate() {
-        let sums = first.get(number).copied().unwrap_or_else(|| reader.at(surface, position));
-        let window = Window::new(&sums, reader.level.parts(), expected);
-        match &mut chosen {
-            None => chosen = Some(Chosen::first(window)),
-            Some(chosen) if chosen.may_take(&window) => chosen.widen(&window, reader.level.radius_px() * width_m),
-            Some(_) => break,
-        }
-    }
-    chosen.map_or_else(Pooled::default, |chosen| chosen.pooled)
 }
 
 /// What samples found by class of surface.

@@ -18,15 +18,22 @@ pub(super) fn parts() -> f32 {
     4.0 * std::f32::consts::PI * radius().powi(2)
 }
 
+/// The narrowest windows of all parts of a face.
+pub(super) struct Narrow<'a> {
+    pub(super) pooling: &'a Pooling<'a>,
+    /// Of each part.
+    pub(super) sums: Vec<Sums>,
+}
+
 impl Pooling<'_> {
     /// The window of each part.
-    pub(super) fn narrow(&self, gathered: &[Gathered]) -> Vec<Sums> {
+    pub(super) fn narrow(&self, gathered: &[Gathered]) -> Narrow<'_> {
         let mut sums: Vec<Sums> = gathered.par_iter().map(sums_of).collect();
         for step in (0..LEVELS).map(|level| 1 << level) {
             let across = self.pass(&sums, [step, 0]);
             sums = self.pass(&across, [0, step]);
         }
-        sums
+        Narrow { pooling: self, sums }
     }
 
     /// Half of what each part's surface has in its own pixel, and a quarter of what it has in those one step away in either

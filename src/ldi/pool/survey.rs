@@ -7,7 +7,7 @@ use super::around::{Reader, Windows};
 use super::blocks::{Blocks, Members};
 use super::surface::Surface;
 use super::window::SHARE;
-use super::{Pooled, SMALL_LEVEL, widened};
+use super::{Place, Pooled, SMALL_LEVEL, pooled};
 use crate::capture::rig::Face;
 use rayon::prelude::*;
 
@@ -15,7 +15,7 @@ use rayon::prelude::*;
 const ENOUGH_SHARE: f32 = 0.125;
 
 /// The middle of a block on one of its surfaces.
-struct Place {
+struct Middle {
     surface: Surface,
     /// Pixels.
     position: [f32; 2],
@@ -30,13 +30,13 @@ struct Place {
 /// A face's surfaces, block by block.
 pub(in crate::ldi) struct Survey<'a> {
     members: &'a Members,
-    places: Vec<Place>,
+    middles: Vec<Middle>,
 }
 
 impl<'a> Survey<'a> {
     /// Of blocks and windows over them that need not hold light yet.
     pub(in crate::ldi) fn new(face: Face, size_px: u32, blocks: &Blocks, windows: &Windows, members: &'a Members) -> Self {
-        let place = |readers: &mut Vec<Reader>, (surface, position): (Surface, [f32; 2])| {
+        let middle = |readers: &mut Vec<Reader>, (surface, position): (Surface, [f32; 2])| {
             let (mut small, mut widest) = (0.0, 0.0f32);
             for (number, reader) in readers.iter_mut().enumerate() {
                 let share = reader.at(&surface, position)[SHARE];
@@ -46,39 +46,40 @@ impl<'a> Survey<'a> {
                 widest = widest.max(share * reader.level.parts());
             }
             let width_m = surface.pixel_width(face, position, size_px);
-            Place { surface, position, width_m, share: small, widest }
+            Middle { surface, position, width_m, share: small, widest }
         };
-        let middles = blocks.middles(size_px);
-        Self { members, places: middles.into_par_iter().map_init(|| windows.readers(), place).collect() }
+        let middles = blocks.middles(size_px).into_par_iter().map_init(|| windows.readers(), middle).collect();
+        Self { members, middles }
     }
 
-    fn place(&self, part: usize) -> &Place {
-        &self.places[self.members.of(part)]
+    fn middle(&self, part: usize) -> &Middle {
+        &self.middles[self.members.of(part)]
     }
 
     /// Parts of the widest window about a part.
     pub(in crate::ldi) fn widest(&self, part: usize) -> f32 {
-        self.place(part).widest
+        self.middle(part).widest
     }
 
     /// Width of a part's pixel on its surface, metres, about.
     pub(in crate::ldi) fn width_m(&self, part: usize) -> f32 {
-        self.place(part).width_m
+        self.middle(part).width_m
     }
 
     /// How many samples a part takes at most, of so many that one alone takes: as many as make up for what its surface lacks of
     /// the window.
     pub(in crate::ldi) fn most_samples(&self, part: usize, samples: f32) -> f32 {
-        (samples * ENOUGH_SHARE / self.place(part).share).clamp(1.0, samples.max(1.0))
+        (samples * ENOUGH_SHARE / self.middle(part).share).clamp(1.0, samples.max(1.0))
     }
 
     /// What windows over blocks hold about each part, by [`Self::of`], on surfaces where samples vary by so much.
     pub(in crate::ldi) fn pooled(&self, windows: &Windows, expected: &[f32]) -> Vec<Pooled> {
-        let pooled = |readers: &mut Vec<Reader>, place: &Place| {
-            let Place { surface, position, width_m, .. } = place;
-            widened(None, &[], readers, (surface, *position, *width_m), expected[surface.class as usize])
+        let place = |number: usize| {
+            let Middle { surface, position, width_m, .. } = &self.middles[number];
+            let expected = expected[surface.class as usize];
+            Place { surface, position: *position, width_m: *width_m, expected }
         };
-        self.places.par_iter().map_init(|| windows.readers(), pooled).collect()
+        pooled(self.middles.len(), place, windows, None)
     }
 
     /// The number of what is known of a part.
