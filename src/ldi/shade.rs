@@ -128,7 +128,8 @@ impl Shader<'_> {
         let [columns, rows] = pixel.grid(&paint);
         let mut sum = mean.map(|c| acc.count * columns * rows * u32::from(c));
         for i in 0..columns * rows {
-            let at = [(i % columns, columns), (i / columns, rows)].map(|(i, side)| (f64::from(i) + 0.5) / f64::from(side));
+            let at =
+                [(i % columns, columns), (i / columns, rows)].map(|(i, side)| (f64::from(i) + 0.5) / f64::from(side));
             let on_it = pixel.weights(at).filter(|&[u, v]| paint.is_solid(u, v));
             let albedo = on_it.map_or(mean, |[u, v]| paint.albedo(u, v).map(sixteen_bits));
             sum.iter_mut().zip(albedo).for_each(|(sum, c)| *sum += WORTH_OF_GRID * u32::from(c));
@@ -190,8 +191,8 @@ impl PixelOnTriangle {
     /// limits. Within a texel a texture is so smooth that its middle tells.
     fn grid(&self, paint: &Paint) -> [u32; 2] {
         const MOST: f32 = 3.0;
-        let [here, right, below] =
-            [self.first, self.first + self.steps[0], self.first + self.steps[1]].map(|at| paint.texel_at(second_and_third(at)));
+        let [here, right, below] = [self.first, self.first + self.steps[0], self.first + self.steps[1]]
+            .map(|at| paint.texel_at(second_and_third(at)));
         // A NaN is one.
         [right, below].map(|there| (there - here).abs().max_element().ceil().clamp(1.0, MOST).max(1.0) as u32)
     }

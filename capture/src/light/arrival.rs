@@ -100,7 +100,9 @@ mod tests {
 
     #[test]
     fn powers_of_two_are_the_least_that_are_not_below() {
-        for (length, expected) in [(1.0, 1.0), (1.000_000_1, 2.0), (0.75, 1.0), (5.0, 8.0), (0.25, 0.25), (3e-9, 2f32.powi(-28))] {
+        for (length, expected) in
+            [(1.0, 1.0), (1.000_000_1, 2.0), (0.75, 1.0), (5.0, 8.0), (0.25, 0.25), (3e-9, 2f32.powi(-28))]
+        {
             let (exponent, power) = power_of_two_above(length);
             assert_eq!((power, exponent), (expected, (127 + expected.log2() as i32) as u8), "{length}");
         }

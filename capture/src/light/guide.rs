@@ -6,8 +6,8 @@
 //! Path Tracing using the Photon Map"; Mueller et al. 2017, "Practical Path Guiding"), and what is learnt is the root of the mean square
 //! of the light, by which the variance of one ray is least (Rath et al. 2020, "Variance-Aware Path Guiding").
 
-use super::pilot::percentile;
 use super::arrival::power_of_two_above;
+use super::pilot::percentile;
 use super::square::{self, BINS, SquareDensity};
 use super::{FIRST_DIRECTION, LightSample, Lighting, LitPoint, Path, luminance};
 use crate::sampler::{cosine_direction, random4, square_from_disk};
@@ -38,6 +38,9 @@ const GUIDED: f32 = 0.75;
 /// A guide is worth the look if it takes this share of a light sample's variance: in its cell, and, as every point is looked up in
 /// every guide, of all places together. Where none is worth it, rays cost a fifth less.
 const WORTH: f64 = 0.25;
+
+/// What is darker, exposed, is as good as black.
+const DARK: f64 = 0.005;
 
 /// Rays from the local origin whose ends, and the ends of one ray from each, are the places to be learnt.
 const PLACES: u32 = 4096;
@@ -191,8 +194,8 @@ impl Lighting {
 fn worth_the_look(cells: impl Iterator<Item = (usize, Learnt)>) -> bool {
     let (mut variance, mut saved) = (0.0, 0.0);
     for (places, learnt) in cells {
-        variance += places as f64 * learnt.variance;
-        saved += places as f64 * learnt.saved;
+        variance += places as f64 * learnt.variance * learnt.shows;
+        saved += places as f64 * learnt.saved * learnt.shows;
     }
     saved > WORTH * variance
 }
@@ -218,21 +221,22 @@ impl Lessons {
     /// By which first rays should be drawn, if that would make samples less noisy by much.
     fn learnt(&self) -> Learnt {
         let variance = self.by_rays.variance() + self.by_points.variance();
+        let shows = (self.by_rays.mean() + self.by_points.mean()).max(DARK).powi(-2);
         let (squares, counts) = (blurred(&self.squares), blurred(&self.counts));
         let mean_squares: [f32; BINS * BINS] = std::array::from_fn(|i| squares[i] / counts[i].max(1e-3));
         let roots = mean_squares.map(f32::sqrt);
         let mean = roots.iter().sum::<f32>() / roots.len() as f32;
         if mean <= 0.0 || !mean.is_finite() {
-            return Learnt { variance, saved: 0.0, density: None };
+            return Learnt { variance, shows, saved: 0.0, density: None };
         }
         let densities = roots.map(|root| 1.0 - GUIDED + GUIDED * root / mean);
         let today: f32 = mean_squares.iter().sum();
         let guided: f32 = mean_squares.iter().zip(&densities).map(|(square, density)| square / density).sum();
         let saved = f64::from((today - guided) / (BINS * BINS) as f32);
         if saved > WORTH * variance {
-            Learnt { variance, saved, density: Some(SquareDensity::new(&densities)) }
+            Learnt { variance, shows, saved, density: Some(SquareDensity::new(&densities)) }
         } else {
-            Learnt { variance, saved: 0.0, density: None }
+            Learnt { variance, shows, saved: 0.0, density: None }
         }
     }
 }
@@ -241,6 +245,8 @@ impl Lessons {
 struct Learnt {
     /// Variance of a light sample whose first ray is cosine-weighted.
     variance: f64,
+    /// How much of a variance is seen: less where it is bright. Beside a lamp samples vary by more than in all of the room that it lights.
+    shows: f64,
     /// What of it a guide takes.
     saved: f64,
     /// The guide, if it is worth the look.
@@ -262,9 +268,12 @@ impl Moments {
         self.count += 1;
     }
 
+    fn mean(&self) -> f64 {
+        self.sum / f64::from(self.count.max(1))
+    }
+
     fn variance(&self) -> f64 {
-        let count = f64::from(self.count.max(1));
-        (self.squares / count - (self.sum / count).powi(2)).max(0.0)
+        (self.squares / f64::from(self.count.max(1)) - self.mean().powi(2)).max(0.0)
     }
 }
 

@@ -105,7 +105,8 @@ impl Paint<'_> {
 
     /// Where the albedo texture is looked up, texels from a corner of the plane of its copies; 0 without a texture.
     pub fn texel_at(&self, [u, v]: [f32; 2]) -> Vec2 {
-        let size = self.texture.map_or(Vec2::ZERO, |texture| Vec2::new(texture.width() as f32, texture.height() as f32));
+        let size =
+            self.texture.map_or(Vec2::ZERO, |texture| Vec2::new(texture.width() as f32, texture.height() as f32));
         Vec2::from(self.texcoord([1.0 - u - v, u, v])) * size
     }
 

@@ -134,7 +134,8 @@ impl Blocks {
     /// The surfaces of the smallest blocks, each with the middle of its block, pixels.
     pub(super) fn middles(&self, size_px: u32) -> Vec<(Surface, [f32; 2])> {
         let Level { blocks, lattice, .. } = &self.levels[0];
-        let middle = |cell: u32| [cell % blocks, cell / blocks].map(|c| (c as f32 + 0.5) * size_px as f32 / *blocks as f32);
+        let middle =
+            |cell: u32| [cell % blocks, cell / blocks].map(|c| (c as f32 + 0.5) * size_px as f32 / *blocks as f32);
         let cells = (0..blocks * blocks).flat_map(|cell| lattice.cell(cell as usize).map(move |_| middle(cell)));
         lattice.surfaces.iter().copied().zip(cells).collect()
     }

@@ -35,7 +35,13 @@ pub(in crate::ldi) struct Survey<'a> {
 
 impl<'a> Survey<'a> {
     /// Of blocks and windows over them that need not hold light yet.
-    pub(in crate::ldi) fn new(face: Face, size_px: u32, blocks: &Blocks, windows: &Windows, members: &'a Members) -> Self {
+    pub(in crate::ldi) fn new(
+        face: Face,
+        size_px: u32,
+        blocks: &Blocks,
+        windows: &Windows,
+        members: &'a Members,
+    ) -> Self {
         let middle = |readers: &mut Vec<Reader>, (surface, position): (Surface, [f32; 2])| {
             let (mut small, mut widest) = (0.0, 0.0f32);
             for (number, reader) in readers.iter_mut().enumerate() {

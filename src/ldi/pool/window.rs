@@ -253,7 +253,8 @@ mod tests {
             let samples = if a < 0.1 { 0.0 } else { 0.02 + 2.0 * b };
             let light = samples * (0.5 + 0.3 * c) * if d < 0.2 { 0.2 } else { 1.0 };
             let share = if d > 0.9 { 0.01 } else { c };
-            let sums = [light, 0.9 * light, 1.1 * light, samples, light * light + 0.2 * samples, samples * d * d, share, 0.0];
+            let sums =
+                [light, 0.9 * light, 1.1 * light, samples, light * light + 0.2 * samples, samples * d * d, share, 0.0];
             (sums, 30.0 * 4f32.powi(number as i32), 0.02 * 2f32.powi(number as i32))
         };
         (0..5).map(level).collect()
@@ -300,7 +301,9 @@ mod tests {
             open *= 1.0 - trusted * bias * bias / (bias * bias + error2);
             let shares = [open, open, open, open.max(1.0 - trusted), open, open];
             let [r, g, b] = wide.light;
-            for ((all, wide), share) in all.iter_mut().zip([r, g, b, wide.variance, wide.samples, wide.parts]).zip(shares) {
+            for ((all, wide), share) in
+                all.iter_mut().zip([r, g, b, wide.variance, wide.samples, wide.parts]).zip(shares)
+            {
                 *all += (wide - *all) * share;
             }
             last = wide;
