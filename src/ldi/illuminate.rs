@@ -12,7 +12,7 @@ use super::pool::{Blocks, Classes, Gathered, Pooled, Pooling, Survey, Windows, s
 use super::rows::{self, Row};
 use super::shade::{LitPart, Shader, Spot};
 use super::spread::{Share, spread};
-use crate::capture::light::{Arrival, LightSample, LitPoint, luminance};
+use crate::capture::light::{Arrival, LightSample, LitPoint, luminance, shown_slope};
 use crate::capture::rig::Face;
 use crate::capture::sampler::random4;
 use crate::progress::Progress;
@@ -151,10 +151,8 @@ impl FaceLight<'_> {
     fn wanted(&self, part: &LitPart, pooled: &Pooled, most: f32) -> f32 {
         let shown = luminance(LitPart { soft: pooled.light, ..*part }.color().to_array());
         let albedo = luminance(part.albedo.map(|c| f32::from(c) / 65_535.0));
-        // Slope of the sRGB curve, about; what is brighter than white is shown as white.
-        let slope = 0.44 * shown.max(0.005).powf(-0.58) * if shown > 1.0 { 0.25 } else { 1.0 };
         // Variance of the colour that one sample a part leaves, squared sRGB levels.
-        let variance = (255.0 * albedo * slope).powi(2) * pooled.variance / pooled.parts.max(1.0);
+        let variance = (255.0 * albedo * shown_slope(shown)).powi(2) * pooled.variance / pooled.parts.max(1.0);
         let needed = self.shader.samples as f32 * variance / (ENOUGH_LEVELS * ENOUGH_LEVELS);
         let taken = pooled.samples / pooled.parts.max(1.0);
         (needed.min(most) - taken).max(0.0)

@@ -243,6 +243,35 @@ mod tests {
     }
 
     #[test]
+    fn a_pixel_has_as_many_points_as_it_passes_texels() {
+        use crate::capture::scene::{Scene, Triangle};
+        use crate::capture::{Material, Texture};
+        use glam::Vec2;
+        // Two metres at 2 m: 64 pixels of the face; the texture runs along them, across more slowly.
+        let grid = |texels: u32| {
+            let material = Material { albedo_texture: Some(0), ..Material::default() };
+            let scene = Scene {
+                texcoords: vec![Vec2::ZERO, Vec2::X, Vec2::Y],
+                triangles: vec![Triangle { vertices: [0, 1, 2], material: 0 }],
+                materials: vec![material],
+                textures: vec![Texture::from_fn(texels, texels / 2, |_, _| [255; 4])],
+                ..Scene::default()
+            };
+            let triangle = [Vec3::new(-1.0, 1.0, -2.0), Vec3::new(1.0, 1.0, -2.0), Vec3::new(-1.0, -1.0, -2.0)];
+            PixelOnTriangle::new(Face::NegZ, [40, 40], 128, triangle).grid(&scene.paint(0))
+        };
+        assert_eq!([48, 96, 150, 400].map(grid), [[1, 1], [2, 1], [3, 2], [3, 3]]);
+        let edge_on = [Vec3::ZERO, Vec3::X, Vec3::Y];
+        let flat = Scene { triangles: vec![Triangle { vertices: [0; 3], material: 0 }], ..Scene::default() };
+        let flat = Scene { materials: vec![Material::default()], ..flat };
+        assert_eq!(
+            PixelOnTriangle::new(Face::NegZ, [0, 0], 8, edge_on).grid(&flat.paint(0)),
+            [1, 1],
+            "of what is no number"
+        );
+    }
+
+    #[test]
     fn light_is_sampled_on_the_triangle_itself() {
         let triangle = [Vec3::new(-1.0, -1.0, -2.0), Vec3::new(1.0, -1.0, -2.0), Vec3::new(0.0, 2.0, -2.0)];
         let hit = on_triangle(Vec3::new(0.1, 0.0, -1.0), triangle).unwrap();

@@ -66,7 +66,7 @@ pub(super) fn power_of_two_above(length: f32) -> (u8, f32) {
     // A float is its exponent, and beneath it what is beyond that power.
     const MANTISSA: u32 = (1 << 23) - 1;
     let power = (length.clamp(1e-30, 1e30).to_bits() + MANTISSA) & !MANTISSA;
-    ((power >> 23) as u8, f32::from_bits(power))
+    (((power >> 23) as u8).wrapping_sub(127), f32::from_bits(power))
 }
 
 impl Lighting {
@@ -104,7 +104,7 @@ mod tests {
             [(1.0, 1.0), (1.000_000_1, 2.0), (0.75, 1.0), (5.0, 8.0), (0.25, 0.25), (3e-9, 2f32.powi(-28))]
         {
             let (exponent, power) = power_of_two_above(length);
-            assert_eq!((power, exponent), (expected, (127 + expected.log2() as i32) as u8), "{length}");
+            assert_eq!((power, exponent), (expected, expected.log2() as i32 as u8), "{length}");
         }
         for length in [0.0, -1.0, f32::INFINITY] {
             assert!(power_of_two_above(length).1.is_normal(), "{length}");

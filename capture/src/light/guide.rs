@@ -9,7 +9,7 @@
 use super::arrival::power_of_two_above;
 use super::pilot::percentile;
 use super::square::{self, BINS, SquareDensity};
-use super::{FIRST_DIRECTION, LightSample, Lighting, LitPoint, Path, luminance};
+use super::{FIRST_DIRECTION, LightSample, Lighting, LitPoint, Path, luminance, shown_slope};
 use crate::sampler::{cosine_direction, random4, square_from_disk};
 use crate::trace::{Ray, Tracer};
 use glam::{Quat, Vec3};
@@ -38,9 +38,6 @@ const GUIDED: f32 = 0.75;
 /// A guide is worth the look if it takes this share of a light sample's variance: in its cell, and, as every point is looked up in
 /// every guide, of all places together. Where none is worth it, rays cost a fifth less.
 const WORTH: f64 = 0.25;
-
-/// What is darker, exposed, is as good as black.
-const DARK: f64 = 0.005;
 
 /// Rays from the local origin whose ends, and the ends of one ray from each, are the places to be learnt.
 const PLACES: u32 = 4096;
@@ -221,7 +218,7 @@ impl Lessons {
     /// By which first rays should be drawn, if that would make samples less noisy by much.
     fn learnt(&self) -> Learnt {
         let variance = self.by_rays.variance() + self.by_points.variance();
-        let shows = (self.by_rays.mean() + self.by_points.mean()).max(DARK).powi(-2);
+        let shows = f64::from(shown_slope((self.by_rays.mean() + self.by_points.mean()) as f32)).powi(2);
         let (squares, counts) = (blurred(&self.squares), blurred(&self.counts));
         let mean_squares: [f32; BINS * BINS] = std::array::from_fn(|i| squares[i] / counts[i].max(1e-3));
         let roots = mean_squares.map(f32::sqrt);
@@ -394,12 +391,34 @@ mod tests {
 
     #[test]
     fn few_places_that_gain_are_not_worth_the_look() {
-        let cells = |many: usize, variance: f64, saved: f64| (many, Learnt { variance, saved, density: None });
+        let shown = |shows: f64| {
+            move |many: usize, variance: f64, saved: f64| (many, Learnt { variance, shows, saved, density: None })
+        };
+        let cells = shown(1.0);
         assert!(worth_the_look([cells(6, 4.0, 2.0), cells(4, 4.0, 0.0)].into_iter()), "12 of 40");
         assert!(!worth_the_look([cells(4, 4.0, 2.0), cells(6, 4.0, 0.0)].into_iter()), "8 of 40");
         // Most gain, but not those from which the noise comes.
         assert!(!worth_the_look([cells(8, 4.0, 2.0), cells(2, 40.0, 0.0)].into_iter()));
+        // Unless it comes from where light is so bright that it does not show.
+        assert!(worth_the_look([cells(8, 4.0, 2.0), shown(0.01)(2, 40.0, 0.0)].into_iter()));
         assert!(!worth_the_look(std::iter::empty()));
+    }
+
+    #[test]
+    fn noise_shows_less_where_it_is_bright() {
+        let lessons = |light: f64| {
+            let mut lessons = Lessons::default();
+            for level in [0.5 * light, 1.5 * light] {
+                lessons.by_rays.add(level as f32);
+            }
+            let learnt = lessons.learnt();
+            learnt.variance * learnt.shows
+        };
+        assert!(
+            lessons(0.9) < 9.1 * lessons(0.3) && lessons(0.3) > lessons(0.1),
+            "less than as the square of the light"
+        );
+        assert!(lessons(2.0) < lessons(0.9) && lessons(0.0) == 0.0, "what is white is white");
     }
 
     #[test]

@@ -382,6 +382,12 @@ impl Lighting {
     }
 }
 
+/// By how many sRGB levels, as a share of all, a picture changes with its linear light where it is so bright, about: the slope of the sRGB
+/// curve. What is brighter than white is shown as white, and its noise hardly.
+pub fn shown_slope(level: f32) -> f32 {
+    0.44 * level.max(0.005).powf(-0.58) * if level > 1.0 { 0.25 } else { 1.0 }
+}
+
 /// What the linear RGB of Rec. 709 count in [`luminance`].
 pub const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
 

@@ -165,7 +165,7 @@ impl<S: Simd> Chosen<S> {
         self.pooled = self.pooled.or(wide, begins);
         self.last = self.last.or(wide, begins);
         self.open = (may_count | begins).select(self.open, f32x8::splat(radius_m.token(), 0.0));
-        self.begun = self.begun | begins;
+        self.begun |= begins;
     }
 
     /// Whether any part may go on.
