@@ -65,7 +65,9 @@ impl Arrival {
 pub(super) fn power_of_two_above(length: f32) -> (u8, f32) {
     // A float is its exponent, and beneath it what is beyond that power.
     const MANTISSA: u32 = (1 << 23) - 1;
-    let power = (length.clamp(1e-30, 1e30).to_bits() + MANTISSA) & !MANTISSA;
+    // What is no number is small.
+    let length = if length > 1e-30 { length.min(1e30) } else { 1e-30 };
+    let power = (length.to_bits() + MANTISSA) & !MANTISSA;
     (((power >> 23) as u8).wrapping_sub(127), f32::from_bits(power))
 }
 
@@ -106,7 +108,7 @@ mod tests {
             let (exponent, power) = power_of_two_above(length);
             assert_eq!((power, exponent), (expected, expected.log2() as i32 as u8), "{length}");
         }
-        for length in [0.0, -1.0, f32::INFINITY] {
+        for length in [0.0, -1.0, f32::INFINITY, f32::NAN, -f32::NAN] {
             assert!(power_of_two_above(length).1.is_normal(), "{length}");
         }
     }

@@ -11,6 +11,8 @@
 //!   the distances to what light comes from, with which Ward, Rubinstein and Clear (1988, "A ray tracing solution for diffuse
 //!   interreflection") bound the gradient of irradiance. Contact shadows stay.
 //!
+//! The same windows say, block by block, where samples are wanted ([`survey`]). They are chosen for some places at a time ([`beside`]).
+//!
 //! Where light comes from so near that nothing wider would count, it is averaged along the line across which light changes ([`along`]).
 //!
 //! The narrowest window on large surfaces is a sum over dilated rows and columns ([`narrow`]), as in the a-trous wavelet transform
