@@ -93,3 +93,35 @@ impl<'a> Survey<'a> {
         self.members.of(part)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::part;
+    use super::*;
+    use crate::ldi::parts::FaceParts;
+
+    #[test]
+    fn what_is_decided_for_a_block_is_decided_where_its_parts_are() {
+        const SIZE: u32 = 64;
+        // A narrow strip of one wall beside another, and in each pixel a leaf of its own.
+        let of_pixel =
+            |p: u32| [part(if p % SIZE < 6 { 1 } else { 2 }, 5.0), part(3, 4.0 - 0.01 * p as f32 / SIZE as f32)];
+        let parts = (0..SIZE * SIZE).flat_map(of_pixel).collect();
+        let face = FaceParts { size_px: SIZE, offsets: (0..=SIZE * SIZE).map(|p| 2 * p).collect(), parts };
+        let (blocks, members) = Blocks::new(&face);
+        let windows = Windows::new(Face::NegZ, SIZE, &blocks, [None; 6]);
+        let survey = Survey::new(Face::NegZ, SIZE, &blocks, &windows, &members);
+        for (p, part) in face.parts.iter().enumerate() {
+            let (middle, pixel) = (survey.middle(p), [p as u32 / 2 % SIZE, p as u32 / 2 / SIZE]);
+            assert!(middle.surface.is_same(&Surface::of(part)), "part {p}");
+            // Blocks are four pixels wide.
+            let is_near = |c: usize| (middle.position[c] - pixel[c] as f32 - 0.5).abs() <= 1.5;
+            assert!(is_near(0) && is_near(1), "part {p} at {pixel:?}: {:?}", middle.position);
+        }
+        let [strip, wall] = [2, 40].map(|x| 2 * (32 * SIZE + x) as usize);
+        assert!(survey.widest(strip) < 0.3 * survey.widest(wall), "{} {}", survey.widest(strip), survey.widest(wall));
+        // At 5 m each pixel of 64 of a face is 2 / 64 of that wide, a little more beside the middle.
+        assert!((survey.width_m(wall) / 0.15625 - 1.0).abs() < 0.1, "{}", survey.width_m(wall));
+        assert_eq!(survey.most_samples(wall, 4.0), 1.0);
+    }
+}

@@ -6,7 +6,7 @@ use crate::ldi::shade::LitPart;
 
 const SIZE: u32 = 64;
 
-fn part(class: u16, plane_distance: f32) -> LitPart {
+pub(super) fn part(class: u16, plane_distance: f32) -> LitPart {
     LitPart {
         key: RayKey(0),
         count: 1,
