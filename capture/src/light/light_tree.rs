@@ -21,7 +21,7 @@ pub(super) struct Leaf {
 /// Nodes right below one.
 const WIDTH: usize = 8;
 
-/// Boxes around lights, side by side: they are weighed against each other together, and hundreds of lights are three steps away.
+/// Boxes around lights, side by side: they are weighed against each other together, and hundreds of lights are a few steps away.
 #[derive(Clone, Debug, PartialEq)]
 struct Node {
     /// Of the boxes, `[axis][box]`.
