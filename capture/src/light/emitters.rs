@@ -1,7 +1,8 @@
 //! Emissive triangles, and light straight from them: by points drawn on them and by a path's rays that meet one.
 //!
 //! Each sample counts by the balance heuristic, as with the sky ([`super::sky`]): no point that is drawn on a lamp then counts more
-//! than the lamp is bright, however close to it the lit place lies, where points alone are rare and thousands of times too bright.
+//! than the lamp is bright (four times that, where rays are guided), however close to it the lit place lies, where points alone are rare
+//! and thousands of times too bright. At the last vertex of a path, whose rays meet nothing, points are alone.
 
 use super::guide::Directions;
 use super::light_tree::{Leaf, LightTree};
@@ -27,7 +28,7 @@ impl Emitters {
                 return None;
             }
             let corners @ [a, b, c] = tracer.triangle(primitive);
-            let power = area(corners) * luminance(scene.surface(primitive, 1.0 / 3.0, 1.0 / 3.0).emission);
+            let power = area(corners) * luminance(scene.mean_emission(primitive));
             let bounds = [a.min(b).min(c), a.max(b).max(c)];
             (power > 0.0 && power.is_finite()).then_some(Leaf { bounds, power, name: primitive })
         };
@@ -76,10 +77,17 @@ impl Lighting {
         if cos_here <= 0.0 || cos_here.is_nan() || direction.dot(point.normal) <= 0.0 {
             return Vec3::ZERO;
         }
-        let cos_there = direction.dot(tracer.geometric_normal(primitive)).abs();
-        // Stop short of the light itself.
-        let ray = Ray { origin, direction: offset, t_min: 0.0, t_max: 0.999 };
-        if cos_there <= 0.0 || tracer.occluded(&ray) {
+        let normal = tracer.geometric_normal(primitive);
+        let cos_there = direction.dot(normal).abs();
+        if cos_there <= 0.0 || !tracer.is_seen(direction, primitive, u, v) {
+            return Vec3::ZERO;
+        }
+        // Stop short of the light itself by as much as the ray starts above its own surface, or as would do there.
+        let normal = if direction.dot(normal) > 0.0 { -normal } else { normal };
+        let extent = tracer.extent(primitive).max(origin.abs().max_element());
+        let end = LitPoint { position: target, normal, shading_normal: normal, extent }.lifted();
+        let ray = Ray { origin, direction: end - origin, t_min: 0.0, t_max: 1.0 };
+        if tracer.occluded(&ray) {
             return Vec3::ZERO;
         }
         let density = probability * distance2 / (area(corners) * cos_there);
@@ -113,13 +121,13 @@ impl Lighting {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Material;
     use crate::scene::{Scene, Triangle};
-    use glam::{DVec3, dvec3};
+    use crate::{Cutout, Material, Texture};
+    use glam::{DVec3, Vec2, dvec3};
     use std::sync::Arc;
 
-    /// A square lamp of 1 m^2 of this radiance in the plane y = 0, in so many pieces a side.
-    fn lamp(radiance: f32, pieces: u32) -> Tracer {
+    /// A square lamp of 1 m^2 of this radiance in the plane y = 0, in so many pieces a side; its texture coordinates are x and z.
+    fn lamp_scene(radiance: f32, pieces: u32) -> Scene {
         let materials = vec![Material { emission: [radiance; 3], albedo: [0.0; 3], ..Material::default() }];
         let mut scene = Scene { materials, ..Scene::default() };
         for i in 0..pieces * pieces {
@@ -127,13 +135,33 @@ mod tests {
                 let [x, z] = [i % pieces + dx, i / pieces + dz].map(|c| f64::from(c) / f64::from(pieces) - 0.5);
                 dvec3(x, 0.0, z)
             };
-            let first = scene.positions.len() as u32;
-            scene.positions.extend([corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)]);
-            for vertices in [[first, first + 1, first + 2], [first, first + 2, first + 3]] {
-                scene.triangles.push(Triangle { vertices, material: 0 });
-            }
+            add_quad(&mut scene, [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)], 0);
         }
-        Tracer::new(Arc::new(scene), DVec3::ZERO)
+        scene.texcoords = scene.positions.iter().map(|p| Vec2::new(p.x as f32 + 0.5, p.z as f32 + 0.5)).collect();
+        scene
+    }
+
+    fn add_quad(scene: &mut Scene, corners: [DVec3; 4], material: u32) {
+        let first = scene.positions.len() as u32;
+        scene.positions.extend(corners);
+        for vertices in [[0, 1, 2], [0, 2, 3]] {
+            scene.triangles.push(Triangle { vertices: vertices.map(|v| first + v), material });
+        }
+    }
+
+    fn lamp(radiance: f32, pieces: u32) -> Tracer {
+        Tracer::new(Arc::new(lamp_scene(radiance, pieces)), DVec3::ZERO)
+    }
+
+    /// The mean of many light samples at a place at height `y` above or below the lamp's middle, which looks at it.
+    fn light_at(scene: Scene, y: f64, bounces: u32) -> f64 {
+        const SAMPLES: u32 = 1 << 14;
+        let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
+        let lighting = Lighting::of_scene(&tracer, bounces);
+        let normal = Vec3::Y * -y.signum() as f32;
+        let point = LitPoint { position: Vec3::Y * y as f32, normal, shading_normal: normal, extent: 1.0 };
+        let light = |index| lighting.soft_radiosity(&tracer, &point, &LightSample { stream: 5, index }).x;
+        (0..SAMPLES).map(|index| f64::from(light(index))).sum::<f64>() / f64::from(SAMPLES)
     }
 
     /// Share of what a place sees that a parallel square of 1 m^2 fills, h metres away and right above it: four corners of 1/2 m.
@@ -161,5 +189,79 @@ mod tests {
             let tolerance = 3.0 * expected / f64::from(SAMPLES).sqrt();
             assert!((mean - expected).abs() < tolerance, "{h} m, {pieces} pieces: {mean}, not {expected}");
         }
+    }
+
+    #[test]
+    fn holes_of_a_lamp_do_not_shine() {
+        let mut scene = lamp_scene(3.0, 1);
+        // Opaque to its middle, between the middles of its texels.
+        scene.textures = vec![Texture::from_fn(2, 1, |x, _| [255, 255, 255, if x == 0 { 255 } else { 0 }])];
+        scene.materials[0].cutout = Some(Cutout { texture: 0, threshold: 0.5 });
+        for bounces in [0, 1] {
+            let (found, expected) = (light_at(scene.clone(), -1.0, bounces), 1.5 * form_factor(1.0));
+            assert!((found - expected).abs() < 0.03 * expected, "{found}, not {expected}");
+        }
+    }
+
+    #[test]
+    fn lamps_in_the_same_place_are_one() {
+        let turned = |material: u32| {
+            let mut scene = lamp_scene(3.0, 2);
+            scene.materials.push(Material { albedo: [0.0; 3], ..Material::default() });
+            let twin =
+                |it: &Triangle| Triangle { vertices: [it.vertices[0], it.vertices[2], it.vertices[1]], material };
+            let twins: Vec<Triangle> = scene.triangles.iter().map(twin).collect();
+            scene.triangles.extend(twins);
+            scene
+        };
+        let expected = 3.0 * form_factor(1.0);
+        for y in [-1.0, 1.0] {
+            let found = light_at(turned(0), y, 1);
+            assert!((found - expected).abs() < 0.03 * expected, "{y}: {found}, not {expected}");
+        }
+        // A lamp with a dark back.
+        let [below, above] = [-1.0, 1.0].map(|y| light_at(turned(1), y, 1));
+        assert_eq!(below.min(above), 0.0);
+        assert!((below.max(above) - expected).abs() < 0.03 * expected, "{below}, {above}, not {expected}");
+    }
+
+    #[test]
+    fn a_sheet_right_before_a_lamp_hides_it() {
+        let with_sheet = |y: f64| {
+            let mut scene = lamp_scene(3.0, 1);
+            scene.materials.push(Material { albedo: [0.0; 3], ..Material::default() });
+            scene.texcoords.clear();
+            let corner = |x: f64, z: f64| dvec3(x, y, z);
+            add_quad(&mut scene, [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)], 1);
+            light_at(scene, -5.0, 1)
+        };
+        assert_eq!(with_sheet(-1e-3), 0.0);
+        let expected = 3.0 * form_factor(5.0);
+        let found = with_sheet(1e-3);
+        assert!((found - expected).abs() < 0.03 * expected, "behind it: {found}, not {expected}");
+    }
+
+    #[test]
+    fn a_lamp_that_is_dark_in_its_middle_shines_by_its_rim() {
+        let mut scene = lamp_scene(3.0, 1);
+        scene.textures = vec![Texture::from_fn(6, 1, |x, _| [if (1..5).contains(&x) { 0 } else { 255 }; 4])];
+        scene.materials[0].emission_texture = Some(0);
+        const STEPS: u32 = 200;
+        let step = |i: u32| (f64::from(i) + 0.5) / f64::from(STEPS) - 0.5;
+        // What each small square brings to the place a metre below: cosines here and there over squared distance.
+        let brings = |(i, j): (u32, u32)| {
+            let (x, z) = (step(i), step(j));
+            let texel = scene.textures[0].sample(x as f32 + 0.5, 0.5)[0];
+            3.0 * f64::from(texel) / (std::f64::consts::PI * (1.0 + x * x + z * z).powi(2))
+        };
+        let all = (0..STEPS).flat_map(|i| (0..STEPS).map(move |j| (i, j))).map(brings).sum::<f64>();
+        let expected = all / f64::from(STEPS * STEPS);
+        // By points alone, as where a path ends.
+        let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
+        let lighting = Lighting::of_scene(&tracer, 1);
+        let point = LitPoint { position: -Vec3::Y, normal: Vec3::Y, shading_normal: Vec3::Y, extent: 1.0 };
+        let light = |index| lighting.emitter_light(&tracer, &point, &LightSample { stream: 5, index }, 0, None).x;
+        let found = (0..1 << 14).map(|index| f64::from(light(index))).sum::<f64>() / f64::from(1 << 14);
+        assert!((found - expected).abs() < 0.05 * expected, "{found}, not {expected}");
     }
 }

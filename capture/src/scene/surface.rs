@@ -58,6 +58,31 @@ impl Scene {
         (Vec3::from(material.emission) * texel).max(Vec3::ZERO).into()
     }
 
+    /// [`Surface::emission`] of a triangle, averaged: over points about a texel apart, or a 32nd of its longest side where that is more.
+    pub fn mean_emission(&self, primitive: u32) -> [f32; 3] {
+        const MOST_STEPS: f32 = 32.0;
+        let material = &self.materials[self.triangles[primitive as usize].material as usize];
+        let Some(index) = material.emission_texture else { return self.emission(primitive, 1.0 / 3.0, 1.0 / 3.0) };
+        let texture = &self.textures[index as usize];
+        let [a, b, c] = self.paint(primitive).texcoords;
+        let size = Vec2::new(texture.width() as f32, texture.height() as f32);
+        let longest =
+            [b - a, c - a, c - b].map(|edge| (edge * size).abs().max_element()).into_iter().fold(0.0, f32::max);
+        let steps = longest.ceil().clamp(1.0, MOST_STEPS) as u32;
+        let third = 1.0 / (3.0 * steps as f32);
+        let (mut sum, mut count) = (Vec3::ZERO, 0);
+        // The middles of the small triangles into which parallels to its sides cut it.
+        for (i, j) in (0..steps).flat_map(|i| (0..steps - i).map(move |j| (i, j))) {
+            let middles = if i + j + 1 < steps { 1..=2 } else { 1..=1 };
+            for thirds in middles {
+                let [u, v] = [i, j].map(|i| (3 * i + thirds) as f32 * third);
+                sum += Vec3::from(self.emission(primitive, u, v));
+                count += 1;
+            }
+        }
+        (sum / count as f32).into()
+    }
+
     /// What colours triangle `primitive`, for looking at many points of it. Same conditions as [`Scene::surface`].
     #[inline]
     pub fn paint(&self, primitive: u32) -> Paint<'_> {

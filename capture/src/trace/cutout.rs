@@ -22,6 +22,12 @@ impl Cutouts {
         self.get(material).is_some()
     }
 
+    /// As [`Self::is_opaque`], of any triangle.
+    pub(super) fn is_there(&self, scene: &Scene, primitive: u32, weights: [f32; 2]) -> bool {
+        let has_holes = scene.triangles.get(primitive as usize).is_some_and(|triangle| self.has(triangle.material));
+        !has_holes || self.is_opaque(scene, primitive, weights)
+    }
+
     /// Whether the triangle is there at the point with barycentric weights `u` and `v` of its second and third vertex.
     #[cold]
     #[inline(never)]

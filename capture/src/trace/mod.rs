@@ -138,6 +138,14 @@ impl Tracer {
         self.facts.get(primitive as usize).map_or(0.0, |facts| facts.extent)
     }
 
+    /// Whether a ray along `direction` that meets a triangle at barycentric weights `u` and `v` sees it there: not in a hole of it, and not
+    /// where another one in the same place turns its front to the ray.
+    pub fn is_seen(&self, direction: Vec3, primitive: u32, u: f32, v: f32) -> bool {
+        let hit = Hit { t: 0.0, primitive, u, v };
+        self.cutouts.is_there(&self.scene, primitive, [u, v])
+            && self.twins.facing(direction, hit, |primitive| self.triangle(primitive)).primitive == primitive
+    }
+
     /// As [`Scene::surface`].
     pub fn surface(&self, primitive: u32, u: f32, v: f32) -> Surface {
         self.scene.surface_facing(primitive, self.geometric_normal(primitive), u, v)

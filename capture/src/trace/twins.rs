@@ -7,7 +7,7 @@
 use super::{Hit, build};
 use crate::Scene;
 use glam::{DVec3, Vec3};
-use std::collections::HashMap;
+use rustc_hash::FxHashMap;
 
 /// What stands for a triangle that shares its place with others.
 #[derive(Clone, Copy, Debug)]
@@ -21,7 +21,9 @@ struct Seen {
 #[derive(Debug)]
 pub(super) struct Twins {
     /// For each of them, what stands for it to a ray that meets its front, and to one that meets its back.
-    seen: HashMap<u32, [Seen; 2]>,
+    seen: FxHashMap<u32, [Seen; 2]>,
+    /// Bit k of number n: triangle 64 n + k is one of them. Asked at every hit, nearly always to be told that it is not.
+    shared: Vec<u64>,
 }
 
 /// A triangle with its corners in a canonical order.
@@ -67,15 +69,17 @@ impl Twins {
             .filter_map(|primitive| Some(Member::new(primitive, build::local_triangle(scene, origin, primitive)?)))
             .collect();
         members.sort_unstable_by_key(|member| (member.place, member.primitive));
-        let mut seen = HashMap::new();
+        let mut seen = FxHashMap::default();
+        let mut shared = vec![0; scene.triangles.len().div_ceil(64)];
         for group in members.chunk_by(|a, b| a.place == b.place).filter(|group| group.len() > 1) {
             for member in group {
                 let turned = |even: bool| group.iter().find(|other| other.is_even() == even).unwrap_or(&group[0]);
                 let sides = [turned(member.is_even()), turned(!member.is_even())];
                 seen.insert(member.primitive, sides.map(|other| member.seen_as(other)));
+                shared[member.primitive as usize / 64] |= 1 << (member.primitive % 64);
             }
         }
-        Self { seen }
+        Self { seen, shared }
     }
 
     /// True if every triangle has its place to itself.
@@ -83,8 +87,17 @@ impl Twins {
         self.seen.is_empty()
     }
 
+    /// Whether a triangle shares its place with another.
+    #[inline]
+    fn is_shared(&self, primitive: u32) -> bool {
+        self.shared.get(primitive as usize / 64).is_some_and(|bits| bits >> (primitive % 64) & 1 == 1)
+    }
+
     /// The hit that a ray sees instead of the one that was found; `corners` are those of a triangle.
     pub(super) fn facing(&self, direction: Vec3, hit: Hit, corners: impl Fn(u32) -> [Vec3; 3]) -> Hit {
+        if !self.is_shared(hit.primitive) {
+            return hit;
+        }
         let Some(sides) = self.seen.get(&hit.primitive) else { return hit };
         let [a, b, c] = corners(hit.primitive);
         let meets_back = (b - a).cross(c - a).dot(direction) > 0.0;
