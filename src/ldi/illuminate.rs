@@ -129,22 +129,23 @@ impl FaceLight<'_> {
     /// Samples of everything but the light straight from the sun.
     fn soft(&self, parts: &FaceParts) -> FaceSamples {
         let (mut blocks, members) = Blocks::new(parts);
+        let classes = parts.classes();
         let mut gathered = vec![Gathered::default(); parts.parts.len()];
         let windows = |blocks: &Blocks| Windows::new(self.face, self.size_px, blocks, [None; 6]);
         let survey = Survey::new(self.face, self.size_px, &blocks, &windows(&blocks), &members);
         let first_round = FIRST_ROUND * self.shader.samples as f32;
         let first = |p: usize| (first_round / survey.widest(p)).min(1.0);
         let wanted: Vec<f32> = (0..parts.parts.len()).into_par_iter().map(first).collect();
-        self.gather(parts, &survey, 0, &wanted, &mut gathered);
+        self.gather(parts, &survey, 0, spread(parts, &classes, &wanted), &mut gathered);
         blocks.fill(&members, &gathered);
-        let pooled = survey.pooled(&windows(&blocks), &Classes::of(parts, &gathered).variances());
+        let pooled = survey.pooled(&windows(&blocks), &Classes::of(&classes, &gathered).variances());
         let more = |(p, part): (usize, &LitPart)| {
             self.wanted(part, &pooled[survey.of(p)], survey.most_samples(p, self.shader.samples as f32))
         };
         let wanted: Vec<f32> = parts.parts.par_iter().enumerate().map(more).collect();
-        self.gather(parts, &survey, 1, &wanted, &mut gathered);
+        self.gather(parts, &survey, 1, spread(parts, &classes, &wanted), &mut gathered);
         blocks.fill(&members, &gathered);
-        FaceSamples { classes: Classes::of(parts, &gathered), gathered, blocks }
+        FaceSamples { classes: Classes::of(&classes, &gathered), gathered, blocks }
     }
 
     /// How many more samples a part takes: as many as bring the error of its colour down to what is enough, and no more than `most`.
@@ -158,10 +159,9 @@ impl FaceLight<'_> {
         (needed.min(most) - taken).max(0.0)
     }
 
-    /// Takes samples of soft light: so many as parts want, in a round of that number.
-    fn gather(&self, parts: &FaceParts, survey: &Survey, round: u32, wanted: &[f32], gathered: &mut [Gathered]) {
+    /// Takes samples of soft light, each part its share, in a round of that number.
+    fn gather(&self, parts: &FaceParts, survey: &Survey, round: u32, shares: Vec<Share>, gathered: &mut [Gathered]) {
         let (lighting, tracer) = (self.shader.lighting, self.shader.tracer);
-        let shares = spread(parts, wanted);
         let begin = |gathered: &mut Gathered, p: usize, pixel: [u32; 2], begun: &mut Vec<Begun>| {
             let (part, Share { first, count }) = (&parts.parts[p], shares[p]);
             if count == 0 {
@@ -188,7 +188,7 @@ impl FaceLight<'_> {
             gathered.samples += count as f32;
         };
         let rows = self.for_each_part(&parts.offsets, gathered, 1, begin);
-        let beyond = self.beyond(&rows);
+        let beyond = self.beyond(round, &rows);
         let add = |((first, gathered), (row, beyond)): (Row<Gathered>, (&Vec<Begun>, Vec<Vec3>))| {
             for (begun, beyond) in row.iter().zip(beyond) {
                 let light = begun.before + begun.arrival.brings(beyond);
@@ -204,8 +204,8 @@ impl FaceLight<'_> {
         random4([self.face.index() as u32, u32::from(part.class), kind, 1])[0]
     }
 
-    /// What lies beyond the arrivals of the samples of each row.
-    fn beyond(&self, rows: &[Vec<Begun>]) -> Vec<Vec<Vec3>> {
+    /// What lies beyond the arrivals of the samples of each row, in a round of that number.
+    fn beyond(&self, round: u32, rows: &[Vec<Begun>]) -> Vec<Vec<Vec3>> {
         let mut count = 0;
         let firsts: Vec<u32> = rows.iter().map(|row| (count, count += row.len() as u32).0).collect();
         let filed = |(first, row): (&u32, &Vec<Begun>)| -> Vec<(u64, u32, u32)> {
@@ -223,15 +223,17 @@ impl FaceLight<'_> {
             if self.progress.is_cancelled() {
                 return Vec3::ZERO;
             }
-            let drawn = &cell[..cell.len().min(SAMPLES_OF_CELL)];
-            let [stream, ..] = random4([cell[0].0 as u32, (cell[0].0 >> 32) as u32, 0xce11, 0]);
-            let light = |(index, &(_, _, i)): (u32, &(u64, u32, u32))| {
-                let sample = LightSample { stream, index };
+            // Copied first: each lies elsewhere in memory, and to wait for one is to wait for all.
+            let mut drawn = [None; SAMPLES_OF_CELL];
+            for (arrival, &(_, _, i)) in drawn.iter_mut().zip(*cell) {
                 let row = firsts.partition_point(|&first| first <= i) - 1;
-                let begun = &rows[row][(i - firsts[row]) as usize];
-                self.shader.lighting.beyond(self.shader.tracer, &begun.arrival, &sample)
+                *arrival = Some(rows[row][(i - firsts[row]) as usize].arrival);
+            }
+            let [stream, ..] = random4([cell[0].0 as u32, (cell[0].0 >> 32) as u32, 0xce11, round]);
+            let light = |(index, arrival): (u32, &Arrival)| {
+                self.shader.lighting.beyond(self.shader.tracer, arrival, &LightSample { stream, index })
             };
-            (0..).zip(drawn).map(light).sum::<Vec3>() / drawn.len() as f32
+            (0..).zip(drawn.iter().flatten()).map(light).sum::<Vec3>() / cell.len().min(SAMPLES_OF_CELL) as f32
         };
         let light: Vec<Vec3> = cells.par_iter().enumerate().map(light_of).collect();
         let of_sample = |i: usize| light[cell_of[i].load(Ordering::Relaxed) as usize];

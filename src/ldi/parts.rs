@@ -1,6 +1,7 @@
 //! The lit parts of a face.
 
 use super::shade::LitPart;
+use rayon::prelude::*;
 use std::ops::Range;
 
 /// The lit parts of a face, by pixel.
@@ -23,6 +24,11 @@ impl FaceParts {
     pub(super) fn range(&self, x: u32, y: u32) -> Range<usize> {
         let p = y as usize * self.size_px as usize + x as usize;
         self.offsets[p] as usize..self.offsets[p + 1] as usize
+    }
+
+    /// The class of every part.
+    pub(super) fn classes(&self) -> Vec<u16> {
+        self.parts.par_iter().map(|part| part.class).collect()
     }
 
     /// The pixel of every part.

@@ -15,8 +15,8 @@ pub(super) struct Share {
     pub(super) count: u32,
 }
 
-/// Spreads samples over parts that want so many each, by class ([`LitPart::class`](super::shade::LitPart::class)).
-pub(super) fn spread(parts: &FaceParts, wanted: &[f32]) -> Vec<Share> {
+/// Spreads samples over parts that want so many each, by class ([`LitPart::class`](super::shade::LitPart::class), of each part).
+pub(super) fn spread(parts: &FaceParts, classes: &[u16], wanted: &[f32]) -> Vec<Share> {
     let start = |class: u32| (unit_float(random4([class, 0x7368, 0x6172, 0x6521])[0]), 0);
     let mut of_class: Vec<(f32, u32)> = (0..=u32::from(u16::MAX)).map(start).collect();
     let mut shares = vec![Share::default(); wanted.len()];
@@ -27,12 +27,12 @@ pub(super) fn spread(parts: &FaceParts, wanted: &[f32]) -> Vec<Share> {
             continue;
         }
         for p in parts.range(x, y) {
-            let (sum, next) = &mut of_class[usize::from(parts.parts[p].class)];
+            let (sum, next) = &mut of_class[usize::from(classes[p])];
             *sum += wanted[p];
-            let count = sum.floor();
-            *sum -= count;
-            shares[p] = Share { first: *next, count: count as u32 };
-            *next = next.wrapping_add(count as u32);
+            let count = *sum as u32;
+            *sum -= count as f32;
+            shares[p] = Share { first: *next, count };
+            *next = next.wrapping_add(count);
         }
     }
     shares

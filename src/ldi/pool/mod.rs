@@ -101,6 +101,7 @@ impl<'a> Pooling<'a> {
         pooled(self.surfaces.len(), place, windows, Some(&self.narrow(gathered)))
     }
 }
+
 /// The middle of a pixel, pixels.
 fn middle(pixel: [u16; 2]) -> [f32; 2] {
     pixel.map(|c| f32::from(c) + 0.5)
@@ -119,15 +120,15 @@ impl Default for Classes {
 }
 
 impl Classes {
-    /// What the parts of a face have gathered.
-    pub(super) fn of(parts: &FaceParts, gathered: &[Gathered]) -> Self {
-        let mut classes = Self::default();
-        for (part, g) in parts.parts.iter().zip(gathered).filter(|(_, g)| g.samples > 0.0) {
+    /// What parts of these classes have gathered.
+    pub(super) fn of(classes: &[u16], gathered: &[Gathered]) -> Self {
+        let mut all = Self::default();
+        for (&class, g) in classes.iter().zip(gathered).filter(|(_, g)| g.samples > 0.0) {
             let found = [g.samples, luminance(g.light.to_array()), g.squares].map(f64::from);
-            let sums = &mut classes.sums[usize::from(part.class)];
+            let sums = &mut all.sums[usize::from(class)];
             sums.iter_mut().zip(found).for_each(|(sum, found)| *sum += found);
         }
-        classes
+        all
     }
 
     /// Adds those of another face.

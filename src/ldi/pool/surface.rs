@@ -13,6 +13,9 @@ pub(super) struct Surface {
     pub(super) class: u32,
 }
 
+/// Of pixels; larger than any scene.
+const WIDEST_M: f32 = 1e20;
+
 impl Surface {
     /// Unlike any surface of a part.
     pub(super) const NONE: Self = Self { normal: Vec3::ZERO, distance: 0.0, class: u32::MAX };
@@ -31,12 +34,13 @@ impl Surface {
             && self.normal.dot(other.normal) >= MIN_COS
     }
 
-    /// Width of a pixel on the surface where it is widest, metres, at a position in pixels; infinite for what is edge-on.
+    /// Width of a pixel on the surface where it is widest, metres, at a position in pixels; huge for what is edge-on.
     pub(super) fn pixel_width(&self, face: Face, [x, y]: [f32; 2], size_px: u32) -> f32 {
         let direction = face.direction(x.into(), y.into(), size_px).as_vec3();
         let facing = self.normal.dot(direction).abs();
         let eye_depth = self.distance.abs() / facing;
-        2.0 * eye_depth / size_px as f32 * direction.length() / facing
+        // Infinite for a plane that is seen exactly edge-on, and no number for one through the centre.
+        (2.0 * eye_depth / size_px as f32 * direction.length() / facing).min(WIDEST_M)
     }
 }
 

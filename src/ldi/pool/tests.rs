@@ -36,7 +36,7 @@ fn pooled(face: &FaceParts, gathered: &[Gathered]) -> Vec<Pooled> {
     let (mut blocks, members) = Blocks::new(face);
     blocks.fill(&members, gathered);
     let windows = Windows::new(Face::NegZ, face.size_px, &blocks, [None; 6]);
-    pooling.pool(gathered, &windows, &Classes::of(face, gathered).variances())
+    pooling.pool(gathered, &windows, &Classes::of(&face.classes(), gathered).variances())
 }
 
 /// Pooled light of a wall 5 m away, of which each part has a sample of `light` within a share of `noise`: the mean of each column.
@@ -159,7 +159,7 @@ fn step_at_border(know_each_other: bool) -> f32 {
         let (face, parts, gathered) = &faces[face.index()];
         let known = Face::ALL.map(|face| blocks.get(face.index()).filter(|_| know_each_other));
         let windows = Windows::new(*face, parts.size_px, &blocks[face.index()], known);
-        let expected = Classes::of(parts, gathered).variances();
+        let expected = Classes::of(&parts.classes(), gathered).variances();
         let pooled = Pooling::new(parts, *face).pool(gathered, &windows, &expected);
         // The last column of the one face meets the first of the other.
         let x = if *face == Face::NegZ { parts.size_px - 1 } else { 0 };
@@ -176,4 +176,19 @@ fn step_at_border(know_each_other: bool) -> f32 {
 fn a_wall_shows_no_line_where_faces_meet() {
     let (together, apart) = (step_at_border(true), step_at_border(false));
     assert!(together < 0.5 * apart, "{together}, and {apart} by themselves");
+}
+
+#[test]
+fn what_is_seen_exactly_edge_on_is_lit() {
+    // A row of pixels looks along planes through it: one through the centre, and others beside it.
+    for (size_px, distance) in [(7, 0.0), (7, 0.01), (65, 0.0), (65, 1e-30), (65, 3.0)] {
+        let row = size_px / 2;
+        let plane = LitPart { plane_normal: Vec3::Y, ..part(1, distance) };
+        let offsets = (0..=size_px * size_px).map(|p: u32| p.saturating_sub(row * size_px).min(size_px)).collect();
+        let face = FaceParts { size_px, offsets, parts: vec![plane; size_px as usize] };
+        let gathered: Vec<Gathered> = (0..size_px).map(|p| sample(1.0 + (p % 2) as f32, 0.5)).collect();
+        for pooled in pooled(&face, &gathered) {
+            assert!((1.0..=2.0).contains(&pooled.light.x), "{size_px} px, {distance} m: {pooled:?}");
+        }
+    }
 }

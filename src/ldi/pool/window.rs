@@ -47,6 +47,9 @@ const TOLD: [f32; 2] = [4.0, 16.0];
 /// Irradiance changes over a window by this share of the square of the window's radius over the harmonic mean distance, about.
 const CURVATURE: f32 = 1.0;
 
+/// Windows of more than so many harmonic mean distances are none better or worse than of these; the fourth power of it is a number.
+const FARTHEST_REACH: f32 = 1e4;
+
 /// A window of this share of the harmonic mean distance is biased by a hundredth of its light, about.
 const NEAR: f32 = 0.1;
 
@@ -187,7 +190,7 @@ impl<S: Simd> Chosen<S> {
         let judges = smooth_steps(MANY, last.samples).max(trusted * smooth_steps(STRIKING, apart));
         let agrees = one - judges * smooth_steps(TOLERANCE, apart);
         let trusted = trusted * smooth_steps(TOLD, told);
-        let reach = radius_m * wide.nearness;
+        let reach = (radius_m * wide.nearness).min(FARTHEST_REACH);
         let bias = last.level * reach * reach * CURVATURE;
         let bias2 = bias * bias;
         let open = self.open * agrees * (one - trusted * (bias2 / (bias2 + error2).max(1e-30)));
