@@ -117,7 +117,7 @@ impl Texture {
 
 /// `t.floor()` without the call into libm that it is on processors before SSE4.1.
 #[inline]
-fn floor(t: f32) -> f32 {
+pub(crate) fn floor(t: f32) -> f32 {
     if t.abs() >= 8_388_608.0 {
         return t; // no room for a fraction
     }

@@ -3,7 +3,7 @@
 
 use super::accumulate::{Accumulator, Sample};
 use crate::capture::rig::Face;
-use std::collections::HashMap;
+use rustc_hash::FxHashMap;
 use std::collections::hash_map::Entry;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -43,7 +43,7 @@ struct Tile {
     /// First accumulator of each pixel; empty until the first sample.
     heads: Vec<u32>,
     /// Numbers of the accumulators beyond [`LIST_LIMIT`] of a pixel, by pixel, bin and class.
-    beyond: HashMap<(u32, u16, u16), u32>,
+    beyond: FxHashMap<(u32, u16, u16), u32>,
     chunks: Vec<Box<[Accumulator]>>,
     len: usize,
 }

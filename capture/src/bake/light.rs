@@ -12,7 +12,7 @@ use crate::scene::Scene;
 use crate::trace::Tracer;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use std::collections::HashMap;
+use rustc_hash::FxHashMap;
 use std::ops::{ControlFlow, Range};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -97,7 +97,7 @@ struct Begun {
 }
 
 /// What lies beyond cells of arrivals: radiosity per albedo.
-type Beyond = HashMap<u64, Vec3>;
+type Beyond = FxHashMap<u64, Vec3>;
 
 /// Is told how many samples of vertices are taken.
 type Told<'a> = dyn Fn(usize) -> ControlFlow<()> + Sync + 'a;
@@ -172,7 +172,7 @@ impl VertexLight<'_> {
         let count = cut.scene.positions.len();
         let cell_m = (self.options.edge_m * CELL_SHARE).clamp(NARROWEST_CELL_M, WIDEST_CELL_M) as f32;
         let (samples, mut done) = (self.options.samples.max(1), 0);
-        let (mut vertices, mut beyond) = (vec![Gathered::default(); count], Beyond::new());
+        let (mut vertices, mut beyond) = (vec![Gathered::default(); count], Beyond::default());
         let first = samples.min(FIRST_ROUND);
         for round in [0..first, first..samples] {
             let many = round.len();

@@ -7,6 +7,7 @@
 //! stand for all.
 
 use super::{LightSample, Lighting, LitPoint, Path};
+use crate::material::floor;
 use crate::trace::Tracer;
 use glam::Vec3;
 
@@ -52,7 +53,7 @@ impl Arrival {
 
     fn place_in_cells(&self, width_m: f32) -> Option<[i32; 3]> {
         let is_far = self.distance_m >= FARTHEST_CELLS * width_m;
-        is_far.then(|| (self.point.position / width_m).floor().to_array().map(|c| c as i32))
+        is_far.then(|| (self.point.position / width_m).to_array().map(|c| floor(c) as i32))
     }
 
     /// What the sample brings of the light that reaches the place ([`Lighting::beyond`]).
@@ -73,8 +74,7 @@ pub(super) fn power_of_two_above(length: f32) -> (u8, f32) {
 
 impl Lighting {
     /// The beginning of a sample of [`Self::soft_radiosity`]: what it finds before its first ray meets a surface, and where that
-    /// is, if it goes on from there. What it [brings](Arrival::brings) of one sample of
-    /// [`Self::beyond`] is still to be added.
+    /// is, if it meets one. What it [brings](Arrival::brings) of one sample of [`Self::beyond`] is still to be added.
     pub fn before(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> (Vec3, Option<Arrival>) {
         let mut path = Path::new(point);
         let on = self.vertex(tracer, &mut path, 0, sample);

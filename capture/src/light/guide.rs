@@ -2,7 +2,7 @@
 //!
 //! A room is lit through its windows, and few cosine-weighted rays find one. So places on surfaces are filed by cells of space and by
 //! where they face, and for each cell a density over the unit square is learnt, the square from which cosine-weighted directions are
-//! drawn: high where bright light came in. Rays drawn by it count one over it, so that no mean changes (Jensen 1995, "Importance Driven
+//! drawn: high where bright light came in. Rays drawn by it count one over it, so that no mean changes but that of what is cut as too bright (Jensen 1995, "Importance Driven
 //! Path Tracing using the Photon Map"; Mueller et al. 2017, "Practical Path Guiding"), and what is learnt is the root of the mean square
 //! of the light, by which the variance of one ray is least (Rath et al. 2020, "Variance-Aware Path Guiding").
 
@@ -10,11 +10,12 @@ use super::arrival::power_of_two_above;
 use super::pilot::percentile;
 use super::square::{self, BINS, SquareDensity};
 use super::{FIRST_DIRECTION, LightSample, Lighting, LitPoint, Path, luminance, shown_slope};
+use crate::material::floor;
 use crate::sampler::{cosine_direction, random4, square_from_disk};
 use crate::trace::{Ray, Tracer};
 use glam::{Quat, Vec3};
 use rayon::prelude::*;
-use std::collections::HashMap;
+use rustc_hash::FxHashMap;
 use std::f32::consts::{PI, TAU};
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -45,7 +46,7 @@ const PLACES: u32 = 4096;
 /// Where light comes from, by cells of space.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Guide {
-    cells: HashMap<u64, SquareDensity>,
+    cells: FxHashMap<u64, SquareDensity>,
     /// Width of the narrowest cells, metres.
     narrowest_m: f32,
 }
@@ -55,7 +56,7 @@ impl Guide {
     fn cell(&self, point: &LitPoint) -> u64 {
         let wanted = (point.position.abs().max_element() * CELL_SHARE).max(self.narrowest_m);
         let (exponent, width_m) = power_of_two_above(wanted);
-        let [x, y, z] = (point.position / width_m).floor().to_array().map(|c| u64::from(c as i32 as u8));
+        let [x, y, z] = (point.position / width_m).to_array().map(|c| u64::from(floor(c) as i32 as u8));
         x | y << 8 | z << 16 | u64::from(exponent) << 24 | point.turned() << 32
     }
 
@@ -98,7 +99,7 @@ impl Lighting {
         Directions { turn: Quat::from_rotation_arc(Vec3::Z, point.shading_normal), guide: self.guide.density(point) }
     }
 
-    /// Learns where light comes from at the surfaces that are seen from the tracer's origin, and those that are seen from these: half a
+    /// Learns where light comes from at the surfaces that are seen from the tracer's origin, and those that are seen from these: two
     /// million paths at most. Samples are less noisy for it in rooms lit through windows; no mean changes.
     pub fn guided(mut self, tracer: &Tracer) -> Self {
         let seen = |index: u32| {
@@ -175,7 +176,7 @@ impl Lighting {
     fn lesson(&self, tracer: &Tracer, place: &LitPoint, sample: LightSample, lessons: &mut Lessons) {
         let directions = self.directions(place);
         let level = |light: Vec3| luminance((light * self.exposure).to_array());
-        lessons.by_points.add(level(self.direct(tracer, place, &sample, 0, &directions)));
+        lessons.by_points.add(level(self.direct(tracer, place, &sample, 0, Some(&directions))));
         let mut path = Path::new(place);
         if self.onward(tracer, &mut path, 0, &sample, &directions).is_some() {
             self.follow(tracer, &mut path, 1, &sample);

@@ -90,7 +90,12 @@ impl LitPoint {
 
     /// How the surface is turned, in 9 bits.
     fn turned(&self) -> u64 {
-        let [x, y, z] = (self.normal * 2.0).round().to_array().map(|c| u64::from(c as i32 as u8 & 7));
+        // Rounded halves: twice a component of a unit vector, without the call into libm that `round` is on processors before SSE4.1.
+        let halves = |c: f32| {
+            let size = i32::from(c.abs() >= 0.25) + i32::from(c.abs() >= 0.75);
+            if c < 0.0 { -size } else { size }
+        };
+        let [x, y, z] = self.normal.to_array().map(|c| u64::from(halves(c) as u8 & 7));
         x | y << 3 | z << 6
     }
 
@@ -167,13 +172,18 @@ impl LightSample {
     /// Two numbers in [0, 1) for decision `dimension` of the path, evenly spread over the samples of the stream
     /// ([`sequence`]) and independent of all other decisions.
     fn pair(&self, dimension: u32) -> [f32; 2] {
-        let [order, first, second, _] = random4([self.stream, dimension, 0x9e37_79b9, 0x7f4a_7c15]);
+        let [order, first, second, _] = self.seeds(dimension);
         sequence::point(self.index, [order, first, second]).map(unit_float)
     }
 
     /// One number in [0, 1), as [`Self::pair`] gives two, and independent of those.
     fn single(&self, dimension: u32) -> f32 {
-        self.pair(dimension + SINGLE)[0]
+        let [order, first, ..] = self.seeds(dimension + SINGLE);
+        unit_float(sequence::first(self.index, [order, first]))
+    }
+
+    fn seeds(&self, dimension: u32) -> [u32; 4] {
+        random4([self.stream, dimension, 0x9e37_79b9, 0x7f4a_7c15])
     }
 
     /// A position in the sample's pixel, [0, 1) each way, independent of all decisions of the path.
@@ -289,19 +299,21 @@ impl Lighting {
     }
 
     /// Radiosity per albedo by points and directions drawn among the lights at vertex number `bounce`: of the sky and of emissive
-    /// triangles the share that rays in `directions` leave, if they look for these.
+    /// triangles the share that rays in `directions` leave, if there are any and they look for these.
     fn direct(
         &self,
         tracer: &Tracer,
         point: &LitPoint,
         sample: &LightSample,
         bounce: u32,
-        directions: &Directions<'_>,
+        directions: Option<&Directions<'_>>,
     ) -> Vec3 {
         let dimension = bounce * DECISIONS;
-        let shared = (!self.meets_nothing(bounce)).then_some(directions);
+        let shared = directions.filter(|_| !self.meets_nothing(bounce));
         let mut direct = self.emitter_light(tracer, point, sample, dimension, shared);
-        direct += self.sky_light(tracer, point, sample, dimension, directions);
+        if let Some(directions) = directions {
+            direct += self.sky_light(tracer, point, sample, dimension, directions);
+        }
         if bounce > 0 {
             direct += self.sun_light(tracer, point, sample, dimension);
             direct += self.one_lamp(tracer, point, sample, dimension);
@@ -317,16 +329,18 @@ impl Lighting {
     /// Whether the ray from vertex number `bounce` looks for the sky alone. The last of a path that has bounced does: points drawn on
     /// lamps are all that it sees of these.
     fn meets_nothing(&self, bounce: u32) -> bool {
-        bounce == self.bounces && self.fill.radiance == 0.0 && (bounce > 0 || self.emitters.is_empty())
+        bounce > 0 && bounce == self.bounces && self.fill.radiance == 0.0
     }
 
-    /// Adds what a path finds at its vertex number `bounce`, and moves it on to the next. How long the way there was; `None`
-    /// if the path ends.
+    /// Adds what a path finds at its vertex number `bounce`, and moves it on to where its ray meets a surface. How long the way there was;
+    /// `None` if the path ends.
     fn vertex(&self, tracer: &Tracer, path: &mut Path, bounce: u32, sample: &LightSample) -> Option<f32> {
-        let directions = self.directions(&path.point);
-        let direct = self.direct(tracer, &path.point, sample, bounce, &directions);
+        // A last ray that looks for the sky alone is not drawn where there is none.
+        let goes_on = self.sky.is_some() || !self.meets_nothing(bounce);
+        let directions = goes_on.then(|| self.directions(&path.point));
+        let direct = self.direct(tracer, &path.point, sample, bounce, directions.as_ref());
         path.add(direct, self.brightest(bounce));
-        self.onward(tracer, path, bounce, sample, &directions)
+        self.onward(tracer, path, bounce, sample, &directions?)
     }
 
     /// The part of [`Self::vertex`] that comes along the ray by which the path goes on.
@@ -348,7 +362,7 @@ impl Lighting {
         let ray = Ray { origin: point.lifted(), direction, t_min: 0.0, t_max: f32::INFINITY };
         let hit = if self.meets_nothing(bounce) {
             // Of what the last ray meets, nothing matters but whether it is there.
-            if self.sky.is_none() || tracer.occluded(&ray) {
+            if tracer.occluded(&ray) {
                 return None;
             }
             None
@@ -366,9 +380,6 @@ impl Lighting {
         let (next, surface) = LitPoint::from_hit(tracer, &ray, &hit);
         let by_chance = self.emitter_by_chance(tracer, &point, &ray, &hit, &surface, directions);
         path.add(by_chance, brightest);
-        if bounce == self.bounces {
-            return None;
-        }
         path.point = next;
         path.throughput *= Vec3::from_array(surface.albedo);
         if bounce >= ROULETTE_BOUNCES {

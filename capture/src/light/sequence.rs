@@ -14,6 +14,13 @@ pub(super) fn point(index: u32, [order, first, second]: [u32; 3]) -> [u32; 2] {
     [scrambled(index, first), scrambled(pascal(index), second)].map(u32::reverse_bits)
 }
 
+/// The first coordinate of [`point`].
+#[inline]
+pub(super) fn first(index: u32, [order, first]: [u32; 2]) -> u32 {
+    let index = scrambled(index.reverse_bits(), order).reverse_bits();
+    scrambled(index, first).reverse_bits()
+}
+
 /// Bit i of the result is the sum, modulo 2, of the bits j of `index` of which i has no one that j lacks: Pascal's triangle modulo 2.
 #[inline]
 fn pascal(mut index: u32) -> u32 {
@@ -54,6 +61,13 @@ mod tests {
                     assert!(!std::mem::replace(&mut seen[cell as usize], true), "two points in box {cell}, {across}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_first_coordinate_is_that_of_the_point() {
+        for index in [0, 1, 77, u32::MAX] {
+            assert_eq!(first(index, [5, 6]), point(index, [5, 6, 7])[0]);
         }
     }
 

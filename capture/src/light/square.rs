@@ -1,7 +1,5 @@
 //! A density over the unit square, constant in each bin of a grid.
 
-use crate::sampler::unit_float;
-
 /// Bins a side.
 pub(super) const BINS: usize = 16;
 
@@ -28,8 +26,9 @@ fn share(cumulative: &[f32; BINS], bin: usize) -> f32 {
 fn coordinate_of(cumulative: &[f32; BINS], at: f32) -> (usize, f32) {
     let found = cumulative.partition_point(|&share| share <= at).min(BINS - 1);
     let (below, wide) = (if found == 0 { 0.0 } else { cumulative[found - 1] }, share(cumulative, found));
-    // Rounding never carries a point into the next bin.
-    let inside = ((at - below) / wide).clamp(0.0, unit_float(u32::MAX));
+    // So far below 1 that the sum with a bin's number is no next bin, rounded.
+    const BELOW_NEXT: f32 = 1.0 - BINS as f32 * f32::EPSILON;
+    let inside = ((at - below) / wide).clamp(0.0, BELOW_NEXT);
     (found, (found as f32 + inside) / BINS as f32)
 }
 
@@ -69,7 +68,7 @@ impl SquareDensity {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampler::random4;
+    use crate::sampler::{random4, unit_float};
 
     /// Uneven by three orders of magnitude.
     fn weights() -> [f32; BINS * BINS] {
@@ -98,6 +97,18 @@ mod tests {
             let at = f64::from(density.at(middle));
             let tolerance = 1e-5 * (BINS * BINS) as f64; // sums of shares up to 1 in f32
             assert!((at - expected * (BINS * BINS) as f64).abs() < tolerance, "bin {i}: {at}");
+        }
+    }
+
+    #[test]
+    fn no_point_is_carried_into_the_next_bin() {
+        for heavy in [1, 8, 15] {
+            let mut weights = [1e-3; BINS * BINS];
+            weights[heavy * BINS] = 1e3;
+            let density = SquareDensity::new(&weights);
+            // The last number before the heavy row is full, of which there are few in a row that is nearly all.
+            let (row, y) = coordinate_of(&density.rows, density.rows[heavy].next_down());
+            assert!(row == heavy && bin(y) == heavy && y < 1.0, "{heavy}: {row}, {y}");
         }
     }
 

@@ -50,7 +50,8 @@ fn a_sample_is_the_sum_of_its_parts() {
             arrived += u32::from(arrival.is_some());
             assert!((before + beyond - whole).length() <= 1e-5 * whole.length(), "{before} + {beyond}: {whole}");
         }
-        assert_eq!(arrived > 0, bounces > 0);
+        // Also without bounces: how near things are tells how far light can be pooled.
+        assert!(arrived > 100, "{arrived}");
     }
 }
 
