@@ -2,7 +2,7 @@
 
 use glam::Vec4;
 
-/// How a surface lets rays through: wherever the alpha of `texture` is below 0.5, the surface is not there.
+/// How a surface lets rays through: wherever the alpha of `texture` is below `threshold`, the surface is not there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cutout {
     /// Index into [`crate::Scene::textures`]; its alpha channel is tested.

@@ -42,8 +42,8 @@ pub struct FillLight {
     pub reach_m: f32,
 }
 
-/// Everything that lights a scene, and the exposure under which it is stored. A pure function of the scene (not of the
-/// headbox), so that a capture and a truth frame agree.
+/// Everything that lights a scene, and the exposure under which it is stored: a function of the scene and of where the tracer has its origin
+/// (not of how large the headbox is, or of what it shows), so that a capture and a truth frame agree.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lighting {
     /// The sun.
@@ -119,7 +119,7 @@ pub struct LightSample {
 
 /// What one bounce of one sample may add, in exposed units (1 is white). Where a path ends close to a small lamp, the
 /// inverse square makes rare samples thousands of times too bright, which no affordable number of samples averages out.
-/// Capture and truth are cut alike.
+/// Capture and truth are cut alike. What rays find of the sky by chance is not cut, nor is fill light: both are nowhere so bright.
 const BRIGHTEST_BOUNCE: f32 = 4.0;
 
 /// So many looks at most until the exposure is one under which no light was cut.

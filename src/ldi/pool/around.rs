@@ -7,7 +7,7 @@
 
 use super::blocks::{Blocks, Lattice, Level};
 use super::surface::Surface;
-use super::window::Sums;
+use super::window::{Sums, parts_within};
 use crate::capture::rig::Face;
 use rayon::prelude::*;
 
@@ -49,9 +49,9 @@ impl WindowLevel {
         RADIUS * self.width_px()
     }
 
-    /// Parts of a window that count in full, on a surface without gaps: one over the sum of its squared weights.
+    /// See [`parts_within`].
     pub(super) fn parts(&self) -> f32 {
-        4.0 * std::f32::consts::PI * self.radius_px().powi(2)
+        parts_within(self.radius_px())
     }
 }
 

@@ -1,7 +1,7 @@
 //! The narrowest window: sums over rows and columns.
 
 use super::surface::Surface;
-use super::window::{Sums, sums_of};
+use super::window::{Sums, parts_within, sums_of};
 use super::{Gathered, Pooling};
 use rayon::prelude::*;
 
@@ -13,9 +13,9 @@ fn radius() -> f32 {
     (((1 << (2 * LEVELS)) - 1) as f32 / 6.0).sqrt()
 }
 
-/// Parts of the window that count in full, on a surface without gaps: one over the sum of its squared weights.
+/// See [`parts_within`].
 pub(super) fn parts() -> f32 {
-    4.0 * std::f32::consts::PI * radius().powi(2)
+    parts_within(radius())
 }
 
 /// The narrowest windows of all parts of a face.

@@ -53,6 +53,12 @@ const FARTHEST_REACH: f32 = 1e4;
 /// A window of this share of the harmonic mean distance is biased by a hundredth of its light, about.
 const NEAR: f32 = 0.1;
 
+/// Parts that count in full of a Gaussian window of a standard deviation of so many pixels, on a surface without gaps: one over the sum of
+/// its squared weights.
+pub(super) fn parts_within(radius_px: f32) -> f32 {
+    4.0 * std::f32::consts::PI * radius_px * radius_px
+}
+
 /// The window of a part alone.
 pub(super) fn sums_of(gathered: &Gathered) -> Sums {
     let [r, g, b] = gathered.light.to_array();
