@@ -119,7 +119,8 @@ pub struct LightSample {
 
 /// What one bounce of one sample may add, in exposed units (1 is white). Where a path ends close to a small lamp, the
 /// inverse square makes rare samples thousands of times too bright, which no affordable number of samples averages out.
-/// Capture and truth are cut alike. What rays find of the sky by chance is not cut, nor is fill light: both are nowhere so bright.
+/// Capture and truth are cut alike. What rays find of the sky by chance is not cut (of a picture's bright spots it is a small share), nor is fill
+/// light.
 const BRIGHTEST_BOUNCE: f32 = 4.0;
 
 /// So many looks at most until the exposure is one under which no light was cut.
