@@ -13,6 +13,7 @@ use crate::packed::{ExactDepthPixel, PackedCube, PackedDepthPixel, PackedSegment
 use crate::render::depth::DepthCanvas;
 use crate::render::ellipse::EllipseCanvas;
 use crate::render::over::{OverCanvas, Shape};
+use crate::render::planes::ROWS_BESIDE;
 use crate::render::size::{EllipseSize, FixedSize, Size, TangentSize};
 use crate::render::splat::{Canvas, SplatKernel, Splats};
 use crate::render::surface::SurfaceCanvas;
@@ -193,8 +194,9 @@ impl Pass<'_> {
     /// Draws the pictures on planes and what stands in the frame, and puts them behind all that is yet to come.
     fn draw_ground(&mut self, canvas: &mut dyn Canvas) {
         let Self { plan, band, source, .. } = *self;
-        let rows = band.rows.clone();
-        canvas.ground_mut().draw(&source.cube.planes, &plan.planes, source.standing, band.width, rows, plan.level);
+        let beside = if plan.depth || !plan.kernel.compares_depths() { ROWS_BESIDE } else { 0 };
+        let rows = (band.rows.clone(), beside);
+        canvas.ground_mut().draw(&source.cube.planes, &plan.planes, source.standing, rows, plan.tolerance, plan.level);
         canvas.lay();
         if plan.depth {
             self.depth.lay(canvas.ground());
@@ -275,14 +277,14 @@ impl<S: Size> SegmentStrokes<'_, S> {
             warp.warp(batch, *size, splats);
             let compares = plan.kernel.compares_depths();
             if !compares {
-                splats.retain_in_front(plan.tolerance, canvas.ground());
+                splats.retain_in_front(canvas.ground());
             }
             canvas.draw(splats, level);
             if plan.depth {
                 if compares {
-                    splats.retain_in_front(plan.tolerance, canvas.ground());
+                    splats.retain_in_front(canvas.ground());
                 }
-                depth.draw(splats, own);
+                depth.draw(splats, own, canvas.ground());
             }
             stats.depth_pixels_in += batch.len as u64;
             stats.splatted += splats.len as u64;

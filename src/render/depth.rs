@@ -62,8 +62,9 @@ impl DepthCanvas {
         }
     }
 
-    /// Draws splats, in their order; `own` is the part of a radius that belongs to the sample alone.
-    pub(crate) fn draw(&mut self, splats: &Splats, own: f32) {
+    /// Draws splats, in their order, large ones where the ground does not hide them; `own` is the part of a radius that belongs to the sample
+    /// alone.
+    pub(crate) fn draw(&mut self, splats: &Splats, own: f32, ground: &PlaneCanvas) {
         let (columns, rows) = ([0.0, self.width as f32], [self.rows.start as f32, self.rows.end as f32]);
         for i in 0..splats.count() {
             let (x, y) = (splats.x[i], splats.y[i]);
@@ -73,12 +74,16 @@ impl DepthCanvas {
             let [own_left, own_right] = covered(x, own_x, columns);
             let [top, bottom] = covered(y, ry + BORDER, rows);
             let [own_top, own_bottom] = covered(y, own_y, rows);
+            let is_hidden = |column: i32, row: i32| {
+                splats.is_large(i) && ground.hides([column as f32, row as f32], splats.inverse_depth[i])
+            };
             for row in top..bottom {
                 let start = (row - self.rows.start.cast_signed()) as usize * self.width as usize;
                 let is_own_row = (own_top..own_bottom).contains(&row);
                 for column in left..right {
                     let Some(pixel) = self.inverse_depth.get_mut(start + column as usize) else { continue };
-                    if *pixel == 0.0 || is_own_row && (own_left..own_right).contains(&column) {
+                    let is_own = is_own_row && (own_left..own_right).contains(&column);
+                    if (*pixel == 0.0 || is_own) && !is_hidden(column, row) {
                         *pixel = splats.inverse_depth[i];
                     }
                 }

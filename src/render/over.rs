@@ -170,11 +170,12 @@ impl OverCanvas {
         }
     }
 
-    /// Rectangles that cover the pixels whose centres they contain; with `PLUS`, of each the row and the column that hold the
-    /// sample.
+    /// Rectangles that cover the pixels whose centres they contain, large ones where the ground does not hide them; with `PLUS`, of each the
+    /// row and the column that hold the sample.
     #[inline(always)]
     fn draw_rectangles<S: Simd, const PLUS: bool>(&mut self, simd: S, splats: &Splats) {
         let (across, down) = ([0.0, self.width as f32], [self.rows.start as f32, self.rows.end as f32]);
+        let has_ground = !self.ground.is_empty();
         for start in (0..splats.count()).step_by(LANES) {
             let [left, right] = covered_lanes(simd, [&splats.x, &splats.radius_x], start, across);
             let [top, bottom] = covered_lanes(simd, [&splats.y, &splats.radius_y], start, down);
@@ -182,11 +183,30 @@ impl OverCanvas {
             for (lane, i) in (start..splats.count().min(start + LANES)).enumerate() {
                 let (columns, rows) = (left[lane]..right[lane], top[lane]..bottom[lane]);
                 let is_small = (1..=2).contains(&columns.len()) && (1..=2).contains(&rows.len());
-                if is_small && !PLUS && splats.color[i].to_ne_bytes()[3] == 255 {
+                if has_ground && splats.is_large(i) {
+                    self.draw_seen::<_, PLUS>(simd, splats, i, columns, rows);
+                } else if is_small && !PLUS && splats.color[i].to_ne_bytes()[3] == 255 {
                     self.fill_corners(columns, rows, splats.color[i]);
                 } else {
                     self.draw_rectangle::<_, PLUS>(simd, splats, i, columns, rows);
                 }
+            }
+        }
+    }
+
+    /// As [`Self::draw_rectangle`], where the ground does not hide the splat.
+    #[inline(always)]
+    fn draw_seen<S: Simd, const PLUS: bool>(
+        &mut self,
+        simd: S,
+        splats: &Splats,
+        i: usize,
+        columns: Range<i32>,
+        rows: Range<i32>,
+    ) {
+        for (row, column) in rows.flat_map(|row| columns.clone().map(move |column| (row, column))) {
+            if !self.ground.hides([column as f32, row as f32], splats.inverse_depth[i]) {
+                self.draw_rectangle::<_, PLUS>(simd, splats, i, column..column + 1, row..row + 1);
             }
         }
     }

@@ -2,7 +2,7 @@
 //! C10, C12).
 
 use super::Spans;
-use super::planes::PlaneCanvas;
+use super::planes::{LARGEST_BY_MIDDLE_PX, PlaneCanvas};
 use super::size::{EllipseSize, LANES};
 use fearless_simd::{Level, Simd, SimdCvtTruncate, f32x16, i32x16, prelude::*};
 use serde::{Deserialize, Serialize};
@@ -145,30 +145,45 @@ impl Splats {
         }
     }
 
-    /// Leaves out what lies behind what pictures on planes show at the middle of a splat.
-    pub(super) fn retain_in_front(&mut self, tolerance: f32, planes: &PlaneCanvas) {
+    /// Leaves out what lies behind what pictures on planes show at the middle of a splat, but for [large](Self::is_large) ones.
+    pub(super) fn retain_in_front(&mut self, planes: &PlaneCanvas) {
         if planes.is_empty() {
             return;
         }
         let mut kept = 0;
         for i in 0..self.count() {
-            let there = planes.inverse_depth_at(self.x[i].max(0.0) as usize, self.y[i].max(0.0) as usize);
-            let in_front = there.is_none_or(|there| self.inverse_depth[i] * (1.0 + tolerance) >= there);
-            for values in [
-                &mut self.x,
-                &mut self.y,
-                &mut self.inverse_depth,
-                &mut self.radius_x,
-                &mut self.radius_y,
-                &mut self.weight,
-                &mut self.correlation,
-            ] {
-                values[kept] = values[i];
+            if !self.is_large(i) && planes.hides([self.x[i], self.y[i]], self.inverse_depth[i]) {
+                continue;
             }
-            self.color[kept] = self.color[i];
-            kept += usize::from(in_front);
+            if kept < i {
+                self.move_to(kept, i);
+            }
+            kept += 1;
         }
         self.len = kept;
+    }
+
+    /// Puts a splat in the place of another.
+    #[inline]
+    fn move_to(&mut self, place: usize, i: usize) {
+        for values in [
+            &mut self.x,
+            &mut self.y,
+            &mut self.inverse_depth,
+            &mut self.radius_x,
+            &mut self.radius_y,
+            &mut self.weight,
+            &mut self.correlation,
+        ] {
+            values[place] = values[i];
+        }
+        self.color[place] = self.color[i];
+    }
+
+    /// Whether a splat is judged pixel by pixel.
+    #[inline]
+    pub(super) fn is_large(&self, i: usize) -> bool {
+        self.radius_x[i].max(self.radius_y[i]) > LARGEST_BY_MIDDLE_PX
     }
 
     /// The number of entries, never more than fit.

@@ -12,6 +12,7 @@ use headbox::ldi::{CubeLdi, DepthPixel};
 use headbox::metrics::compare;
 use headbox::packed::{PackedCube, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
 use headbox::primitives::{Bound, DEFAULT_ERROR_PX, choose, pack, pack_in_parts};
+use headbox::render::splat::SplatKernel;
 use headbox::render::{RenderSettings, Renderer};
 
 const FACE_PX: u32 = 192;
@@ -232,6 +233,37 @@ fn threads_bands_and_levels_change_no_bit() {
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     assert_eq!(*pool.install(|| Renderer::new().render(&cube, &camera, &settings).clone()).color, *reference.color);
+}
+
+#[test]
+fn what_a_picture_hides_shows_in_no_band_of_any_kernel() {
+    // A green picture 1.1 m ahead, before all that is there.
+    const SIDE: u16 = 150;
+    let mut cube = PackedCube::pack(&quick(&room(6.0), FACE_PX), SplatIndexLayout::Normal, Split::Auto).expect("packs");
+    let plane = Plane { normal_per_distance: (Face::NegZ.normal() / 1.1).as_vec3() };
+    let (x0, index) = ((FACE_PX as i16 - SIDE as i16) / 2, Face::NegZ.index() as u16);
+    let tile = PlaneTile { plane: 0, first_texel: 0, x0, y0: x0, width: SIDE, height: SIDE, face: index, opaque: 1 };
+    let texels = vec![[0, 255, 0, 255]; usize::from(SIDE) * usize::from(SIDE)];
+    cube.planes = PlaneSet { error_px: 1.0, planes: vec![plane], tiles: vec![tile], texels, ..PlaneSet::default() };
+    assert_eq!(cube.validate(), Ok(()));
+    // Samples are a few pixels wide, and more than the rows that a band looks at beside its own; and all about the picture.
+    for (fov_deg, all_green) in [(20.0, true), (4.0, true), (90.0, false)] {
+        let camera = Camera::look_at(dvec3(0.1, 0.05, 0.1), dvec3(0.1, 0.05, -3.0), DVec3::Y, fov_deg, [101, 75]);
+        let camera = camera.expect("valid");
+        for (name, kernel) in SplatKernel::ALL {
+            let settings = RenderSettings { kernel, depth: true, ..RenderSettings::default() };
+            let reference = Renderer::new().render(&cube, &camera, &settings).clone();
+            for band_rows in [1, 7, 40] {
+                let settings = RenderSettings { band_rows, ..settings };
+                let frame = Renderer::new().render(&cube, &camera, &settings).clone();
+                assert!(frame == reference, "{name}, {fov_deg} degrees, bands of {band_rows}");
+            }
+            if all_green {
+                assert!(reference.color.iter().all(|pixel| *pixel == [0, 255, 0, 255]), "{name}, {fov_deg} degrees");
+                assert!(reference.depth_m.iter().all(|depth| (depth - 1.2).abs() < 1e-4), "{name}, {fov_deg} degrees");
+            }
+        }
+    }
 }
 
 /// Frames whose smaller pictures are made on the way; the seconds are those in which even a machine with much to do draws them.

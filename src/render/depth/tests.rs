@@ -24,7 +24,7 @@ fn a_splat_owns_its_share_and_fills_the_rest_where_nothing_is() {
         canvas.clear(width, rows.clone());
         let mut expected = vec![0.0f32; 12 * 8];
         for splat in &splats {
-            canvas.draw(splat, own);
+            canvas.draw(splat, own, &PlaneCanvas::default());
             let (x, y, [rx, ry]) = (splat.x[0], splat.y[0], [splat.radius_x[0], splat.radius_y[0]]);
             for (i, pixel) in expected.iter_mut().enumerate() {
                 let (dx, dy) = ((i % 12) as f32 + 0.5 - x, (i / 12) as f32 + 3.5 - y);
@@ -48,7 +48,7 @@ fn a_splat_owns_its_share_and_fills_the_rest_where_nothing_is() {
 fn a_pixel_has_the_depth_of_what_covers_half_of_it() {
     let mut canvas = DepthCanvas::default();
     canvas.clear(4, 0..2);
-    canvas.draw(&one(1.5, 1.5, [0.5, 0.5], 0.5), 1.0);
+    canvas.draw(&one(1.5, 1.5, [0.5, 0.5], 0.5), 1.0, &PlaneCanvas::default());
     let rim =
         |column: u32, share: u8, inverse_depth: f32| Rim { pixel: [column, 1], color: [0, 0, 0, share], inverse_depth };
     canvas.add_rims(&[rim(0, 1, 0.25), rim(1, 127, 1.0), rim(2, 0, -1.0)]);
@@ -61,7 +61,7 @@ fn a_pixel_has_the_depth_of_what_covers_half_of_it() {
 fn some_columns_of_a_frame_are_made_empty() {
     let mut canvas = DepthCanvas::default();
     canvas.clear(6, 0..2);
-    canvas.draw(&one(3.0, 1.0, [3.0, 1.0], 0.5), 1.0);
+    canvas.draw(&one(3.0, 1.0, [3.0, 1.0], 0.5), 1.0, &PlaneCanvas::default());
     canvas.clear_spans([6, 2], &|y| [0..1 + y, 3..3, 4..5]);
     assert_eq!(canvas.inverse_depth, [0.0, 0.5, 0.5, 0.5, 0.0, 0.5, 0.0, 0.0, 0.5, 0.5, 0.0, 0.5]);
     canvas.clear_spans([3, 2], &|_| [0..0, 0..0, 0..0]);

@@ -26,7 +26,12 @@ pub(crate) struct PlaneCanvas {
     inverse_depth: Vec<f32>,
     rims: Vec<Rim>,
     width: usize,
-    first_row: usize,
+    /// Rows of the frame that it shows.
+    rows: Range<usize>,
+    /// Rows of the frame that it holds: some beside those too, where splats have their middles that reach into these.
+    held: Range<usize>,
+    /// How much farther than what hides its pixel a splat may be to be drawn, as a share.
+    tolerance: f32,
 }
 
 /// A pixel that a plane covers in part. What lies behind may be samples, which come later, so that it is blended last.
@@ -65,6 +70,13 @@ impl Standing<'_> {
 /// Columns that a row has at its end for whole registers.
 const MARGIN: usize = kernel::LANES;
 
+/// Rows beside those shown that are held where splats are judged by what hides their middles.
+pub(crate) const ROWS_BESIDE: u32 = 5;
+
+/// Splats of a larger radius, pixels, are judged pixel by pixel, as their middles may lie in no row that is held: bands of one frame would
+/// not agree. A footprint is moved by up to a pixel onto the grid.
+pub(crate) const LARGEST_BY_MIDDLE_PX: f32 = ROWS_BESIDE as f32 - 1.0;
+
 impl PlaneCanvas {
     /// Nothing is there.
     pub(crate) fn clear(&mut self) {
@@ -78,24 +90,33 @@ impl PlaneCanvas {
         self.colors.is_empty()
     }
 
-    /// 1 / eye depth, 1/m, of what hides the pixel in a column and row of the frame; `None` outside.
-    pub(crate) fn inverse_depth_at(&self, x: usize, y: usize) -> Option<f32> {
-        let at = y.checked_sub(self.first_row)? * (self.width + MARGIN) + x;
-        self.inverse_depth.get(at).copied().filter(|_| x < self.width)
+    /// Whether what is `inverse_depth` away (1/m) is hidden in the column and row of the frame that hold a position, or those of the frame
+    /// that are next to it.
+    #[inline]
+    pub(crate) fn hides(&self, [x, y]: [f32; 2], inverse_depth: f32) -> bool {
+        // Casts saturate: what is above or on the left is in the first.
+        let column = (x as usize).min(self.width.saturating_sub(1));
+        let row = (y as usize).max(self.held.start).min(self.held.end.saturating_sub(1));
+        let there = self.inverse_depth.get(row.wrapping_sub(self.held.start) * (self.width + MARGIN) + column);
+        there.is_some_and(|there| inverse_depth * (1.0 + self.tolerance) < *there)
     }
 
-    /// Draws all that lies in some rows of a frame of `width` columns, and what stands there.
+    /// Draws all that lies in some rows of a frame, and what stands there; and in `beside` more rows above and below what hides splats
+    /// that are farther by more than a share of `tolerance`.
     pub(crate) fn draw(
         &mut self,
         set: &PlaneSet,
         view: &PlanesInView,
         standing: Option<&Standing>,
-        width: u32,
-        rows: Range<u32>,
+        (rows, beside): (Range<u32>, u32),
+        tolerance: f32,
         level: Level,
     ) {
-        (self.width, self.first_row) = (width as usize, rows.start as usize);
-        let height = rows.len();
+        let [width, height] = view.size_px();
+        (self.width, self.tolerance) = (width as usize, tolerance);
+        self.rows = rows.start as usize..rows.end as usize;
+        let rows = rows.start.saturating_sub(beside)..rows.end.saturating_add(beside).min(height);
+        self.held = rows.start as usize..rows.end as usize;
         let stride = self.width + MARGIN;
         self.clear();
         self.colors.resize(stride * rows.len(), [0; 4]);
@@ -112,21 +133,31 @@ impl PlaneCanvas {
             kernel::draw(tile, set.texels_at(tile.index as usize, tile.level), &mut to, level);
         }
         if let Some(standing) = standing {
-            self.stand(standing, height);
+            self.stand(standing);
         }
         let (depths, at) = (&self.inverse_depth, |[column, row]: [u32; 2]| row as usize * stride + column as usize);
-        self.rims.retain(|rim| depths.get(at(rim.pixel)).is_some_and(|depth| rim.inverse_depth > *depth));
+        let (above, shown) = (self.above() as u32, self.rows.len() as u32);
+        self.rims.retain_mut(|rim| {
+            let is_seen = depths.get(at(rim.pixel)).is_some_and(|depth| rim.inverse_depth > *depth);
+            rim.pixel[1] = rim.pixel[1].wrapping_sub(above);
+            is_seen && rim.pixel[1] < shown
+        });
         // Nearest tiles came first.
         self.rims.reverse();
     }
 
+    /// Rows that are held above those shown.
+    fn above(&self) -> usize {
+        self.rows.start - self.held.start
+    }
+
     /// Puts what stands in the frame where it is nearer than the planes: over them, or, where it covers a pixel in part, among what is
     /// blended last.
-    fn stand(&mut self, standing: &Standing, height: usize) {
+    fn stand(&mut self, standing: &Standing) {
         let [columns, rows] = &standing.window;
         let columns = columns.start..columns.end.min(self.width);
-        for y in rows.start.max(self.first_row)..rows.end.min(self.first_row + height) {
-            let row = y - self.first_row;
+        for y in rows.start.max(self.held.start)..rows.end.min(self.held.end) {
+            let row = y - self.held.start;
             for x in columns.clone() {
                 let (color, nearness) = standing.pixel(x, y);
                 let at = row * (self.width + MARGIN) + x;
@@ -141,9 +172,9 @@ impl PlaneCanvas {
         }
     }
 
-    /// Colours and inverse depths of a row, counted from the first, of what hides its pixel wholly. Empty if nothing was drawn.
+    /// Colours and inverse depths of a row, counted from the first that is shown, of what hides its pixel wholly. Empty if nothing was drawn.
     pub(crate) fn row(&self, row: usize) -> (&[[u8; 4]], &[f32]) {
-        let start = row * (self.width + MARGIN);
+        let start = (self.above() + row) * (self.width + MARGIN);
         let pixels = start..start + self.width;
         (self.colors.get(pixels.clone()).unwrap_or(&[]), self.inverse_depth.get(pixels).unwrap_or(&[]))
     }
@@ -151,13 +182,14 @@ impl PlaneCanvas {
     /// Eight pixels of a row, also where the row ends among them; `None` if nothing was drawn.
     #[inline]
     pub(crate) fn eight(&self, row: usize, column: usize) -> Option<(&[[u8; 4]; 8], &[f32; 8])> {
-        let start = row * (self.width + MARGIN) + column;
+        let start = (self.above() + row) * (self.width + MARGIN) + column;
         Some((self.colors.get(start..)?.first_chunk()?, self.inverse_depth.get(start..)?.first_chunk()?))
     }
 
-    /// All rows.
+    /// All rows that are shown.
     pub(crate) fn rows(&self) -> impl Iterator<Item = (&[[u8; 4]], &[f32])> {
-        (0..self.colors.len() / (self.width + MARGIN)).map(|row| self.row(row))
+        let count = if self.is_empty() { 0 } else { self.rows.len() };
+        (0..count).map(|row| self.row(row))
     }
 
     /// What covers its pixel in part, and is not hidden by planes; of a pixel, mostly far ones first.

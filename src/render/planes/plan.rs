@@ -93,6 +93,11 @@ impl Side {
 }
 
 impl PlanesInView {
+    /// Columns and rows of the frame.
+    pub(super) fn size_px(&self) -> [u32; 2] {
+        [self.frame.width, self.frame.height]
+    }
+
     /// Finds what a camera sees whose eye is at some place from the centre, world axes.
     pub(crate) fn prepare(&mut self, set: &PlaneSet, camera: &Camera, eye_from_centre: DVec3, face_px: u32) {
         self.tiles.clear();
