@@ -9,9 +9,9 @@ use image::{
 use std::io::Cursor;
 use std::path::Path;
 
-/// The most pixels of a picture; one that claims more is refused before its pixels are unpacked. 8192 x 8192 at four bytes is
-/// 256 MiB, beyond which a picture is a mistake or an attack.
-pub const MAX_PIXELS: u64 = 8192 * 8192;
+/// The most pixels of a picture; one that claims more is refused before its pixels are unpacked. Scans have textures of 16384 x 16384, which at
+/// four bytes are 1 GiB; beyond that a picture is a mistake or an attack.
+pub const MAX_PIXELS: u64 = 16_384 * 16_384;
 
 /// The most bytes that a decoder need allocate: 16 bytes (four 32-bit floats) for each of [`MAX_PIXELS`].
 pub const MAX_BYTES: u64 = MAX_PIXELS * 16;
@@ -47,6 +47,15 @@ impl From<ImageError> for PictureError {
 /// [`PictureError`].
 pub fn read(path: &Path, most_bytes: u64) -> Result<DynamicImage, PictureError> {
     decode(&std::fs::read(path)?, Some(path), most_bytes)
+}
+
+/// How many bits each channel of a picture file has.
+///
+/// # Errors
+/// [`PictureError`].
+pub fn bits_per_channel(path: &Path) -> Result<u16, PictureError> {
+    let kind = ImageReader::open(path)?.with_guessed_format()?.into_decoder()?.color_type();
+    Ok(kind.bits_per_pixel() / u16::from(kind.channel_count()))
 }
 
 /// The picture in the bytes of a file. Kinds without a signature (TGA) are known by the ending of its name alone.

@@ -37,9 +37,16 @@ pub(super) struct MtlMaterial {
 }
 
 impl MtlMaterial {
-    /// Opacity of the whole surface, 1 where nothing is said.
+    /// Opacity of the whole surface, 1 where nothing is said, and where `Tr` is told [the other way round](Self::is_turned).
     pub(super) fn opacity(&self) -> f32 {
-        self.dissolve.or(self.transparency.map(|transparency| 1.0 - transparency)).unwrap_or(1.0)
+        let by_transparency = self.transparency.filter(|_| !self.is_turned()).map(|transparency| 1.0 - transparency);
+        self.dissolve.or(by_transparency).unwrap_or(1.0)
+    }
+
+    /// Whether nothing is said of opacity but `Tr 1`: so MeshLab (until 2023), openMVS and other programs for scans write of surfaces that
+    /// are opaque, and nobody writes it of what cannot be seen at all.
+    pub(super) fn is_turned(&self) -> bool {
+        self.dissolve.is_none() && self.transparency == Some(1.0)
     }
 
     /// Whether the material claims transparency in any way but a map: then an alpha channel of its colour is meant.
@@ -156,6 +163,8 @@ mod tests {
         assert_eq!(map.file, "my wood.png");
         assert_eq!(map.image_from_vertex.transform_point2(Vec2::ONE), Vec2::new(2.5, 3.0));
         assert_eq!(first.dissolve_map.as_ref().map(|map| map.file.as_str()), Some("C:\\a\\b.png"));
-        assert_eq!(materials[1].opacity(), 0.0);
+        assert!(materials[1].opacity() == 1.0 && materials[1].is_turned());
+        assert_eq!(parsed("newmtl a\nTr 0.75").0[0].opacity(), 0.25);
+        assert_eq!(parsed("newmtl a\nTr 1\nd 0").0[0].opacity(), 0.0);
     }
 }

@@ -14,6 +14,7 @@ pub(super) enum Note {
     TextureRenamed,
     TextureTransformIgnored,
     AmbientTakenAsLight,
+    TransparencyTurned,
     Unlit,
     LineUnread,
     BytesBeyondEnd,
@@ -49,6 +50,9 @@ impl Note {
             }
             Self::AmbientTakenAsLight => {
                 ["material", "materials", "with an ambient colour above 1, taken as emitted light"]
+            }
+            Self::TransparencyTurned => {
+                ["material", "materials", "with Tr 1 and no d, taken as opaque, as programs for scans write it"]
             }
             Self::Unlit => [
                 "unlit material",

@@ -4,7 +4,8 @@
 //! [`super::obj_lines`] mends what it would trip over, [`super::mtl`] reads materials, [`super::polygon`] cuts polygons.
 //!
 //! Choices that the format leaves open: `Kd` is linear, vertex colours are sRGB (as their usual writers have it). A
-//! `Kd` of 0 beside a `map_Kd` counts as not given. A component of `Ka` above 1 makes `Ka` the emitted radiance, as in
+//! `Kd` of 0 beside a `map_Kd` counts as not given, and what is not given is white under vertex colours or a texture, else grey. Where
+//! a `map_Ke` cannot be read nothing is emitted. A component of `Ka` above 1 makes `Ka` the emitted radiance, as in
 //! the widespread file of the Cornell box, unless there is a `Ke`. Opacity (`d`, `Tr`) below one half without a map of
 //! opacity leaves the triangles out, as clear glass that a diffuse scene cannot show; at or above, it is opaque.
 
@@ -172,9 +173,11 @@ impl ObjMaterials {
     /// Converts the materials that the models use, and decodes their textures.
     fn new(source: &Source, models: &[tobj::Model], notes: &mut Notes) -> Self {
         let (mtl, folder) = (source.materials, folder_of(source.path));
-        let mut used = vec![false; mtl.len() + 1];
+        let (mut used, mut coloured) = (vec![false; mtl.len() + 1], vec![false; mtl.len() + 1]);
         for model in models.iter().filter(|model| !model.mesh.indices.is_empty()) {
-            used[model.mesh.material_id.unwrap_or(mtl.len())] = true;
+            let material = model.mesh.material_id.unwrap_or(mtl.len());
+            used[material] = true;
+            coloured[material] |= !model.mesh.vertex_color.is_empty();
         }
         let neutral = MtlMaterial { name: Material::default().name, ..MtlMaterial::default() };
         let all = || mtl.iter().chain([&neutral]).zip(&used);
@@ -191,9 +194,9 @@ impl ObjMaterials {
 
         let mut materials = Vec::new();
         let mut by_mtl = Vec::new();
-        for ((m, &used), maps) in all().zip(maps) {
+        for (((m, &used), maps), coloured) in all().zip(maps).zip(coloured) {
             by_mtl.push(used.then(|| {
-                let material = convert(m, maps, &textures, notes).map(|material| {
+                let material = convert(m, coloured, maps, &textures, notes).map(|material| {
                     materials.push(material);
                     materials.len() as u32 - 1
                 });
@@ -274,8 +277,14 @@ fn request_maps(
     Maps { diffuse, emissive: request(&m.emissive_map, Role::Color), dissolve }
 }
 
-/// The scene's material, or `None` for see-through glass.
-fn convert(m: &MtlMaterial, maps: Maps, textures: &DecodedTextures, notes: &mut Notes) -> Option<Material> {
+/// The scene's material, or `None` for see-through glass. `coloured`: vertices bring colours.
+fn convert(
+    m: &MtlMaterial,
+    coloured: bool,
+    maps: Maps,
+    textures: &DecodedTextures,
+    notes: &mut Notes,
+) -> Option<Material> {
     let slot = |handle: Option<Handle>| handle.and_then(|handle| textures.slot(handle));
     let (diffuse, emissive) = (slot(maps.diffuse), slot(maps.emissive));
     let opacity = slot(maps.dissolve).or(diffuse.filter(|_| m.claims_transparency()));
@@ -284,18 +293,23 @@ fn convert(m: &MtlMaterial, maps: Maps, textures: &DecodedTextures, notes: &mut 
         return None;
     }
 
-    let white_under_texture = |color: [f32; 3]| if diffuse.is_some() && color == [0.0; 3] { [1.0; 3] } else { color };
-    let unsaid = if diffuse.is_some() { [1.0; 3] } else { Material::default().albedo };
+    if m.is_turned() {
+        notes.add_named(Note::TransparencyTurned, &m.name);
+    }
     let given = |color: Option<[f32; 3]>| color.filter(|color| *color != [0.0; 3]);
+    let said = if m.diffuse_map.is_some() { given(m.diffuse) } else { m.diffuse };
+    let unsaid = if diffuse.is_some() || coloured { [1.0; 3] } else { Material::default().albedo };
     let light_from_ambient = m.ambient.filter(|ka| ka.iter().any(|&c| c > 1.0) && given(m.emissive).is_none());
     if light_from_ambient.is_some() {
         notes.add_named(Note::AmbientTakenAsLight, &m.name);
     }
     let unsaid_emission = if emissive.is_some() { [1.0; 3] } else { [0.0; 3] };
-    let emission = given(m.emissive).or(light_from_ambient).unwrap_or(unsaid_emission);
+    // A map that cannot be read is better dark than glowing all over.
+    let is_dark = m.emissive_map.is_some() && emissive.is_none();
+    let emission = given(m.emissive).filter(|_| !is_dark).or(light_from_ambient).unwrap_or(unsaid_emission);
     Some(Material {
         name: m.name.clone(),
-        albedo: m.diffuse.map_or(unsaid, white_under_texture).map(|c| c.clamp(0.0, 1.0)),
+        albedo: said.unwrap_or(unsaid).map(|c| c.clamp(0.0, 1.0)),
         albedo_texture: diffuse.map(|slot| slot.index),
         emission: emission.map(|c| c.max(0.0)),
         emission_texture: emissive.map(|slot| slot.index),

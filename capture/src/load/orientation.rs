@@ -98,7 +98,7 @@ impl Hints {
         (FileFrame { up, unit_m }, (!told.is_empty()).then(|| told.join("; ")))
     }
 
-    /// What speaks against Y up and metres, which a glTF has by its format's rule, of a scene whose positions are those of the file;
+    /// What speaks against Y up and metres, which a glTF has by its format's rule, of a scene that stands with Y up;
     /// `None` unless much does. Nothing is taken otherwise for that.
     pub(super) fn doubts(&self, scene: &Scene) -> Option<String> {
         let shape = Shape::of(scene, &self.groups).filter(|shape| !shape.is_thin)?;
@@ -108,7 +108,8 @@ impl Hints {
         {
             doubts.push(format!("Y is up, as glTF has it, though Z seems to be ({why}); --up z if so"));
         }
-        let up = self.options.up.unwrap_or_default();
+        // The scene has Y up by now, whatever the file has.
+        let up = UpAxis::Y;
         let (unit_m, _) = self.guess_unit(&shape, up, scene);
         if self.options.unit_m.is_none() && unit_m != 1.0 {
             let [height, width] = shape.height_and_width(scene, up);

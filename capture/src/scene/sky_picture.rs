@@ -84,7 +84,8 @@ impl fmt::Debug for SkyPicture {
 }
 
 impl SkyPicture {
-    /// Reads an `.hdr` or `.exr` file and turns it about the up axis, from north to east.
+    /// Reads an `.hdr` or `.exr` file and turns it about the up axis, from north to east. What is slightly negative (resampling and changes of
+    /// colour space leave that) is black, and what is infinite (suns in half floats) is the largest half float.
     ///
     /// # Errors
     /// [`SkyError`], in one sentence that names the file.
@@ -97,6 +98,7 @@ impl SkyPicture {
             _ => Err("not a kind of sky that is read; give an equirectangular .hdr or .exr picture".into()),
         }
         .map_err(unreadable)?;
+        let texels = texels.into_iter().map(|texel| texel.map(radiance)).collect();
         Self::new(size, texels, turn_deg).map_err(|cause| unreadable(cause.to_string()))
     }
 
@@ -275,6 +277,16 @@ fn drawn(shares: &[f32], number: f32) -> (usize, f32) {
     (at, if within.is_finite() { within.clamp(0.0, 1.0) } else { 0.5 })
 }
 
+/// A radiance as a file has it, made one that is finite and not negative unless it is no number.
+fn radiance(channel: f32) -> f32 {
+    const LARGEST_HALF: f32 = 65_504.0;
+    match channel {
+        c if c == f32::INFINITY => LARGEST_HALF,
+        c if c < 0.0 => 0.0,
+        c => c,
+    }
+}
+
 type Texels = ([u32; 2], Vec<[f32; 3]>);
 
 fn read_hdr(path: &Path) -> Result<Texels, String> {
@@ -296,4 +308,16 @@ fn read_exr(path: &Path) -> Result<Texels, String> {
     );
     let image = image.map_err(|error| of_exr(&error))?;
     Ok(([size.x() as u32, size.y() as u32], image.layer_data.channel_data.pixels.1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_files_have_of_no_radiance_is_made_one() {
+        let found = [-1e-3, 0.0, 0.5, f32::INFINITY, f32::NEG_INFINITY].map(radiance);
+        assert_eq!(found, [0.0, 0.0, 0.5, 65_504.0, 0.0]);
+        assert!(radiance(f32::NAN).is_nan(), "which is an error");
+    }
 }

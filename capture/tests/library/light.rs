@@ -191,6 +191,9 @@ fn skies_are_read_and_what_is_none_is_refused_in_one_sentence() {
     assert_eq!((sky.size(), sky.texels()[3]), ([4, 2], [1.0, 0.5, 0.0]));
     let sky = read("good.EXR", exr(4, 2, 7.0)).expect("a sky");
     assert_eq!((sky.texels()[1], sky.texels()[7]), ([7.0, 0.5, 0.5], [0.25, 0.5, 0.5]));
+    let sun = read("inf.exr", exr(4, 2, f32::INFINITY)).expect("a sun in half floats");
+    assert_eq!(sun.texels()[1], [65_504.0, 0.5, 0.5]);
+    assert_eq!(read("negative.exr", exr(4, 2, -1e-3)).expect("resampled").texels()[1], [0.0, 0.5, 0.5]);
     let huge = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 60000 +X 120000\n".to_vec();
     let wrong = [
         ("square.hdr", hdr(3, 3, [128, 1, 1, 128]), "3x3"),
@@ -198,8 +201,6 @@ fn skies_are_read_and_what_is_none_is_refused_in_one_sentence() {
         ("cut.hdr", hdr(4, 2, [128, 1, 1, 128])[..60].to_vec(), "cut.hdr"),
         ("huge.hdr", huge, "120000x60000"),
         ("nan.exr", exr(4, 2, f32::NAN), "column 1 of row 0"),
-        ("inf.exr", exr(4, 2, f32::INFINITY), "column 1 of row 0"),
-        ("negative.exr", exr(4, 2, -1.0), "is -1"),
         ("text.exr", b"no picture".to_vec(), "text.exr"),
         ("picture.png", b"no picture".to_vec(), ".hdr or .exr"),
     ];

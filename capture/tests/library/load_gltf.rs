@@ -149,6 +149,10 @@ fn alpha_modes() {
     assert!(!dropped(&format!(r#"{{{}}}"#, factor(0.1))).contains("glass"), "alpha of an opaque material is ignored");
     let transmission = r#"{"extensions":{"KHR_materials_transmission":{"transmissionFactor":0.9}}}"#;
     assert!(dropped(transmission).contains("glass"));
+    // Of some of its surface, as the texture says.
+    let panes =
+        r#"{"extensions":{"KHR_materials_transmission":{"transmissionFactor":1,"transmissionTexture":{"index":0}}}}"#;
+    assert!(!dropped(panes).contains("glass"));
 }
 
 #[test]

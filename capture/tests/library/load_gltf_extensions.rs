@@ -10,12 +10,12 @@ fn has(scene: &Scene, place: DVec3) -> bool {
     scene.positions.iter().any(|position| (*position - place).length() < 1e-6)
 }
 
-/// A square whose lower corners hang on the first joint and whose upper ones on both: accessors 0 to 5.
-fn skinned_square() -> Asset {
+/// A square whose lower corners hang on the first joint, the left one with this weight, and whose upper ones on both: accessors 0 to 5.
+fn skinned_square(weight: f32) -> Asset {
     let mut asset = square();
     asset.accessor(&[0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0], 5121, "VEC4", 4, "");
     // The upper corners' weights add up to 2: what counts is their share.
-    asset.floats(&[[1.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.5, 1.5, 0.0, 0.0], [0.5, 1.5, 0.0, 0.0]]);
+    asset.floats(&[[weight, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.5, 1.5, 0.0, 0.0], [0.5, 1.5, 0.0, 0.0]]);
     // Both joints are where the mesh was made, one metre to the left of where the nodes put them.
     let column = |x: f32| [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, x, 0.0, 0.0, 1.0_f32];
     let matrices: Vec<u8> = [column(1.0), column(1.0)].iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
@@ -31,13 +31,20 @@ const JOINTS: &str = r#""scenes":[{"nodes":[0,1]}],"nodes":[{"mesh":0,"skin":0,"
 
 #[test]
 fn skins_are_bent_to_where_the_nodes_put_their_joints() {
-    let asset = skinned_square();
+    let asset = skinned_square(1.0);
     let load =
         |skin: &str| load_text(asset.gltf(&format!(r#"{JOINTS},{SKINNED},"skins":[{skin}]"#))).expect("survives");
     let scene = load(r#"{"joints":[1,2],"inverseBindMatrices":5}"#);
     assert_eq!(scene.summary.notes, Vec::<String>::new());
     assert!(has(&scene, dvec3(1.0, 0.0, 2.0)), "{:?}", scene.positions);
     assert!(has(&scene, dvec3(2.0, 1.0 + 0.75 * 4.0, 2.0)), "{:?}", scene.positions);
+    let unbound = skinned_square(0.0)
+        .gltf(&format!(r#"{JOINTS},{SKINNED},"skins":[{{"joints":[1,2],"inverseBindMatrices":5}}]"#));
+    assert_eq!(
+        load_text(unbound).expect("survives").positions,
+        scene.positions,
+        "a vertex of no joint goes with the first"
+    );
     let without = load(r#"{"joints":[1,2]}"#);
     assert!(has(&without, dvec3(0.0, 0.0, 2.0)), "{:?}", without.positions);
     for damaged in [r#"{"joints":[1]}"#, r#"{"joints":[1,99]}"#, r#"{"joints":[1,2],"inverseBindMatrices":1}"#] {
@@ -147,7 +154,7 @@ fn textures_for_a_gpu_alone_are_told_with_what_to_do() {
 
 #[test]
 fn normals_are_bent_with_their_skin() {
-    let mut asset = skinned_square();
+    let mut asset = skinned_square(1.0);
     let normals = asset.floats(&[[0.0, 0.0, 1.0]; 4]);
     let mesh = SKINNED.replace("\"JOINTS_0\"", &format!("\"NORMAL\":{normals},\"JOINTS_0\""));
     // A quarter turn about Y takes +Z to +X.

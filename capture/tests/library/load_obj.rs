@@ -248,6 +248,24 @@ fn unreadable_textures_leave_the_plain_colour() {
 }
 
 #[test]
+fn maps_that_cannot_be_read_leave_surfaces_grey_and_dark() {
+    let material = |mtl: &str| with_material(&format!("newmtl m\n{mtl}\n"), &[]).materials[0].clone();
+    let grey = material("").albedo;
+    assert_eq!(material("Kd 0 0 0\nmap_Kd gone.png").albedo, grey, "0 beside a map is not meant");
+    assert_eq!(material("Kd 0 0 0").albedo, [0.0; 3]);
+    assert_eq!(material("Ke 1 1 1\nmap_Ke gone.png").emission, [0.0; 3]);
+}
+
+#[test]
+fn colours_of_vertices_are_what_they_say() {
+    let folder = Folder::new();
+    folder.write("a.obj", "v 0 0 0 1 1 1\nv 1 0 0 1 1 1\nv 0 1 0 0 1 1\nf 1 2 3\n");
+    let scene = folder.load("a.obj").expect("survives");
+    assert_eq!(scene.surface(0, 0.0, 0.0).albedo, [1.0; 3], "white");
+    assert_eq!(scene.surface(0, 0.0, 1.0).albedo, [0.0, 1.0, 1.0]);
+}
+
+#[test]
 fn textures_are_found_under_other_spellings() {
     let spellings = [
         ("wood.png", false),
@@ -315,6 +333,8 @@ fn dissolve_below_one_half_is_see_through() {
     for solid in ["d 0.5", "Tr 0.5", "d 1\nTr 1", "illum 4"] {
         assert_eq!(text(solid).0, 4, "{solid}");
     }
+    let (count, notes) = text("Tr 1");
+    assert!(count == 4 && notes.contains("1 material with Tr 1 and no d, taken as opaque"), "{notes}");
 }
 
 #[test]

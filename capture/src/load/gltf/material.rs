@@ -151,7 +151,9 @@ fn convert(
     let threshold = if threshold > 0.0 { threshold / alpha.max(1e-6) } else { 0.0 };
     let greatest_alpha = base_slot.map_or(1.0, |slot| f32::from(slot.greatest_alpha) / 255.0);
     let extensions = m.extensions.as_ref();
-    let transmission = extensions.and_then(|e| e.transmission.as_ref()).map_or(0.0, |t| t.transmission_factor.0);
+    // Under a texture the factor says how much is let through at most: of some part, which may be the panes of a whole house.
+    let transmission = extensions.and_then(|e| e.transmission.as_ref()).filter(|t| t.transmission_texture.is_none());
+    let transmission = transmission.map_or(0.0, |t| t.transmission_factor.0);
     if greatest_alpha < threshold || transmission > 1.0 - BLEND_THRESHOLD {
         return None;
     }

@@ -131,8 +131,13 @@ fn world_from_vertices(
             }
         }
     }
-    // Weights are rounded, and some files' do not add up to 1.
+    // Weights are rounded, and some files' do not add up to 1. Vertices that no joint moves are written as weights of zero by some; they go with
+    // the first joint, as in other viewers.
+    let first = *joints.first()?;
     let mean = |(sum, weight): (DAffine3, f64)| {
+        if weight == 0.0 {
+            return Some(first);
+        }
         let scale = 1.0 / weight;
         (weight > 0.0).then(|| DAffine3 {
             matrix3: DMat3::from_cols(
