@@ -53,21 +53,26 @@ impl Scene {
         if material.emission == [0.0; 3] {
             return [0.0; 3];
         }
-        let texture = material.emission_texture.map(|index| &self.textures[index as usize]);
-        let texel = self.paint(primitive).texel(texture, [1.0 - u - v, u, v]);
+        let texel = self.paint(primitive).texel(self.emission_texture(primitive), [1.0 - u - v, u, v]);
         (Vec3::from(material.emission) * texel).max(Vec3::ZERO).into()
+    }
+
+    /// The texture that says where triangle `primitive` emits light, if it does and one says so.
+    pub fn emission_texture(&self, primitive: u32) -> Option<&Texture> {
+        let material = &self.materials[self.triangles[primitive as usize].material as usize];
+        let index = material.emission_texture.filter(|_| material.emission != [0.0; 3])?;
+        self.textures.get(index as usize)
     }
 
     /// [`Surface::emission`] of a triangle, averaged: over points about a texel apart, or a 32nd of its longest side where that is more.
     pub fn mean_emission(&self, primitive: u32) -> [f32; 3] {
         const MOST_STEPS: f32 = 32.0;
-        let material = &self.materials[self.triangles[primitive as usize].material as usize];
-        let Some(index) = material.emission_texture else { return self.emission(primitive, 1.0 / 3.0, 1.0 / 3.0) };
-        let texture = &self.textures[index as usize];
-        let [a, b, c] = self.paint(primitive).texcoords;
-        let size = Vec2::new(texture.width() as f32, texture.height() as f32);
-        let longest =
-            [b - a, c - a, c - b].map(|edge| (edge * size).abs().max_element()).into_iter().fold(0.0, f32::max);
+        let Some(texture) = self.emission_texture(primitive) else {
+            return self.emission(primitive, 1.0 / 3.0, 1.0 / 3.0);
+        };
+        let paint = self.paint(primitive);
+        let [a, b, c] = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]].map(|weights| paint.texel_at(texture, weights));
+        let longest = [b - a, c - a, c - b].map(|edge| edge.abs().max_element()).into_iter().fold(0.0, f32::max);
         let steps = longest.ceil().clamp(1.0, MOST_STEPS) as u32;
         let third = 1.0 / (3.0 * steps as f32);
         let (mut sum, mut count) = (Vec3::ZERO, 0);
@@ -123,16 +128,14 @@ pub struct Paint<'a> {
 }
 
 impl Paint<'_> {
-    /// Whether the albedo comes from a texture.
-    pub fn is_textured(&self) -> bool {
-        self.texture.is_some()
+    /// The texture of the albedo, if it has one.
+    pub fn texture(&self) -> Option<&Texture> {
+        self.texture
     }
 
-    /// Where the albedo texture is looked up, texels from a corner of the plane of its copies; 0 without a texture.
-    pub fn texel_at(&self, [u, v]: [f32; 2]) -> Vec2 {
-        let size =
-            self.texture.map_or(Vec2::ZERO, |texture| Vec2::new(texture.width() as f32, texture.height() as f32));
-        Vec2::from(self.texcoord([1.0 - u - v, u, v])) * size
+    /// Where a texture is looked up, texels from a corner of the plane of its copies.
+    pub fn texel_at(&self, texture: &Texture, [u, v]: [f32; 2]) -> Vec2 {
+        Vec2::from(self.texcoord([1.0 - u - v, u, v])) * Vec2::new(texture.width() as f32, texture.height() as f32)
     }
 
     /// As [`Surface::albedo`].
