@@ -168,8 +168,8 @@ fn parse_backdrop(text: &str) -> Result<Backdrop, String> {
 fn parse_shard(text: &str) -> Result<(u32, u32), String> {
     let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse::<u32>().ok()?, n.parse::<u32>().ok()?)));
     match parts {
-        Some((i, n)) if (1..=1024).contains(&n) && i <= n => Ok((i % n, n)),
-        _ => Err("give I/N with N from 1 to 1024 and I from 0 to N, such as 1/4".into()),
+        Some((i, n)) if (1..=shard::MAX_PARTS).contains(&n) && i <= n => Ok((i % n, n)),
+        _ => Err(format!("give I/N with N from 1 to {} and I from 0 to N, such as 1/4", shard::MAX_PARTS)),
     }
 }
 

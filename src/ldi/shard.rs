@@ -18,6 +18,9 @@ use std::path::{Path, PathBuf};
 /// A part of a capture.
 pub const SHARD: FileKind = FileKind::SHARD;
 
+/// Into so many shards a capture is cut at most.
+pub const MAX_PARTS: u32 = 1024;
+
 /// What a shard says of itself.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ShardInfo {
@@ -100,6 +103,7 @@ pub fn read_info(path: &Path) -> Result<ShardInfo, FileError> {
     let sizes = 1..=crate::ldi::MAX_FACE_SIZE_PX;
     if !strata.contains(&info.job.parameters.strata)
         || !sizes.contains(&info.job.face_size_px)
+        || !(1..=MAX_PARTS).contains(&info.parts)
         || info.part >= info.parts
     {
         return Err(section.damaged("strata, face size and part in range", "others"));

@@ -14,7 +14,7 @@ use super::{BlockIndex, PackedCube, PackedSegment, SegmentSide, SplatIndexLayout
 use crate::capture::rig::Face;
 use crate::container::{Container, ContainerWriter, FileError, FileKind, Section};
 use crate::environment::Environment;
-use crate::ldi::CaptureInfo;
+use crate::ldi::{CaptureInfo, MAX_FACE_SIZE_PX};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -54,6 +54,28 @@ struct SegmentHeader {
     inverse_depth_min: f32,
     inverse_depth_max: f32,
     depth_pixels: usize,
+}
+
+impl CubeHeader {
+    /// What decides how much memory its arrays take, before any is read: a segment of each face and side at most, each a rectangle of a
+    /// face with something in it.
+    fn check(&self, section: &Section) -> Result<(), FileError> {
+        let keys =
+            self.segments.windows(2).map(|pair| [&pair[0], &pair[1]].map(|segment| (segment.face, segment.near)));
+        if keys.into_iter().any(|[before, after]| before >= after) {
+            return Err(section.damaged("segments in the order of faces, far before near", "another order"));
+        }
+        let face = u64::from(self.face_size_px.min(MAX_FACE_SIZE_PX));
+        let fits = |start: u32, length: u32| u64::from(start) + u64::from(length) <= face;
+        let is_wrong = |it: &&SegmentHeader| !fits(it.x0, it.width) || !fits(it.y0, it.height) || it.depth_pixels == 0;
+        match self.segments.iter().find(is_wrong) {
+            Some(it) => {
+                let found = format!("{}x{} pixels, {} depth pixels", it.width, it.height, it.depth_pixels);
+                Err(section.damaged("a rectangle on a face with depth pixels in it", found))
+            }
+            None => Ok(()),
+        }
+    }
 }
 
 /// Section name of a segment.
@@ -102,6 +124,7 @@ impl PackedCube {
         let file = Container::open(path, CUBE_LDI)?;
         let info_section = file.section("info")?;
         let header: CubeHeader = info_section.json()?;
+        header.check(&info_section)?;
         let environment = read_environment(file.section("environment")?, header.environment_size_px)?;
         let mut segments = Vec::with_capacity(header.segments.len());
         for segment in &header.segments {
@@ -152,6 +175,7 @@ impl PackedCube {
 
     /// The inverse of [`Self::arrays`], checked as [`Self::read`] checks.
     pub(crate) fn from_arrays(header: CubeHeader, section: &mut Section) -> Result<Self, FileError> {
+        header.check(section)?;
         let size_px = header.environment_size_px;
         let texels = section.array((size_px as usize).saturating_mul(size_px as usize).saturating_mul(6))?;
         let segments = header.segments.iter().map(|segment| {

@@ -37,6 +37,9 @@ impl Plane {
     }
 }
 
+/// Sides of a picture, texels: captures make them some 130 at most, and what lays them out on sheets counts on this.
+pub(crate) const MAX_TILE_PX: u16 = 1024;
+
 /// A picture on a plane: a rectangle of face pixels with a colour each. It is drawn between the middles of its outermost
 /// texels, so that neighbours, which share a line of texels, meet without a gap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]

@@ -2,6 +2,7 @@
 
 use super::depth_pixel::{PackedDepthPixel, SplatIndexLayout};
 use super::layout::{PackedCube, PackedSegment, SegmentSide};
+use super::planes::MAX_TILE_PX;
 use crate::capture::rig::Face;
 use crate::ldi::{LdiError, MAX_FACE_SIZE_PX};
 
@@ -138,6 +139,9 @@ impl PackedCube {
             };
             if !fits(tile.x0, tile.width) || !fits(tile.y0, tile.height) {
                 return wrong("its rectangle is too small, or reaches beyond the pixels around its face");
+            }
+            if tile.width.max(tile.height) > MAX_TILE_PX {
+                return wrong("its rectangle is larger than those of any program");
             }
             if tile.first_texel as usize != texels {
                 return wrong("its texels do not follow those of the one before it");
