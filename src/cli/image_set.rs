@@ -3,6 +3,7 @@
 use super::progress::Bar;
 use super::words::UsageError;
 use crate::cache;
+use crate::capture::files::protect_input;
 use crate::capture::images::{
     ImageSet, ImageSetOptions, Kept, RefinementReport, RefinementStep, RegistrationReport, RegistrationStep,
 };
@@ -43,6 +44,10 @@ impl SetArgs {
     /// Opens a set, refines its poses if that is asked for, and says on standard error what was met.
     pub(super) fn open(&self, folder: &Path) -> anyhow::Result<ImageSet> {
         let mut set = ImageSet::open(folder, &ImageSetOptions { allow_outside: self.allow_outside })?;
+        for view in &set.views {
+            let depth = view.depth.as_ref().map(|depth| &depth.path);
+            [Some(&view.color), depth, view.mask.as_ref()].into_iter().flatten().for_each(|file| protect_input(file));
+        }
         for note in &set.notes {
             eprintln!("note: {note}");
         }

@@ -115,6 +115,13 @@ pub(super) struct Outputs {
     files: Vec<PathBuf>,
 }
 
+/// A file's name without detours, whether there is such a file or not.
+fn place_of(path: &Path) -> PathBuf {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let in_folder = || Some(folder.canonicalize().ok()?.join(path.file_name()?));
+    path.canonicalize().ok().or_else(in_folder).unwrap_or_else(|| path.into())
+}
+
 /// For a command that reads no files.
 pub(super) const NO_INPUTS: [&str; 0] = [];
 
@@ -139,10 +146,11 @@ impl Outputs {
         } else if !files::is_stream(path)? {
             endings.allow(path)?;
         }
-        if self.files.iter().any(|other| other == path) {
+        let place = place_of(path);
+        if self.files.contains(&place) {
             return Err(UsageError(format!("{}: two outputs would be written to it", path.display())).into());
         }
-        self.files.push(path.into());
+        self.files.push(place);
         Ok(self)
     }
 

@@ -3,6 +3,7 @@
 use super::args::{named_parts, parse_length, parse_unit, parse_up, parse_vector};
 use super::progress::Bar;
 use super::words::UsageError;
+use crate::capture::files;
 use crate::capture::load::LoadOptions;
 use crate::capture::scene::{FileFrame, UpAxis};
 use crate::compose::{Polygons, place};
@@ -67,6 +68,7 @@ impl PolygonsArg {
         let source =
             SceneSource { options: LoadOptions { up: self.up, unit_m: self.unit }, ..SceneSource::new(&self.name) };
         let mut scene = source.open()?;
+        scene.summary.files.iter().for_each(|file| files::protect_input(file));
         scene.summary.notes.iter().for_each(|note| eprintln!("note: {}: {note}", self.name));
         place(&mut scene, self.scale.unwrap_or(1.0), self.turn_deg, frame.world_from_file(self.at));
         let polygons = match cube {

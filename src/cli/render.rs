@@ -90,10 +90,10 @@ pub(super) struct RenderCommand {
     #[arg(long, value_name = "STOPS", value_parser = parse_stops, allow_hyphen_values = true)]
     exposure: Option<f32>,
     /// EXR to write the eye depth of each pixel to, metres, infinite where nothing is drawn; for a single frame of one .ldi
-    #[arg(long, value_name = "FILE.exr", conflicts_with = "path")]
+    #[arg(long, value_name = "FILE.exr", conflicts_with_all = ["path", "stereo", "panorama", "vr180"])]
     depth: Option<PathBuf>,
     /// Picture of the share of each pixel to that depth pixels cover, 0 to 255, to write; for a single frame of one .ldi
-    #[arg(long, value_name = "FILE.png", conflicts_with = "path")]
+    #[arg(long, value_name = "FILE.png", conflicts_with_all = ["path", "stereo", "panorama", "vr180"])]
     coverage: Option<PathBuf>,
     /// Instead of the frame, one of the overlays that the window has for such a file, with a legend: holes, coverage, depth and others; of view-dependent
     /// geometry camera, owners, mesh and age; a wrong name prints the list

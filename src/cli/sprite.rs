@@ -281,7 +281,11 @@ impl ImportArgs {
         let is_exr = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
         let usual = match kind {
             _ if is_exr => 1.0,
-            DepthKind::WindowDepth | DepthKind::ReversedWindowDepth => 1.0 / 65_535.0,
+            // Whatever number of bits it has, all of them are 1.
+            DepthKind::WindowDepth | DepthKind::ReversedWindowDepth => match picture::bits_per_channel(path) {
+                Ok(8) => 1.0 / 255.0,
+                _ => 1.0 / 65_535.0,
+            },
             DepthKind::EyeDepth | DepthKind::RayDistance => 1e-3,
         };
         self.depth_unit.unwrap_or(usual) as f32

@@ -134,12 +134,33 @@ fn gif(to: &mut dyn Write, fps: u32, frames: Frames) -> io::Result<()> {
     const SPEED: i32 = 10;
     let mut encoder = GifEncoder::new_with_speed(to, SPEED);
     encoder.set_repeat(Repeat::Infinite).map_err(io::Error::other)?;
-    for frame in frames {
-        let rgba = image::DynamicImage::ImageRgb8(frame?).into_rgba8();
-        let frame = image::Frame::from_parts(rgba, 0, 0, Delay::from_numer_denom_ms(1000, fps));
+    let mut next = 0;
+    for (frame, number) in frames.zip(0u32..) {
+        let frame = frame?;
+        if number < next {
+            continue;
+        }
+        let hundredths;
+        (next, hundredths) = gif_delay(number, fps);
+        let rgba = image::DynamicImage::ImageRgb8(frame).into_rgba8();
+        let frame = image::Frame::from_parts(rgba, 0, 0, Delay::from_numer_denom_ms(10 * hundredths, 1));
         encoder.encode_frame(frame).map_err(io::Error::other)?;
     }
     Ok(())
+}
+
+/// The frame that follows frame `number` in a GIF, and by how many hundredths of a second. These are all that a GIF counts, and players take
+/// one for ten: what follows sooner is left out.
+fn gif_delay(number: u32, fps: u32) -> (u32, u32) {
+    const LEAST: u64 = 2;
+    let (fps, number) = (u64::from(fps.max(1)), u64::from(number));
+    let start = |number: u64| (200 * number + fps) / (2 * fps);
+    // At least one frame on, and as far as it takes.
+    let mut next = number + 1;
+    while start(next) < start(number) + LEAST {
+        next += 1;
+    }
+    (next as u32, (start(next) - start(number)) as u32)
 }
 
 fn apng(to: &mut dyn Write, [width, height]: [u32; 2], fps: u32, count: u32, frames: Frames) -> io::Result<()> {
@@ -158,6 +179,21 @@ fn apng(to: &mut dyn Write, [width, height]: [u32; 2], fps: u32, count: u32, fra
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_gif_keeps_time() {
+        for fps in [1, 7, 24, 30, 50, 60, 240] {
+            let (mut number, mut hundredths, mut shown) = (0, 0, 0);
+            while number < fps {
+                let (next, delay) = gif_delay(number, fps);
+                assert!(delay >= 2, "{fps}: {delay}");
+                (number, hundredths, shown) = (next, hundredths + delay, shown + 1);
+            }
+            assert!(hundredths.abs_diff(100) <= 2, "{fps}: {hundredths} hundredths of a second");
+            // Of 60 a second every third is left out.
+            assert!(shown == fps.min(50) || fps == 60 && shown == 40, "{fps}: {shown}");
+        }
+    }
 
     fn frames(size: [u32; 2]) -> impl Iterator<Item = io::Result<RgbImage>> {
         (0..3u8).map(move |i| Ok(RgbImage::from_pixel(size[0], size[1], image::Rgb([80 * i, 10, 200]))))

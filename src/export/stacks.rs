@@ -2,8 +2,8 @@
 
 use super::pieces;
 use super::surfels;
-use crate::capture::linear_from_srgb8;
 use crate::capture::rig::Face;
+use crate::capture::scene::ToneMap;
 use crate::packed::PackedCube;
 
 /// One sample of a pixel.
@@ -11,14 +11,14 @@ use crate::packed::PackedCube;
 pub(super) struct Deep {
     /// Eye depth of the face's camera, metres.
     pub(super) depth_m: f32,
-    /// Linear red, green and blue times alpha, and alpha.
+    /// Linear red, green and blue (1 is white) times alpha, and alpha.
     pub(super) rgba: [f32; 4],
 }
 
 impl Deep {
-    fn new(depth_m: f64, [r, g, b, a]: [u8; 4]) -> Self {
+    fn new(depth_m: f64, [r, g, b, a]: [u8; 4], tone: ToneMap) -> Self {
         let alpha = f32::from(a) / 255.0;
-        let [r, g, b] = [r, g, b].map(|c| linear_from_srgb8(c) * alpha);
+        let [r, g, b] = [r, g, b].map(|c| tone.exposed(c) * alpha);
         Self { depth_m: depth_m as f32, rgba: [r, g, b, alpha] }
     }
 
@@ -40,7 +40,7 @@ pub(super) struct Stacks {
 impl Stacks {
     /// Depth pixels, texels of pictures on planes, and behind all the environment.
     pub(super) fn of_face(cube: &PackedCube, face: Face) -> Self {
-        let (face_px, distance) = (cube.face_size_px, surfels::sky(cube));
+        let (face_px, distance, tone) = (cube.face_size_px, surfels::sky(cube), cube.info.tone);
         let pieces = pieces::of_face(cube, face);
         let mut stacks = Self { offsets: vec![0], samples: Vec::with_capacity(pieces.len()) };
         let mut rest = pieces.iter().peekable();
@@ -48,9 +48,9 @@ impl Stacks {
             let direction = face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face_px);
             let sky = cube.environment.sample(direction.as_vec3());
             while let Some(piece) = rest.next_if(|piece| piece.at == at) {
-                stacks.put_behind(Deep::new(1.0 / piece.inverse_depth, piece.color_srgb));
+                stacks.put_behind(Deep::new(1.0 / piece.inverse_depth, piece.color_srgb, tone));
             }
-            sky.into_iter().for_each(|[r, g, b]| stacks.put_behind(Deep::new(distance, [r, g, b, 255])));
+            sky.into_iter().for_each(|[r, g, b]| stacks.put_behind(Deep::new(distance, [r, g, b, 255], tone)));
             stacks.offsets.push(stacks.samples.len() as u32);
         }
         stacks
@@ -69,5 +69,22 @@ impl Stacks {
     /// The samples of a pixel, in the order of rows.
     pub(super) fn pixel(&self, at: usize) -> &[Deep] {
         &self.samples[self.offsets[at] as usize..self.offsets[at + 1] as usize]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colours_are_the_light_that_was_stored() {
+        for (tone, brightest) in [(ToneMap::SrgbClipped, 1.0), (ToneMap::SrgbCompressed, ToneMap::BRIGHTEST)] {
+            let levels = [0.25, 1.0, brightest].map(|light| tone.level(light));
+            let [r, g, b] = levels;
+            let deep = Deep::new(2.0, [r, g, b, 255], tone);
+            for (found, light) in deep.rgba.into_iter().zip([0.25, 1.0, brightest, 1.0]) {
+                assert!((found / light - 1.0).abs() < 0.05, "{tone}: {found}, not {light}; steps of 8 bits");
+            }
+        }
     }
 }

@@ -116,6 +116,8 @@ impl Walker {
         if settings.persistence {
             persist(output, &self.previous, camera);
             self.previous.clone_from(&output.frame);
+        } else {
+            self.previous = Frame::default();
         }
         stats.geometry_ms = (geometry_done - started).as_secs_f64() * 1e3;
         stats.backdrop_ms = geometry_done.elapsed().as_secs_f64() * 1e3;
