@@ -70,6 +70,10 @@ fn a_folder_of_images_is_captured_rendered_told_of_and_measured() {
     fails(dir.path(), 2, &["view", "x.ldi", "--allow-outside"], &of_sets("--allow-outside"));
     let (_, quick) = succeeds(dir.path(), &["render", "room", "-o", "as-given.png", "--no-registration"]);
     assert!(!quick.contains("registration"), "{quick}");
+    let picture = std::fs::read(dir.path().join("room/frame-000003.color.png")).unwrap();
+    let onto_itself = ["render", "room", "-o", "room/frame-000003.color.png", "--no-registration"];
+    fails(dir.path(), 2, &onto_itself, "room/frame-000003.color.png cannot be written");
+    assert_eq!(std::fs::read(dir.path().join("room/frame-000003.color.png")).unwrap(), picture);
     for (flag, value) in [("--shard", "1/2"), ("--face-size", "256"), ("--light-samples", "9"), ("--sun", "off")] {
         let said = format!("{flag} has no meaning for images; leave it out");
         fails(dir.path(), 2, &["capture", "room", "-o", "x.ldi", flag, value], &said);
