@@ -12,7 +12,7 @@ use std::collections::HashMap;
 /// A corner lies on an edge if it is no farther from it, metres: more than files round by, less than anybody models.
 const ON_EDGE_M: f64 = 2e-4;
 /// Corners are found in cubes as large as edges are on the mean, and no smaller than this, metres.
-const SMALLEST_CUBE_M: f64 = 0.1;
+const SMALLEST_CUBE_M: f64 = 5e-3;
 
 impl Scene {
     /// Splits edges at the corners that lie on them. What surfaces show stays: a new vertex has what its edge has there.
