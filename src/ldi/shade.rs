@@ -315,8 +315,11 @@ mod tests {
         let tracer = Tracer::new(std::sync::Arc::new(scene), DVec3::ZERO);
         let lighting = Lighting::of_scene(&tracer, 0);
         let shader = Shader { tracer: &tracer, lighting: &lighting, samples: 0, shape_only: false, face_size_px: 32 };
-        let acc = Accumulator { barycentric: [20_000; 2], count: 1, ..bytemuck::Zeroable::zeroed() };
-        let emitted = |p: u32| shader.part(&acc, Face::NegZ, p % 32, p / 32).emission.x;
+        let emitted = |p: u32| {
+            let [u, v, ..] = random4([p, 3, 4, 5]).map(|bits| (bits >> 17) as u16);
+            let acc = Accumulator { barycentric: [u, v], count: 1, ..bytemuck::Zeroable::zeroed() };
+            shader.part(&acc, Face::NegZ, p % 32, p / 32).emission.x
+        };
         let pixels = (0..32 * 32).filter(|p| (8..24).contains(&(p % 32)) && (4..20).contains(&(p / 32)));
         let squares: Vec<f32> = pixels.map(|p| (emitted(p) - 0.5).powi(2)).collect();
         let error = (squares.iter().sum::<f32>() / squares.len() as f32).sqrt();
