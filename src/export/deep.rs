@@ -2,7 +2,8 @@
 //!
 //! The six faces of the cube stand one above another as OpenEXR's cubic environment maps have them (`ImfEnvmap.h`), which are the faces of a
 //! cube LDI; a single face is the picture of a camera at the centre of the headbox that sees 90 degrees. Colours are linear light, 1 where
-//! white is (above it where a capture keeps that), of sRGB's primaries, times alpha; `Z` is eye depth of the face's camera, metres. The world has Y up; cameras are told as OpenEXR has them
+//! white is (above it where a capture keeps that), of sRGB's primaries, times alpha; `Z` is eye depth of the face's camera, metres. The
+//! world has Y up; cameras are told as OpenEXR has them
 //! ([`DeepView::of_camera`]).
 
 use super::ExportError;

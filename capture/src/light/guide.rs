@@ -2,8 +2,8 @@
 //!
 //! A room is lit through its windows, and few cosine-weighted rays find one. So places on surfaces are filed by cells of space and by
 //! where they face, and for each cell a density over the unit square is learnt, the square from which cosine-weighted directions are
-//! drawn: high where bright light came in. Rays drawn by it count one over it, so that no mean changes but that of what is cut as too bright (Jensen 1995, "Importance Driven
-//! Path Tracing using the Photon Map"; Mueller et al. 2017, "Practical Path Guiding"), and what is learnt is the root of the mean square
+//! drawn: high where bright light came in. Rays drawn by it count one over it, so that no mean changes but that of
+//! what is cut as too bright (Jensen 1995, "Importance Driven Path Tracing using the Photon Map"; Mueller et al. 2017, "Practical Path Guiding"), and what is learnt is the root of the mean square
 //! of the light, by which the variance of one ray is least (Rath et al. 2020, "Variance-Aware Path Guiding").
 
 use super::arrival::power_of_two_above;
