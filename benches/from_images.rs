@@ -5,13 +5,13 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;
-use headbox::capture::Camera;
-use headbox::capture::images::{ImageSet, ImageSetOptions, SetWriter};
-use headbox::capture::light::Lighting;
-use headbox::capture::trace::Tracer;
-use headbox::ldi::from_images::{ImagesJob, NearImages};
-use headbox::progress::Silent;
-use headbox::truth;
+use headbox_core::camera::Camera;
+use headbox_images::{ImageSet, ImageSetOptions, SetWriter};
+use headbox_trace::light::Lighting;
+use headbox_trace::bvh::Tracer;
+use headbox_ldi::from_images::{ImagesJob, NearImages};
+use headbox_core::progress::Silent;
+use headbox_images::traced_view;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -20,7 +20,7 @@ const WALL: [u32; 2] = [4, 4];
 const SIZE: [u32; 2] = [640, 480];
 
 fn trace(folder: &Path) {
-    let scene = Arc::new(headbox::scenes::build("castle", 0).expect("a built-in scene"));
+    let scene = Arc::new(headbox_scenes::build("castle", 0).expect("a built-in scene"));
     let headbox = scene.headbox.expect("it suggests one");
     let tracer = Tracer::new(scene, headbox.centre);
     let lighting = Lighting::measure(&tracer, 0);
@@ -29,7 +29,7 @@ fn trace(folder: &Path) {
         let off = |at: u32, of: u32| (2.0 * f64::from(at) / f64::from(of - 1) - 1.0) * 0.9 * headbox.half_size_m;
         let eye = headbox.centre + DVec3::new(off(i % WALL[0], WALL[0]), off(i / WALL[0], WALL[1]), 0.0);
         let camera = Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 60.0, SIZE).expect("a camera");
-        let view = truth::view(&tracer, &lighting, false, &camera, 1, &Silent);
+        let view = traced_view::view(&tracer, &lighting, false, &camera, 1, &Silent);
         set.add(i as usize, &view, true).expect("written");
     }
     set.finish().expect("written");

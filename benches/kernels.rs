@@ -6,22 +6,22 @@
 //! scenes of the files must still be where they were. `HEADBOX_BENCH_SAMPLES=0` leaves errors out, `HEADBOX_BENCH_BAND_ROWS=128`
 //! chooses the height of bands.
 
-use headbox::cache;
-use headbox::capture::Camera;
-use headbox::capture::light::Lighting;
-use headbox::capture::statistics::median;
-use headbox::capture::trace::Tracer;
-use headbox::measure::embree::{Embree, PROGRAM};
-use headbox::measure::plan::{Plan, Quality, most_to_see};
-use headbox::measure::stats::{mean, pooled_psnr_db};
-use headbox::measure::truths::Truths;
-use headbox::measure::turns::{in_turns, least};
-use headbox::metrics;
-use headbox::packed::PackedCube;
-use headbox::progress::Silent;
-use headbox::render::splat::SplatKernel;
-use headbox::render::{FrameStats, RenderSettings, Renderer};
-use headbox::scene_source::SceneSource;
+use headbox_photos::cache;
+use headbox_core::camera::Camera;
+use headbox_trace::light::Lighting;
+use headbox_core::statistics::median;
+use headbox_trace::bvh::Tracer;
+use headbox_lab::embree::{Embree, PROGRAM};
+use headbox_lab::plan::{Plan, Quality, most_to_see};
+use headbox_lab::stats::{mean, pooled_psnr_db};
+use headbox_lab::truths::Truths;
+use headbox_lab::turns::{in_turns, least};
+use headbox_core::metrics;
+use headbox_cube::pack::PackedCube;
+use headbox_core::progress::Silent;
+use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_cube::render::{FrameStats, RenderSettings, Renderer};
+use headbox_ldi::scene_source::SceneSource;
 use image::RgbImage;
 use std::path::Path;
 use std::sync::Arc;
@@ -118,7 +118,7 @@ fn main() {
 fn rays(tracer: &Tracer, plan: &Plan) -> Option<f64> {
     let program = std::env::var_os(PROGRAM)?;
     let mut ways = [Embree::start(&program, tracer, 2).expect("the rival")];
-    let of_eye = |eye: &headbox::measure::plan::Eye| {
+    let of_eye = |eye: &headbox_lab::plan::Eye| {
         let times = in_turns(&mut ways, ROUNDS, |_, embree| embree.trace(&eye.camera).ok().map(|frame| frame.ms));
         least(&times[0])
     };

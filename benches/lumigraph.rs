@@ -5,16 +5,13 @@
 //! of one run only: frames of one table are drawn in turns.
 
 use glam::DVec3;
-use headbox::capture::Camera;
-use headbox::capture::light::Lighting;
-use headbox::capture::scene::Headbox;
-use headbox::capture::statistics::median;
-use headbox::capture::trace::Tracer;
-use headbox::lumigraph::{
-    CameraGrid, CurvePoint, GridParts, Lumigraph, LumigraphCapture, LumigraphRenderer, LumigraphSettings, Placement,
-    RawLumigraph, middle_disparity,
-};
-use headbox::progress::Silent;
+use headbox_core::camera::Camera;
+use headbox_trace::light::Lighting;
+use headbox_core::headbox::Headbox;
+use headbox_core::statistics::median;
+use headbox_trace::bvh::Tracer;
+use headbox_lumigraph::{CameraGrid, CurvePoint, GridParts, Lumigraph, LumigraphCapture, LumigraphRenderer, LumigraphSettings, Placement, RawLumigraph, middle_disparity};
+use headbox_core::progress::Silent;
 use std::sync::Arc;
 
 const FRAME_PX: [u32; 2] = [400, 400];
@@ -42,7 +39,7 @@ struct Wall {
 
 impl Wall {
     fn new((name, focal, fov_deg): (&str, f64, f64)) -> Self {
-        let scene = Arc::new(headbox::scenes::build(name, 0).expect("built in"));
+        let scene = Arc::new(headbox_scenes::build(name, 0).expect("built in"));
         let headbox = scene.headbox.expect("it has one");
         let tracer = Tracer::new(scene, headbox.centre);
         let lighting = Lighting::measure(&tracer, 0);

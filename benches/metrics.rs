@@ -3,7 +3,7 @@
 //! `cargo bench --bench metrics`. Compare figures of one run only.
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use headbox::metrics::{DEFAULT_PIXELS_PER_DEGREE, compare, differing_fraction, flip_map, psnr_db, ssim};
+use headbox_core::metrics::{DEFAULT_PIXELS_PER_DEGREE, compare, differing_fraction, flip_map, psnr_db, ssim};
 use image::{Rgb, RgbImage};
 
 /// Smooth gradients with a texture; the second of a pair is a little darker where a hash says so.

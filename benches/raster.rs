@@ -5,14 +5,14 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use glam::DVec3;
-use headbox::capture::Camera;
-use headbox::environment::Environment;
-use headbox::raster::{GroupWindow, RasterMesh, RasterStats, RasterView, Rasterizer};
+use headbox_core::camera::Camera;
+use headbox_core::environment::Environment;
+use headbox_raster::{GroupWindow, RasterMesh, RasterStats, RasterView, Rasterizer};
 use std::sync::Arc;
 
 fn frames(criterion: &mut Criterion) {
     for name in ["tree", "interior"] {
-        let scene = Arc::new(headbox::scenes::build(name, 0).expect("a built-in scene"));
+        let scene = Arc::new(headbox_scenes::build(name, 0).expect("a built-in scene"));
         let [low, high] = scene.bounds();
         let (eye, at) = match scene.headbox {
             Some(box_) if name != "tree" => (box_.centre, box_.centre + DVec3::new(1.0, -0.1, -0.6)),

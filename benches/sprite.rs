@@ -7,12 +7,9 @@
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DMat3, DVec3, dvec3};
-use headbox::capture::Camera;
-use headbox::capture::statistics::median;
-use headbox::sprite::{
-    Displacement, DisplacementFormat, PreparedSprite, RenderOptions, Sprite, SpriteLayer, SpritePlane, SpriteRenderer,
-    SpriteSampling, SpriteTransfer, SpriteVariant, SpriteWithDepth,
-};
+use headbox_core::camera::Camera;
+use headbox_core::statistics::median;
+use headbox_sprite::{Displacement, DisplacementFormat, PreparedSprite, RenderOptions, Sprite, SpriteLayer, SpritePlane, SpriteRenderer, SpriteSampling, SpriteTransfer, SpriteVariant, SpriteWithDepth};
 use image::{Rgba, RgbaImage};
 use std::time::Instant;
 

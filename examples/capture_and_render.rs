@@ -6,7 +6,10 @@
 //!
 //! SCENE is an .obj, .gltf or .glb file or builtin:NAME; FOLDER takes the pictures.
 
-use headbox::{Camera, Capture, CubeLdi, DVec3, RenderSettings, Renderer, Scene};
+use headbox_core::camera::Camera;
+use headbox::{Capture, DVec3, Scene};
+use headbox_cube::pack::layout::PackedCube as CubeLdi;
+use headbox_cube::render::{RenderSettings, Renderer};
 use std::path::PathBuf;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -5,7 +5,10 @@
 //! cargo run --release --example tilt_sprite -- [SCENE] [FOLDER]
 //! ```
 
-use headbox::{Camera, ComposeSettings, Composer, Composition, DVec3, Frame, Scene, SpriteCapture};
+use headbox_core::camera::Camera;
+use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
+use headbox::{DVec3, Scene, SpriteCapture};
+use headbox_core::frame::Frame;
 use std::path::PathBuf;
 
 /// Frame size, px.

@@ -7,7 +7,12 @@
 //!
 //! MODEL is a portal model (.toml), a Sweet Home 3D home (.sh3d, Home.xml), or builtin:house.
 
-use headbox::{BackdropKind, BackdropQuality, Backdrops, House, WalkPath, WalkSettings, Walker};
+use headbox_house::backdrop::{BackdropKind, BackdropQuality};
+use headbox_house::store::Store as Backdrops;
+use headbox_house::house::House;
+use headbox_house::walk_path::WalkPath;
+use headbox_house::settings::WalkSettings;
+use headbox_house::walk::Walker;
 use std::path::PathBuf;
 
 /// Memory for what is captured behind portals, bytes.

@@ -1,25 +1,28 @@
 //! Captures in one call: of a cube LDI, and of sprites.
 
-use crate::capture::light::Lighting;
-use crate::capture::sampler::Strata;
-use crate::capture::trace::Tracer;
-use crate::capture::viewpoint::place_headbox;
-use crate::capture::{Camera, scene::Headbox};
-use crate::environment::Environment;
-use crate::gaps;
-use crate::ldi::MAX_FACE_SIZE_PX;
-use crate::ldi::job::CaptureJob;
-use crate::ldi::parameters::{CaptureParameters, Resources};
-use crate::packed::{PackedCube, SplatIndexLayout, Split};
-use crate::primitives::{self, DEFAULT_ERROR_PX, MAX_ERROR_PX, fineness};
-use crate::progress::{Progress, Silent};
-use crate::sprite::{DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, capture_slabs, slabs_at_gaps};
+use headbox_trace::light::Lighting;
+use headbox_trace::sampler::Strata;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::viewpoint::place_headbox;
+use headbox_core::camera::Camera;
+use headbox_core::headbox::Headbox;
+use headbox_ldi::refine as gaps;
+use headbox_cube::model::validate::MAX_FACE_SIZE_PX;
+use headbox_ldi::job::CaptureJob;
+use headbox_cube::model::parameters::CaptureParameters;
+use headbox_ldi::settings::Resources;
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::planes as primitives;
+use headbox_cube::planes::{DEFAULT_ERROR_PX, MAX_ERROR_PX};
+use headbox_ldi::face_size as fineness;
+use headbox_core::progress::{Progress, Silent};
+use headbox_sprite::{DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, capture_slabs, slabs_at_gaps};
 use crate::{Error, Scene};
 use glam::DVec3;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// A capture to be made: rays from a headbox into a scene, lit, merged and packed into a [`CubeLdi`](crate::CubeLdi).
+/// A capture to be made: rays from a headbox into a scene, lit, merged and packed into a [`CubeLdi`](headbox_cube::pack::layout::PackedCube).
 ///
 /// Where nothing is said, the headbox lies in free space, faces have 1024 pixels a side, and 32^4 strata of 16 rays are
 /// traced from each face, as in the papers (S15): minutes of work. `face_size(256).strata(12)` takes seconds.
@@ -239,7 +242,7 @@ impl<'a> SpriteCapture<'a> {
             frame: self.scene.frame(),
             light: self.scene.source().light.clone(),
         };
-        set.environment = Environment::sky(&lighting);
+        set.environment = lighting.environment();
         Ok(set)
     }
 }

@@ -1,16 +1,16 @@
 //! One error for all that the library does.
 
-use crate::capture::CameraError;
-use crate::capture::viewpoint::HeadboxError;
-use crate::container::FileError;
-use crate::frame::FrameError;
-use crate::metrics::MetricError;
-use crate::packed::PackError;
-use crate::portal::backdrop::BackdropError;
-use crate::portal::file::HouseFileError;
-use crate::portal::house::HouseError;
-use crate::scene_source::SceneSourceError;
-use crate::sprite::SpriteError;
+use headbox_core::camera::CameraError;
+use headbox_trace::viewpoint::HeadboxError;
+use headbox_core::container::FileError;
+use headbox_core::frame::FrameError;
+use headbox_core::metrics::MetricError;
+use headbox_cube::pack::PackError;
+use headbox_house::backdrop::BackdropError;
+use headbox_house::file::HouseFileError;
+use headbox_house::house::HouseError;
+use headbox_ldi::scene_source::SceneSourceError;
+use headbox_sprite::SpriteError;
 
 /// Why something could not be done. The sentence says which file, which value and what was expected; nothing panics on input.
 #[derive(Debug, thiserror::Error)]

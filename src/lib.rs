@@ -34,84 +34,21 @@ mod error;
 mod scene;
 
 pub use capturing::{Capture, SpriteCapture};
-pub use compose::{ComposeSettings, Composer, Composition};
+pub use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
 pub use error::Error;
-pub use frame::{Coverage, Frame};
+pub use headbox_core::frame::{Coverage, Frame};
 pub use glam::DVec3;
-pub use headbox_capture::Camera;
-pub use headbox_capture::scene::{FileFrame, Headbox, UpAxis};
-pub use packed::PackedCube as CubeLdi;
-pub use portal::backdrop::{BackdropKind, BackdropQuality};
-pub use portal::house::House;
-pub use portal::settings::WalkSettings;
-pub use portal::store::Store as Backdrops;
-pub use portal::walk::Walker;
-pub use portal::walk_path::WalkPath;
-pub use progress::Progress;
-pub use render::{RenderSettings, Renderer};
+pub use headbox_core::camera::Camera;
+pub use headbox_core::file_frame::{FileFrame, UpAxis};
+pub use headbox_core::headbox::Headbox;
+pub use headbox_cube::pack::PackedCube as CubeLdi;
+pub use headbox_house::backdrop::{BackdropKind, BackdropQuality};
+pub use headbox_house::house::House;
+pub use headbox_house::settings::WalkSettings;
+pub use headbox_house::store::Store as Backdrops;
+pub use headbox_house::walk::Walker;
+pub use headbox_house::walk_path::WalkPath;
+pub use headbox_core::progress::Progress;
+pub use headbox_cube::render::{RenderSettings, Renderer};
 pub use scene::Scene;
-pub use sprite::SpriteSet;
-
-// What lies below: for the binary, the tests and the benches, without a promise that it stays.
-#[doc(hidden)]
-pub use headbox_capture as capture;
-#[doc(hidden)]
-pub use headbox_capture::path;
-#[doc(hidden)]
-pub use headbox_scenes as scenes;
-
-#[doc(hidden)]
-pub mod cache;
-#[cfg(feature = "cli")]
-#[doc(hidden)]
-pub mod cli;
-#[doc(hidden)]
-pub mod compose;
-#[doc(hidden)]
-pub mod container;
-#[cfg(feature = "cli")]
-#[doc(hidden)]
-pub mod drawing;
-#[doc(hidden)]
-pub mod environment;
-#[doc(hidden)]
-pub mod export;
-#[doc(hidden)]
-pub mod frame;
-#[doc(hidden)]
-pub mod gaps;
-#[doc(hidden)]
-pub mod ldi;
-#[doc(hidden)]
-pub mod lumigraph;
-#[cfg(feature = "cli")]
-#[doc(hidden)]
-pub mod measure;
-#[doc(hidden)]
-pub mod metrics;
-#[doc(hidden)]
-pub mod packed;
-#[doc(hidden)]
-pub mod portal;
-#[doc(hidden)]
-pub mod primitives;
-#[doc(hidden)]
-pub mod progress;
-#[doc(hidden)]
-pub mod raster;
-#[doc(hidden)]
-pub mod render;
-#[doc(hidden)]
-pub mod scene_source;
-mod shelves;
-#[doc(hidden)]
-pub mod sprite;
-mod srgb;
-mod texels;
-#[doc(hidden)]
-pub mod truth;
-#[cfg(feature = "viewer")]
-#[doc(hidden)]
-pub mod view;
-#[doc(hidden)]
-pub mod view_geometry;
+pub use headbox_sprite::SpriteSet;

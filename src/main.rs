@@ -1,5 +1,5 @@
 //! The command line of headbox.
 
 fn main() -> std::process::ExitCode {
-    headbox::cli::main()
+    headbox_cli::main()
 }

@@ -1,11 +1,12 @@
 //! A scene, opened.
 
 use crate::Error;
-use crate::capture;
-use crate::capture::load::LoadOptions;
-use crate::capture::scene::{FileFrame, Headbox, UpAxis};
-use crate::capture::viewpoint::place_headbox;
-use crate::scene_source::SceneSource;
+
+use headbox_scene::load::LoadOptions;
+use headbox_core::file_frame::{FileFrame, UpAxis};
+use headbox_core::headbox::Headbox;
+use headbox_trace::viewpoint::place_headbox;
+use headbox_ldi::scene_source::SceneSource;
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -22,7 +23,7 @@ use std::sync::Arc;
 #[derive(Clone, Debug)]
 pub struct Scene {
     source: SceneSource,
-    loaded: Arc<capture::Scene>,
+    loaded: Arc<headbox_scene::scene::Scene>,
 }
 
 impl Scene {
@@ -81,7 +82,7 @@ impl Scene {
 
     /// The triangles.
     #[doc(hidden)]
-    pub fn loaded(&self) -> &Arc<capture::Scene> {
+    pub fn loaded(&self) -> &Arc<headbox_scene::scene::Scene> {
         &self.loaded
     }
 }

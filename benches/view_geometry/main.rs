@@ -8,15 +8,13 @@ mod delays;
 
 use delays::{Delays, resident_bytes};
 use glam::DVec3;
-use headbox::capture::Camera;
-use headbox::capture::images::{ImageSet, ImageSetOptions, SetWriter, View};
-use headbox::capture::light::Lighting;
-use headbox::capture::trace::Tracer;
-use headbox::progress::Silent;
-use headbox::truth;
-use headbox::view_geometry::{
-    GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, Patience, TimeBudget, ViewGeometry,
-};
+use headbox_core::camera::Camera;
+use headbox_images::{ImageSet, ImageSetOptions, SetWriter, View};
+use headbox_trace::light::Lighting;
+use headbox_trace::bvh::Tracer;
+use headbox_core::progress::Silent;
+use headbox_images::traced_view;
+use headbox_photos::view_geometry::{GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, Patience, TimeBudget, ViewGeometry};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -39,7 +37,7 @@ fn number(name: &str, or: f64) -> f64 {
 }
 
 fn trace(folder: &Path) {
-    let scene = Arc::new(headbox::scenes::build("castle", 0).expect("a built-in scene"));
+    let scene = Arc::new(headbox_scenes::build("castle", 0).expect("a built-in scene"));
     let headbox = scene.headbox.expect("it suggests one");
     let tracer = Tracer::new(scene, headbox.centre);
     let lighting = Lighting::measure(&tracer, 0);
@@ -48,7 +46,7 @@ fn trace(folder: &Path) {
         let off = |at: u32, of: u32| (2.0 * f64::from(at) / f64::from(of - 1) - 1.0) * 0.9 * headbox.half_size_m;
         let eye = headbox.centre + DVec3::new(off(i % WALL[0], WALL[0]), off(i / WALL[0], WALL[1]), 0.0);
         let camera = Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 60.0, TRACED).expect("a camera");
-        let view = truth::view(&tracer, &lighting, false, &camera, 2, &Silent);
+        let view = traced_view::view(&tracer, &lighting, false, &camera, 2, &Silent);
         set.add(i as usize, &view, true).expect("written");
     }
     set.finish().expect("written");

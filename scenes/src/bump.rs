@@ -4,8 +4,8 @@
 use crate::mesh::{Mesh, Vertex};
 use crate::texture::{mix, noise, paint};
 use glam::{DVec2, DVec3};
-use headbox_capture::Texture;
-use headbox_capture::scene::Scene;
+use headbox_scene::material::Texture;
+use headbox_scene::scene::Scene;
 use std::f64::consts::FRAC_PI_2;
 
 /// Half of the plane's edge, metres.

@@ -2,8 +2,8 @@
 
 use crate::mesh::Mesh;
 use crate::texture::{fractal, mix, noise, paint, shade};
-use headbox_capture::Texture;
-use headbox_capture::random::{hash, unit};
+use headbox_scene::material::Texture;
+use headbox_core::random::{hash, unit};
 
 /// Indices of the room's materials.
 pub(crate) struct Finishes {

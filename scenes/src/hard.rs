@@ -4,9 +4,10 @@ use crate::bump;
 use crate::mesh::Mesh;
 use crate::texture::paint;
 use glam::DVec3;
-use headbox_capture::Texture;
-use headbox_capture::random::Rng;
-use headbox_capture::scene::{Headbox, Scene};
+use headbox_scene::material::Texture;
+use headbox_core::random::Rng;
+use headbox_core::headbox::Headbox;
+use headbox_scene::scene::Scene;
 use std::f64::consts::TAU;
 
 fn checkerboard(a: [f64; 3], b: [f64; 3]) -> Texture {

@@ -13,7 +13,7 @@ mod castle;
 mod finishes;
 mod furniture;
 mod hard;
-mod house;
+pub mod house;
 mod interior;
 mod mesh;
 mod sprites;
@@ -22,7 +22,7 @@ mod texture;
 mod tree;
 mod ward;
 
-use headbox_capture::Scene;
+use headbox_scene::scene::Scene;
 
 pub use house::{HOUSE_TRIANGLES, house};
 

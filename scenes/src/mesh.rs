@@ -1,8 +1,9 @@
 //! Shapes that scenes are put together from.
 
 use glam::{DMat3, DVec2, DVec3, Vec2, Vec3};
-use headbox_capture::scene::{Headbox, Scene, Triangle};
-use headbox_capture::{Gloss, Material, Texture};
+use headbox_core::headbox::Headbox;
+use headbox_scene::scene::{Scene, Triangle};
+use headbox_scene::material::{Gloss, Material, Texture};
 
 /// A vertex of a shape, world metres.
 #[derive(Clone, Copy, Debug)]
@@ -287,8 +288,8 @@ impl Mesh {
         }
         Scene {
             name: name.into(),
-            sun: Some(headbox_capture::scene::Sun::default()),
-            sky: Some(headbox_capture::scene::Sky::default()),
+            sun: Some(headbox_scene::scene::Sun::default()),
+            sky: Some(headbox_scene::scene::Sky::default()),
             headbox: Some(Headbox { centre, half_size_m }),
             ..scene
         }

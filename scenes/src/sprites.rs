@@ -4,8 +4,8 @@
 use crate::mesh::{Mesh, Vertex};
 use crate::texture::{fractal, mix, paint, shade};
 use glam::{DVec2, DVec3};
-use headbox_capture::Texture;
-use headbox_capture::scene::Scene;
+use headbox_scene::material::Texture;
+use headbox_scene::scene::Scene;
 use std::f64::consts::FRAC_PI_2;
 
 /// A band of land across the view.

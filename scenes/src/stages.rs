@@ -6,8 +6,8 @@
 use crate::mesh::Mesh;
 use crate::texture::{fractal, mix, noise, paint, shade};
 use glam::{DMat3, DVec3};
-use headbox_capture::random::Rng;
-use headbox_capture::scene::Scene;
+use headbox_core::random::Rng;
+use headbox_scene::scene::Scene;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// `net`: a net of knotted cord that hangs in waves before a figure of balls and a painted wall, at 1.83 to 3.09 m, for a square of 1 m.
@@ -141,23 +141,23 @@ pub(crate) fn lacquer(seed: u64) -> Scene {
 }
 
 /// A rough surface of one colour.
-fn plaster(color: [f64; 3], seed: u64) -> headbox_capture::Texture {
+fn plaster(color: [f64; 3], seed: u64) -> headbox_scene::material::Texture {
     paint(512, 512, |u, v| shade(color, 0.65 + 0.5 * fractal(u, v, 16, 16, seed)))
 }
 
-fn stripes(a: [f64; 3], b: [f64; 3]) -> headbox_capture::Texture {
+fn stripes(a: [f64; 3], b: [f64; 3]) -> headbox_scene::material::Texture {
     paint(256, 256, |u, v| if ((u * 12.0).floor() + (v * 8.0).floor()) % 2.0 == 0.0 { a } else { b })
 }
 
 /// Strands that run around a cord.
-fn rope(color: [f64; 3], seed: u64) -> headbox_capture::Texture {
+fn rope(color: [f64; 3], seed: u64) -> headbox_scene::material::Texture {
     paint(64, 64, |u, v| {
         let strand = 0.5 + 0.5 * ((u + v * 4.0) * TAU * 2.0).sin();
         shade(color, 0.55 + 0.35 * strand + 0.2 * noise(u, v, 8, 8, seed))
     })
 }
 
-fn tiles() -> headbox_capture::Texture {
+fn tiles() -> headbox_scene::material::Texture {
     paint(256, 256, |u, v| {
         let (x, y) = (u * 2.0, v * 2.0);
         let joint = [x, y].iter().any(|t| (t - t.round()).abs() < 0.02);
@@ -173,7 +173,7 @@ fn tiles() -> headbox_capture::Texture {
 }
 
 /// The side of a crate: boards in a frame.
-fn crate_of(color: [f64; 3], seed: u64) -> headbox_capture::Texture {
+fn crate_of(color: [f64; 3], seed: u64) -> headbox_scene::material::Texture {
     paint(128, 128, |u, v| {
         let rim = [u, v].iter().any(|t| *t < 0.1 || *t > 0.9);
         let board = ((v * 5.0).fract() - 0.5).abs() > 0.45;

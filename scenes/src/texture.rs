@@ -1,7 +1,7 @@
 //! Procedural textures, all of which repeat without a seam.
 
-use headbox_capture::Texture;
-use headbox_capture::random::{hash, unit};
+use headbox_scene::material::Texture;
+use headbox_core::random::{hash, unit};
 
 /// Paints a texture: `color(u, v)` is the sRGB colour (0..1) at the centre of a texel, u to the right and v up, both in
 /// 0..1.

@@ -3,9 +3,9 @@
 use crate::mesh::{Mesh, Vertex};
 use crate::texture::{fractal, mix, noise, paint, shade};
 use glam::{DQuat, DVec2, DVec3};
-use headbox_capture::Texture;
-use headbox_capture::random::Rng;
-use headbox_capture::scene::Scene;
+use headbox_scene::material::Texture;
+use headbox_core::random::Rng;
+use headbox_scene::scene::Scene;
 use std::f64::consts::TAU;
 
 /// Leaves on the tree, of five leaflets with eight triangles each: 440,000 triangles.

@@ -7,7 +7,7 @@ use crate::finishes::Finishes;
 use crate::furniture;
 use crate::mesh::Mesh;
 use glam::{DMat3, DVec2, DVec3, dvec3};
-use headbox_capture::scene::Scene;
+use headbox_scene::scene::Scene;
 use std::f64::consts::FRAC_PI_2;
 
 /// Rooms along each side of the corridor.

@@ -1,7 +1,7 @@
 //! Every built-in scene is valid, reproducible, and leaves its suggested headbox free.
 
 use glam::DVec3;
-use headbox_capture::Scene;
+use headbox_scene::scene::Scene;
 
 /// Whether a triangle and the axis-aligned cube of half-size `half` about the origin overlap: no separating axis among
 /// the three of the cube, the triangle's normal, and the nine products of their edges (Akenine-Moeller 2001).

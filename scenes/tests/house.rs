@@ -1,8 +1,8 @@
 //! The built-in house keeps the promises of a portal model, at any seed and budget.
 
 use glam::DVec3;
-use headbox_capture::portal_model::{PortalModel, Prism};
-use headbox_capture::trace::Tracer;
+use headbox_model::{PortalModel, Prism};
+use headbox_trace::bvh::Tracer;
 use headbox_scenes::house;
 use std::sync::Arc;
 

@@ -1,13 +1,17 @@
 //! Arguments that several subcommands share. Positions and lengths are in the scene file's own axes and unit.
 
 use super::words::UsageError;
-use crate::capture::load::LoadOptions;
-use crate::capture::scene::{FileFrame, UpAxis};
-use crate::capture::trace::Tracer;
-use crate::capture::viewpoint;
-use crate::capture::{Camera, Scene};
-use crate::ldi::CaptureInfo;
-use crate::scene_source::{LightParameters, SceneSource};
+use headbox_scene::load::LoadOptions;
+use headbox_core::file_frame::{FileFrame, UpAxis};
+use headbox_trace::bvh::Tracer;
+use headbox_trace::viewpoint;
+use headbox_core::camera::Camera;
+use headbox_scene::scene::Scene;
+use headbox_cube::model::info::CaptureInfo;
+use headbox_core::light_parameters::{LightParameters, SunPlace};
+use headbox_ldi::scene_source::SceneSource;
+use headbox_core::exposure::Exposure;
+use std::path::PathBuf;
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
@@ -85,6 +89,55 @@ pub(super) fn by_name<T: Copy + Send + Sync + 'static>(names: Names<T>) -> impl 
 pub(super) const UNITS: Names<f64> =
     &[("m", "", 1.0), ("dm", "", 0.1), ("cm", "", 0.01), ("mm", "", 0.001), ("in", "", 0.0254), ("ft", "", 0.3048)];
 
+/// Light of a scene where it is not the scene's own.
+#[derive(Args, Clone)]
+pub(super) struct LightArgs {
+    /// Sky: an equirectangular .hdr or .exr picture, its middle north (-Z; +Y where Z points up), in place of the scene's sky
+    /// and sun. A sun that stands in it lights as one
+    #[arg(long, value_name = "FILE.hdr|.exr")]
+    sky: Option<PathBuf>,
+    /// Turn the picture of the sky about the up axis, degrees from north to east
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, requires = "sky", value_parser = parse_angle,
+        allow_hyphen_values = true)]
+    sky_turn: f64,
+    /// Sun: the direction toward it, X,Y,Z in the file's axes; or azimuth,elevation in degrees, from north to east and up from
+    /// the horizon; or off
+    #[arg(long, value_name = "X,Y,Z|AZ,EL|off", allow_hyphen_values = true)]
+    sun: Option<SunPlace>,
+    /// Luminance of the sun's irradiance on what faces it, in the unit of the sky's radiance; the default sun brings 3
+    #[arg(long, value_name = "E", value_parser = parse_strength)]
+    sun_strength: Option<f32>,
+    /// Exposure: auto, stops beyond that such as auto+1, or a number of stops by which linear radiance is stored brighter
+    #[arg(long, value_name = "auto|EV", default_value_t = Exposure::default(), allow_hyphen_values = true)]
+    exposure: Exposure,
+    #[arg(skip)]
+    pub(super) hdr: bool,
+}
+
+impl LightArgs {
+    /// The parameters that these arguments specify.
+    pub(super) fn parameters(&self) -> LightParameters {
+        LightParameters {
+            sky: self.sky.clone(),
+            sky_turn: self.sky_turn,
+            sun: self.sun,
+            sun_strength: self.sun_strength,
+            exposure: self.exposure,
+            hdr: self.hdr,
+        }
+    }
+}
+
+fn parse_angle(text: &str) -> Result<f64, String> {
+    let angle = text.parse().ok().filter(|angle: &f64| angle.abs() <= 360.0);
+    angle.ok_or("give degrees from -360 to 360".into())
+}
+
+fn parse_strength(text: &str) -> Result<f32, String> {
+    let strength = text.parse().ok().filter(|strength: &f32| *strength > 0.0 && *strength <= 1e9);
+    strength.ok_or("give a strength above 0 and up to 1e9; --sun off for none".into())
+}
+
 /// A scene.
 #[derive(Args)]
 pub(super) struct SceneArgs {
@@ -105,7 +158,7 @@ pub(super) struct SourceArgs {
     #[arg(long, value_parser = by_name(UNITS))]
     unit: Option<f64>,
     #[command(flatten)]
-    pub(super) light: LightParameters,
+    pub(super) light: LightArgs,
 }
 
 impl SceneArgs {
@@ -137,7 +190,7 @@ impl SourceArgs {
 
     /// What is said, by its flag.
     pub(super) fn given(&self) -> [(&'static str, bool); 7] {
-        let LightParameters { sky, sky_turn, sun, sun_strength, exposure, hdr: _ } = &self.light;
+        let LightArgs { sky, sky_turn, sun, sun_strength, exposure, hdr: _ } = &self.light;
         let said = LightParameters::default();
         [
             ("--up", self.up.is_some()),
@@ -153,7 +206,7 @@ impl SourceArgs {
     /// A scene that is read so.
     pub(super) fn source(&self, scene: &str) -> SceneSource {
         let options = LoadOptions { up: self.up, unit_m: self.unit };
-        SceneSource { name: scene.to_owned(), options, light: self.light.clone() }
+        SceneSource { name: scene.to_owned(), options, light: self.light.parameters() }
     }
 }
 
@@ -253,7 +306,7 @@ impl CameraArgs {
     pub(super) fn aim(&self, scene: &Arc<Scene>) -> anyhow::Result<(Camera, Tracer)> {
         let eye = match self.eye {
             Some(eye) => scene.frame.world_from_file(eye),
-            None => super::place::place_headbox(scene, None, None)?.centre,
+            None => crate::commands::capture::place::place_headbox(scene, None, None)?.centre,
         };
         let tracer = Tracer::new(Arc::clone(scene), eye);
         let camera = self.camera(&scene.frame, &DefaultCamera::of_scene(&tracer, eye))?;

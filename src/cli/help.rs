@@ -1,9 +1,9 @@
 //! What `--help` shows beside the arguments: examples and the names that an argument takes; completions and the manual.
 
-use crate::lumigraph::Blend;
-use crate::portal::variant::HouseVariant;
-use crate::render::splat::SplatKernel;
-use crate::sprite::SpriteVariant;
+use headbox_lumigraph::Blend;
+use headbox_house::variant::HouseVariant;
+use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_sprite::SpriteVariant;
 use clap::{Args, Command};
 use clap_complete::Shell;
 use std::io::Write;
@@ -82,7 +82,7 @@ pub(super) fn with_examples(cli: Command) -> Command {
     let names: Vec<String> = cli.get_subcommands().map(|command| command.get_name().to_owned()).collect();
     let known = |name: &str| names.iter().any(|known| known == name);
     let cli = cli.mut_subcommand("capture", |capture| {
-        super::capture::Preset::NUMBERS.iter().fold(capture, |capture, (argument, [draft, good])| {
+        crate::commands::capture::Preset::NUMBERS.iter().fold(capture, |capture, (argument, [draft, good])| {
             let presets = [("quality", "draft", Some(*draft)), ("quality", "good", Some(*good))];
             capture.mut_arg(*argument, |argument| argument.default_value_ifs(presets))
         })
@@ -111,7 +111,7 @@ fn names_for(command: &str) -> String {
         }
         "walk" => format!("\n\nVariants:\n  {houses}"),
         "house" => {
-            let kinds: Vec<&str> = crate::portal::backdrop::BackdropKind::ALL.iter().map(|(name, _)| *name).collect();
+            let kinds: Vec<&str> = headbox_house::backdrop::BackdropKind::ALL.iter().map(|(name, _)| *name).collect();
             format!("\n\nBackdrops:\n  {}, none", kinds.join(", "))
         }
         _ => String::new(),

@@ -2,12 +2,10 @@
 
 use super::progress::Bar;
 use super::words::UsageError;
-use crate::cache;
-use crate::capture::files::protect_input;
-use crate::capture::images::{
-    ImageSet, ImageSetOptions, Kept, RefinementReport, RefinementStep, RegistrationReport, RegistrationStep,
-};
-use crate::progress::Progress;
+use headbox_photos::cache;
+use headbox_core::files::protect_input;
+use headbox_images::{ImageSet, ImageSetOptions, Kept, RefinementReport, RefinementStep, RegistrationReport, RegistrationStep};
+use headbox_core::progress::Progress;
 use clap::Args;
 use std::path::Path;
 

@@ -36,6 +36,6 @@ pub(super) fn asked() -> bool {
 
 /// Ends the program, without a half-written file.
 pub(super) fn end() -> ! {
-    crate::capture::files::remove_unfinished();
+    headbox_core::files::remove_unfinished();
     std::process::exit(EXIT_CODE.into())
 }

@@ -1,8 +1,9 @@
 //! What goes to standard output, and what the process has used.
 
 use super::words::UsageError;
-use crate::capture::{Scene, files, picture};
-use crate::export::film;
+use headbox_scene::scene::Scene;
+use headbox_core::{files, image_file as picture};
+use headbox_export::film;
 use image::codecs::jpeg::JpegEncoder;
 use std::io::Write;
 use std::path::{Path, PathBuf};

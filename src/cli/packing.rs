@@ -1,15 +1,16 @@
 //! How cube LDIs are packed, and what is said of one that is.
 
-use super::args::parse_length;
-use crate::packed::{PackedCube, SplatIndexLayout, Split};
-use crate::primitives::{self, MAX_ERROR_PX};
+use super::args::{Names, by_name, parse_length};
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::planes as primitives;
+use headbox_cube::planes::MAX_ERROR_PX;
 use clap::Args;
 
 /// How a cube LDI is packed.
 #[derive(Args)]
 pub(super) struct PackingArgs {
     /// What the splat index holds: the paper's normal and depth, or all bits for the normal
-    #[arg(long, default_value = "normal")]
+    #[arg(long, default_value = "normal", value_parser = by_name(LAYOUTS))]
     layout: SplatIndexLayout,
     /// Near/far split of each face: auto, none, or an eye depth
     #[arg(long, default_value = "auto", value_parser = parse_split, allow_hyphen_values = true)]
@@ -19,6 +20,11 @@ pub(super) struct PackingArgs {
     #[arg(long, value_name = "E", default_value_t = primitives::DEFAULT_ERROR_PX, value_parser = parse_error_px, allow_hyphen_values = true)]
     error_px: f64,
 }
+
+const LAYOUTS: Names<SplatIndexLayout> = &[
+    ("paper", "3 bits nx, 3 bits ny, 5 bits of depth, quantised exponentially (S20)", SplatIndexLayout::Paper),
+    ("normal", "All eleven bits for the normal (C10)", SplatIndexLayout::Normal),
+];
 
 fn parse_error_px(text: &str) -> Result<f64, String> {
     match text.parse() {
@@ -42,7 +48,7 @@ impl PackingArgs {
         self.error_px
     }
 
-    pub(super) fn pack(&self, ldi: crate::ldi::CubeLdi) -> anyhow::Result<PackedCube> {
+    pub(super) fn pack(&self, ldi: headbox_cube::model::samples::CubeLdi) -> anyhow::Result<PackedCube> {
         let split = match self.split {
             Split::AtDepth(depth) => Split::AtDepth(depth * ldi.info.frame.unit_m),
             split => split,

@@ -1,6 +1,6 @@
 //! How far long work is: one bar over all its stages, with the time left, on a terminal; a line every ten seconds elsewhere.
 
-use crate::progress::Progress;
+use headbox_core::progress::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -1,6 +1,6 @@
 //! How errors are said: one sentence of what, where and what to do, each cause once, in the words of users.
 
-use crate::capture::words::plain;
+use headbox_core::words::plain;
 use clap::error::{ContextKind, ContextValue};
 use std::error::Error;
 use std::fmt::Write;

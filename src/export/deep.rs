@@ -7,12 +7,12 @@
 //! ([`DeepView::of_camera`]).
 
 use super::ExportError;
-use super::pieces;
+use crate::pieces;
 use super::stacks::{Deep, Stacks};
-use crate::capture::deep_exr::{DeepChannel, DeepCompression, DeepImage, DeepKind, DeepView};
-use crate::capture::rig::Face;
-use crate::capture::{Camera, CameraError};
-use crate::packed::PackedCube;
+use headbox_images::deep_exr::{DeepChannel, DeepCompression, DeepImage, DeepKind, DeepView};
+use headbox_core::cube_face::Face;
+use headbox_core::camera::{Camera, CameraError};
+use headbox_cube::pack::PackedCube;
 use exr::prelude::{
     AnyChannel, AnyChannels, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds, Layer, LayerAttributes,
     SmallVec, Text, WritableImage, f16,

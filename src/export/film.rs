@@ -1,8 +1,8 @@
 //! Films: frames one after the other to MP4 or WebM through ffmpeg, where it is installed, or to an animated PNG or GIF.
 
-use super::spherical;
+use crate::spherical;
 use super::stereo::View;
-use crate::capture::files::write_whole;
+use headbox_core::files::write_whole;
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, RgbImage};
 use std::io::{self, Read, Write};

@@ -1,15 +1,18 @@
 //! GLB files for engines: quadrilaterals with unlit textures, and the environment as a box around them.
 
-use super::atlas::{self, AtlasPicture, PAGE_PX};
-use super::mesh::{self, TexturedQuads};
-use super::{ExportError, sheets, surfels};
-use crate::capture::load::HEADBOX_HALF_SIZE;
-use crate::capture::picture::PictureError;
-use crate::capture::rig::Face;
-use crate::capture::scene::Headbox;
-use crate::ldi::CubeLdi;
-use crate::packed::{PackedCube, Split};
-use crate::primitives;
+use crate::atlas;
+use super::atlas::{AtlasPicture, PAGE_PX};
+use crate::mesh;
+use super::mesh::TexturedQuads;
+use super::ExportError;
+use crate::{sheets, surfels};
+use headbox_scene::load::HEADBOX_HALF_SIZE;
+use headbox_core::image_file::PictureError;
+use headbox_core::cube_face::Face;
+use headbox_core::headbox::Headbox;
+use headbox_cube::model::samples::CubeLdi;
+use headbox_cube::pack::{PackedCube, Split};
+use headbox_cube::planes as primitives;
 use glam::DVec3;
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;

@@ -1,8 +1,8 @@
 //! LAS files: points with colours, for programs that survey.
 
 use super::ExportError;
-use super::surfels;
-use crate::packed::PackedCube;
+use crate::surfels;
+use headbox_cube::pack::PackedCube;
 use glam::DVec3;
 use las::{Builder, Color, Point, Transform, Vector, point::Format};
 use std::io::{self, Write};

@@ -3,8 +3,8 @@
 use super::atlas::AtlasPicture;
 use super::sheets::{SHEET_COLUMNS, SHEET_ROWS, SurfaceSheet};
 use super::surfels::straight;
-use crate::capture::rig::Face;
-use crate::packed::PackedCube;
+use headbox_core::cube_face::Face;
+use headbox_cube::pack::PackedCube;
 use glam::{DMat3, DVec3, dvec3};
 use rayon::prelude::*;
 
@@ -81,7 +81,7 @@ impl Rectangle {
 pub(super) fn of_planes(cube: &PackedCube) -> Vec<TexturedQuads> {
     let (set, face_px) = (&cube.planes, cube.face_size_px);
     let infinity = super::surfels::infinity(cube);
-    let chart = |tile: &crate::packed::PlaneTile| {
+    let chart = |tile: &headbox_cube::pack::PlaneTile| {
         let (width, height) = (usize::from(tile.width), usize::from(tile.height));
         let picture = framed(set.texels.get(tile.texel_range())?, width, height);
         let face = Face::ALL[usize::from(tile.face) % 6];
@@ -254,8 +254,8 @@ impl SheetCut<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ldi::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
-    use crate::packed::{SplatIndexLayout, Split};
+    use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
+    use headbox_cube::pack::{SplatIndexLayout, Split};
 
     /// A wall across the right half of a face, two metres away, before one all over it, four metres away.
     fn two_walls(face_px: u32) -> PackedCube {
@@ -275,7 +275,7 @@ mod tests {
             }
             ldi
         });
-        let mut info = crate::ldi::CaptureInfo::default();
+        let mut info = headbox_cube::model::info::CaptureInfo::default();
         (info.half_size_m, info.exposure) = (0.4, 1.0);
         let ldi = CubeLdi { info, faces: faces.to_vec(), environment: Default::default() };
         PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::None).unwrap()
@@ -285,7 +285,7 @@ mod tests {
     fn walls_are_quadrilaterals_on_their_planes() {
         let face_px = 64;
         let cube = two_walls(face_px);
-        let charts = of_sheets(&cube, &crate::export::sheets::sheets(&cube), 0.5);
+        let charts = of_sheets(&cube, &crate::sheets::sheets(&cube), 0.5);
         let mut area = [0.0; 2];
         for quad in charts.iter().flat_map(|chart| &chart.quads) {
             let wall = usize::from(quad.corners[0].z < -3.0);

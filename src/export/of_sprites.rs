@@ -1,12 +1,14 @@
 //! Sprites with depth as a cube LDI about the eye that took them, so that what takes a cube takes them.
 
 use super::ExportError;
-use crate::capture::Camera;
-use crate::capture::rig::Face;
-use crate::ldi::{CaptureInfo, CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
-use crate::packed::{PackedCube, SplatIndexLayout, Split};
-use crate::primitives::{self, DEFAULT_ERROR_PX};
-use crate::sprite::{SpriteSet, SpriteWithDepth};
+use headbox_core::camera::Camera;
+use headbox_core::cube_face::Face;
+use headbox_cube::model::info::CaptureInfo;
+use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::planes as primitives;
+use headbox_cube::planes::DEFAULT_ERROR_PX;
+use headbox_sprite::{SpriteSet, SpriteWithDepth};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -152,8 +154,8 @@ fn face_of(views: &[View], face: Face, face_px: u32) -> LayeredDepthImage {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::Renderer;
-    use crate::sprite::{Displacement, RenderOptions, Sprite, SpriteLayer, SpritePlane, SpriteRenderer};
+    use headbox_cube::render::Renderer;
+    use headbox_sprite::{Displacement, RenderOptions, Sprite, SpriteLayer, SpritePlane, SpriteRenderer};
     use image::RgbaImage;
 
     /// A slanted wall with a pattern, behind a smaller board that faces the eye.

@@ -1,7 +1,7 @@
 //! All directions about an eye in one picture: equirectangular, as players of 360-degree films have it.
 
-use crate::capture::rig::Face;
-use crate::capture::{Camera, CameraError};
+use headbox_core::cube_face::Face;
+use headbox_core::camera::{Camera, CameraError};
 use glam::{DMat3, DVec3};
 use image::RgbImage;
 use std::f64::consts::{PI, TAU};

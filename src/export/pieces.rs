@@ -1,10 +1,11 @@
 //! What each pixel of a face sees from the centre of the headbox, from front to back, and coverage that several of them share.
 
-use super::surfels::{self, straight};
-use crate::capture::rig::Face;
-use crate::ldi::accumulate::DepthBins;
-use crate::packed::{PackedCube, PlaneSet};
-use crate::render::surface::SurfaceCanvas;
+use crate::surfels;
+use super::surfels::straight;
+use headbox_core::cube_face::Face;
+use headbox_cube::model::depth_bins::DepthBins;
+use headbox_cube::pack::{PackedCube, PlaneSet};
+use headbox_cube::render::canvas::surface::SurfaceCanvas;
 use rayon::prelude::*;
 
 /// A depth pixel or a texel of a picture on a plane.

@@ -1,8 +1,8 @@
 //! PLY files of plain points, and the head of all PLY files.
 
 use super::ExportError;
-use super::surfels;
-use crate::packed::PackedCube;
+use crate::surfels;
+use headbox_cube::pack::PackedCube;
 use std::io::Write;
 
 /// Writes all samples as points with normal and colour, world metres with Y up.

@@ -4,11 +4,11 @@
 //! at most one sample a pixel, such that samples that lie beside each other on one surface lie beside each other on one sheet. A
 //! sheet has a border of one pixel on all sides, with the samples of the places around, so that textures meet.
 
-use crate::capture::rig::Face;
-use crate::ldi::accumulate::DepthBins;
-use crate::packed::{PackedCube, PackedSegment};
-use crate::render::rules::MAX_SLOPE;
-use crate::render::surface::SurfaceCanvas;
+use headbox_core::cube_face::Face;
+use headbox_cube::model::depth_bins::DepthBins;
+use headbox_cube::pack::{PackedCube, PackedSegment};
+use headbox_cube::render::footprint::rules::MAX_SLOPE;
+use headbox_cube::render::canvas::surface::SurfaceCanvas;
 use rayon::prelude::*;
 
 /// Columns of a sheet with its border.

@@ -3,9 +3,11 @@
 //!
 //! Positions are metres from the centre of the headbox, X right, Y down, Z ahead, as trained splats have it.
 
-use super::surfels::{self, Ellipse, Surfel};
-use super::{ExportError, ply};
-use crate::packed::PackedCube;
+use crate::surfels;
+use super::surfels::{Ellipse, Surfel};
+use super::ExportError;
+use crate::ply;
+use headbox_cube::pack::PackedCube;
 use glam::{Mat3, Quat, Vec3};
 use std::io::Write;
 

@@ -1,10 +1,10 @@
 //! The pieces of a face as compositing programs take them: *tidy* deep pixels.
 
-use super::pieces;
-use super::surfels;
-use crate::capture::rig::Face;
-use crate::capture::scene::ToneMap;
-use crate::packed::PackedCube;
+use crate::pieces;
+use crate::surfels;
+use headbox_core::cube_face::Face;
+use headbox_core::tone::ToneMap;
+use headbox_cube::pack::PackedCube;
 
 /// One sample of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]

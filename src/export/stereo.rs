@@ -5,7 +5,7 @@
 //! Here some columns share an eye.
 
 use super::panorama::{bilinear, equirectangular, half_sphere, level};
-use crate::capture::{Camera, CameraError};
+use headbox_core::camera::{Camera, CameraError};
 use glam::{DMat3, DVec3};
 use image::RgbImage;
 use image::imageops::replace;

@@ -1,8 +1,8 @@
 //! A capture as pieces of surfaces in space, for formats that know no cameras.
 
-use crate::capture::rig::Face;
-use crate::packed::PackedCube;
-use crate::render::rules::MAX_SLOPE;
+use headbox_core::cube_face::Face;
+use headbox_cube::pack::PackedCube;
+use headbox_cube::render::footprint::rules::MAX_SLOPE;
 use glam::{DVec3, Vec3};
 use std::io;
 

@@ -1,6 +1,6 @@
 //! How plain the images are, layer by layer: what a displaced layer costs (the paper's limitation 7).
 //!
-//! A layer that is drawn a little beside its place errs by displacement times gradient. Where images are plain, the bound of [`super::merge`]
+//! A layer that is drawn a little beside its place errs by displacement times gradient. Where images are plain, the bound of [`crate::render::merge`]
 //! may be relaxed: more layers are shown as one as long as the error in levels stays small. Edges against what is nearer or farther count
 //! as well, so that a plain thing with a sharp outline is not plain.
 
@@ -49,7 +49,7 @@ pub(super) fn relaxed(contrasts: &[f64], levels: f64, tolerance_px: f64) -> f64 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lumigraph::grid::tests::any_grid;
+    use crate::grid::tests::any_grid;
 
     #[test]
     fn ramps_have_their_slope_and_outlines_count() {

@@ -10,7 +10,7 @@ pub enum LumigraphError {
     #[error("the {0} of the camera grid must be finite, and cameras of a row or column must follow each other")]
     Grid(&'static str),
     /// The images cannot be worked with.
-    #[error("images of {0}x{1} pixels; each side must lie between 2 and {max}", max = crate::capture::Camera::MAX_SIDE_PX)]
+    #[error("images of {0}x{1} pixels; each side must lie between 2 and {max}", max = headbox_core::camera::Camera::MAX_SIDE_PX)]
     Size(u32, u32),
     /// All images together are too large.
     #[error("{cameras} images of {width}x{height} pixels; together they must have fewer than {max} pixels: take fewer cameras or smaller images", max = super::MAX_PIXELS)]

@@ -6,10 +6,10 @@
 //! image, row by row of the grid from the lowest, row-major. Of several light slabs each section but `info` and `environment` has all,
 //! slab after slab.
 
-use super::slabs::{MAX_SLABS, Slabs};
+use crate::make::slabs::{MAX_SLABS, Slabs};
 use super::{CameraGrid, DisparityLayer, GridParts, Lumigraph, LumigraphInfo, Picture};
-use crate::container::{Container, ContainerWriter, FileError, FileKind, Section};
-use crate::packed::file::read_environment;
+use headbox_core::container::{Container, ContainerWriter, FileError, FileKind, Section};
+use headbox_cube::pack::file::read_environment;
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 use std::path::Path;

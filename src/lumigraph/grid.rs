@@ -5,7 +5,7 @@
 //! each unit of z.
 
 use super::LumigraphError;
-use crate::capture::Camera;
+use headbox_core::camera::Camera;
 use glam::{DMat3, DVec2, DVec3};
 
 /// Cameras in columns and rows, not necessarily evenly spaced (the paper's limitation 1), with one focal length and size.
@@ -283,7 +283,7 @@ pub(super) mod tests {
     use super::*;
 
     /// A turned and moved grid of 3 columns, unevenly spaced, and 2 rows.
-    pub(in crate::lumigraph) fn any_grid() -> CameraGrid {
+    pub(in crate) fn any_grid() -> CameraGrid {
         let axes = CameraGrid::facing(DVec3::new(0.3, -0.2, -1.0), DVec3::Y).expect("a direction");
         CameraGrid::new(GridParts {
             origin: DVec3::new(1.0, 2.0, -3.0),

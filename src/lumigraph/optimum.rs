@@ -5,14 +5,15 @@
 //! good, whatever the curve says: of those that a budget of time allows, with as many layers more, the one that errs least is kept.
 
 use super::bounds::{detail, min_layers};
-use super::layers::Placement;
-use super::render::LumigraphRenderer;
+use crate::make::layers::Placement;
+use crate::render::render::LumigraphRenderer;
 use super::settings::LumigraphSettings;
 use super::{Lumigraph, LumigraphError, MAX_LAYERS, RawLumigraph};
-use crate::capture::Camera;
-use crate::capture::statistics::median;
-use crate::metrics::{self, MetricError};
-use crate::progress::Progress;
+use headbox_core::camera::Camera;
+use headbox_core::statistics::median;
+use headbox_core::metrics;
+use headbox_core::metrics::MetricError;
+use headbox_core::progress::Progress;
 use image::RgbImage;
 use serde::{Deserialize, Serialize};
 
@@ -197,9 +198,9 @@ fn every(count: usize, step: usize) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lumigraph::tests::Bed;
-    use crate::lumigraph::{CameraGrid, ErrorBound};
-    use crate::progress::Silent;
+    use crate::tests::Bed;
+    use crate::{CameraGrid, ErrorBound};
+    use headbox_core::progress::Silent;
     use glam::DVec3;
 
     #[test]

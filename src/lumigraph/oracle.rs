@@ -2,13 +2,14 @@
 
 use super::Lumigraph;
 use super::grid::PlaneView;
-use super::layer_in_view::MergedLayer;
-use super::merge::Merger;
-use super::plan::{Step, merged_layers, steps};
-use super::pyramid::{Level, Texel};
+use crate::render::layer_in_view::MergedLayer;
+use crate::render::merge::Merger;
+use crate::render::plan::{Step, merged_layers, steps};
+use crate::render::pyramid::{Level, Texel};
 use super::settings::{Blend, LumigraphSettings};
-use crate::capture::{Camera, srgb8_from_linear};
-use crate::frame::{Coverage, Frame};
+use headbox_core::camera::Camera;
+use headbox_core::color::srgb8_from_linear;
+use headbox_core::frame::{Coverage, Frame};
 use glam::DVec3;
 
 /// What [`super::LumigraphRenderer::render`] draws, to within rounding: positions there have 24 bits, so that a position near the
@@ -128,7 +129,7 @@ impl Ray<'_> {
     /// The four cameras about a crossing of the plane, or those of a cell some columns and rows from there.
     fn neighbours(&self, crossing: DVec3, shift: [i32; 2]) -> Vec<Neighbour> {
         let grid = self.lumigraph.grid();
-        let least = f64::from(super::rays::LEAST_WEIGHT);
+        let least = f64::from(crate::render::rays::LEAST_WEIGHT);
         let sides = |places: &[f64], position: f64, shift: i32| {
             let last_cell = places.len() as i32 - 2;
             let cell = places.iter().filter(|place| **place <= position).count() as i32 - 1;

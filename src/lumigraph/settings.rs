@@ -1,6 +1,6 @@
 //! How frames of lumigraphs are drawn, and what a frame took.
 
-use super::show::Show;
+use crate::render::show::Show;
 use serde::Serialize;
 
 /// What happens where some of a ray's cameras show a layer and others look through it.

@@ -1,15 +1,15 @@
 //! What holds for the whole of a lumigraph.
 
 use super::*;
-use crate::capture::Camera;
-use crate::capture::light::Lighting;
-use crate::capture::random::Rng;
-use crate::capture::scene::Scene;
-use crate::capture::simd;
-use crate::capture::trace::Tracer;
-use crate::frame::Frame;
-use crate::progress::{Progress, Silent};
-use crate::truth;
+use headbox_core::camera::Camera;
+use headbox_trace::light::Lighting;
+use headbox_core::random::Rng;
+use headbox_scene::scene::Scene;
+use headbox_core::simd;
+use headbox_trace::bvh::Tracer;
+use headbox_core::frame::Frame;
+use headbox_core::progress::{Progress, Silent};
+use headbox_trace::truth;
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -22,7 +22,7 @@ pub(super) struct Bed {
 
 impl Bed {
     pub(super) fn new(columns: Vec<f64>, rows: Vec<f64>, size_px: [u32; 2]) -> Self {
-        Self::of(crate::scenes::build("bump", 0).expect("built in"), DVec3::new(0.0, 0.0, 3.0), columns, rows, size_px)
+        Self::of(headbox_scenes::build("bump", 0).expect("built in"), DVec3::new(0.0, 0.0, 3.0), columns, rows, size_px)
     }
 
     pub(super) fn of(scene: Scene, origin: DVec3, columns: Vec<f64>, rows: Vec<f64>, size_px: [u32; 2]) -> Self {
@@ -239,7 +239,7 @@ fn frames_show_the_scene() {
 /// The paper's limitation 2: cameras keep their own colours, and blending carries what a surface mirrors along with the eye.
 #[test]
 fn highlights_move_with_the_eye() {
-    let glossy = crate::scenes::build("lacquer", 0).expect("built in");
+    let glossy = headbox_scenes::build("lacquer", 0).expect("built in");
     let mut dull = glossy.clone();
     dull.materials.iter_mut().for_each(|material| material.gloss = None);
     let places = CameraGrid::evenly(3, 0.6);

@@ -5,7 +5,7 @@
 
 use super::Marker;
 use super::view::{GUARD_PX, NEAR_M, Snapped, snap_f64};
-use crate::capture::Camera;
+use headbox_core::camera::Camera;
 use glam::DVec3;
 
 /// A corner: (x w, y w, w) in px, and where it was snapped to if it was there before clipping.

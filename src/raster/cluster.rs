@@ -4,7 +4,8 @@ use super::cull::VisibleCluster;
 use super::mesh::{CLUSTER_VERTICES, RasterMesh};
 use super::scan::{CutoutTest, DrawnRows};
 use super::view::{GUARD_PX, LocalCamera, NEAR_M, Snapped, snap};
-use super::{SurfaceId, clip};
+use super::SurfaceId;
+use crate::clip;
 use fearless_simd::{Simd, dispatch};
 
 /// Bit of a vertex that lies where it cannot be drawn: its triangles are clipped.

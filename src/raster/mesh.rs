@@ -2,9 +2,9 @@
 
 use super::SurfaceId;
 use super::mip::MipTexture;
-use crate::capture::Material;
-use crate::capture::scene::Scene;
-use crate::capture::trace::MAX_COORDINATE;
+use headbox_scene::material::Material;
+use headbox_scene::scene::Scene;
+use headbox_trace::bvh::MAX_COORDINATE;
 use glam::{DVec3, Vec2, Vec3};
 use std::collections::HashMap;
 use std::ops::Range;

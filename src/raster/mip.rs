@@ -1,7 +1,8 @@
 //! Textures with their minified copies.
 
 use super::LANES;
-use crate::capture::{Texture, linear_from_srgb8, srgb8_from_linear};
+use headbox_scene::material::Texture;
+use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, u32x16};
 

@@ -6,7 +6,7 @@
 //!
 //! A centre on an edge belongs to both of the triangles that share it: no crack is left between neighbours whose edges have the same
 //! ends. Where the corner of one lies on the edge of another (a T-junction), snapping opens cracks of up to 1.4/256 px: meshes are
-//! to be stitched ([`Scene::stitch`](crate::capture::Scene::stitch)). Of two triangles that claim a centre the nearer one shows.
+//! to be stitched ([`Scene::stitch`](headbox_scene::scene::Scene::stitch)). Of two triangles that claim a centre the nearer one shows.
 
 use super::SurfaceId;
 use super::mesh::RasterMesh;

@@ -1,6 +1,6 @@
 //! A camera as the rasteriser takes it, and positions in its frame: multiples of a part of a pixel.
 
-use crate::capture::Camera;
+use headbox_core::camera::Camera;
 use fearless_simd::Level;
 use glam::{DVec3, Vec3};
 

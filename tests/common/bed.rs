@@ -1,8 +1,8 @@
 //! Analytic scenes: boxes, spheres and disks with procedural textures, and a gradient for a sky.
 
 use glam::{DVec2, DVec3, dvec3};
-use headbox::capture::random::Rng;
-use headbox::capture::srgb8_from_linear;
+use headbox_core::random::Rng;
+use headbox_core::color::srgb8_from_linear;
 
 /// What a ray meets: `origin + t * direction`.
 pub struct Hit {

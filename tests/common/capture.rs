@@ -3,10 +3,11 @@
 
 use super::bed::{Scene, sky, srgb};
 use glam::{DVec3, dvec3};
-use headbox::capture::random::Rng;
-use headbox::capture::rig::Face;
-use headbox::environment::Environment;
-use headbox::ldi::{CaptureInfo, CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
+use headbox_core::random::Rng;
+use headbox_core::cube_face::Face;
+use headbox_core::environment::Environment;
+use headbox_cube::model::info::CaptureInfo;
+use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
 
 /// What a capture is made with.
 pub struct CaptureSettings {

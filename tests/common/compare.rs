@@ -2,10 +2,10 @@
 
 use super::bed::{Scene, srgb};
 use glam::DVec3;
-use headbox::capture::Camera;
-use headbox::capture::rig::Face;
-use headbox::environment::Environment;
-use headbox::frame::Frame;
+use headbox_core::camera::Camera;
+use headbox_core::cube_face::Face;
+use headbox_core::environment::Environment;
+use headbox_core::frame::Frame;
 
 /// Mean radiance of `n * n` rays over the pixel (x, y).
 fn mean_radiance(scene: &Scene, o: DVec3, n: u32, x: u32, y: u32, direction: impl Fn(f64, f64) -> DVec3) -> [u8; 4] {

@@ -4,24 +4,30 @@
 #![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
 
 use glam::{DVec3, Vec3, dvec3};
-use headbox::capture::Camera;
-use headbox::capture::light::{LightSample, Lighting, LitPoint};
-use headbox::capture::random::Rng;
-use headbox::capture::rig::Face;
-use headbox::capture::scene::{Headbox, Scene, Sky, SkyGradient, Sun, Triangle};
-use headbox::capture::trace::Tracer;
-use headbox::capture::{Material, srgb8_from_linear};
-use headbox::gaps;
-use headbox::ldi::build::{self, Tracing};
-use headbox::ldi::job::CaptureJob;
-use headbox::ldi::merge::MergeRule;
-use headbox::ldi::parameters::{CaptureParameters, Resources, Sampler};
-use headbox::ldi::shard::{self, ShardInfo};
-use headbox::ldi::{CubeLdi, store::TileStore};
-use headbox::packed::{PackedCube, SplatIndexLayout, Split};
-use headbox::progress::Silent;
-use headbox::render::{RenderSettings, Renderer};
-use headbox::scene_source::{SceneSource, fingerprint};
+use headbox_core::camera::Camera;
+use headbox_trace::light::{LightSample, Lighting, LitPoint};
+use headbox_core::random::Rng;
+use headbox_core::cube_face::Face;
+use headbox_core::headbox::Headbox;
+use headbox_scene::scene::{Scene, Sky, SkyGradient, Sun, Triangle};
+use headbox_trace::bvh::Tracer;
+use headbox_scene::material::Material;
+use headbox_core::color::srgb8_from_linear;
+use headbox_ldi::refine as gaps;
+use headbox_ldi::rays::trace as build;
+use headbox_ldi::rays::trace::Tracing;
+use headbox_ldi::job::CaptureJob;
+use headbox_cube::model::parameters::MergeRule;
+use headbox_cube::model::parameters::{CaptureParameters, Sampler};
+use headbox_ldi::settings::Resources;
+use headbox_ldi::accumulate::shard;
+use headbox_ldi::accumulate::shard::ShardInfo;
+use headbox_cube::model::samples::CubeLdi;
+use headbox_ldi::accumulate::tiles::TileStore;
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_core::progress::Silent;
+use headbox_cube::render::{RenderSettings, Renderer};
+use headbox_ldi::scene_source::{SceneSource, fingerprint};
 use std::sync::Arc;
 
 /// A scene put together from boxes.

@@ -3,22 +3,25 @@
 use crate::sprite_files::card;
 use crate::sprite_oracle::look;
 use glam::{DVec3, Vec2, Vec3, dvec3};
-use headbox::capture::light::Lighting;
-use headbox::capture::scene::ToneMap;
-use headbox::capture::scene::{Scene, Triangle};
-use headbox::capture::trace::Tracer;
-use headbox::capture::{Camera, Material};
-use headbox::compose::{ComposeSettings, Composer, Composition, Layer, Polygons};
-use headbox::frame::Frame;
-use headbox::ldi::job::CaptureJob;
-use headbox::ldi::parameters::{CaptureParameters, Resources};
-use headbox::metrics::psnr_db;
-use headbox::packed::{PackedCube, SplatIndexLayout, Split};
-use headbox::primitives;
-use headbox::progress::Silent;
-use headbox::scene_source::SceneSource;
-use headbox::sprite::SpriteSet;
-use headbox::{Capture, RenderSettings, Renderer};
+use headbox_trace::light::Lighting;
+use headbox_core::tone::ToneMap;
+use headbox_scene::scene::{Scene, Triangle};
+use headbox_trace::bvh::Tracer;
+use headbox_core::camera::Camera;
+use headbox_scene::material::Material;
+use headbox_sprite::compose::{ComposeSettings, Composer, Composition, Layer, Polygons};
+use headbox_core::frame::Frame;
+use headbox_ldi::job::CaptureJob;
+use headbox_cube::model::parameters::CaptureParameters;
+use headbox_ldi::settings::Resources;
+use headbox_core::metrics::psnr_db;
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::planes as primitives;
+use headbox_core::progress::Silent;
+use headbox_ldi::scene_source::SceneSource;
+use headbox_sprite::SpriteSet;
+use headbox::Capture;
+use headbox_cube::render::{RenderSettings, Renderer};
 use std::sync::Arc;
 
 #[test]
@@ -113,7 +116,7 @@ fn model_of_boards() -> Polygons {
 /// What a scene of unlit surfaces shows, by rays.
 fn traced(scene: &Arc<Scene>, camera: &Camera) -> image::RgbImage {
     let tracer = Tracer::new(Arc::clone(scene), camera.eye());
-    headbox::truth::render(&tracer, &Lighting::of_scene(&tracer, 0), false, camera, 32, &Silent).rgb()
+    headbox_trace::truth::render(&tracer, &Lighting::of_scene(&tracer, 0), false, camera, 32, &Silent).rgb()
 }
 
 /// What boards among samples may cost.

@@ -3,17 +3,17 @@
 use crate::common::bed::{Scene, room, srgb};
 use crate::common::capture::centre_rays;
 use glam::{DMat3, DVec3, Vec3};
-use headbox::capture::Camera;
-use headbox::capture::images::{DepthPicture, FARTHEST_M, ImageSet, ImageSetOptions, Lens, SetWriter, View};
-use headbox::capture::light::Lighting;
-use headbox::capture::rig::Face;
-use headbox::capture::trace::{Ray, Tracer};
-use headbox::ldi::CubeLdi;
-use headbox::ldi::from_images::ImagesJob;
-use headbox::ldi::merge::MergeRule;
-use headbox::progress::Silent;
-use headbox::sprite::write_depth_exr;
-use headbox::truth;
+use headbox_core::camera::Camera;
+use headbox_images::{DepthPicture, FARTHEST_M, ImageSet, ImageSetOptions, Lens, SetWriter, View};
+use headbox_trace::light::Lighting;
+use headbox_core::cube_face::Face;
+use headbox_trace::bvh::{Ray, Tracer};
+use headbox_cube::model::samples::CubeLdi;
+use headbox_ldi::from_images::ImagesJob;
+use headbox_cube::model::parameters::MergeRule;
+use headbox_core::progress::Silent;
+use headbox_sprite::write_depth_exr;
+use headbox_images::traced_view;
 use image::{Rgb, RgbImage};
 use std::path::Path;
 use std::sync::Arc;
@@ -79,7 +79,7 @@ fn six_faces_of_the_tracer_give_its_own_ldi_back() {
 #[test]
 fn six_pinholes_of_the_tracer_give_its_centre_ray_ldi() {
     const SIDE: u32 = 96;
-    let scene = Arc::new(headbox::scenes::build("castle", 0).expect("a built-in scene"));
+    let scene = Arc::new(headbox_scenes::build("castle", 0).expect("a built-in scene"));
     let centre = scene.headbox.expect("it suggests one").centre;
     let tracer = Tracer::new(scene, centre);
     let lighting = Lighting::measure(&tracer, 0);
@@ -88,7 +88,7 @@ fn six_pinholes_of_the_tracer_give_its_centre_ray_ldi() {
     let taken = Face::ALL.map(|face| {
         let world_from_eye = DMat3::from_cols(face.right(), face.up(), -face.normal());
         let camera = Camera::from_parts(centre, world_from_eye, f64::from(SIDE) / 2.0, SIDE, SIDE).expect("a camera");
-        let view = truth::view(&tracer, &lighting, false, &camera, 1, &Silent);
+        let view = traced_view::view(&tracer, &lighting, false, &camera, 1, &Silent);
         writer.add(face.index(), &view, true).expect("written");
         view
     });

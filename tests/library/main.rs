@@ -7,7 +7,6 @@
 mod common;
 
 mod capture;
-mod circles;
 mod citations;
 mod compose;
 mod from_images;

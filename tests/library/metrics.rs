@@ -1,7 +1,7 @@
 //! PSNR, SSIM and the share of differing pixels: scikit-image's figures, closed forms and hand-made cases.
 
 use crate::metrics_images::{constant, pairs, pattern, shifted};
-use headbox::metrics::{Comparison, MetricError, compare, compare_with_map, differing_fraction, psnr_db, ssim};
+use headbox_core::metrics::{Comparison, MetricError, compare, compare_with_map, differing_fraction, psnr_db, ssim};
 use image::{Rgb, RgbImage};
 
 /// Figures of scikit-image 0.26.0 with NumPy 2.4.6 for [`pairs`] of two sizes, of which the second is the least that it

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use crate::metrics_images::{constant, pairs, pattern};
-use headbox::metrics::{DEFAULT_PIXELS_PER_DEGREE, FlipMap, MAX_PIXELS_PER_DEGREE, MetricError, flip_map};
+use headbox_core::metrics::{DEFAULT_PIXELS_PER_DEGREE, FlipMap, MAX_PIXELS_PER_DEGREE, MetricError, flip_map};
 use image::Rgb;
 
 /// Largest error of a pixel against the f64 oracle. f32 rounds a lightness of 100 to about 1e-5, so that a difference

@@ -4,9 +4,9 @@
 #![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
 
 use glam::DVec3;
-use headbox::capture::Scene;
-use headbox::capture::load::{LoadOptions, load};
-use headbox::capture::scene::{FileFrame, UpAxis};
+use headbox_scene::scene::Scene;
+use headbox_scene::load::{LoadOptions, load};
+use headbox_core::file_frame::{FileFrame, UpAxis};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -41,7 +41,7 @@ fn guess(text: &str) -> (FileFrame, Vec<String>) {
 
 #[test]
 fn a_room_stands_upright_however_it_is_written() {
-    let scene = headbox::scenes::build("interior", 0).unwrap();
+    let scene = headbox_scenes::build("interior", 0).unwrap();
     for up in [UpAxis::Y, UpAxis::Z] {
         for unit_m in [1.0, 0.01, 0.001] {
             let frame = FileFrame { up, unit_m };
@@ -58,7 +58,7 @@ fn a_room_stands_upright_however_it_is_written() {
 #[test]
 fn houses_and_trees_stand_upright_with_names_and_without() {
     for name in ["house", "tree"] {
-        let scene = headbox::scenes::build(name, 0).unwrap();
+        let scene = headbox_scenes::build(name, 0).unwrap();
         for (up, unit_m) in [(UpAxis::Y, 1.0), (UpAxis::Z, 1.0), (UpAxis::Y, 0.01), (UpAxis::Z, 0.001)] {
             let frame = FileFrame { up, unit_m };
             for names in [true, false] {
@@ -72,7 +72,7 @@ fn houses_and_trees_stand_upright_with_names_and_without() {
 #[test]
 fn a_relief_that_says_how_it_stands_is_not_laid_down() {
     for name in ["bump", "sprites", "poles", "edge-on", "contact", "far-offset", "miniature"] {
-        let scene = headbox::scenes::build(name, 0).unwrap();
+        let scene = headbox_scenes::build(name, 0).unwrap();
         let text = obj_text(&scene, &FileFrame::default(), true);
         let (found, notes) = guess(&format!("# {name}, metres, Y up\n{text}"));
         assert_eq!(found.up, UpAxis::Y, "{name}: {notes:?}");
@@ -81,7 +81,7 @@ fn a_relief_that_says_how_it_stands_is_not_laid_down() {
 
 #[test]
 fn what_a_file_says_of_itself_counts() {
-    let scene = headbox::scenes::build("interior", 0).unwrap();
+    let scene = headbox_scenes::build("interior", 0).unwrap();
     let text = obj_text(&scene, &FileFrame::default(), false);
     assert_eq!(guess(&format!("# File units = inches\n{text}")).0.unit_m, 0.0254);
     assert_eq!(guess(&format!("# Up axis: Z\n# units: mm\n{text}")).0, FileFrame { up: UpAxis::Z, unit_m: 0.001 });
@@ -91,7 +91,7 @@ fn what_a_file_says_of_itself_counts() {
 fn what_the_user_says_is_not_guessed() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("scene.obj");
-    let scene = headbox::scenes::build("interior", 0).unwrap();
+    let scene = headbox_scenes::build("interior", 0).unwrap();
     std::fs::write(&path, obj_text(&scene, &FileFrame { up: UpAxis::Z, unit_m: 0.01 }, true)).unwrap();
     let said = load(&path, &LoadOptions { up: Some(UpAxis::Y), unit_m: Some(1.0) }).unwrap();
     assert_eq!(said.frame, FileFrame::default());

@@ -3,11 +3,12 @@
 use crate::common::bed::{leaves, room};
 use crate::common::capture::{one_layer, quick};
 use glam::{DVec3, Vec3};
-use headbox::capture::rig::Face;
-use headbox::environment::Environment;
-use headbox::ldi::{CubeLdi, DepthPixel, EncodedNormal, LdiError};
-use headbox::packed::validate::SegmentProblem;
-use headbox::packed::{PackError, PackedCube, PackedDepthPixel, PackedError, SegmentSide, SplatIndexLayout, Split};
+use headbox_core::cube_face::Face;
+use headbox_core::environment::{Environment, EnvironmentError};
+use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal};
+use headbox_cube::model::validate::LdiError;
+use headbox_cube::pack::validate::SegmentProblem;
+use headbox_cube::pack::{PackError, PackedCube, PackedDepthPixel, PackedError, SegmentSide, SplatIndexLayout, Split};
 
 /// Half a step of 20 bits over a segment's range of inverse depth, and the rounding of the f32 it came from.
 const HALF_STEP: f64 = 0.5 / ((1 << 20) - 1) as f64 + 1e-7;
@@ -144,9 +145,9 @@ fn every_broken_promise_of_the_ldi_is_named() {
     broken("depth order", &|l| l.faces[2].samples.swap(4, 5), &|e| {
         *e == LdiError::DepthOrder { face, x: 2, y: 0, layer: 1 }
     });
-    broken("texel lost", &|l| truncate(&mut l.environment.texels), &|e| matches!(e, LdiError::EnvironmentSize { .. }));
+    broken("texel lost", &|l| truncate(&mut l.environment.texels), &|e| matches!(e, LdiError::Environment(EnvironmentError::Size { .. })));
     broken("texel alpha", &|l| l.environment.texels[3][3] = 7, &|e| {
-        *e == LdiError::EnvironmentAlpha { index: 3, alpha: 7 }
+        *e == LdiError::Environment(EnvironmentError::Alpha { index: 3, alpha: 7 })
     });
     type Damage = fn(&mut CubeLdi);
     let info: [(&str, Damage); 7] = [

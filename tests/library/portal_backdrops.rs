@@ -5,18 +5,18 @@ use crate::three_rooms::{
     QUALITY, camera, enlarged, house, mean_error, poses, stocked, truth, wrong_share, wrong_squares,
 };
 use glam::{DVec2, DVec3, dvec3};
-use headbox::capture::Camera;
-use headbox::capture::rig::Face;
-use headbox::ldi::{DepthPixel, EncodedNormal};
-use headbox::packed::{PackedCube, SplatIndexLayout, Split};
-use headbox::portal::backdrop::{Backdrop, BackdropKind, Drawer, PortalSide};
-use headbox::portal::house::House;
-use headbox::portal::opening::Opening;
-use headbox::portal::settings::{Near, WalkSettings};
-use headbox::portal::store::Store;
-use headbox::portal::walk::Walker;
-use headbox::raster::Seen;
-use headbox::render::RenderSettings;
+use headbox_core::camera::Camera;
+use headbox_core::cube_face::Face;
+use headbox_cube::model::samples::{DepthPixel, EncodedNormal};
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_house::backdrop::{Backdrop, BackdropKind, Drawer, PortalSide};
+use headbox_house::house::House;
+use headbox_house::opening::Opening;
+use headbox_house::settings::{Near, WalkSettings};
+use headbox_house::store::Store;
+use headbox_house::walk::Walker;
+use headbox_raster::Seen;
+use headbox_cube::render::RenderSettings;
 use std::sync::Arc;
 
 /// The door from the first room to the second, as seen from the first.

@@ -1,10 +1,11 @@
 //! Portal culling never drops what shows: lines of sight through models of boxes with random openings, followed one by one.
 
 use glam::{DVec2, DVec3, dvec3};
-use headbox::capture::portal_model::{Cell, Portal, PortalModel, Prism};
-use headbox::capture::random::Rng;
-use headbox::capture::{Camera, Scene};
-use headbox::portal::cull::{CellView, Limits, Window, visible_cells};
+use headbox_model::{Cell, Portal, PortalModel, Prism};
+use headbox_core::random::Rng;
+use headbox_core::camera::Camera;
+use headbox_scene::scene::Scene;
+use headbox_house::cull::{CellView, Limits, Window, visible_cells};
 
 const SIDE: u32 = 4;
 

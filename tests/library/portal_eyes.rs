@@ -1,13 +1,13 @@
 //! In which cell an eye stands, where walls and surfaces make that hard to say.
 
 use glam::dvec3;
-use headbox::portal::house::House;
-use headbox::portal::walk_path::WalkPath;
+use headbox_house::house::House;
+use headbox_house::walk_path::WalkPath;
 
 /// Eyes where walls of the built-in house meet, in planes of portals and a hair off; and every eye of a walk.
 #[test]
 fn an_eye_where_walls_meet_is_in_a_wall() {
-    let house = House::new(headbox::scenes::house(0, 5_000)).expect("a valid model");
+    let house = House::new(headbox_scenes::house(0, 5_000)).expect("a valid model");
     let in_walls = [
         dvec3(10.4823, 1.025, 0.400001),
         dvec3(-13.499999, 1.55, -1.51201),
@@ -27,7 +27,7 @@ fn an_eye_where_walls_meet_is_in_a_wall() {
 /// Files often turn their surfaces the wrong way round, which must not make walls of rooms.
 #[test]
 fn rooms_whose_surfaces_are_turned_round_are_rooms() {
-    let model = headbox::scenes::house(0, 5_000);
+    let model = headbox_scenes::house(0, 5_000);
     let mut turned = model.clone();
     turned.scene.triangles.iter_mut().for_each(|triangle| triangle.vertices.swap(1, 2));
     let (house, turned) = (House::new(model).expect("a valid model"), House::new(turned).expect("a valid model"));

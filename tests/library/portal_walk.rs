@@ -3,18 +3,18 @@
 
 use crate::three_rooms::{QUALITY, camera, house, poses, rooms, stocked, three_rooms, truth, wrong_share};
 use glam::dvec3;
-use headbox::capture::portal_model::PortalModel;
-use headbox::capture::random::Rng;
-use headbox::portal::backdrop::{Backdrop, BackdropError, BackdropKind, BackdropQuality, PortalSide};
-use headbox::portal::file;
-use headbox::portal::house::{House, HouseError};
-use headbox::portal::settings::{Division, Near, WalkSettings};
-use headbox::portal::store::{BackdropBuilder, Store};
-use headbox::portal::tour::Tour;
-use headbox::portal::visit::likely;
-use headbox::portal::walk::Walker;
-use headbox::portal::walk_path::WalkPath;
-use headbox::raster::Seen;
+use headbox_model::PortalModel;
+use headbox_core::random::Rng;
+use headbox_house::backdrop::{Backdrop, BackdropError, BackdropKind, BackdropQuality, PortalSide};
+use headbox_house::file;
+use headbox_house::house::{House, HouseError};
+use headbox_house::settings::{Division, Near, WalkSettings};
+use headbox_house::store::{BackdropBuilder, Store};
+use headbox_house::tour::Tour;
+use headbox_house::visit::likely;
+use headbox_house::walk::Walker;
+use headbox_house::walk_path::WalkPath;
+use headbox_raster::Seen;
 use std::sync::Arc;
 
 #[test]

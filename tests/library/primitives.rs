@@ -4,16 +4,17 @@ use crate::common::bed::{Scene, Shape, leaves, room};
 use crate::common::capture::quick;
 use crate::common::compare::{psnr_db, truth};
 use glam::{DVec3, dvec3};
-use headbox::capture::random::Rng;
-use headbox::capture::rig::Face;
-use headbox::capture::{Camera, simd};
-use headbox::frame::Frame;
-use headbox::ldi::{CubeLdi, DepthPixel};
-use headbox::metrics::compare;
-use headbox::packed::{PackedCube, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
-use headbox::primitives::{Bound, DEFAULT_ERROR_PX, choose, pack, pack_in_parts};
-use headbox::render::splat::SplatKernel;
-use headbox::render::{RenderSettings, Renderer};
+use headbox_core::random::Rng;
+use headbox_core::cube_face::Face;
+use headbox_core::camera::Camera;
+use headbox_core::simd;
+use headbox_core::frame::Frame;
+use headbox_cube::model::samples::{CubeLdi, DepthPixel};
+use headbox_core::metrics::compare;
+use headbox_cube::pack::{PackedCube, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
+use headbox_cube::planes::{Bound, DEFAULT_ERROR_PX, choose, pack, pack_in_parts};
+use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_cube::render::{RenderSettings, Renderer};
 
 const FACE_PX: u32 = 192;
 
@@ -336,7 +337,7 @@ fn no_bound_means_no_pictures_and_a_wide_one_harms_nobody() {
         assert_eq!(draw(&mixed(&ldi, error_px), &camera).color.len(), 64 * 48);
     }
     let nothing = CubeLdi {
-        faces: ldi.faces.iter().map(|f| headbox::ldi::LayeredDepthImage::empty(f.face, 96)).collect(),
+        faces: ldi.faces.iter().map(|f| headbox_cube::model::samples::LayeredDepthImage::empty(f.face, 96)).collect(),
         ..ldi
     };
     assert_eq!(mixed(&nothing, 0.5).planes, PlaneSet::default(), "an empty headbox");

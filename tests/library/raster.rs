@@ -2,12 +2,16 @@
 
 use fearless_simd::Level;
 use glam::{DVec3, Vec2, Vec3, dvec3};
-use headbox::capture::random::Rng;
-use headbox::capture::scene::Triangle;
-use headbox::capture::trace::{Hit, Ray, Tracer};
-use headbox::capture::{Camera, Cutout, Material, Scene, Texture, simd, srgb8_from_linear};
-use headbox::environment::Environment;
-use headbox::raster::{GroupWindow, Marker, RasterMesh, RasterOutput, RasterStats, RasterView, Rasterizer, Seen};
+use headbox_core::random::Rng;
+use headbox_scene::scene::Triangle;
+use headbox_trace::bvh::{Hit, Ray, Tracer};
+use headbox_core::camera::Camera;
+use headbox_scene::material::{Cutout, Material, Texture};
+use headbox_scene::scene::Scene;
+use headbox_core::simd;
+use headbox_core::color::srgb8_from_linear;
+use headbox_core::environment::Environment;
+use headbox_raster::{GroupWindow, Marker, RasterMesh, RasterOutput, RasterStats, RasterView, Rasterizer, Seen};
 use std::ops::Range;
 use std::sync::Arc;
 

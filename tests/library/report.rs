@@ -1,18 +1,18 @@
 //! A report of a small scene, end to end: rows, and that all that people read agrees with them.
 
 use headbox::DVec3;
-use headbox::capture::light::Lighting;
-use headbox::capture::trace::Tracer;
-use headbox::measure::machine::Machine;
-use headbox::measure::plan::{EyeSet, Plan, Quality, most_to_see};
-use headbox::measure::report::figures::figures;
-use headbox::measure::report::row::{EyeRecord, Report, Row, SceneFacts};
-use headbox::measure::report::scene;
-use headbox::measure::report::subject::Subject;
-use headbox::measure::report::{results, summary};
-use headbox::measure::stats::pareto_front;
+use headbox_trace::light::Lighting;
+use headbox_trace::bvh::Tracer;
+use headbox_lab::machine::Machine;
+use headbox_lab::plan::{EyeSet, Plan, Quality, most_to_see};
+use headbox_lab::report::figures::figures;
+use headbox_lab::report::row::{EyeRecord, Report, Row, SceneFacts};
+use headbox_lab::report::scene;
+use headbox_lab::report::subject::Subject;
+use headbox_lab::report::{results, summary};
+use headbox_lab::stats::pareto_front;
 
-use headbox::progress::Silent;
+use headbox_core::progress::Silent;
 use std::sync::{Arc, LazyLock};
 
 const WALL: &str = "from a wall of cameras";
@@ -39,7 +39,7 @@ const TINY: Quality = Quality {
 };
 
 fn measured(seed: u64) -> (SceneFacts, Vec<Row>) {
-    let scene = Arc::new(headbox::scenes::build("bump", 0).expect("built in"));
+    let scene = Arc::new(headbox_scenes::build("bump", 0).expect("built in"));
     let headbox = scene.headbox.expect("it has one");
     let tracer = Arc::new(Tracer::new(scene, headbox.centre));
     let lighting = Lighting::measure(&tracer, 0);

@@ -1,10 +1,10 @@
 //! The page of results is what the command makes of its own file, and nothing else.
 
-use headbox::measure::report::figures::figures;
-use headbox::measure::report::promises::PROMISES;
-use headbox::measure::report::results;
-use headbox::measure::report::row::Report;
-use headbox::measure::walk::WalkReport;
+use headbox_lab::report::figures::figures;
+use headbox_lab::report::promises::PROMISES;
+use headbox_lab::report::results;
+use headbox_lab::report::row::Report;
+use headbox_lab::walk::WalkReport;
 use std::path::Path;
 
 fn docs(name: &str) -> String {

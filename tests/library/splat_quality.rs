@@ -6,12 +6,12 @@ use crate::common::bed::{leaves, room};
 use crate::common::capture::quick;
 use crate::common::compare::{cube_map, psnr_db, resample, truth};
 use glam::{DVec3, dvec3};
-use headbox::capture::Camera;
-use headbox::capture::random::Rng;
-use headbox::frame::Frame;
-use headbox::packed::{ExactCube, PackedCube, SplatIndexLayout, Split};
-use headbox::render::splat::SplatKernel;
-use headbox::render::{RenderSettings, Renderer};
+use headbox_core::camera::Camera;
+use headbox_core::random::Rng;
+use headbox_core::frame::Frame;
+use headbox_cube::pack::{ExactCube, PackedCube, SplatIndexLayout, Split};
+use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_cube::render::{RenderSettings, Renderer};
 
 const FACE_PX: u32 = 160;
 const SIZE: [u32; 2] = [120, 90];

@@ -3,12 +3,9 @@
 
 use crate::sprite_oracle::{Waves, bilinear, camera, exact_source, look, picture, sprite};
 use glam::{DMat3, DVec3, dvec3};
-use headbox::capture::Camera;
-use headbox::capture::simd::levels;
-use headbox::sprite::{
-    Displacement, DisplacementFormat, Outcome, PreparedSprite, RenderOptions, Sprite, SpriteLayer, SpritePlane,
-    SpriteRenderer, SpriteSampling, SpriteTransfer, SpriteVariant, SpriteWithDepth,
-};
+use headbox_core::camera::Camera;
+use headbox_core::simd::levels;
+use headbox_sprite::{Displacement, DisplacementFormat, Outcome, PreparedSprite, RenderOptions, Sprite, SpriteLayer, SpritePlane, SpriteRenderer, SpriteSampling, SpriteTransfer, SpriteVariant, SpriteWithDepth};
 use image::{Rgba, RgbaImage};
 use proptest::prelude::*;
 

@@ -3,19 +3,17 @@
 //! directory (`sprite_figure3.png`, `sprite_range_*.csv` and `.png`); the order of the variants is asserted.
 
 use glam::{DMat3, DVec3, dvec3};
-use headbox::capture::light::Lighting;
-use headbox::capture::scene::{Scene, Triangle};
-use headbox::capture::trace::Tracer;
-use headbox::capture::{Camera, Material};
-use headbox::drawing::sheet::{Sheet, SheetCell, SheetRow};
-use headbox::measure::sprite_range::SpriteRange;
-use headbox::metrics::compare;
-use headbox::progress::Silent;
-use headbox::sprite::{
-    DisplacementFormat, PreparedSprite, RenderOptions, SlabCapture, Sprite, SpriteLayer, SpriteRenderer,
-    SpriteSampling, SpriteSet, SpriteTransfer, SpriteVariant, SpriteWithDepth, capture_slabs, slabs_at_gaps,
-};
-use headbox::truth;
+use headbox_trace::light::Lighting;
+use headbox_scene::scene::{Scene, Triangle};
+use headbox_trace::bvh::Tracer;
+use headbox_core::camera::Camera;
+use headbox_scene::material::Material;
+use headbox_core::drawing::sheet::{Sheet, SheetCell, SheetRow};
+use headbox_lab::sprite_range::SpriteRange;
+use headbox_core::metrics::compare;
+use headbox_core::progress::Silent;
+use headbox_sprite::{DisplacementFormat, PreparedSprite, RenderOptions, SlabCapture, Sprite, SpriteLayer, SpriteRenderer, SpriteSampling, SpriteSet, SpriteTransfer, SpriteVariant, SpriteWithDepth, capture_slabs, slabs_at_gaps};
+use headbox_trace::truth;
 use image::{Rgb, RgbImage, Rgba, RgbaImage};
 use std::path::Path;
 use std::sync::Arc;
@@ -191,7 +189,7 @@ fn range_chart(name: &str, tracer: &Tracer, reference: &Camera) -> Vec<[f64; Spr
 
 #[test]
 fn flip_over_eye_displacement_on_bump() {
-    let scene = Arc::new(headbox::scenes::build("bump", 0).expect("built in"));
+    let scene = Arc::new(headbox_scenes::build("bump", 0).expect("built in"));
     let reference = Camera::look_at(dvec3(0.0, 0.0, 3.0), DVec3::ZERO, DVec3::Y, 60.0, [RANGE_SIZE, RANGE_SIZE]);
     let reference = reference.expect("valid");
     let tracer = Tracer::new(scene, reference.eye());
@@ -209,15 +207,15 @@ fn flip_over_eye_displacement_in_a_real_house() {
         println!("skipped: {} is absent", path.display());
         return;
     }
-    let scene = Arc::new(headbox::scene_source::SceneSource::new(path.to_string_lossy()).open().expect("loads"));
+    let scene = Arc::new(headbox_ldi::scene_source::SceneSource::new(path.to_string_lossy()).open().expect("loads"));
     let [low, high] = scene.bounds();
-    let headbox = headbox::capture::viewpoint::suggest_headbox(&Tracer::new(Arc::clone(&scene), (low + high) / 2.0));
+    let headbox = headbox_trace::viewpoint::suggest_headbox(&Tracer::new(Arc::clone(&scene), (low + high) / 2.0));
     let tracer = Tracer::new(scene, headbox.centre);
     // Toward the side with the most room.
     let sides = [DVec3::X, DVec3::NEG_X, DVec3::Z, DVec3::NEG_Z];
     let room = |side: DVec3| {
         let camera = Camera::look_at(headbox.centre, headbox.centre + side, DVec3::Y, 60.0, [1, 1]).expect("valid");
-        let ray = headbox::capture::trace::Ray {
+        let ray = headbox_trace::bvh::Ray {
             origin: (camera.eye() - tracer.origin()).as_vec3(),
             direction: camera.forward().as_vec3(),
             t_min: 0.0,
@@ -236,7 +234,7 @@ fn flip_over_eye_displacement_in_a_real_house() {
 
 #[test]
 fn four_layers_stand_in_for_a_scene() {
-    let scene = headbox::scenes::build("sprites", 0).expect("built in");
+    let scene = headbox_scenes::build("sprites", 0).expect("built in");
     let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
     let mut lighting = Lighting::of_scene(&tracer, 0);
     lighting.sky = None; // black, as a frame of sprites is where there is none

@@ -2,15 +2,15 @@
 
 use crate::sprite_oracle::{Waves, look, picture, sprite};
 use glam::{DVec3, dvec3};
-use headbox::capture::light::Lighting;
-use headbox::capture::scene::{Scene, Triangle};
-use headbox::capture::trace::Tracer;
-use headbox::capture::{Camera, DepthKind, Material};
-use headbox::progress::Silent;
-use headbox::sprite::{
-    DepthImport, DepthPicture, Displacement, DisplacementFormat, RenderOptions, SlabCapture, Sprite, SpriteLayer,
-    SpritePlane, SpriteRenderer, SpriteSet, SpriteWithDepth, capture_slabs, slabs_at_gaps,
-};
+use headbox_trace::light::Lighting;
+use headbox_scene::scene::{Scene, Triangle};
+use headbox_trace::bvh::Tracer;
+use headbox_core::camera::Camera;
+use headbox_core::depth_kind::DepthKind;
+use headbox_scene::material::Material;
+use headbox_core::progress::Silent;
+use headbox_sprite::{DepthImport, Displacement, DisplacementFormat, RenderOptions, SlabCapture, Sprite, SpriteLayer, SpritePlane, SpriteRenderer, SpriteSet, SpriteWithDepth, capture_slabs, slabs_at_gaps};
+use headbox_images::depth::DepthPicture;
 use image::{Rgba, RgbaImage};
 use std::sync::Arc;
 
@@ -167,7 +167,7 @@ fn slabs_of_a_scene_become_matted_sprites() {
 
 #[test]
 fn bad_parts_are_named() {
-    use headbox::sprite::SpriteError;
+    use headbox_sprite::SpriteError;
     let camera = look(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, 8);
     let color = RgbaImage::new(8, 8);
     let through_eye = SpritePlane::through(camera.eye(), DVec3::Y);

@@ -1,7 +1,7 @@
 //! What the sprite tests share: sprites with known surfaces, and the slow f64 oracle.
 use glam::{DVec3, dvec3};
-use headbox::capture::Camera;
-use headbox::sprite::{Displacement, DisplacementFormat, Sprite, SpritePlane, SpriteTransfer, SpriteWithDepth};
+use headbox_core::camera::Camera;
+use headbox_sprite::{Displacement, DisplacementFormat, Sprite, SpritePlane, SpriteTransfer, SpriteWithDepth};
 use image::{Rgba, RgbaImage};
 
 /// A camera two metres before the origin, off axis a little, `size` pixels a side.

@@ -1,6 +1,7 @@
 //! Every hard case of STABILITY.md holds its bound. The page is made by `headbox report --stability`, of more seeds.
 
-use headbox::measure::stability::{self, Case};
+use headbox_lab::stability;
+use headbox_lab::stability::Case;
 
 /// Seeds of each case here; the page has more.
 const SEEDS: std::ops::Range<u64> = 0..3;

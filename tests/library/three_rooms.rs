@@ -1,15 +1,18 @@
 //! Three rooms in a row for the tests of houses, what is behind their doors, and truth.
 
 use glam::{DVec2, DVec3, Vec3, dvec3};
-use headbox::capture::portal_model::{Cell, Portal, PortalModel, Prism};
-use headbox::capture::random::Rng;
-use headbox::capture::scene::{Sky, Triangle};
-use headbox::capture::trace::Ray;
-use headbox::capture::{Camera, Material, Scene, srgb8_from_linear};
-use headbox::frame::Frame;
-use headbox::portal::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide};
-use headbox::portal::house::House;
-use headbox::portal::store::Store;
+use headbox_model::{Cell, Portal, PortalModel, Prism};
+use headbox_core::random::Rng;
+use headbox_scene::scene::{Sky, Triangle};
+use headbox_trace::bvh::Ray;
+use headbox_core::camera::Camera;
+use headbox_scene::material::Material;
+use headbox_scene::scene::Scene;
+use headbox_core::color::srgb8_from_linear;
+use headbox_core::frame::Frame;
+use headbox_house::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide};
+use headbox_house::house::House;
+use headbox_house::store::Store;
 use std::sync::Arc;
 
 /// Quads under construction, cell by cell.

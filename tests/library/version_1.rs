@@ -1,12 +1,12 @@
 //! Files of version 1, written before what a capture is asked for and the axes of its scene became types of their own, stay
 //! readable: `tests/version_1` holds one of each kind, `tests/corpus` a house.
 
-use headbox::CubeLdi;
-use headbox::capture::scene::{FileFrame, UpAxis};
-use headbox::ldi::merge::MergeRule;
-use headbox::ldi::parameters::{CaptureParameters, Sampler};
-use headbox::ldi::shard;
-use headbox::sprite::SpriteSet;
+use headbox_cube::pack::layout::PackedCube as CubeLdi;
+use headbox_core::file_frame::{FileFrame, UpAxis};
+use headbox_cube::model::parameters::MergeRule;
+use headbox_cube::model::parameters::{CaptureParameters, Sampler};
+use headbox_ldi::accumulate::shard;
+use headbox_sprite::SpriteSet;
 use std::path::{Path, PathBuf};
 
 fn old(name: &str) -> PathBuf {
@@ -52,7 +52,7 @@ fn sprites() {
 #[test]
 fn houses() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/corpus/a.house");
-    let (house, _, _) = headbox::portal::file::read(&file, u64::MAX).expect("readable");
+    let (house, _, _) = headbox_house::file::read(&file, u64::MAX).expect("readable");
     assert_eq!(house.scene().frame, FileFrame { up: UpAxis::Y, unit_m: 0.01 });
 }
 
@@ -63,6 +63,6 @@ fn what_is_written_now_has_the_same_names() {
     for name in ["unit_m", "z_up", "strata", "rays_per_stratum", "novelty", "merge_rule", "bounces", "light_samples"] {
         assert!(written.get(name).is_some(), "{name}: {written}");
     }
-    let back: headbox::ldi::CaptureInfo = serde_json::from_value(written).expect("readable");
+    let back: headbox_cube::model::info::CaptureInfo = serde_json::from_value(written).expect("readable");
     assert_eq!(back, cube.info);
 }

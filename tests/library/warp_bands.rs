@@ -3,13 +3,14 @@
 use crate::common::bed::{leaves, room};
 use crate::common::capture::quick;
 use glam::{DVec3, dvec3};
-use headbox::capture::random::Rng;
-use headbox::capture::rig::Face;
-use headbox::capture::{Camera, simd};
-use headbox::frame::{Coverage, Frame};
-use headbox::packed::{PackedCube, SplatIndexLayout, Split};
-use headbox::render::splat::SplatKernel;
-use headbox::render::{RenderSettings, Renderer};
+use headbox_core::random::Rng;
+use headbox_core::cube_face::Face;
+use headbox_core::camera::Camera;
+use headbox_core::simd;
+use headbox_core::frame::{Coverage, Frame};
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_cube::render::{RenderSettings, Renderer};
 
 /// One for each way to draw a splat.
 const KERNELS: [SplatKernel; 6] = [

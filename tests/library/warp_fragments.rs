@@ -3,14 +3,14 @@
 use crate::common::bed::{leaves, room};
 use crate::common::capture::{one_layer, quick};
 use glam::{DVec3, dvec3};
-use headbox::capture::Camera;
-use headbox::capture::random::Rng;
-use headbox::capture::rig::Face;
-use headbox::frame::Frame;
-use headbox::ldi::{DepthPixel, EncodedNormal, LayeredDepthImage};
-use headbox::packed::{PackedCube, SplatIndexLayout, Split};
-use headbox::render::splat::SplatKernel;
-use headbox::render::{FrameStats, Parallel, RenderSettings, Renderer};
+use headbox_core::camera::Camera;
+use headbox_core::random::Rng;
+use headbox_core::cube_face::Face;
+use headbox_core::frame::Frame;
+use headbox_cube::model::samples::{DepthPixel, EncodedNormal, LayeredDepthImage};
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_cube::render::{FrameStats, Parallel, RenderSettings, Renderer};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 const KERNELS: [SplatKernel; 4] = [SplatKernel::Tent, SplatKernel::Opaque, SplatKernel::Paper, SplatKernel::Plus];

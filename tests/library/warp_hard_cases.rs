@@ -3,14 +3,14 @@
 
 use crate::common::capture::one_layer;
 use glam::{DVec3, Vec3, dvec3};
-use headbox::capture::Camera;
-use headbox::capture::random::Rng;
-use headbox::capture::rig::Face;
-use headbox::ldi::{CubeLdi, DepthPixel, EncodedNormal};
-use headbox::packed::{PackedCube, SplatIndexLayout, Split};
-use headbox::render::oracle::render_oracle;
-use headbox::render::splat::SplatKernel;
-use headbox::render::{FrameStats, RenderSettings, Renderer};
+use headbox_core::camera::Camera;
+use headbox_core::random::Rng;
+use headbox_core::cube_face::Face;
+use headbox_cube::model::samples::{CubeLdi, DepthPixel, EncodedNormal};
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::render::reference::oracle::render_oracle;
+use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_cube::render::{FrameStats, RenderSettings, Renderer};
 
 const KERNELS: [SplatKernel; 3] = [SplatKernel::Paper, SplatKernel::Opaque, SplatKernel::Tent];
 

@@ -4,13 +4,13 @@ use crate::common::bed::{leaves, room};
 use crate::common::capture::quick;
 use crate::common::compare::assert_close;
 use glam::{DVec3, dvec3};
-use headbox::capture::Camera;
-use headbox::capture::random::Rng;
-use headbox::frame::Frame;
-use headbox::packed::{PackedCube, SplatIndexLayout, Split};
-use headbox::render::oracle::render_oracle;
-use headbox::render::splat::SplatKernel;
-use headbox::render::{RenderSettings, Renderer};
+use headbox_core::camera::Camera;
+use headbox_core::random::Rng;
+use headbox_core::frame::Frame;
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::render::reference::oracle::render_oracle;
+use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_cube::render::{RenderSettings, Renderer};
 
 /// A pixel shows another surface if it differs by more than this; the scenes' textures stay well inside it.
 const OTHER_SURFACE_LEVELS: u8 = 60;

@@ -2,13 +2,13 @@
 
 use crate::common::capture::one_layer;
 use glam::{DVec3, dvec3};
-use headbox::capture::Camera;
-use headbox::capture::random::Rng;
-use headbox::capture::rig::Face;
-use headbox::ldi::{DepthPixel, EncodedNormal};
-use headbox::packed::{PackedCube, SplatIndexLayout, Split};
-use headbox::render::splat::SplatKernel;
-use headbox::render::{RenderSettings, Renderer};
+use headbox_core::camera::Camera;
+use headbox_core::random::Rng;
+use headbox_core::cube_face::Face;
+use headbox_cube::model::samples::{DepthPixel, EncodedNormal};
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_cube::render::{RenderSettings, Renderer};
 
 const WIDTH: u32 = 23;
 const HEIGHT: u32 = 17;

@@ -6,29 +6,30 @@
 
 use crate::mutations::{Dice, Rounds, alone, bytes_of, corpus, corpus_folder, try_mutations};
 use glam::DVec3;
-use headbox::capture::Camera;
-use headbox::capture::light::Lighting;
-use headbox::capture::load::{LoadOptions, load};
-use headbox::capture::scene::FileFrame;
-use headbox::capture::trace::Tracer;
-use headbox::ldi::build;
-use headbox::ldi::job::CaptureJob;
-use headbox::ldi::parameters::{CaptureParameters, Resources};
-use headbox::ldi::shard::{self, ShardInfo};
-use headbox::lumigraph::{CameraGrid, GridParts, LumigraphCapture, Placement, Slabs, SlabsRenderer};
-use headbox::measure::report::figures::figures;
-use headbox::measure::report::row::Report;
-use headbox::measure::report::{results, summary};
-use headbox::packed::{BlockIndex, PackedCube, PackedSegment, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
-use headbox::path;
-use headbox::progress::Silent;
-use headbox::render::splat::SplatKernel;
-use headbox::render::{RenderSettings, Renderer};
-use headbox::scene_source::{SceneSource, fingerprint};
-use headbox::sprite::{
-    DepthPicture, DisplacementFormat, SlabCapture, SpriteLayer, SpriteRenderer, SpriteSet, capture_slabs,
-    write_depth_exr,
-};
+use headbox_core::camera::Camera;
+use headbox_trace::light::Lighting;
+use headbox_model::load::load_scene as load;
+use headbox_scene::load::LoadOptions;
+use headbox_core::file_frame::FileFrame;
+use headbox_trace::bvh::Tracer;
+use headbox_ldi::rays::trace as build;
+use headbox_ldi::job::CaptureJob;
+use headbox_cube::model::parameters::CaptureParameters;
+use headbox_ldi::settings::Resources;
+use headbox_ldi::accumulate::shard;
+use headbox_ldi::accumulate::shard::ShardInfo;
+use headbox_lumigraph::{CameraGrid, GridParts, LumigraphCapture, Placement, Slabs, SlabsRenderer};
+use headbox_lab::report::figures::figures;
+use headbox_lab::report::row::Report;
+use headbox_lab::report::{results, summary};
+use headbox_cube::pack::{BlockIndex, PackedCube, PackedSegment, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
+use headbox_scene::camera_path as path;
+use headbox_core::progress::Silent;
+use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_cube::render::{RenderSettings, Renderer};
+use headbox_ldi::scene_source::{SceneSource, fingerprint};
+use headbox_images::depth::DepthPicture;
+use headbox_sprite::{DisplacementFormat, SlabCapture, SpriteLayer, SpriteRenderer, SpriteSet, capture_slabs, write_depth_exr};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
@@ -37,7 +38,7 @@ use std::sync::Arc;
 const CASES: u64 = 133;
 
 fn job() -> CaptureJob {
-    let scene = headbox::scenes::build("bump", 0).expect("built in");
+    let scene = headbox_scenes::build("bump", 0).expect("built in");
     let headbox = scene.headbox.expect("it has one");
     CaptureJob {
         face_size_px: 7,
@@ -47,7 +48,7 @@ fn job() -> CaptureJob {
 }
 
 fn tracer() -> Tracer {
-    Tracer::new(Arc::new(headbox::scenes::build("bump", 0).expect("built in")), job().centre)
+    Tracer::new(Arc::new(headbox_scenes::build("bump", 0).expect("built in")), job().centre)
 }
 
 fn cube() -> PackedCube {

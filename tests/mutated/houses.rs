@@ -2,18 +2,18 @@
 
 use crate::mutations::{bytes_of, corpus, corpus_folder, try_mutations};
 use glam::{DVec3, dvec3};
-use headbox::capture::Camera;
-use headbox::capture::light::Lighting;
-use headbox::capture::load::{ModelOptions, load_model};
-use headbox::capture::trace::Tracer;
-use headbox::measure::truths::Truths;
-use headbox::portal::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide};
-use headbox::portal::file;
-use headbox::portal::house::House;
-use headbox::portal::settings::{Near, WalkSettings};
-use headbox::portal::store::Store;
-use headbox::portal::walk::Walker;
-use headbox::progress::Silent;
+use headbox_core::camera::Camera;
+use headbox_trace::light::Lighting;
+use headbox_model::load::{ModelOptions, load_model};
+use headbox_trace::bvh::Tracer;
+use headbox_lab::truths::Truths;
+use headbox_house::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide};
+use headbox_house::file;
+use headbox_house::house::House;
+use headbox_house::settings::{Near, WalkSettings};
+use headbox_house::store::Store;
+use headbox_house::walk::Walker;
+use headbox_core::progress::Silent;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tempfile::TempDir;
@@ -120,7 +120,7 @@ struct Cached {
 
 impl Cached {
     fn new() -> Self {
-        let scene = Arc::new(headbox::scenes::build("bump", 0).expect("built in"));
+        let scene = Arc::new(headbox_scenes::build("bump", 0).expect("built in"));
         let centre = scene.headbox.expect("it has one").centre;
         let tracer = Tracer::new(scene, centre);
         let lighting = Lighting::measure(&tracer, 0);

@@ -6,7 +6,7 @@
     reason = "nobody but the tests reads it, and not every test all of it"
 )]
 
-use headbox::capture::random::Rng;
+use headbox_core::random::Rng;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};

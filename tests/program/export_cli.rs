@@ -3,8 +3,8 @@
 #![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
 
 use crate::run::{fails, json, succeeds};
-use headbox::capture::deep_exr::{DeepCompression, DeepImage, DeepView};
-use headbox::capture::linear_from_srgb8;
+use headbox_images::deep_exr::{DeepCompression, DeepImage, DeepView};
+use headbox_core::color::linear_from_srgb8;
 use std::path::Path;
 
 const FACE_PX: u32 = 48;

@@ -2,12 +2,13 @@
 
 use super::run::{headbox, refused, succeeds};
 use glam::dvec3;
-use headbox::capture::Camera;
-use headbox::capture::bake::{BakeOptions, bake};
-use headbox::capture::light::Lighting;
-use headbox::capture::trace::Tracer;
-use headbox::progress::Silent;
-use headbox::{metrics, truth};
+use headbox_core::camera::Camera;
+use headbox_model::bake::{BakeOptions, bake};
+use headbox_trace::light::Lighting;
+use headbox_trace::bvh::Tracer;
+use headbox_core::progress::Silent;
+use headbox_core::metrics;
+use headbox_trace::truth;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -185,7 +186,7 @@ fn baked_light_looks_like_truth() {
     /// Between vertices 6 cm apart light is interpolated; edges of shadows are softer by that. At 40 pixels a metre this
     /// scene loses less than 26 dB; a bake without shadows, or with the wrong exposure, is below 18.
     const LEAST_PSNR_DB: f64 = 26.0;
-    let source = Arc::new(headbox::scenes::build("bump", 1).unwrap());
+    let source = Arc::new(headbox_scenes::build("bump", 1).unwrap());
     let eye = source.headbox.unwrap().centre;
     let camera = Camera::look_at(eye, eye + dvec3(0.1, -0.2, -1.0), glam::DVec3::Y, 60.0, [120, 90]).unwrap();
     let tracer = Tracer::new(Arc::clone(&source), eye);

@@ -4,7 +4,7 @@
 #![expect(clippy::unwrap_used, reason = "in a test a panic is the failure report")]
 
 use super::run::{fails, json, succeeds};
-use headbox::sprite::SpriteVariant;
+use headbox_sprite::SpriteVariant;
 use image::{ImageBuffer, Luma, Rgba, RgbaImage};
 use std::path::Path;
 

@@ -56,47 +56,26 @@
 #[cfg(test)]
 extern crate self as headbox_viewer;
 
-mod app;
-mod automation;
-mod bounds;
-mod camera_file;
-mod commands;
-mod exchange;
-mod export;
-mod eye_path;
-mod history;
-mod keymap;
-mod layout;
-mod looking;
-mod messages;
-mod motion;
-mod options;
+mod input;
 mod panels;
-mod pose;
-mod recent;
-mod resolution;
-mod session;
+mod playback;
 mod setting;
-mod slot;
 mod source;
-mod steering;
-mod tape;
-mod views;
-mod window;
-mod worker;
-
 #[cfg(test)]
 mod tests;
+mod thread;
+mod window;
 
-pub use bounds::EyeBounds;
-pub use eye_path::{CameraPath, PathError, TimedPose};
-pub use options::{Exit, Sketch, Summary, ViewerError, ViewerOptions};
-pub use pose::Pose;
+
+pub use crate::input::bounds::EyeBounds;
+pub use crate::playback::eye_path::{CameraPath, PathError, TimedPose};
+pub use crate::window::options::{Exit, Sketch, Summary, ViewerError, ViewerOptions};
+pub use crate::input::pose::Pose;
 pub use setting::{Control, Setting, SettingError, SettingValue, SettingValues};
 pub use source::{
     Coming, Entry, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Ongoing, Refinement,
     Room, RoomMap, Stage, Swatch, Thumbnail,
 };
-pub use tape::ReplayMode;
-pub use views::Stereo;
-pub use window::run;
+pub use crate::playback::tape::ReplayMode;
+pub use crate::window::views::Stereo;
+pub use crate::window::window::run;

@@ -1,12 +1,11 @@
 //! What the window shows: anything that turns a camera into a frame.
 
-use crate::{
-    bounds::EyeBounds,
-    pose::Pose,
-    setting::{Setting, SettingValues},
-};
+use crate::input::bounds::EyeBounds;
+use crate::input::pose::Pose;
+use crate::setting::{Setting, SettingValues};
 use glam::DVec3;
-use headbox_capture::{Camera, scene::FileFrame};
+use headbox_core::camera::Camera;
+use headbox_core::file_frame::FileFrame;
 use std::{
     path::Path,
     sync::{Arc, mpsc::Receiver},

@@ -13,7 +13,7 @@ pub(crate) use sleep::{bed, cabinet, desk, wardrobe};
 use crate::finishes::Finishes;
 use crate::mesh::{Mesh, Vertex};
 use glam::{DMat3, DVec2, DVec3, dvec3};
-use headbox_capture::random::Rng;
+use headbox_core::random::Rng;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// A piece of furniture under construction: its own axes at a place on the floor, turned about the vertical.

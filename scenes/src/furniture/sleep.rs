@@ -4,7 +4,7 @@ use super::Piece;
 use crate::finishes::Finishes;
 use crate::mesh::Mesh;
 use glam::{DVec3, dvec3};
-use headbox_capture::random::Rng;
+use headbox_core::random::Rng;
 
 /// A double bed, its head against the wall, between two night tables: 2.7 m by 2.1 m.
 pub(crate) fn bed(mesh: &mut Mesh, place: DVec3, turn: f64, linen: u32, finishes: &Finishes) {

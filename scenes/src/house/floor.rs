@@ -1,7 +1,7 @@
 //! The floor plan: rooms, and the openings in their walls. Pure numbers, no triangles.
 
 use glam::{DVec2, DVec3};
-use headbox_capture::random::Rng;
+use headbox_core::random::Rng;
 
 /// What a room is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,7 +6,7 @@ use super::shell::Wall;
 use crate::furniture;
 use crate::mesh::Mesh;
 use glam::{DVec2, DVec3, dvec3};
-use headbox_capture::random::Rng;
+use headbox_core::random::Rng;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// A piece of furniture, with a width where it has a choice of them.

@@ -11,9 +11,9 @@ use crate::mesh::{Fineness, Mesh};
 use floor::{Floor, Purpose};
 use furnish::{Furnishing, hang_lamps};
 use glam::{DVec2, DVec3};
-use headbox_capture::portal_model::{Cell, Portal, PortalModel, Prism};
-use headbox_capture::random::Rng;
-use headbox_capture::scene::Scene;
+use headbox_model::{Cell, Portal, PortalModel, Prism};
+use headbox_core::random::Rng;
+use headbox_scene::scene::Scene;
 use palette::{Palette, TILE_M};
 use shell::{add_slab, walls};
 

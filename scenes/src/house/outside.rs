@@ -6,7 +6,7 @@ use super::shell::walls;
 use crate::mesh::{Mesh, Vertex};
 use crate::texture::fractal;
 use glam::{DVec2, DVec3, dvec3};
-use headbox_capture::random::Rng;
+use headbox_core::random::Rng;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Height of the ground, metres; the floors lie at 0.

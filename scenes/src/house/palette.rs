@@ -4,8 +4,8 @@ use super::floor::Purpose;
 use crate::finishes::Finishes;
 use crate::mesh::Mesh;
 use crate::texture::{fractal, mix, noise, paint, shade};
-use headbox_capture::Texture;
-use headbox_capture::random::{Rng, hash, unit};
+use headbox_scene::material::Texture;
+use headbox_core::random::{Rng, hash, unit};
 
 /// Indices of materials.
 pub(super) struct Palette {

@@ -4,8 +4,8 @@ use crate::finishes::Finishes;
 use crate::furniture;
 use crate::mesh::Mesh;
 use glam::{DVec2, DVec3, dvec3};
-use headbox_capture::random::Rng;
-use headbox_capture::scene::Scene;
+use headbox_core::random::Rng;
+use headbox_scene::scene::Scene;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Half of the room's width (x) and depth (z), and its height; inner faces of the walls, metres.

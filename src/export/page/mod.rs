@@ -10,20 +10,17 @@ mod sprite;
 mod texels;
 mod text;
 
-#[cfg(feature = "cli")]
-pub(crate) use house::poster as house_poster;
-#[cfg(feature = "cli")]
-pub(crate) use lumigraph::poster as lumigraph_poster;
-#[cfg(feature = "cli")]
-pub(crate) use sprite::poster as sprite_poster;
+pub use house::poster as house_poster;
+pub use lumigraph::poster as lumigraph_poster;
+pub use sprite::poster as sprite_poster;
 
 use super::{ExportError, poster};
-use crate::capture::Camera;
-use crate::environment::Environment;
-use crate::lumigraph::Lumigraph;
-use crate::packed::PackedCube;
-use crate::portal::house::House;
-use crate::sprite::SpriteSet;
+use headbox_core::camera::Camera;
+use headbox_core::environment::Environment;
+use headbox_lumigraph::Lumigraph;
+use headbox_cube::pack::PackedCube;
+use headbox_house::house::House;
+use headbox_sprite::SpriteSet;
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use image::codecs::png::CompressionType;
@@ -158,7 +155,7 @@ fn script(modules: &[&str]) -> String {
 }
 
 /// Text in HTML.
-pub(crate) fn escape(text: &str) -> String {
+pub fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
@@ -193,7 +190,7 @@ fn png(texels: &[[u8; 4]], size_px: [u32; 2]) -> Result<Vec<u8>, ExportError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::packed::PlaneSet;
+    use headbox_cube::pack::PlaneSet;
     use std::collections::HashSet;
 
     #[test]
@@ -221,7 +218,7 @@ mod tests {
         let cube = PackedCube {
             info: Default::default(),
             face_size_px: 8,
-            layout: crate::packed::SplatIndexLayout::Normal,
+            layout: headbox_cube::pack::SplatIndexLayout::Normal,
             segments: Vec::new(),
             environment: Environment::default(),
             planes: PlaneSet::default(),

@@ -1,10 +1,7 @@
 //! A synthetic frame source: a checkered room with a ball, ray-cast per pixel. No files, no other crates.
 
 use glam::{DVec3, Vec3, dvec3, vec3};
-use headbox_viewer::{
-    Entry, EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Pose, Refinement,
-    Room, RoomMap, Setting, Stage, Swatch, Thumbnail,
-};
+use headbox_viewer::{Entry, EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Library, Navigation, Pose, Refinement, Room, RoomMap, Setting, Stage, Swatch, Thumbnail};
 use std::{path::Path, sync::Arc, time::Instant};
 
 /// Half the size of the room, metres.
@@ -30,7 +27,7 @@ pub(crate) struct CheckerRoom {
     kind: Kind,
     hue: u32,
     rounds: u32,
-    last_camera: Option<headbox_capture::Camera>,
+    last_camera: Option<headbox_core::camera::Camera>,
     hits: Vec<Hit>,
 }
 
@@ -193,7 +190,7 @@ impl CheckerRoom {
     }
 
     /// Finds what every `step`th pixel of a row sees.
-    fn cast(&mut self, camera: &headbox_capture::Camera, row: usize, step: usize) {
+    fn cast(&mut self, camera: &headbox_core::camera::Camera, row: usize, step: usize) {
         let eye = camera.eye().as_vec3();
         let y = row as f64 + 0.5;
         let first = camera.direction(0.5, y).as_vec3();

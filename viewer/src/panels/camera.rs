@@ -1,7 +1,10 @@
 //! The eye in numbers.
 
 use super::button;
-use crate::{bounds::EyeBounds, keymap::Command, pose::Pose, steering::Eye};
+use crate::input::bounds::EyeBounds;
+use crate::input::keymap::Command;
+use crate::input::pose::Pose;
+use crate::input::steering::Eye;
 use egui::{Checkbox, DragValue, Slider, Ui};
 use glam::DVec3;
 

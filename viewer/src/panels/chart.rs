@@ -1,7 +1,7 @@
 //! The rolling chart of milliseconds by stage: one column a frame, stages stacked.
 
-use super::theme;
-use crate::history::{FrameTimes, History, nice_ceiling};
+use crate::panels::theme;
+use crate::thread::history::{FrameTimes, History, nice_ceiling};
 use egui::{Align2, Color32, FontId, Mesh, Painter, Rect, Sense, Shape, Stroke, Ui, pos2, vec2};
 
 const HEIGHT_POINTS: f32 = 96.0;

@@ -1,6 +1,8 @@
 //! How the frame is shown: resolution, stereo, comparison.
 
-use crate::{options::ViewerOptions, steering::Sets, views::Stereo};
+use crate::window::options::ViewerOptions;
+use crate::input::steering::Sets;
+use crate::window::views::Stereo;
 use egui::{Checkbox, Slider, Ui};
 use std::sync::Arc;
 

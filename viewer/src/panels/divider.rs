@@ -1,6 +1,6 @@
 //! The line between A and B.
 
-use super::theme;
+use crate::panels::theme;
 use egui::{Align2, Color32, FontId, Painter, Rect, Response, Stroke, pos2, vec2};
 
 /// Radius of the handle, points.

@@ -1,7 +1,8 @@
 //! The small 3-D drawing of the headbox with the eye in it.
 
-use super::{strip, theme};
-use crate::{bounds::EyeBounds, pose::Pose};
+use crate::panels::{strip, theme};
+use crate::input::bounds::EyeBounds;
+use crate::input::pose::Pose;
 use egui::{Align2, FontId, Painter, Pos2, Rect, Stroke, StrokeKind, pos2, vec2};
 use glam::{DMat3, DVec3, dvec3};
 

@@ -1,6 +1,6 @@
 //! The list of keys.
 
-use crate::keymap::{BINDINGS, MOUSE_HELP};
+use crate::input::keymap::{BINDINGS, MOUSE_HELP};
 use egui::{Context, Grid, ScrollArea, Ui, vec2};
 
 /// Width of all lists beside each other, and of the two of keys, points; where there is less they stand below each other.

@@ -1,6 +1,6 @@
 //! What the colours of a picture mean, in the corner of the frame.
 
-use super::theme;
+use crate::panels::theme;
 use crate::source::Swatch;
 use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, pos2, vec2};
 

@@ -1,7 +1,7 @@
 //! Messages over the frame.
 
-use super::{strip, theme};
-use crate::messages::{Kind, Messages};
+use crate::panels::{strip, theme};
+use crate::window::messages::{Kind, Messages};
 use egui::{Align2, Area, Color32, Context, Frame, Id, Margin, RichText, Stroke, vec2};
 
 const WIDTH_POINTS: f32 = 520.0;

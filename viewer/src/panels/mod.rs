@@ -1,5 +1,5 @@
 //! What surrounds the frame. Each panel is a file: a function of the state it shows, which it changes in place or asks to
-//! change by a [`Command`](crate::keymap::Command).
+//! change by a [`Command`](crate::input::keymap::Command).
 
 pub(crate) mod camera;
 pub(crate) mod chart;
@@ -19,7 +19,7 @@ pub(crate) mod status;
 pub(crate) mod strip;
 pub(crate) mod theme;
 
-use crate::keymap::Command;
+use crate::input::keymap::Command;
 use egui::{Align2, Button, CollapsingHeader, Context, RichText, Ui, Window};
 
 /// A window over the frame, at first in the middle of it.

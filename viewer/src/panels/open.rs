@@ -1,6 +1,8 @@
 //! A small list of files to open. Drawn by the window itself, so that it also works remotely and without a desktop.
 
-use crate::{exchange::Location, keymap::Command, recent::Recent};
+use crate::thread::exchange::Location;
+use crate::input::keymap::Command;
+use crate::playback::recent::Recent;
 use egui::{Button, Context, Key, Label, RichText, ScrollArea, TextEdit, Ui, vec2};
 use std::path::{Path, PathBuf};
 

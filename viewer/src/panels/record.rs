@@ -1,10 +1,8 @@
 //! Frames, cameras and paths to files and back.
 
 use super::{button, enabled_button};
-use crate::{
-    keymap::Command,
-    tape::{ReplayMode, Tape},
-};
+use crate::input::keymap::Command;
+use crate::playback::tape::{ReplayMode, Tape};
 use egui::{Checkbox, ProgressBar, TextEdit, Ui};
 use std::path::{Path, PathBuf};
 

@@ -1,7 +1,8 @@
 //! The plan of the rooms with the eye on it.
 
-use super::theme;
-use crate::{pose::Pose, source::RoomMap};
+use crate::panels::theme;
+use crate::input::pose::Pose;
+use crate::source::RoomMap;
 use egui::{Align2, FontId, Painter, Pos2, Rect, Shape, Stroke, pos2, vec2};
 
 /// Length of the drawn view wedge, points.

@@ -1,12 +1,10 @@
 //! The source's own settings, drawn from data.
 
 use super::{button, section};
-use crate::{
-    exchange::SourceInfo,
-    keymap::Command,
-    setting::{Control, Setting, SettingValue, SettingValues},
-    steering::Sets,
-};
+use crate::thread::exchange::SourceInfo;
+use crate::input::keymap::Command;
+use crate::setting::{Control, Setting, SettingValue, SettingValues};
+use crate::input::steering::Sets;
 use egui::{Checkbox, ComboBox, Slider, Ui};
 use std::{ops::RangeInclusive, sync::Arc};
 

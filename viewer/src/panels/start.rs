@@ -1,13 +1,11 @@
 //! The page shown while there is no view.
 
-use super::theme;
-use crate::{
-    exchange::Location,
-    keymap::Command,
-    recent::Recent,
-    session::Opening,
-    source::{Entry, Thumbnail},
-};
+use crate::panels::theme;
+use crate::thread::exchange::Location;
+use crate::input::keymap::Command;
+use crate::playback::recent::Recent;
+use crate::thread::session::Opening;
+use crate::source::{Entry, Thumbnail};
 use egui::{Align, Button, Color32, Context, Layout, RichText, Sense, TextureHandle, Ui, UiBuilder, vec2};
 use std::time::Duration;
 

@@ -1,11 +1,9 @@
 //! What the last frame did and cost.
 
-use super::chart;
-use crate::{
-    exchange::{Finished, SourceInfo},
-    history::{History, add_stages},
-    source::Figure,
-};
+use crate::panels::chart;
+use crate::thread::exchange::{Finished, SourceInfo};
+use crate::thread::history::{History, add_stages};
+use crate::source::Figure;
 use egui::{Grid, Ui};
 
 /// The rate, the chart, and the figures that the source reports (a column each for A and B).
@@ -99,10 +97,10 @@ mod tests {
         let mut history = History::default();
         assert_eq!(rate(&history), "latency 0 ms");
         for i in 0..20 {
-            history.push(crate::history::FrameTimes { shown_s: f64::from(i) * 0.05, ..Default::default() });
+            history.push(crate::thread::history::FrameTimes { shown_s: f64::from(i) * 0.05, ..Default::default() });
         }
         assert_eq!(rate(&history), "20 frames/s, latency 0 ms");
-        history.push(crate::history::FrameTimes { shown_s: 9.0, ..Default::default() });
+        history.push(crate::thread::history::FrameTimes { shown_s: 9.0, ..Default::default() });
         assert_eq!(rate(&history), "latency 0 ms");
     }
 

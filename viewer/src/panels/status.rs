@@ -1,6 +1,8 @@
 //! The line below the frame.
 
-use crate::{exchange::Finished, pose::Pose, tape::Tape};
+use crate::thread::exchange::Finished;
+use crate::input::pose::Pose;
+use crate::playback::tape::Tape;
 use egui::{Align, Layout, Ui};
 
 /// Where the eye is, what is rendered, how fast.

@@ -1,6 +1,6 @@
 //! A strip along the frame's upper edge while something works in the background: what, how far, how long still.
 
-use super::theme;
+use crate::panels::theme;
 use crate::source::Ongoing;
 use egui::{Align2, Color32, FontId, Painter, Rect, pos2, vec2};
 use std::time::Duration;

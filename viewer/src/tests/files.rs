@@ -1,7 +1,10 @@
 use super::*;
-use crate::{Exit, ReplayMode, camera_file, keymap::Command};
+use crate::{Exit, ReplayMode};
+use crate::playback::camera_file;
+use crate::input::keymap::Command;
 use egui::Key;
-use headbox_capture::{path, scene::FileFrame};
+use headbox_scene::camera_path as path;
+use headbox_core::file_frame::FileFrame;
 use std::path::{Path, PathBuf};
 
 /// Poses that went through JSON and degrees, metres.

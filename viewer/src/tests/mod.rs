@@ -12,13 +12,12 @@ mod snapshots;
 #[path = "../../examples/checker_room/room.rs"]
 mod room;
 
-use crate::{
-    app::Viewer,
-    automation::Outcome,
-    options::ViewerOptions,
-    session::Session,
-    source::{FrameSource, Library},
-};
+
+use crate::window::app::Viewer;
+use crate::playback::automation::Outcome;
+use crate::window::options::ViewerOptions;
+use crate::thread::session::Session;
+use crate::source::{FrameSource, Library};
 use egui_kittest::{
     Harness,
     kittest::{NodeT, Queryable},

@@ -2,7 +2,9 @@
 //! anew: look at them then. A picture that differs is left beside the old one as `NAME.new.png`.
 
 use super::{painter::Painter, *};
-use crate::{history::FrameTimes, keymap::Command, source::Stage};
+use crate::thread::history::FrameTimes;
+use crate::input::keymap::Command;
+use crate::source::Stage;
 use egui::Key;
 use image::RgbImage;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! A cube LDI as a page. It is drawn by the rules of [`crate::render::surface`], whose numbers travel in the page's header, so that its
+//! A cube LDI as a page. It is drawn by the rules of [`headbox_cube::render::canvas::surface`], whose numbers travel in the page's header, so that its
 //! frames are held to the CPU's.
 
 mod samples;
@@ -6,12 +6,13 @@ mod shell;
 
 use super::texels::{Picture, rests};
 use super::{Content, MAX_PAGE_BYTES, Part, environment, poster};
-use crate::capture::rig::Face;
-use crate::export::ExportError;
-use crate::ldi::accumulate::DepthBins;
-use crate::packed::splat_index::SPLAT_INDEX_COUNT;
-use crate::packed::{PackedCube, PlaneSet};
-use crate::render::{rules, surface};
+use headbox_core::cube_face::Face;
+use crate::ExportError;
+use headbox_cube::model::depth_bins::DepthBins;
+use headbox_cube::pack::splat_index::SPLAT_INDEX_COUNT;
+use headbox_cube::pack::{PackedCube, PlaneSet};
+use headbox_cube::render::footprint::rules;
+use headbox_cube::render::canvas::surface;
 use serde_json::{Value, json};
 
 pub(super) const MODULES: &[&str] = &[

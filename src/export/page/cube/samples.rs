@@ -13,7 +13,7 @@
 //! What is expected of a sample stands in a neighbouring pixel, on the left or else above, as many surfaces from the nearest. On a
 //! plane, inverse depth is affine in the pixels, so that left + above - above left is exact there.
 
-use crate::packed::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, PackedSegment};
+use headbox_cube::pack::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, PackedSegment};
 
 /// Pixels a side of a block.
 pub(super) const BLOCK_PX: u32 = 32;

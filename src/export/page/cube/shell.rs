@@ -2,12 +2,12 @@
 //! from elsewhere it has parallax and no gaps; nothing behind what is nearest.
 
 use super::super::Part;
-use crate::capture::Camera;
-use crate::capture::picture::PictureError;
-use crate::capture::rig::Face;
-use crate::export::ExportError;
-use crate::packed::PackedCube;
-use crate::render::{RenderSettings, Renderer};
+use headbox_core::camera::Camera;
+use headbox_core::image_file::PictureError;
+use headbox_core::cube_face::Face;
+use crate::ExportError;
+use headbox_cube::pack::PackedCube;
+use headbox_cube::render::{RenderSettings, Renderer};
 use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
 use serde_json::json;

@@ -10,9 +10,9 @@
 //! texcoords   u32 u, then v: binary32, likewise; only where a material has a texture
 //! ```
 
-use crate::capture::Material;
-use crate::capture::scene::Scene;
-use crate::portal::house::House;
+use headbox_scene::material::Material;
+use headbox_scene::scene::Scene;
+use headbox_house::house::House;
 use exr::prelude::f16;
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
@@ -220,7 +220,7 @@ mod tests {
 
     #[test]
     fn all_triangles_are_read_again_by_the_pages_rule() {
-        let mut model = crate::scenes::house(0, 6_000);
+        let mut model = headbox_scenes::house(0, 6_000);
         model.mend();
         let house = House::new(model).expect("a house");
         let (scene, origin) = (house.scene(), house.mesh().origin());

@@ -3,11 +3,11 @@
 //! A place is free if the eye above it is in a room and nothing that reaches to its height is nearer than a shoulder; and in doors, whose
 //! leaves, if the model has them closed, are walked through. Windows are not passed.
 
-use crate::capture::portal_model::{Portal, Prism};
-use crate::capture::trace::Ray;
-use crate::portal::house::{EYE_HEIGHT_M, House, REVEAL_M};
-use crate::portal::opening::Opening;
-use crate::portal::walk_path::door;
+use headbox_model::{Portal, Prism};
+use headbox_trace::bvh::Ray;
+use headbox_house::house::{EYE_HEIGHT_M, House, REVEAL_M};
+use headbox_house::opening::Opening;
+use headbox_house::walk_path::door;
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 use serde_json::{Value, json};
@@ -113,7 +113,7 @@ fn has_elbow_room(house: &House, eye: DVec3) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::portal::walk_path::WalkPath;
+    use headbox_house::walk_path::WalkPath;
 
     /// Numbers of the places that one can walk to from another, in steps to neighbours.
     fn reached(floor: &Floor, from: usize) -> Vec<usize> {
@@ -139,7 +139,7 @@ mod tests {
 
     #[test]
     fn doors_lead_to_every_room_and_nothing_leads_through_walls() {
-        let mut model = crate::scenes::house(0, 6_000);
+        let mut model = headbox_scenes::house(0, 6_000);
         model.mend();
         let house = House::new(model).expect("a house");
         let all = floors(&house);
@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn windows_are_not_passed() {
-        let mut model = crate::scenes::house(0, 6_000);
+        let mut model = headbox_scenes::house(0, 6_000);
         model.mend();
         let house = House::new(model).expect("a house");
         let outside = house.plan().outside;

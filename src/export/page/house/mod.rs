@@ -1,20 +1,21 @@
 //! A house as a page: its surfaces with their light and textures, its sky, and where one may walk.
 //!
 //! Backdrops are left out: they stand in for geometry where a processor has to draw it, and what draws pages draws all of a home.
-//! Which cells show is found by the rule of [`crate::portal::cull`] in the page again (`cells.js`); it spares the other cells' vertices.
+//! Which cells show is found by the rule of [`headbox_house::cull`] in the page again (`cells.js`); it spares the other cells' vertices.
 
 mod chunks;
 mod floors;
 
 use super::{Content, Part, environment, png};
-use crate::capture::portal_model::{Cell, Portal};
-use crate::capture::{Camera, Material, Texture};
-use crate::export::{ExportError, POSTER_PX, jpeg};
-use crate::portal::cull::{Limits, visible_cells};
-use crate::portal::house::House;
-use crate::portal::settings::WalkSettings;
-use crate::portal::store::Store;
-use crate::portal::walk::Walker;
+use headbox_model::{Cell, Portal};
+use headbox_core::camera::Camera;
+use headbox_scene::material::{Material, Texture};
+use crate::{ExportError, POSTER_PX, jpeg};
+use headbox_house::cull::{Limits, visible_cells};
+use headbox_house::house::House;
+use headbox_house::settings::WalkSettings;
+use headbox_house::store::Store;
+use headbox_house::walk::Walker;
 use chunks::{Chunk, POSITION_STEP_M};
 use floors::Floor;
 use glam::DVec3;
@@ -120,7 +121,7 @@ fn header(house: &House, first: &Camera, floors: &[Floor]) -> Value {
 }
 
 /// A JPEG file of what a camera sees.
-pub(crate) fn poster(house: &House, first: &Camera) -> Result<Vec<u8>, ExportError> {
+pub fn poster(house: &House, first: &Camera) -> Result<Vec<u8>, ExportError> {
     let camera = Camera::look_at(first.eye(), first.eye() + first.forward(), DVec3::Y, 60.0, POSTER_PX)?;
     jpeg(Walker::new().frame(house, &Store::new(0), &camera, &WalkSettings::default()).0)
 }

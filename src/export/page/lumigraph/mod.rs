@@ -1,12 +1,12 @@
 //! A layered lumigraph as a page: the images of its cameras, and the layer of each of their pixels.
 //!
-//! Frames are blended ray by ray from the four cameras about it, by the rules of [`crate::lumigraph`]; what a frame merges is
+//! Frames are blended ray by ray from the four cameras about it, by the rules of [`headbox_lumigraph`]; what a frame merges is
 //! planned in the page (`plan.js`).
 
 use super::{Content, MAX_PAGE_BYTES, Part, environment, png};
-use crate::capture::Camera;
-use crate::export::{ExportError, POSTER_PX, jpeg};
-use crate::lumigraph::{Lumigraph, LumigraphRenderer, LumigraphSettings, Picture};
+use headbox_core::camera::Camera;
+use crate::{ExportError, POSTER_PX, jpeg};
+use headbox_lumigraph::{Lumigraph, LumigraphRenderer, LumigraphSettings, Picture};
 use glam::DVec3;
 use serde_json::json;
 
@@ -101,7 +101,7 @@ fn indices(picture: &Picture) -> Vec<u8> {
 }
 
 /// A JPEG file of the first view.
-pub(crate) fn poster(lumigraph: &Lumigraph) -> Result<Vec<u8>, ExportError> {
+pub fn poster(lumigraph: &Lumigraph) -> Result<Vec<u8>, ExportError> {
     let (grid, fov_y_deg) = (lumigraph.grid(), lumigraph.clear_fov_deg(POSTER_PX));
     let axes = grid.world_from_eye();
     let (eye, up): (DVec3, DVec3) = (grid.origin(), axes.y_axis);

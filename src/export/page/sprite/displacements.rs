@@ -1,6 +1,6 @@
 //! Displacements as what they are more than their neighbours say (`field.js` reads them).
 
-use crate::sprite::{Displacement, DisplacementFormat};
+use headbox_sprite::{Displacement, DisplacementFormat};
 
 /// The stored numbers of a displacement, one byte of all after the other, lowest first: the zigzag of each less its expectation,
 /// which is the median of the number on the left, the one above, and left + above - above left (that of JPEG-LS: one of the two
@@ -44,7 +44,7 @@ fn expected(numbers: &[i32], width: usize, i: usize) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::capture::random::Rng;
+    use headbox_core::random::Rng;
 
     /// As `field.js` reads it.
     fn read(rests: &[u8], width: usize, count: usize, size: usize) -> Vec<i32> {

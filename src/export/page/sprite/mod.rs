@@ -1,18 +1,18 @@
 //! Sprites with depth as a page: each sprite's picture and its displacements as they are stored.
 //!
-//! The page draws in two passes, as [`crate::sprite`] does: displacements are moved by pure parallax into a field of integers, gaps
+//! The page draws in two passes, as [`headbox_sprite`] does: displacements are moved by pure parallax into a field of integers, gaps
 //! of which are filled, and each pixel of the frame finds its place in the picture by what was moved there.
 
 mod displacements;
 
 use super::texels::{Picture, rests};
 use super::{Content, MAX_PAGE_BYTES, Part, environment};
-use crate::capture::Camera;
-use crate::compose::{ComposeSettings, Composer, Composition};
-use crate::export::of_sprites::half_size_m;
-use crate::export::{ExportError, POSTER_PX, jpeg};
-use crate::frame::Frame;
-use crate::sprite::{PreparedSprite, RenderOptions, SpriteSet, rules, visible_points};
+use headbox_core::camera::Camera;
+use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
+use crate::of_sprites::half_size_m;
+use crate::{ExportError, POSTER_PX, jpeg};
+use headbox_core::frame::Frame;
+use headbox_sprite::{PreparedSprite, RenderOptions, SpriteSet, rules, visible_points};
 use glam::DVec3;
 use serde_json::{Value, json};
 
@@ -109,7 +109,7 @@ fn fov_y_deg(camera: &Camera) -> f64 {
 }
 
 /// A JPEG file of the first view, with no more rows than the picture that it shows.
-pub(crate) fn poster(set: &SpriteSet) -> Result<Vec<u8>, ExportError> {
+pub fn poster(set: &SpriteSet) -> Result<Vec<u8>, ExportError> {
     let first = set.sprites().first().ok_or(ExportError::Empty)?.sprite().sprite().camera();
     let rows = first.height().min(POSTER_PX[1]);
     let size_px = [(rows * POSTER_PX[0]).div_ceil(POSTER_PX[1]), rows];
@@ -124,7 +124,7 @@ pub(crate) fn poster(set: &SpriteSet) -> Result<Vec<u8>, ExportError> {
 mod tests {
     use super::super::Page;
     use super::*;
-    use crate::sprite::{Displacement, Sprite, SpritePlane, SpriteWithDepth};
+    use headbox_sprite::{Displacement, Sprite, SpritePlane, SpriteWithDepth};
     use image::RgbaImage;
 
     /// A picture of half-transparent grey, nothing on its left half.

@@ -1,0 +1,129 @@
+//! Colour pictures of image sets.
+
+use super::ImagesError;
+use super::depth::extension;
+use super::exr_layer::ExrLayer;
+use headbox_core::color::srgb8_from_linear;
+use headbox_core::image_file as picture;
+use headbox_core::image_file::MAX_PIXELS;
+use headbox_core::words::{of_exr, of_picture};
+use exr::meta::MetaData;
+use std::path::Path;
+
+/// Width, height, and row-major sRGB with straight alpha.
+pub type ColorPicture = (u32, u32, Vec<[u8; 4]>);
+
+/// Reads a picture: 8-bit sRGB as it is, EXR from linear, premultiplied.
+///
+/// # Errors
+/// [`ImagesError`] that names the file.
+pub fn read_color(path: &Path) -> Result<ColorPicture, ImagesError> {
+    if extension(path) == "exr" { read_exr(path) } else { read_other(path) }
+}
+
+/// Names of the channels that are red, green, blue and alpha; [`CONSTANT_ZERO`] and [`CONSTANT_ONE`] are of none.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ColorChannels(pub [String; 4]);
+
+impl Default for ColorChannels {
+    fn default() -> Self {
+        Self(USUAL.map(str::to_owned))
+    }
+}
+
+/// Names of channels in pictures that are no EXR.
+const USUAL: [&str; 4] = ["R", "G", "B", "A"];
+
+/// Seurat's name of a channel that is 0 everywhere.
+const CONSTANT_ZERO: &str = "CONSTANT_ZERO";
+
+/// Seurat's name of a channel that is 1 everywhere.
+const CONSTANT_ONE: &str = "CONSTANT_ONE";
+
+/// Samples of a channel by its name, 0..=1 or linear light.
+type Find = Box<dyn Fn(&str) -> Option<Vec<f32>>>;
+
+/// As [`read_color`], from channels by name.
+///
+/// # Errors
+/// [`ImagesError`] that names the file, also if it lacks a channel.
+pub(super) fn read_channels(path: &Path, channels: &ColorChannels) -> Result<ColorPicture, ImagesError> {
+    let is_exr = extension(path) == "exr";
+    let (width, height, find): (u32, u32, Find) = if is_exr {
+        let layer = ExrLayer::read(path)?;
+        let (width, height) = (layer.width, layer.height);
+        let find = move |name: &str| layer.channel(name).map(|samples| samples.values_as_f32().collect());
+        (width, height, Box::new(find))
+    } else {
+        let (width, height, pixels) = read_other(path)?;
+        let find = move |name: &str| {
+            let channel = USUAL.iter().position(|known| *known == name)?;
+            Some(pixels.iter().map(|pixel| f32::from(pixel[channel]) / 255.0).collect())
+        };
+        (width, height, Box::new(find))
+    };
+    let count = width as usize * height as usize;
+    let samples = |name: &String| match name.as_str() {
+        CONSTANT_ZERO => Ok(vec![0.0; count]),
+        CONSTANT_ONE => Ok(vec![1.0; count]),
+        _ => {
+            let missing = || ImagesError::Picture { path: path.into(), cause: format!("has no channel {name}") };
+            find(name).ok_or_else(missing)
+        }
+    };
+    let [r, g, b, a] = &channels.0;
+    let (r, g, b, a) = (samples(r)?, samples(g)?, samples(b)?, samples(a)?);
+    let pixel = if is_exr { from_linear } else { from_shares };
+    Ok((width, height, (0..count).map(|i| pixel([r[i], g[i], b[i], a[i]])).collect()))
+}
+
+/// Levels of premultiplied linear light.
+fn from_linear([r, g, b, a]: [f32; 4]) -> [u8; 4] {
+    let straight = |c: f32| srgb8_from_linear(if a > 0.0 { c / a } else { c });
+    [straight(r), straight(g), straight(b), (a.clamp(0.0, 1.0) * 255.0 + 0.5) as u8]
+}
+
+/// Levels of what a picture of 8 bits holds.
+fn from_shares(shares: [f32; 4]) -> [u8; 4] {
+    shares.map(|share| (share * 255.0).round() as u8)
+}
+
+/// Width and height of a picture without decoding it.
+///
+/// # Errors
+/// [`ImagesError`] that names the file.
+pub(super) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
+    let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
+    if extension(path) == "exr" {
+        let meta = MetaData::read_from_file(path, false).map_err(|error| bad(of_exr(&error)))?;
+        let size = meta.headers.first().map(|header| header.layer_size);
+        return size.map(|size| [size.x() as u32, size.y() as u32]).ok_or_else(|| bad("has no layer".into()));
+    }
+    let reader = image::ImageReader::open(path).map_err(|cause| ImagesError::io(path, cause))?;
+    let (width, height) = reader.into_dimensions().map_err(|error| bad(of_picture(&error)))?;
+    Ok([width, height])
+}
+
+fn read_other(path: &Path) -> Result<ColorPicture, ImagesError> {
+    let decoded = picture::read(path, 8 * MAX_PIXELS).map_err(|error| ImagesError::picture(path, error))?;
+    let picture = decoded.into_rgba8();
+    let (width, height) = picture.dimensions();
+    Ok((width, height, picture.pixels().map(|pixel| pixel.0).collect()))
+}
+
+fn read_exr(path: &Path) -> Result<ColorPicture, ImagesError> {
+    let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
+    let [width, height] = read_size(path)?;
+    if u64::from(width) * u64::from(height) > MAX_PIXELS {
+        return Err(bad(format!("has more than {MAX_PIXELS} pixels")));
+    }
+    let image = exr::prelude::read_first_rgba_layer_from_file(
+        path,
+        |size, _| (size.x(), vec![[0u8; 4]; size.x() * size.y()]),
+        |(stride, pixels), at, (r, g, b, a): (f32, f32, f32, f32)| {
+            pixels[at.y() * *stride + at.x()] = from_linear([r, g, b, a]);
+        },
+    );
+    let image = image.map_err(|error| bad(of_exr(&error)))?;
+    Ok((width, height, image.layer_data.channel_data.pixels.1))
+}

@@ -1,0 +1,297 @@
+//! Deep OpenEXR images: any number of samples in a pixel, each with its own depth.
+//!
+//! Scanline parts without compression, with RLE and with ZIPS, which are all that OpenEXR allows for deep data. The `exr` crate, which reads
+//! and writes everything else here, knows no deep data. Layout: *OpenEXR File Layout*, "Deep Data".
+
+mod compress;
+mod header;
+#[cfg(test)]
+mod tests;
+
+pub use compress::DeepCompression;
+
+use headbox_core::camera::Camera;
+use headbox_core::files;
+use glam::{DMat4, DVec3};
+use header::{Cursor, Header};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// Why a deep image could not be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum DeepExrError {
+    /// The file cannot be opened, read or written.
+    #[error("{}: {cause}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        cause: io::Error,
+    },
+    /// The file is not what it should be.
+    #[error("{}: {field}: {cause}", path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// Which part of it.
+        field: String,
+        /// What was expected or found.
+        cause: String,
+    },
+}
+
+/// How a channel's values are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DeepKind {
+    /// 32-bit integers; beyond 2^24 the nearest `f32` is kept.
+    Uint,
+    /// 16-bit floats.
+    Half,
+    /// 32-bit floats.
+    Float,
+}
+
+/// A channel of a deep image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DeepChannel {
+    /// `R`, `G`, `B`, `A` (linear, premultiplied), `Z` (metres or the scene's unit), `ZBack`, ...
+    pub name: String,
+    /// As what it is stored.
+    pub kind: DeepKind,
+    /// A value for each sample, pixel by pixel, row by row from the top.
+    pub values: Vec<f32>,
+}
+
+/// Any number of samples in each pixel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DeepImage {
+    /// Width and height of the whole picture (the display window), pixels.
+    pub size_px: [u32; 2],
+    /// Column and row of the stored pixels' corner (the data window), which may lie outside the picture.
+    pub origin_px: [i32; 2],
+    /// Width and height of the stored pixels.
+    pub stored_px: [u32; 2],
+    /// Where the samples of each stored pixel begin, and at last their number.
+    pub offsets: Vec<u32>,
+    /// In the order of their names.
+    pub channels: Vec<DeepChannel>,
+    /// What it is a picture of.
+    pub view: DeepView,
+}
+
+/// What a deep image is a picture of, as far as its header says.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DeepView {
+    /// Six faces of a cube, one above another, as OpenEXR's environment maps have them (`envmap`).
+    pub cube: bool,
+    /// `worldToCamera`, for row vectors, row by row (which is: for column vectors, column by column).
+    pub world_to_camera: Option<[f32; 16]>,
+    /// `worldToNDC`, likewise.
+    pub world_to_ndc: Option<[f32; 16]>,
+}
+
+impl DeepView {
+    /// What a camera's picture says of it, by OpenEXR's *Standard Attributes*: camera space is left-handed, x right, y up, z forward; NDC
+    /// go from 0 to 1 over the picture, y down.
+    pub fn of_camera(camera: &Camera) -> Self {
+        let forward = DMat4::from_scale(DVec3::new(1.0, 1.0, -1.0));
+        let rotation = DMat4::from_mat3(camera.world_from_eye().transpose());
+        let camera_from_world = forward * rotation * DMat4::from_translation(-camera.eye());
+        let size = DVec3::new(f64::from(camera.width()), f64::from(camera.height()), 1.0);
+        let ndc_from_world = DMat4::from_scale(size.recip()) * camera.image_from_world();
+        let array = |matrix: DMat4| Some(matrix.as_mat4().to_cols_array());
+        Self { cube: false, world_to_camera: array(camera_from_world), world_to_ndc: array(ndc_from_world) }
+    }
+}
+
+/// A file may unpack to no more than this many bytes: what it says of its size is not to be trusted.
+const MAX_BYTES: u64 = 8 << 30;
+
+/// Packed bytes give at most this many times as many: deflate reaches 1032.
+const MAX_RATIO: u64 = 1100;
+
+impl DeepKind {
+    fn bytes(self) -> usize {
+        if self == Self::Half { 2 } else { 4 }
+    }
+}
+
+impl DeepImage {
+    /// A channel's values.
+    pub fn channel(&self, name: &str) -> Option<&[f32]> {
+        self.channels.iter().find(|channel| channel.name == name).map(|channel| channel.values.as_slice())
+    }
+
+    /// The numbers of the samples at a column and row of the whole picture; none outside of the stored pixels.
+    pub fn samples_at(&self, x: u32, y: u32) -> std::ops::Range<usize> {
+        let [column, row] = [i64::from(x) - i64::from(self.origin_px[0]), i64::from(y) - i64::from(self.origin_px[1])];
+        let [width, height] = self.stored_px.map(i64::from);
+        if !(0..width).contains(&column) || !(0..height).contains(&row) {
+            return 0..0;
+        }
+        let pixel = (row * width + column) as usize;
+        self.offsets[pixel] as usize..self.offsets[pixel + 1] as usize
+    }
+
+    /// Linear, premultiplied red, green, blue and alpha of a pixel of the whole picture: the samples of all images over
+    /// each other, nearest first; of two at one depth the earlier image's lies in front. Missing channels are 0, missing alpha 1.
+    pub fn composite(images: &[&Self], x: u32, y: u32) -> [f32; 4] {
+        let mut samples: Vec<(f32, [f32; 4])> = Vec::new();
+        for image in images {
+            let [r, g, b, a, z] = ["R", "G", "B", "A", "Z"].map(|name| image.channel(name));
+            for i in image.samples_at(x, y) {
+                let value = |channel: Option<&[f32]>, missing: f32| channel.map_or(missing, |values| values[i]);
+                samples.push((value(z, 0.0), [value(r, 0.0), value(g, 0.0), value(b, 0.0), value(a, 1.0)]));
+            }
+        }
+        samples.sort_by(|a, b| a.0.total_cmp(&b.0));
+        samples.iter().fold([0.0; 4], |over, (_, under)| {
+            let open = 1.0 - over[3];
+            [0, 1, 2, 3].map(|c| over[c] + open * under[c])
+        })
+    }
+
+    /// Reads the first deep scanline part of a file with one part.
+    ///
+    /// # Errors
+    /// [`DeepExrError`] that names the file and the field.
+    pub fn read(path: &Path) -> Result<Self, DeepExrError> {
+        let bytes = std::fs::read(path).map_err(|cause| DeepExrError::Io { path: path.into(), cause })?;
+        parse(&bytes).map_err(|(field, cause)| DeepExrError::Format { path: path.into(), field, cause })
+    }
+
+    /// Writes it, whole or not at all.
+    ///
+    /// # Errors
+    /// [`DeepExrError`] if the file cannot be written, or if counts and channels do not fit together.
+    pub fn write(&self, path: &Path, compression: DeepCompression) -> Result<(), DeepExrError> {
+        let format = |(field, cause): Wrong| DeepExrError::Format { path: path.into(), field, cause };
+        let bytes = self.to_bytes(compression).map_err(format)?;
+        files::write_whole(path, |out| out.write_all(&bytes))
+            .map_err(|cause| DeepExrError::Io { path: path.into(), cause })
+    }
+
+    /// The file's bytes.
+    ///
+    /// # Errors
+    /// The field that is wrong, and what is, if counts and channels do not fit together.
+    pub fn to_bytes(&self, compression: DeepCompression) -> Result<Vec<u8>, Wrong> {
+        self.check()?;
+        let mut order: Vec<&DeepChannel> = self.channels.iter().collect();
+        order.sort_by(|a, b| a.name.cmp(&b.name));
+        let mut out = header::written(self, &order, compression);
+        let [width, height] = self.stored_px.map(|side| side as usize);
+        let table = out.len();
+        out.resize(table + 8 * height, 0);
+        for row in 0..height {
+            let at = out.len() as u64;
+            out[table + 8 * row..][..8].copy_from_slice(&at.to_le_bytes());
+            let offsets = &self.offsets[row * width..=(row + 1) * width];
+            let counts: Vec<u8> = offsets[1..].iter().flat_map(|end| (end - offsets[0]).to_le_bytes()).collect();
+            let samples = offsets[0] as usize..offsets[width] as usize;
+            let mut data = Vec::new();
+            for channel in &order {
+                header::put_values(channel.kind, &channel.values[samples.clone()], &mut data);
+            }
+            let [packed_counts, packed_data] = [&counts, &data].map(|raw| compression.pack(raw));
+            out.extend((self.origin_px[1] + row as i32).to_le_bytes());
+            for length in [packed_counts.len(), packed_data.len(), data.len()] {
+                out.extend((length as u64).to_le_bytes());
+            }
+            out.extend(packed_counts);
+            out.extend(packed_data);
+        }
+        Ok(out)
+    }
+
+    fn check(&self) -> Result<(), Wrong> {
+        let pixels = self.stored_px[0] as usize * self.stored_px[1] as usize;
+        let total = self.offsets.last().copied().unwrap_or(0) as usize;
+        let rising = self.offsets.windows(2).all(|pair| pair[0] <= pair[1]);
+        if self.offsets.len() != pixels + 1 || self.offsets[0] != 0 || !rising || pixels == 0 {
+            return Err(wrong("offsets", "do not count the samples of the stored pixels"));
+        }
+        match self.channels.iter().find(|channel| channel.values.len() != total || channel.name.is_empty()) {
+            Some(channel) => Err(wrong(
+                &format!("channel \"{}\"", channel.name),
+                "has another number of values than there are samples",
+            )),
+            None => Ok(()),
+        }
+    }
+}
+
+/// A field, and what is wrong with it.
+pub type Wrong = (String, String);
+
+fn wrong(field: &str, cause: impl Into<String>) -> Wrong {
+    (field.into(), cause.into())
+}
+
+fn parse(bytes: &[u8]) -> Result<DeepImage, Wrong> {
+    let header = Header::read(bytes)?;
+    let Header { compression, stored_px, ref channels, .. } = header;
+    let [width, height] = stored_px.map(|side| side as usize);
+    let mut cursor = Cursor { bytes, at: header.end };
+    let table: Vec<u64> = (0..height).map(|_| cursor.u64("the table of scanlines")).collect::<Result<_, _>>()?;
+    let bytes_a_sample: u64 = channels.iter().map(|(_, kind)| kind.bytes() as u64).sum();
+    let mut counts = vec![0u32; width * height];
+    // Where each row's samples are packed, and how many bytes they unpack to.
+    let mut rows: Vec<(&[u8], u64)> = vec![(&[], 0); height];
+    let mut total = 0u64;
+    for start in table {
+        let mut chunk = Cursor { bytes, at: usize::try_from(start).unwrap_or(usize::MAX) };
+        let y = chunk.i32("a scanline's number")?;
+        let row = (i64::from(y) - i64::from(header.origin_px[1])) as usize;
+        if row >= height {
+            return Err(wrong("a scanline's number", format!("{y} lies outside of the data window")));
+        }
+        let field = format!("scanline {y}");
+        let packed: [u64; 3] = [chunk.u64(&field)?, chunk.u64(&field)?, chunk.u64(&field)?];
+        let packed_counts = chunk.take(packed[0], &field)?;
+        rows[row] = (chunk.take(packed[1], &field)?, packed[2]);
+        let ends = compression.unpack(packed_counts, 4 * width).map_err(|cause| wrong(&field, cause))?;
+        let mut before = 0;
+        for (count, end) in counts[row * width..].iter_mut().zip(ends.chunks_exact(4)) {
+            let end = u32::from_le_bytes([end[0], end[1], end[2], end[3]]);
+            *count = end.checked_sub(before).ok_or_else(|| wrong(&field, "its counts of samples fall"))?;
+            before = end;
+        }
+        let expected = u64::from(before) * bytes_a_sample;
+        total += expected;
+        if expected != packed[2] || expected > (packed[1] + 1) * MAX_RATIO || total > MAX_BYTES {
+            return Err(wrong(&field, format!("says {} bytes of samples, but counts {before} samples", packed[2])));
+        }
+    }
+    let mut offsets = Vec::with_capacity(counts.len() + 1);
+    let mut sum = 0u32;
+    offsets.push(0);
+    for count in counts {
+        sum = sum.checked_add(count).ok_or_else(|| wrong("the counts of samples", "add up to more than 2^32"))?;
+        offsets.push(sum);
+    }
+    let mut read: Vec<DeepChannel> = channels
+        .iter()
+        .map(|(name, kind)| DeepChannel { name: name.clone(), kind: *kind, values: Vec::with_capacity(sum as usize) })
+        .collect();
+    for (row, (packed, length)) in rows.into_iter().enumerate() {
+        let field = || format!("scanline {}", i64::from(header.origin_px[1]) + row as i64);
+        let data = compression.unpack(packed, length as usize).map_err(|cause| wrong(&field(), cause))?;
+        let samples = (offsets[(row + 1) * width] - offsets[row * width]) as usize;
+        let mut rest = data.as_slice();
+        for channel in &mut read {
+            let (own, after) = rest.split_at(samples * channel.kind.bytes());
+            header::take_values(channel.kind, own, &mut channel.values);
+            rest = after;
+        }
+    }
+    Ok(DeepImage {
+        size_px: header.size_px,
+        origin_px: header.origin_px,
+        stored_px,
+        offsets,
+        channels: read,
+        view: header.view,
+    })
+}
+

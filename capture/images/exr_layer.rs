@@ -1,0 +1,55 @@
+//! The channels of a flat EXR, by their names.
+
+use super::ImagesError;
+use headbox_core::image_file::MAX_PIXELS;
+use headbox_core::words::of_exr;
+use exr::image::{AnyChannel, FlatSamples};
+use exr::meta::MetaData;
+use exr::prelude::{ReadChannels, ReadLayers, read};
+use std::path::Path;
+
+/// From so many pixels on one picture is worth threads of its own, which are started for it; many smaller ones are read side by side anyhow.
+const PARALLEL_PIXELS: usize = 1 << 22;
+
+/// The first layer of an EXR that is no deep one.
+pub(super) struct ExrLayer {
+    pub(super) width: u32,
+    pub(super) height: u32,
+    channels: Vec<AnyChannel<FlatSamples>>,
+}
+
+impl ExrLayer {
+    /// # Errors
+    /// [`ImagesError`] that names the file.
+    pub(super) fn read(path: &Path) -> Result<Self, ImagesError> {
+        let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
+        let failed = |error: exr::error::Error| match error {
+            exr::error::Error::Io(cause) => ImagesError::io(path, cause),
+            other => bad(of_exr(&other)),
+        };
+        let meta = MetaData::read_from_file(path, false).map_err(failed)?;
+        let pixels = meta.headers.iter().map(|header| header.layer_size.area()).max().unwrap_or(0);
+        if pixels as u64 > MAX_PIXELS {
+            return Err(bad(format!("has more than {MAX_PIXELS} pixels")));
+        }
+        let reader =
+            read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer().all_attributes();
+        let reader = if pixels < PARALLEL_PIXELS { reader.non_parallel() } else { reader };
+        let layer = reader.from_file(path).map_err(failed)?.layer_data;
+        let size = layer.size;
+        Ok(Self { width: size.x() as u32, height: size.y() as u32, channels: layer.channel_data.list.into_vec() })
+    }
+
+    /// The samples of a channel, row-major.
+    pub(super) fn channel(&self, name: &str) -> Option<&FlatSamples> {
+        self.channels.iter().find(|channel| channel.name == *name).map(|channel| &channel.sample_data)
+    }
+
+    /// Those of the only channel.
+    pub(super) fn only_channel(&self) -> Option<&FlatSamples> {
+        match &self.channels[..] {
+            [channel] => Some(&channel.sample_data),
+            _ => None,
+        }
+    }
+}

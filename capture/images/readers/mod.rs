@@ -1,0 +1,13 @@
+//! Readers of image sets, one for each format.
+
+pub(crate) mod colmap;
+pub(crate) mod colmap_points;
+pub(crate) mod json;
+pub(crate) mod middlebury;
+pub(crate) mod nerfstudio;
+pub(crate) mod panorama;
+pub(crate) mod rgbd;
+pub(crate) mod seurat;
+#[cfg(test)]
+pub(crate) mod test_set;
+pub(crate) mod text;

@@ -1,0 +1,326 @@
+//! One picture of a set: its camera, its files, and what they hold once they are loaded.
+
+use super::ImagesError;
+use super::depth::DepthSource;
+use super::lens::{Lens, Pinhole};
+use crate::color_images::{ColorChannels, read_channels, read_color, read_size};
+use super::pose::Pose;
+use super::register::Registration;
+use headbox_core::camera::Camera;
+use headbox_core::depth_kind::DepthKind;
+use glam::{DVec2, DVec3};
+use std::path::PathBuf;
+
+/// Where what is infinitely far is taken to be, metres: a step of a metre moves it by a hundredth of a pixel where a thousand pixels show a radian.
+pub const FARTHEST_M: f32 = 1e5;
+
+/// One picture of a set. Nothing of it is in memory but its camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// What the file calls it.
+    pub name: String,
+    /// Width and height, pixels.
+    pub size_px: [u32; 2],
+    /// How its pixels map to rays.
+    pub lens: Lens,
+    /// Where its camera was, world metres.
+    pub pose: Pose,
+    /// The picture.
+    pub color: PathBuf,
+    /// Its depth.
+    pub depth: Option<DepthSource>,
+    /// A picture that is black where the view is to be left out.
+    pub mask: Option<PathBuf>,
+    /// Metres for a unit of the file's depth beyond its own unit (the set's frame).
+    pub depth_scale: f32,
+    /// Channels that hold its colours, if not R, G, B and A.
+    pub color_channels: Option<ColorChannels>,
+    /// Where its colours were taken from, if not from where its depth was. [`Self::load`] brings the depth there.
+    pub registration: Option<Registration>,
+}
+
+/// A view in memory, its lens ideal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoadedView {
+    /// Width and height, pixels.
+    pub size_px: [u32; 2],
+    /// Without distortion.
+    pub lens: Lens,
+    /// Where the camera was.
+    pub pose: Pose,
+    /// sRGB, straight alpha; alpha 0 where the view is masked out. Row-major, row 0 on top.
+    pub color: Vec<[u8; 4]>,
+    /// Multiples of [`Lens::ray`] (eye depth for a pinhole, ray distance for a panorama), metres, infinite where nothing is, NaN
+    /// where unknown; empty without depth.
+    pub depth: Vec<f32>,
+}
+
+impl View {
+    /// Reads picture, mask and depth, and undoes distortion (colour bilinearly, depth by the nearest pixel).
+    ///
+    /// # Errors
+    /// [`ImagesError`] that names the file, also if sizes differ.
+    pub fn load(&self) -> Result<LoadedView, ImagesError> {
+        let (width, height, mut color) = match &self.color_channels {
+            Some(channels) => read_channels(&self.color, channels)?,
+            None => read_color(&self.color)?,
+        };
+        self.is_of_size([width, height])?;
+        if let Some(mask) = &self.mask {
+            let (mask_width, mask_height, mask_pixels) = read_color(mask)?;
+            if (mask_width, mask_height) != (width, height) {
+                let cause = format!("is {mask_width}x{mask_height} pixels, its picture {width}x{height}");
+                return Err(ImagesError::Picture { path: mask.clone(), cause });
+            }
+            for (pixel, masked) in color.iter_mut().zip(mask_pixels) {
+                if masked[3] == 0 || masked[..3].iter().all(|&level| level < 128) {
+                    pixel[3] = 0;
+                }
+            }
+        }
+        let depth = self.load_depth()?;
+        let of_ideal_lens = self.depth.as_ref().is_some_and(|depth| depth.found.is_some());
+        let (distorted, ideal) = if of_ideal_lens { (Vec::new(), depth) } else { (depth, Vec::new()) };
+        let loaded = LoadedView { size_px: self.size_px, lens: self.lens, pose: self.pose, color, depth: distorted };
+        let undistorted = loaded.undistorted();
+        let ideal = if of_ideal_lens { LoadedView { depth: ideal, ..undistorted } } else { undistorted };
+        Ok(match &self.registration {
+            Some(registration) => registration.apply(ideal),
+            None => ideal,
+        })
+    }
+
+    /// Whether its files are there and its picture is as large as the set says, as far as names and headers tell.
+    ///
+    /// # Errors
+    /// [`ImagesError`] that names the file.
+    pub(super) fn check_files(&self) -> Result<(), ImagesError> {
+        self.is_of_size(read_size(&self.color)?)?;
+        let depth = self.depth.as_ref().map(|depth| &depth.path);
+        depth
+            .into_iter()
+            .chain(&self.mask)
+            .try_for_each(|path| std::fs::metadata(path).map(|_| ()).map_err(|cause| ImagesError::io(path, cause)))
+    }
+
+    fn is_of_size(&self, [width, height]: [u32; 2]) -> Result<(), ImagesError> {
+        if [width, height] == self.size_px {
+            return Ok(());
+        }
+        let [w, h] = self.size_px;
+        let cause = format!("is {width}x{height} pixels, but the set says {w}x{h}");
+        Err(ImagesError::Picture { path: self.color.clone(), cause })
+    }
+
+    fn load_depth(&self) -> Result<Vec<f32>, ImagesError> {
+        let Some(source) = &self.depth else { return Ok(Vec::new()) };
+        let mut picture = source.read()?;
+        if [picture.width, picture.height] != self.size_px {
+            let [w, h] = self.size_px;
+            let cause = format!("is {}x{} pixels, its picture {w}x{h}", picture.width, picture.height);
+            return Err(ImagesError::Picture { path: source.path.clone(), cause });
+        }
+        for (y, row) in picture.values.chunks_exact_mut(self.size_px[0] as usize).enumerate() {
+            for (x, depth) in row.iter_mut().enumerate() {
+                let scale = match (source.kind, self.lens) {
+                    // From the length along the ray to a multiple of the ray (C24).
+                    (DepthKind::RayDistance, Lens::Pinhole(_)) => {
+                        (1.0 / self.lens.ray([x as f64 + 0.5, y as f64 + 0.5], self.size_px).length()) as f32
+                    }
+                    _ => 1.0,
+                };
+                *depth *= scale * self.depth_scale;
+            }
+        }
+        Ok(picture.values)
+    }
+
+    /// Whether it has depth that was not found from pictures.
+    pub fn has_own_depth(&self) -> bool {
+        self.depth.as_ref().is_some_and(|depth| depth.found.is_none())
+    }
+
+    /// The ideal lens of its colours; `None` for a panorama.
+    pub fn pinhole(&self) -> Option<Pinhole> {
+        let lens = self.registration.map_or(self.lens, |registration| Lens::Pinhole(registration.lens));
+        match lens.ideal() {
+            Lens::Pinhole(pinhole) => Some(pinhole),
+            Lens::Equirectangular => None,
+        }
+    }
+
+    /// The camera of frames that show what this view shows: its eye and direction, square pixels, the principal point in
+    /// the middle. `None` for a panorama.
+    pub fn camera(&self) -> Option<Camera> {
+        let Lens::Pinhole(pinhole) = self.lens else { return None };
+        let [width, height] = self.size_px;
+        Camera::from_parts(self.pose.eye, self.pose.world_from_eye, pinhole.focal_px[1], width, height).ok()
+    }
+}
+
+impl LoadedView {
+    /// The depth of what a pixel shows, if it is known and the pixel is not masked out; of what is infinitely far [`FARTHEST_M`], so that it is
+    /// a surface like others, with its colour.
+    #[inline]
+    pub fn depth_at(&self, x: u32, y: u32) -> Option<f32> {
+        let i = y as usize * self.size_px[0] as usize + x as usize;
+        let depth = *self.depth.get(i)?;
+        (depth > 0.0 && self.color[i][3] > 0).then_some(depth.min(FARTHEST_M))
+    }
+
+    /// The world point of a pixel of known depth.
+    pub fn point_at(&self, x: u32, y: u32) -> Option<DVec3> {
+        let depth = f64::from(self.depth_at(x, y)?);
+        let ray = self.lens.ray([f64::from(x) + 0.5, f64::from(y) + 0.5], self.size_px);
+        Some(self.pose.to_world(ray * depth))
+    }
+
+    /// Colour at a position in pixels, bilinear over the pixels that are not masked out; `None` outside.
+    pub fn color_at(&self, [x, y]: [f64; 2]) -> Option<[f64; 3]> {
+        let [width, height] = self.size_px.map(f64::from);
+        if !(x >= 0.0 && y >= 0.0 && x <= width && y <= height) {
+            return None;
+        }
+        let (x, y) = ((x - 0.5).clamp(0.0, width - 1.0), (y - 0.5).clamp(0.0, height - 1.0));
+        let (x0, y0) = (x as usize, y as usize);
+        let (fx, fy) = (x - x0 as f64, y - y0 as f64);
+        let (x1, y1) = ((x0 + 1).min(width as usize - 1), (y0 + 1).min(height as usize - 1));
+        let (mut sum, mut total) = ([0.0; 3], 0.0);
+        for (px, py, weight) in
+            [(x0, y0, (1.0 - fx) * (1.0 - fy)), (x1, y0, fx * (1.0 - fy)), (x0, y1, (1.0 - fx) * fy), (x1, y1, fx * fy)]
+        {
+            let pixel = self.color[py * width as usize + px];
+            if pixel[3] > 0 && weight > 0.0 {
+                (0..3).for_each(|c| sum[c] += f64::from(pixel[c]) * weight);
+                total += weight;
+            }
+        }
+        (total > 0.0).then(|| sum.map(|c| c / total))
+    }
+
+    /// The colour of a photograph on the plane through `at` that faces its camera, where a ray from `eye` meets it; `None` where it does not,
+    /// and beside the photograph.
+    pub fn color_on_plane(&self, at: DVec3, eye: DVec3, direction: DVec3) -> Option<[f64; 3]> {
+        let normal = self.pose.world_from_eye.z_axis;
+        let depth = (at - eye).dot(normal) / direction.dot(normal);
+        let point = self.pose.world_from_eye.transpose() * (eye + direction * depth - self.pose.eye);
+        let [x, y, _] = self.lens.project(point, self.size_px).filter(|_| depth > 0.0)?;
+        self.color_at([x, y])
+    }
+
+    /// A perspective view made so many times smaller, each pixel the mean of those not masked out; without depth. Pixels beyond whole blocks are left out. Others, and
+    /// what would be less than a pixel, are as they were.
+    #[must_use]
+    pub fn smaller(self, times: u32) -> Self {
+        let size_px = self.size_px.map(|side| side / times.max(1));
+        let Lens::Pinhole(pinhole) = self.lens else { return self };
+        if times <= 1 || size_px.contains(&0) {
+            return self;
+        }
+        let mut color = Vec::with_capacity(size_px[0] as usize * size_px[1] as usize);
+        for (x, y) in (0..size_px[1]).flat_map(|y| (0..size_px[0]).map(move |x| (x * times, y * times))) {
+            let (mut sum, mut count) = ([0; 3], 0);
+            for row in y..y + times {
+                let start = (row * self.size_px[0] + x) as usize;
+                for pixel in self.color[start..start + times as usize].iter().filter(|pixel| pixel[3] > 0) {
+                    (0..3).for_each(|c| sum[c] += u32::from(pixel[c]));
+                    count += 1;
+                }
+            }
+            let [r, g, b] = sum.map(|sum| ((sum + count / 2) / count.max(1)) as u8);
+            color.push([r, g, b, if count > 0 { 255 } else { 0 }]);
+        }
+        let share = 1.0 / f64::from(times);
+        let [focal_px, principal_px] = [pinhole.focal_px, pinhole.principal_px].map(|px| px.map(|px| px * share));
+        let lens = Lens::Pinhole(Pinhole { focal_px, principal_px, ..pinhole });
+        Self { size_px, lens, color, depth: Vec::new(), ..self }
+    }
+
+    /// The same view through an ideal lens.
+    pub(super) fn undistorted(self) -> Self {
+        let Lens::Pinhole(Pinhole { focal_px, principal_px, distortion }) = self.lens else { return self };
+        if distortion.is_none() {
+            return self;
+        }
+        let [width, height] = self.size_px;
+        let lens = self.lens.ideal();
+        let pixels = width as usize * height as usize;
+        let mut color = vec![[0; 4]; pixels];
+        let mut depth = vec![f32::NAN; self.depth.len()];
+        for (i, color) in color.iter_mut().enumerate() {
+            let (x, y) = ((i % width as usize) as f64 + 0.5, (i / width as usize) as f64 + 0.5);
+            let ideal = DVec2::new((x - principal_px[0]) / focal_px[0], (y - principal_px[1]) / focal_px[1]);
+            let there = distortion.apply(ideal);
+            let position = [0, 1].map(|axis| principal_px[axis] + focal_px[axis] * there[axis]);
+            let Some(found) = self.color_at(position) else { continue };
+            let [r, g, b] = found.map(|c| (c + 0.5) as u8);
+            let nearest = [position[0] as usize, position[1] as usize];
+            let at = nearest[1].min(height as usize - 1) * width as usize + nearest[0].min(width as usize - 1);
+            *color = [r, g, b, self.color[at][3]];
+            if let (Some(depth), Some(&known)) = (depth.get_mut(i), self.depth.get(at)) {
+                *depth = known;
+            }
+        }
+        Self { lens, color, depth, ..self }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::lens::Distortion;
+    use super::*;
+    use glam::DMat3;
+
+    fn view() -> LoadedView {
+        let size_px = [13, 9];
+        let lens = Lens::Pinhole(Pinhole {
+            focal_px: [12.0, 11.0],
+            principal_px: [6.2, 4.1],
+            distortion: Distortion::default(),
+        });
+        let pixel =
+            |i: u32| [(i % 13 * 19) as u8, (i / 13 * 28) as u8, (i * 7 % 256) as u8, if i % 13 < 11 { 255 } else { 0 }];
+        let pose = Pose { eye: DVec3::new(0.3, -0.2, 0.5), world_from_eye: DMat3::from_rotation_y(0.3) };
+        LoadedView { size_px, lens, pose, color: (0..13 * 9).map(pixel).collect(), depth: vec![1.0; 13 * 9] }
+    }
+
+    #[test]
+    fn smaller_views_see_the_same_in_fewer_pixels() {
+        let whole = view();
+        let third = whole.clone().smaller(3);
+        assert_eq!((third.size_px, third.depth.len()), ([4, 3], 0));
+        let point = DVec3::new(0.1, 0.2, -2.0);
+        let [x, y, z] = whole.lens.project(point, whole.size_px).unwrap();
+        let [u, v, w] = third.lens.project(point, third.size_px).unwrap();
+        assert!((x / 3.0 - u).abs() < 1e-12 && (y / 3.0 - v).abs() < 1e-12 && z == w);
+        for (i, found) in (0u32..).zip(&third.color) {
+            let (x, y) = (i % 4 * 3, i / 4 * 3);
+            let block = (0..9).map(|k| whole.color[((y + k / 3) * 13 + x + k % 3) as usize]);
+            let known: Vec<[u8; 4]> = block.filter(|pixel| pixel[3] > 0).collect();
+            for c in 0..3 {
+                let mean = known.iter().map(|pixel| f64::from(pixel[c])).sum::<f64>() / known.len() as f64;
+                assert!((f64::from(found[c]) - mean).abs() <= 0.5, "{i}: {found:?} {mean}");
+            }
+        }
+        assert_eq!(whole.clone().smaller(1), whole);
+        assert_eq!(whole.clone().smaller(10), whole, "less than a pixel");
+    }
+
+    #[test]
+    fn a_photograph_on_a_plane_looks_from_its_camera_as_it_was_taken() {
+        let view = view();
+        let at = view.pose.eye - view.pose.world_from_eye.z_axis * 4.0;
+        for (x, y) in (0..9).flat_map(|y| (0..10).map(move |x| (x, y))) {
+            let position = [f64::from(x) + 0.5, f64::from(y) + 0.5];
+            let direction = view.pose.world_from_eye * view.lens.ray(position, view.size_px);
+            let expected = view.color_at(position).unwrap();
+            // From elsewhere the same point of the plane.
+            let point = view.pose.eye + direction * 4.0;
+            for eye in [view.pose.eye, view.pose.eye + DVec3::new(0.4, 0.1, -0.3)] {
+                let found = view.color_on_plane(at, eye, point - eye).unwrap();
+                assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 1e-9), "{found:?} {expected:?}");
+            }
+            assert_eq!(view.color_on_plane(at, view.pose.eye, -direction), None, "behind");
+        }
+    }
+}

@@ -1,0 +1,70 @@
+//! Which directions rays left the scene in: the reach of the environment.
+
+use headbox_trace::light::Lighting;
+use headbox_core::cube_face::Face;
+use headbox_scene::scene::Sky;
+use headbox_core::environment::Environment;
+use glam::Vec3;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// One bit per texel of an environment cube map, set where a ray left the scene.
+pub struct MissMap {
+    size_px: u32,
+    bits: Vec<AtomicU64>,
+}
+
+impl MissMap {
+    /// A map for faces of `face_size_px` pixels: a quarter of their resolution, the surroundings being smooth.
+    pub fn new(face_size_px: u32) -> Self {
+        let size_px = (face_size_px / 4).clamp(16, 512);
+        let words = (6 * size_px as usize * size_px as usize).div_ceil(64);
+        Self { size_px, bits: (0..words).map(|_| AtomicU64::new(0)).collect() }
+    }
+
+    /// Texels a side.
+    pub fn size_px(&self) -> u32 {
+        self.size_px
+    }
+
+    /// Marks the texel of a direction (world axes, any length).
+    #[inline]
+    pub fn mark(&self, direction: Vec3) {
+        let (face, [x, y, depth]) = Face::locate(direction);
+        let half = self.size_px as f32 / 2.0;
+        let texel = |c: f32| ((half * (1.0 + c / depth)) as u32).min(self.size_px - 1);
+        let at = ((face.index() as u32 * self.size_px + texel(-y)) * self.size_px + texel(x)) as usize;
+        let bit = 1u64 << (at % 64);
+        // Read first: nearly every miss finds its bit set, and a shared read costs no cache line transfer.
+        if self.bits[at / 64].load(Ordering::Relaxed) & bit == 0 {
+            self.bits[at / 64].fetch_or(bit, Ordering::Relaxed);
+        }
+    }
+
+    /// The words of the bit map, to be stored in a shard.
+    pub fn words(&self) -> Vec<u64> {
+        self.bits.iter().map(|word| word.load(Ordering::Relaxed)).collect()
+    }
+
+    /// Adds the words of another map of the same size.
+    pub fn absorb(&self, words: &[u64]) {
+        for (mine, theirs) in self.bits.iter().zip(words) {
+            mine.fetch_or(*theirs, Ordering::Relaxed);
+        }
+    }
+
+    /// The environment: the sky's radiance in every direction, alpha 255 where a ray got out; empty if none did. Of a picture of the
+    /// sky twice as many texels a side are kept.
+    pub fn environment(&self, lighting: &Lighting) -> Environment {
+        if self.words().iter().all(|&word| word == 0) {
+            return Environment { size_px: 0, texels: Vec::new() };
+        }
+        let finer = if matches!(lighting.sky, Some(Sky::Picture(_))) { 2 } else { 1 };
+        let size_px = self.size_px * finer;
+        let reached = |at: usize| {
+            let (x, row) = (at as u32 % size_px / finer, at as u32 / size_px / finer);
+            let at = (row * self.size_px + x) as usize;
+            self.bits[at / 64].load(Ordering::Relaxed) >> (at % 64) & 1 == 1
+        };
+        lighting.environment_where(size_px, reached)
+    }
+}

@@ -1,0 +1,172 @@
+//! A cube LDI from depth images of many cameras (S12, C1, C24, D1, D2).
+//!
+//! Every image is warped into the cube by one path: its pixels become patches of surface (`surface`),
+//! these cover face pixels (`footprint`), and what several images say of one pixel is merged by one of the papers' rules
+//! (`layers`, [`MergeRule`]). Images are loaded one after the other, so that thousands need no memory beyond the cube's own.
+//!
+//! *Similar depth* is a parallax of one pixel inside the headbox, or three standard deviations of the sensor's noise if that
+//! is more. Noise of structured light and stereo is constant in inverse depth: sigma(Z) = sigma(1/Z) Z^2.
+
+mod footprint;
+pub mod layers;
+mod near;
+mod on_face;
+#[cfg(test)]
+mod oracle;
+pub mod piles;
+mod queue;
+mod surface;
+
+pub use near::NearImages;
+
+use headbox_cube::model::depth_bins::DepthBins;
+use headbox_cube::model::parameters::MergeRule;
+use headbox_cube::model::parameters::CaptureParameters;
+use headbox_cube::model::info::CaptureInfo;
+use headbox_cube::model::samples::CubeLdi;
+use headbox_images::{ImageSet, ImagesError, LoadedView, View};
+use headbox_core::simd;
+use headbox_core::environment::Environment;
+use headbox_core::progress::{Progress, Silent};
+use footprint::WarpTarget;
+use glam::DVec3;
+use layers::LayerCube;
+use piles::SparePiles;
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// How images become a cube LDI.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImagesJob {
+    /// Centre of the headbox, world metres.
+    pub centre: DVec3,
+    /// Half of its edge, metres.
+    pub half_size_m: f64,
+    /// Pixels a side of a face.
+    pub face_size_px: u32,
+    /// What becomes of samples at similar depth.
+    pub merge_rule: MergeRule,
+    /// Standard deviation of the images' inverse depths, 1/m; 0 for rendered depth.
+    pub depth_noise: f32,
+}
+
+/// Views whose samples are in memory at once.
+const BATCH: usize = 4;
+
+/// The view of a number, in memory.
+type Load<'a> = dyn Fn(usize) -> Result<Arc<LoadedView>, ImagesError> + Sync + 'a;
+
+/// The mean direction of views, if they have one.
+fn ahead(views: &[&View]) -> Option<DVec3> {
+    let sum: DVec3 = views.iter().map(|view| -view.color_pose().world_from_eye.z_axis).sum();
+    (sum.length() > 0.1 * views.len() as f64).then(|| sum.normalize())
+}
+
+impl ImagesJob {
+    /// A cube about the eye nearest to the middle of a set's views (an original camera suits best: fewer pixels are resampled
+    /// twice), as fine as the views, and so large that it holds most of their eyes. Of photographs, whose depth was found, which may stand all around
+    /// an object: about the one that has the most others near it, reaching half-way to the nearest.
+    pub fn suggest(set: &ImageSet) -> Self {
+        let suggested = Self::for_most_eyes(set);
+        match set.densest_view().filter(|_| set.depth_is_found()) {
+            Some((view, nearest)) => {
+                Self { centre: set.headbox_centre.unwrap_or(view.pose.eye), half_size_m: nearest / 2.0, ..suggested }
+            }
+            None => suggested,
+        }
+    }
+
+    fn for_most_eyes(set: &ImageSet) -> Self {
+        let centre = set.headbox_centre.or_else(|| set.central_view().map(|view| view.pose.eye)).unwrap_or(DVec3::ZERO);
+        let mut distances: Vec<f64> =
+            set.views.iter().map(|view| (view.pose.eye - centre).abs().max_element()).collect();
+        distances.sort_by(f64::total_cmp);
+        let most = distances.get(distances.len() * 9 / 10).copied().unwrap_or(0.0);
+        let mut focal: Vec<f64> = set.with_depth().map(|view| view.lens.pixels_per_radian(view.size_px)).collect();
+        focal.sort_by(f64::total_cmp);
+        // In the middle of a face a radian has half as many pixels as its side.
+        let side = focal.get(focal.len() / 2).map_or(1024.0, |focal| (2.0 * focal).ceil());
+        Self {
+            centre,
+            half_size_m: most.max(0.05),
+            face_size_px: (side as u32).clamp(16, headbox_cube::model::validate::MAX_FACE_SIZE_PX).next_multiple_of(16),
+            merge_rule: MergeRule::Average,
+            depth_noise: set.depth_noise(),
+        }
+    }
+
+    /// Warps views into the cube, in the order given; the first is the central one (C11).
+    ///
+    /// # Errors
+    /// [`ImagesError`] of the first view that cannot be loaded.
+    pub fn run(&self, set: &ImageSet, views: &[&View], progress: &dyn Progress) -> Result<CubeLdi, ImagesError> {
+        progress.begin("images", "images", views.len() as u64);
+        let merged = self.merge(views.len(), &|i| views[i].load().map(Arc::new), progress)?;
+        Ok(self.cube(set, views, merged))
+    }
+
+    /// As [`Self::run`], of views that are in memory.
+    fn run_loaded(&self, set: &ImageSet, views: &[&View], loaded: &[Arc<LoadedView>]) -> Result<CubeLdi, ImagesError> {
+        let merged = self.merge(loaded.len(), &|i| Ok(Arc::clone(&loaded[i])), &Silent)?;
+        Ok(self.cube(set, views, merged))
+    }
+
+    /// Warps so many views, each of which `load` gives by its number, and merges them in their order.
+    fn merge(&self, count: usize, load: &Load<'_>, progress: &dyn Progress) -> Result<LayerCube, ImagesError> {
+        let similar = DepthBins::new(self.half_size_m, self.face_size_px).inverse_depth(1.0) as f32;
+        let tolerance = similar.max(3.0 * self.depth_noise);
+        let target = WarpTarget {
+            centre: self.centre,
+            face_px: self.face_size_px,
+            tolerance,
+            noise: self.depth_noise,
+            level: simd::level(),
+        };
+        let mut cube = LayerCube::new(self.face_size_px, self.merge_rule, tolerance);
+        let spare = SparePiles::default();
+        for first in (0..count).step_by(BATCH) {
+            if progress.is_cancelled() {
+                break;
+            }
+            // Decoding takes longer than warping: a batch of pictures is read side by side.
+            let batch = (first..count.min(first + BATCH)).into_par_iter();
+            let warped = batch.map(|i| {
+                let piles = target.warp(&*load(i)?, i as u32, &spare);
+                progress.advance(1);
+                Ok(piles)
+            });
+            let piles = warped.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect::<Vec<_>>();
+            cube.add(&piles);
+            spare.keep(piles);
+        }
+        Ok(cube)
+    }
+
+    /// What was merged of views of a set.
+    fn cube(&self, set: &ImageSet, views: &[&View], merged: LayerCube) -> CubeLdi {
+        // Cameras around an object look all ways; one looks at it as the nearest does.
+        let apart = |view: &&&View| view.color_pose().eye.distance_squared(self.centre);
+        let nearest = views.iter().min_by(|a, b| apart(a).total_cmp(&apart(b))).filter(|_| set.depth_is_found());
+        let nearest = nearest.map(|view| view.color_pose().world_from_eye);
+        let info = CaptureInfo {
+            ahead: nearest.map(|held| -held.z_axis).or_else(|| ahead(views)),
+            up: nearest.map(|held| held.y_axis).or_else(|| set.up()),
+            parameters: CaptureParameters { merge_rule: self.merge_rule, ..CaptureParameters::unlit(0, 0) },
+            ..image_set_info(set, self.centre, self.half_size_m)
+        };
+        CubeLdi { info, faces: merged.finish(), environment: Environment::default() }
+    }
+}
+
+/// Header fields of a capture made of an image set, whose images contain their light and exposure.
+pub fn image_set_info(set: &ImageSet, centre: DVec3, half_size_m: f64) -> CaptureInfo {
+    CaptureInfo {
+        scene: set.folder.display().to_string(),
+        centre,
+        half_size_m,
+        frame: set.frame,
+        exposure: 1.0,
+        parameters: CaptureParameters::unlit(0, 0),
+        ..CaptureInfo::default()
+    }
+}

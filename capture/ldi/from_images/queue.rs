@@ -1,0 +1,93 @@
+//! Samples that wait for their colours, which are found sixteen at a time.
+
+use super::piles::{Light, RowSamples, Sample};
+use super::surface::LANES;
+use headbox_images::LoadedView;
+use headbox_core::texels::{between, fours, place};
+use fearless_simd::f32x16;
+use fearless_simd::prelude::*;
+
+/// Up to sixteen samples of an image without their colours.
+pub(super) struct Queue<'a> {
+    view: &'a LoadedView,
+    /// Linear light of every level.
+    linear: &'static [u16; 256],
+    /// Where they go.
+    pile: &'a mut RowSamples,
+    count: usize,
+    rows: [u32; LANES],
+    samples: [Sample; LANES],
+    /// Where their colours are in the picture: columns and rows of pixels, whose middles are at whole numbers.
+    positions: [[f32; LANES]; 2],
+}
+
+impl<'a> Queue<'a> {
+    pub(super) fn new(view: &'a LoadedView, pile: &'a mut RowSamples) -> Self {
+        Self {
+            view,
+            linear: Light::of_levels(),
+            pile,
+            count: 0,
+            rows: [0; LANES],
+            samples: [Sample::NONE; LANES],
+            positions: [[0.0; LANES]; 2],
+        }
+    }
+
+    /// Adds a sample of a row of the cube, whose colour is at a position in the picture.
+    #[inline(always)]
+    pub(super) fn add<S: Simd>(&mut self, simd: S, row: u32, sample: Sample, [x, y]: [f32; 2]) {
+        let i = self.count % LANES;
+        self.rows[i] = row;
+        self.samples[i] = sample;
+        self.positions[0][i] = x;
+        self.positions[1][i] = y;
+        self.count += 1;
+        if self.count == LANES {
+            self.flush(simd);
+        }
+    }
+
+    /// Sends all on their way.
+    pub(super) fn flush<S: Simd>(&mut self, simd: S) {
+        simd.vectorize(
+            #[inline(always)]
+            || self.flush_all(simd),
+        );
+    }
+
+    #[inline(always)]
+    fn flush_all<S: Simd>(&mut self, simd: S) {
+        let [width, height] = self.view.size_px;
+        let (left, across) = place(f32x16::load_array_ref(simd, &self.positions[0]), width);
+        let (top, down) = place(f32x16::load_array_ref(simd, &self.positions[1]), height);
+        let texels = fours(simd, &self.view.color, top * width + left, width as usize);
+        let (colors, masked) = match texels {
+            Some(four) => {
+                let known = ((four[0] & four[1]) & (four[2] & four[3])) >> 24;
+                (between(four, [across, down]).to_array(), known.simd_eq(0).to_bitmask())
+            }
+            // A picture of one pixel a side.
+            None => ([0; LANES], u64::MAX),
+        };
+        for i in 0..std::mem::take(&mut self.count).min(LANES) {
+            let [r, g, b, _] = match masked >> i & 1 {
+                0 => colors[i].to_le_bytes(),
+                _ => self.beside_the_mask(i),
+            };
+            let color = Light([r, g, b].map(|level| self.linear[usize::from(level)]));
+            self.pile.push(self.rows[i], Sample { color, ..self.samples[i] });
+        }
+    }
+
+    /// The colour of a sample where some of the four pixels around may be masked out.
+    #[cold]
+    fn beside_the_mask(&self, i: usize) -> [u8; 4] {
+        let position = [self.positions[0][i], self.positions[1][i]].map(|c| f64::from(c) + 0.5);
+        let [width, height] = self.view.size_px.map(f64::from);
+        let inside = [position[0].clamp(0.0, width), position[1].clamp(0.0, height)];
+        // Never unknown: the pixel that sees the sample's surface is one of the four.
+        let [r, g, b] = self.view.color_at(inside).unwrap_or_default().map(|level| (level + 0.5) as u8);
+        [r, g, b, u8::MAX]
+    }
+}

@@ -1,0 +1,161 @@
+//! How much of its pixel a depth pixel hides: its alpha.
+//!
+//! A ray that meets a surface anywhere in a pixel makes a sample that stands for the whole pixel. Where the surface ends
+//! inside the pixel, or is smaller than it, as a leaf is, the sample must let through what is behind it, and no more than that:
+//! behind a crown of leaves lie more leaves, some of which no ray has met. So [`PACKET`] rays from the centre go through
+//! each pixel that holds the rim of a surface, and the alpha of a sample is the share of the rays that reach it which
+//! end at it. Seen from the centre, the pixel then has exactly the mixture of colours that the rays have. What the
+//! centre does not see gets the share of the pixel that it fills, whatever is in front of it.
+//!
+//! Only where none of a surface was found in some neighbouring pixel has it a rim; everything else hides its whole pixel.
+//!
+//! Cheaper estimates cannot tell a rim from a surface that few rays met (docs/decisions.md: alpha by rays from the centre).
+
+use headbox_cube::model::depth_bins::DepthBins;
+use headbox_cube::model::samples::{DepthPixel, LayeredDepthImage};
+use headbox_trace::sampler::{random4, unit_float};
+use headbox_trace::bvh::{HitPacket, PACKET, Ray, RayPacket, Tracer};
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// First and last depth bin of the samples that a depth pixel was merged from.
+pub(crate) type BinSpan = [u16; 2];
+
+/// A face whose alphas are to be measured.
+pub(crate) struct AlphaMeasure<'a> {
+    pub(crate) tracer: &'a Tracer,
+    pub(crate) bins: &'a DepthBins,
+    /// Half of the headbox's edge, metres: rays start where it ends.
+    pub(crate) half_size_m: f64,
+    pub(crate) face: &'a LayeredDepthImage,
+    /// Of the face's samples.
+    pub(crate) spans: &'a [BinSpan],
+}
+
+/// Fewer rays than this that reach a sample say too little of it.
+const ENOUGH_RAYS: u32 = 4;
+
+const DEPTH_RUN_GAP: u16 = 2;
+
+/// A surface that the centre sees edge-on leaves its bins before it crosses the pixel: its share is of that part, but at
+/// least of this.
+const LEAST_REACHABLE: f64 = 0.05;
+
+impl AlphaMeasure<'_> {
+    /// The alphas of all samples, in their order: measured in the pixels (x, y) for which `wanted` says so, as they are elsewhere.
+    pub(crate) fn alphas(&self, wanted: impl Fn(u32, u32) -> bool + Sync) -> Vec<u8> {
+        let row = |y: u32| {
+            let mut alphas = Vec::new();
+            for x in 0..self.face.size_px {
+                match wanted(x, y) {
+                    true => self.pixel(x, y, &mut alphas),
+                    false => alphas.extend(self.face.pixel(x, y).iter().map(|sample| sample.color_srgb[3])),
+                }
+            }
+            alphas
+        };
+        let rows: Vec<Vec<u8>> = (0..self.face.size_px).into_par_iter().map(row).collect();
+        rows.concat()
+    }
+
+    /// Adds the alphas of a pixel's samples to those of the samples before them.
+    fn pixel(&self, x: u32, y: u32, alphas: &mut Vec<u8>) {
+        let samples = self.face.pixel(x, y);
+        let before = alphas.len();
+        alphas.resize(before + samples.len(), 255);
+        let is_at_rim = |sample: &DepthPixel| self.at_rim(x, y, sample);
+        if !samples.iter().any(is_at_rim) {
+            return;
+        }
+        let first = self.face.offsets[(y * self.face.size_px + x) as usize] as usize;
+        let spans = &self.spans[first..first + samples.len()];
+        let ends = self.visible_from_centre(x, y, spans);
+        let mut reaching = PACKET as u32;
+        for i in (0..samples.len()).rev() {
+            if reaching >= ENOUGH_RAYS || is_at_rim(&samples[i]) {
+                let share = match reaching >= ENOUGH_RAYS {
+                    true => (f64::from(ends[i]) + 0.5) / f64::from(reaching),
+                    false => self.filled_share(x, y, spans[i]),
+                };
+                let edge_on = self.is_in_depth_run(spans, i);
+                let share = share / if edge_on { self.reachable(x, y, &samples[i], spans[i]) } else { 1.0 };
+                let share = share.min(1.0);
+                alphas[before + i] = (share * 255.0).round() as u8;
+            }
+            reaching -= ends[i];
+        }
+    }
+
+    /// True if one of the eight neighbours of pixel (x, y) has no sample near the depth of `sample`. Beyond the face, a
+    /// surface is taken to go on.
+    fn at_rim(&self, x: u32, y: u32, sample: &DepthPixel) -> bool {
+        let (face, q) = (self.face, f64::from(sample.inverse_depth));
+        // A bin, and the change over a pixel (2 / size) of a surface at 50 degrees. Too small a reach costs time only.
+        let reach = self.bins.inverse_depth(1.0) + q * 2.4 / f64::from(face.size_px);
+        let continues = |other: &DepthPixel| (f64::from(other.inverse_depth) - q).abs() <= reach;
+        [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)].into_iter().any(|(dx, dy)| {
+            let neighbour = x.checked_add_signed(dx).zip(y.checked_add_signed(dy));
+            let inside = neighbour.filter(|(i, j)| *i < face.size_px && *j < face.size_px);
+            inside.is_some_and(|(i, j)| !face.pixel(i, j).iter().any(continues))
+        })
+    }
+
+    /// How many of the pixel's rays end at each sample. A ray that ends at nothing the LDI holds counts for the sample
+    /// nearest to that depth.
+    fn visible_from_centre(&self, x: u32, y: u32, spans: &[BinSpan]) -> Vec<u32> {
+        let mut hits = [HitPacket::MISS];
+        self.tracer.closest_packets(&[self.rays(x, y, self.half_size_m as f32, f32::INFINITY)], &mut hits);
+        let mut ends = vec![0; spans.len()];
+        for t in hits[0].t.into_iter().filter(|t| t.is_finite()) {
+            let bin = self.bins.place(1.0 / t).0;
+            let apart = |[first, last]: &BinSpan| first.saturating_sub(bin).max(bin.saturating_sub(*last));
+            if let Some(nearest) = (0..spans.len()).min_by_key(|&i| apart(&spans[i])) {
+                ends[nearest] += 1;
+            }
+        }
+        ends
+    }
+
+    /// Share of the pixel's rays that meet something within the span, 1/2 of a ray at least.
+    fn filled_share(&self, x: u32, y: u32, span: BinSpan) -> f64 {
+        let [t_max, t_min] = self.ends(span).map(|q| (1.0 / q) as f32);
+        let hits = self.tracer.occluded_packet(&self.rays(x, y, t_min, t_max)).count_ones();
+        (f64::from(hits) + 0.5) / PACKET as f64
+    }
+
+    /// Least and largest inverse depth of a span.
+    fn ends(&self, [first, last]: BinSpan) -> [f64; 2] {
+        [f64::from(first), f64::from(last) + 1.0].map(|position| self.bins.inverse_depth(position))
+    }
+
+    /// True if sample `i` is one of three or more that follow each other in depth without a gap.
+    fn is_in_depth_run(&self, spans: &[BinSpan], i: usize) -> bool {
+        let follows = |far: &BinSpan, near: &BinSpan| near[0].saturating_sub(far[1]) <= DEPTH_RUN_GAP;
+        let before = spans[..=i].windows(2).rev().take_while(|pair| follows(&pair[0], &pair[1])).count();
+        let after = spans[i..].windows(2).take_while(|pair| follows(&pair[0], &pair[1])).count();
+        before + after >= 2
+    }
+
+    /// Share of the pixel over which the tangent plane of a sample stays within the span.
+    fn reachable(&self, x: u32, y: u32, sample: &DepthPixel, span: BinSpan) -> f64 {
+        let slope = self.face.inverse_depth_slope(f64::from(x) + 0.5, f64::from(y) + 0.5, sample, f64::INFINITY);
+        let [least, largest] = self.ends(span);
+        let over_pixel = f64::from(sample.inverse_depth) * slope.abs().element_sum();
+        ((largest - least) / over_pixel).clamp(LEAST_REACHABLE, 1.0)
+    }
+
+    /// The rays from the centre through a pixel. Their directions have eye depth 1, so that t is eye depth.
+    fn rays(&self, x: u32, y: u32, t_min: f32, t_max: f32) -> RayPacket {
+        // An additive-recurrence set (R2, Roberts 2018), shifted at random.
+        const STEPS: [f64; 2] = [0.754_877_666_246_693, 0.569_840_290_998_053];
+        let face = self.face.face;
+        let shift = random4([face.index() as u32, x, y, 0xc0]).map(unit_float);
+        let mut packet = RayPacket::EMPTY;
+        for k in 0..PACKET {
+            let [jx, jy] = [0, 1].map(|c| (f64::from(shift[c]) + k as f64 * STEPS[c]).fract());
+            let direction = face.direction(f64::from(x) + jx, f64::from(y) + jy, self.face.size_px).as_vec3();
+            packet.set(k, &Ray { origin: Vec3::ZERO, direction, t_min, t_max });
+        }
+        packet
+    }
+}

@@ -1,0 +1,309 @@
+//! Borders that no wall closes: where a cell's outline runs through open space, its neighbour is seen, so there is a portal.
+//!
+//! Walls are felt for by rays rather than taken from a plan, so that a lintel, a half-high wall, a post or a missing wall
+//! counts as what it is, whoever drew it. Rays cross the border squarely on a grid; each run of neighbouring columns in which
+//! some ray passes becomes one upright rectangle, from the lowest to the highest of them, its ends found by bisection. A
+//! portal may be larger than what is open (what stands in it hides what is behind), never smaller.
+
+use super::polygon::Polygon;
+use super::{Finding, Portal, PortalModel, Prism};
+use headbox_trace::bvh::{Ray, Tracer};
+use glam::{DVec2, DVec3};
+use std::collections::VecDeque;
+
+/// Distance of the rays along a border and in height, metres; a post or slit narrower than this may be missed.
+const GRID_M: f64 = 0.1;
+
+/// Rays at the rim of a border keep this far from its ends, floor and ceiling, metres.
+const RIM_M: f64 = 0.01;
+
+/// How far beyond a border its neighbour may begin, metres: the thickness of a thick wall, where there is a gap in it.
+const REACH_M: f64 = 0.4;
+
+/// In steps of this, metres.
+const STEP_M: f64 = 0.01;
+
+/// Rays begin and end this far from the border, metres, or nearer where the cell is narrower: rooms may be drawn to the middle
+/// of their walls.
+const CLEAR_M: [f64; 4] = [0.3, 0.15, 0.06, 0.02];
+
+/// Halvings of [`GRID_M`] by which an opening's ends are found.
+const HALVINGS: u32 = 7;
+
+/// What is narrower or lower is a crack, metres: between cells, and to the outside, where frames end a little before walls do.
+const LEAST_M: [f64; 2] = [0.04, 0.15];
+
+/// An edge of a cell's space, upright.
+#[derive(Clone, Copy)]
+struct Border {
+    cell: u32,
+    from: DVec2,
+    /// Unit vector along the edge, and its unit normal out of the cell.
+    along: DVec2,
+    outward: DVec2,
+    length: f64,
+    floor: f64,
+    ceiling: f64,
+}
+
+/// What lies beyond a border at one place of it.
+#[derive(Clone, Copy, PartialEq)]
+struct Beyond {
+    cell: u32,
+    /// How far away it begins, metres.
+    gap: f64,
+}
+
+/// Part of a border that is open.
+#[derive(Clone, Copy)]
+struct Opening {
+    beyond: Beyond,
+    /// Along the border, metres from its beginning.
+    span: [f64; 2],
+    heights: [f64; 2],
+}
+
+impl PortalModel {
+    /// Adds a portal wherever no wall stands between two cells, or between a cell and the outside, and none is there yet; the
+    /// space between a border and the neighbour behind a gap becomes the neighbour's. `tracer` is over this model's geometry,
+    /// dealt out to cells or not. Says where a room is open to the outside: a wall may be missing.
+    pub fn open_borders(&mut self, tracer: &Tracer) -> Vec<Finding> {
+        let mut findings = Vec::new();
+        let mut borders: VecDeque<Border> = self.borders().into();
+        while let Some(border) = borders.pop_front() {
+            // Those of earlier borders count: the neighbour's side of an opening is not found again.
+            let found = Survey { model: self, tracer, polygons: self.polygons(), border }.openings();
+            for opening in found {
+                findings.extend(self.add_opening(&border, &opening, &mut borders));
+            }
+        }
+        findings
+    }
+
+    fn polygons(&self) -> Vec<Polygon<'_>> {
+        self.portals.iter().filter_map(|portal| Polygon::new(&portal.polygon).ok()).collect()
+    }
+
+    fn borders(&self) -> Vec<Border> {
+        let cells = (0_u32..).zip(&self.cells).filter(|(cell, _)| !self.is_outside(*cell));
+        let prisms = cells.flat_map(|(cell, it)| it.space.iter().map(move |prism| (cell, prism)));
+        prisms.flat_map(|(cell, prism)| Border::of(cell, prism)).collect()
+    }
+
+    /// Adds the portal of an opening; the borders of space that it gives to the neighbour are to be looked at too.
+    fn add_opening(&mut self, border: &Border, opening: &Opening, borders: &mut VecDeque<Border>) -> Option<Finding> {
+        let Opening { beyond, span, heights: [low, high] } = *opening;
+        let [start, end] = span.map(|s| border.from + border.along * s);
+        let is_outside = self.is_outside(beyond.cell);
+        if beyond.gap > 0.0 && !is_outside {
+            let far = border.outward * (beyond.gap + STEP_M);
+            let prism = Prism { outline: vec![start, end, end + far, start + far], floor_y: low, ceiling_y: high };
+            borders.extend(Border::of(beyond.cell, &prism));
+            self.cells.get_mut(beyond.cell as usize)?.space.push(prism);
+        }
+        // `a to b` cross up points into the cell that the border is of.
+        let [a, b] = if border.along.perp().dot(border.outward) < 0.0 { [start, end] } else { [end, start] };
+        let at = |p: DVec2, y: f64| DVec3::new(p.x, y, p.y);
+        let polygon = vec![at(a, low), at(b, low), at(b, high), at(a, high)];
+        let name = if is_outside { "gap" } else { "passage" };
+        self.portals.push(Portal { name: name.into(), cells: [border.cell, beyond.cell], polygon });
+        is_outside.then(|| Finding::NoWall {
+            cell: self.cells[border.cell as usize].name.clone(),
+            width: span[1] - span[0],
+            height: high - low,
+            at: at((start + end) / 2.0, (low + high) / 2.0),
+        })
+    }
+}
+
+impl Border {
+    /// The edges of a prism; none if it has no area.
+    fn of(cell: u32, prism: &Prism) -> Vec<Self> {
+        let outline = &prism.outline;
+        let pairs = || outline.iter().copied().zip(outline.iter().copied().cycle().skip(1));
+        let area: f64 = pairs().map(|(a, b)| a.perp_dot(b)).sum();
+        let edge = |(a, b): (DVec2, DVec2)| {
+            let length = a.distance(b);
+            let along = (b - a).try_normalize()?;
+            let outward = -along.perp() * area.signum();
+            let (floor, ceiling) = (prism.floor_y, prism.ceiling_y);
+            let is_sound = area != 0.0 && area.is_finite() && length > 2.0 * RIM_M && ceiling - floor > 2.0 * RIM_M;
+            is_sound.then_some(Self { cell, from: a, along, outward, length, floor, ceiling })
+        };
+        pairs().filter_map(edge).collect()
+    }
+
+    /// The point `s` metres along the edge at height `y`, `out` metres beyond it.
+    fn at(&self, s: f64, y: f64, out: f64) -> DVec3 {
+        let p = self.from + self.along * s + self.outward * out;
+        DVec3::new(p.x, y, p.y)
+    }
+}
+
+/// Places from `low` to `high`, a rim away from both, no farther apart than the grid.
+fn places(low: f64, high: f64) -> Vec<f64> {
+    /// More rays than this in a row say nothing more.
+    const MOST: usize = 4096;
+    let span = high - low - 2.0 * RIM_M;
+    let steps = ((span / GRID_M).ceil() as usize).clamp(1, MOST);
+    (0..=steps).map(|i| low + RIM_M + span * i as f64 / steps as f64).collect()
+}
+
+/// A border being felt for openings.
+struct Survey<'a> {
+    model: &'a PortalModel,
+    tracer: &'a Tracer,
+    polygons: Vec<Polygon<'a>>,
+    border: Border,
+}
+
+/// A column of a border: what is beyond, and which of its rows are open to it.
+struct Column {
+    beyond: Beyond,
+    open: Vec<usize>,
+    /// The first and the last row that lies in a portal.
+    portal: Option<[usize; 2]>,
+}
+
+impl Column {
+    /// Whether both can be parts of one opening.
+    fn continues(&self, other: &Self) -> bool {
+        self.beyond.cell == other.beyond.cell && self.portal.is_some() == other.portal.is_some()
+    }
+}
+
+impl Survey<'_> {
+    fn openings(&self) -> Vec<Opening> {
+        let (columns, rows) = (places(0.0, self.border.length), places(self.border.floor, self.border.ceiling));
+        let found: Vec<Option<Column>> = columns.iter().map(|&s| self.column(s, &rows)).collect();
+        let mut openings = Vec::new();
+        let mut first = 0;
+        while first < columns.len() {
+            let Some(begun) = &found[first] else {
+                first += 1;
+                continue;
+            };
+            let run: Vec<&Column> =
+                found[first..].iter().map_while(Option::as_ref).take_while(|c| begun.continues(c)).collect();
+            let span = self.span(&columns, &rows, first, run.len());
+            // Around portals that stand in the open, what is below and what is above them.
+            let bottom = run.iter().filter_map(|column| Some(column.portal?[0])).min().unwrap_or(rows.len());
+            let top = run.iter().filter_map(|column| Some(column.portal?[1])).max().unwrap_or(rows.len());
+            let places = &columns[first..first + run.len()];
+            for wanted in [0..bottom, top..rows.len()] {
+                let open = |column: &Column| column.open.iter().copied().filter(|row| wanted.contains(row)).collect();
+                let open: Vec<Vec<usize>> = run.iter().map(|column| open(column)).collect();
+                openings.extend(self.opening(places, &rows, &run, &open, span));
+            }
+            first += run.len();
+        }
+        openings
+    }
+
+    /// Where a run of `count` columns from `first` on begins and ends along the border.
+    fn span(&self, columns: &[f64], rows: &[f64], first: usize, count: usize) -> [f64; 2] {
+        let same_as = |known: f64, s: f64| match (self.column(known, rows), self.column(s, rows)) {
+            (Some(known), Some(other)) => known.continues(&other),
+            _ => false,
+        };
+        let last = columns[first + count - 1];
+        let start =
+            if first == 0 { 0.0 } else { bisect(columns[first], columns[first - 1], |s| same_as(columns[first], s)) };
+        let end =
+            columns.get(first + count).map_or(self.border.length, |&next| bisect(last, next, |s| same_as(last, s)));
+        [start, end]
+    }
+
+    /// One opening of a run of columns, of each of which `open` are the rows; none if that is a crack.
+    fn opening(
+        &self,
+        columns: &[f64],
+        rows: &[f64],
+        run: &[&Column],
+        open: &[Vec<usize>],
+        span: [f64; 2],
+    ) -> Option<Opening> {
+        let gap = run.iter().map(|column| column.beyond.gap).fold(0.0, f64::max);
+        let beyond = Beyond { gap, ..run.first()?.beyond };
+        let lowest = *open.iter().filter_map(|rows| rows.first()).min()?;
+        let highest = *open.iter().filter_map(|rows| rows.last()).max()?;
+        let is_open = |y: f64| columns.iter().any(|&s| self.beyond(s, y).is_some_and(|other| self.passes(s, y, other)));
+        let low = if lowest == 0 { self.border.floor } else { bisect(rows[lowest], rows[lowest - 1], is_open) };
+        let high = rows.get(highest + 1).map_or(self.border.ceiling, |&next| bisect(rows[highest], next, is_open));
+        let least = LEAST_M[usize::from(self.model.is_outside(beyond.cell))];
+        let is_large = span[1] - span[0] >= least && high - low >= least;
+        is_large.then_some(Opening { beyond, span, heights: [low, high] })
+    }
+
+    /// What is beyond a place of the border, and the rows whose rays reach it; none if no ray does.
+    fn column(&self, s: f64, rows: &[f64]) -> Option<Column> {
+        let mut reached = Vec::new();
+        let mut portal: Option<[usize; 2]> = None;
+        for (row, &y) in rows.iter().enumerate() {
+            let Some(beyond) = self.beyond(s, y) else { continue };
+            if self.is_in_portal(s, y) {
+                portal = Some([portal.map_or(row, |[first, _]| first), row]);
+            } else if self.passes(s, y, beyond) {
+                reached.push((beyond, row));
+            }
+        }
+        // A room before the outside.
+        let (beyond, _) = *reached.iter().min_by_key(|(beyond, _)| self.model.is_outside(beyond.cell))?;
+        let open = reached.iter().filter(|(other, _)| other.cell == beyond.cell).map(|(_, row)| *row).collect();
+        Some(Column { beyond, open, portal })
+    }
+
+    /// Whether there is a portal already, within the reach of a wall.
+    fn is_in_portal(&self, s: f64, y: f64) -> bool {
+        let [near, far] = [-CLEAR_M[0], REACH_M + CLEAR_M[0]].map(|out| self.border.at(s, y, out));
+        self.polygons.iter().any(|polygon| polygon.hit(near, far - near, 0.0).is_some_and(|t| t <= 1.0))
+    }
+
+    /// The nearest other cell beyond the border, else the outside; none where the border is inside of its own cell, or of
+    /// another that has the better claim to what is before it.
+    fn beyond(&self, s: f64, y: f64) -> Option<Beyond> {
+        let cell_at = |out: f64| self.model.cell_at(self.border.at(s, y, out));
+        let own = Some(self.border.cell);
+        if cell_at(-STEP_M) != own || cell_at(STEP_M) == own {
+            return None;
+        }
+        let is_room = |cell: u32| !self.model.is_outside(cell) && cell != self.border.cell;
+        let steps = (1..=(REACH_M / STEP_M) as u32).map(|step| f64::from(step) * STEP_M);
+        let room = steps.clone().find_map(|out| Some((out, cell_at(out).filter(|&cell| is_room(cell))?)));
+        match room {
+            // Closer than a step there is no gap.
+            Some((out, cell)) => Some(Beyond { cell, gap: if out <= STEP_M { 0.0 } else { out } }),
+            // The other side of a thin part of its own cell.
+            None if steps.clone().any(|out| cell_at(out) == own) => None,
+            None => Some(Beyond { cell: self.model.outside?, gap: 0.0 }),
+        }
+    }
+
+    /// Whether a ray from the cell squarely through the border reaches what is beyond.
+    fn passes(&self, s: f64, y: f64, beyond: Beyond) -> bool {
+        let at = |out: f64| self.border.at(s, y, out);
+        let clear = |cell: u32, from: f64, side: f64| {
+            let mut distances = CLEAR_M.into_iter().map(|clear| from + side * clear);
+            distances.find(|&out| self.model.cell_at(at(out)) == Some(cell))
+        };
+        let far = if self.model.is_outside(beyond.cell) {
+            Some(REACH_M + CLEAR_M[0])
+        } else {
+            clear(beyond.cell, beyond.gap, 1.0)
+        };
+        let (Some(near), Some(far)) = (clear(self.border.cell, 0.0, -1.0), far) else { return false };
+        let (origin, way) = (at(near), at(far) - at(near));
+        let ray =
+            Ray { origin: (origin - self.tracer.origin()).as_vec3(), direction: way.as_vec3(), t_min: 0.0, t_max: 1.0 };
+        !self.is_in_portal(s, y) && !self.tracer.occluded(&ray)
+    }
+}
+
+/// Where what holds at `yes`, and not at `no`, ceases to: on the side of `no`, to a hair.
+fn bisect(mut yes: f64, mut no: f64, holds: impl Fn(f64) -> bool) -> f64 {
+    for _ in 0..HALVINGS {
+        let middle = (yes + no) / 2.0;
+        *(if holds(middle) { &mut yes } else { &mut no }) = middle;
+    }
+    no
+}

@@ -1,0 +1,371 @@
+//! What can be wrong with a portal model, each as a sentence, and the mending of what would break a walkthrough.
+
+use super::polygon::{Polygon, Shape, crosses_itself};
+use super::{Portal, PortalModel, Prism};
+use headbox_core::file_frame::FileFrame;
+use glam::DVec3;
+use std::fmt;
+
+/// How bad a [`Finding`] is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Severity {
+    /// The model can be walked, but something may not show as its maker meant.
+    Warning,
+    /// The thing named cannot be used and is left out.
+    Error,
+}
+
+impl fmt::Display for Severity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(if *self == Self::Error { "error" } else { "warning" })
+    }
+}
+
+/// Something wrong with a portal model; its text is a sentence that says what, and what is done instead.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Finding {
+    /// Nothing but outside.
+    #[error("there is no cell besides the outside; all geometry is shown as one cell")]
+    NoCells,
+    /// No portals at all.
+    #[error("there is no portal, so no cell is seen from another; each is shown by itself")]
+    NoPortals,
+    /// A portal refers to a cell that does not exist.
+    #[error("portal {portal} ({name}) leads to cell {cell}, but there are {cells} cells; it is left out")]
+    MissingCell {
+        /// Index of the portal.
+        portal: usize,
+        /// Its name.
+        name: String,
+        /// The cell it asks for.
+        cell: u32,
+        /// Number of cells.
+        cells: usize,
+    },
+    /// A portal leads from a cell to itself.
+    #[error("portal {portal} ({name}) has {cell} on both of its sides; it is left out")]
+    SameCell {
+        /// Index of the portal.
+        portal: usize,
+        /// Its name.
+        name: String,
+        /// Name of the cell.
+        cell: String,
+    },
+    /// The opening is not a usable polygon.
+    #[error("portal {portal} ({name}) {shape}; it is left out")]
+    Shape {
+        /// Index of the portal.
+        portal: usize,
+        /// Its name.
+        name: String,
+        /// What is wrong with it.
+        shape: Shape,
+    },
+    /// The corners run clockwise seen from the first cell.
+    #[error("portal {portal} ({name}) runs clockwise seen from its first cell; its corners are reversed")]
+    WrongWay {
+        /// Index of the portal.
+        portal: usize,
+        /// Its name.
+        name: String,
+    },
+    /// The opening does not lie on the border of a cell that it names.
+    #[error("portal {portal} ({name}) does not touch {cell}; it is kept, but what is seen through it may be wrong")]
+    TouchesNot {
+        /// Index of the portal.
+        portal: usize,
+        /// Its name.
+        name: String,
+        /// Name of the cell, or both names.
+        cell: String,
+        /// Whether it touches neither of its cells.
+        neither: bool,
+    },
+    /// A cell that is not the outside has no space.
+    #[error("cell {cell} ({name}) has no space, so no eye can be in it")]
+    NoSpace {
+        /// Index of the cell.
+        cell: u32,
+        /// Its name.
+        name: String,
+    },
+    /// A part of a cell's space is not what it should be.
+    #[error("cell {cell} ({name}): part {part} of its space {flaw}")]
+    Space {
+        /// Index of the cell.
+        cell: u32,
+        /// Its name.
+        name: String,
+        /// Index of the prism.
+        part: usize,
+        /// What is wrong with it.
+        flaw: Flaw,
+    },
+    /// No way leads to a cell.
+    #[error("cell {cell} ({name}) cannot be reached through portals from {from}")]
+    Unreachable {
+        /// Index of the cell.
+        cell: u32,
+        /// Its name.
+        name: String,
+        /// Name of the cell that the search began in.
+        from: String,
+    },
+    /// A cell is open to the outside where it has no door or window.
+    #[error(
+        "{cell} has no wall to the outside over {width:.2} x {height:.2} m about {:.2}, {:.2}, {:.2} (in the \
+         file's axes and unit): one may be missing; it is taken as a portal",
+        at.x, at.y, at.z
+    )]
+    NoWall {
+        /// Name of the cell.
+        cell: String,
+        /// How wide it is open, metres.
+        width: f64,
+        /// How high, metres.
+        height: f64,
+        /// The middle of what is open, world metres.
+        at: DVec3,
+    },
+    /// Two cells saw each other past all portals.
+    #[error(
+        "{} and {} see each other without a portal ({rays} rays, one at {:.2}, {:.2}, {:.2} in the file's axes and \
+         unit); they are joined to one cell",
+        cells[0], cells[1], at.x, at.y, at.z
+    )]
+    Joined {
+        /// Their names.
+        cells: [String; 2],
+        /// How many rays passed.
+        rays: usize,
+        /// Where one of them was found, world metres.
+        at: DVec3,
+    },
+    /// Surfaces of different materials lie in one plane over each other.
+    #[error(
+        "{cell}: surfaces of different materials lie over each other in one plane over {area:.2} m2, most about {:.2}, {:.2}, \
+         {:.2} (in the file's axes and unit); they will flicker (move one, or leave it out)",
+        at.x, at.y, at.z
+    )]
+    Coplanar {
+        /// Name of the cell.
+        cell: String,
+        /// Their common area, square metres.
+        area: f64,
+        /// The middle of the largest piece, world metres.
+        at: DVec3,
+    },
+    /// Light passes between two cells where there is no portal.
+    #[error(
+        "{rays} of {of} rays pass from {from} into {into} without crossing a portal (one at {:.2}, {:.2}, {:.2} in the \
+         file's axes and unit); what they see there will be missing",
+        at.x, at.y, at.z
+    )]
+    Leak {
+        /// Name of the cell that they leave.
+        from: String,
+        /// Name of the cell that they enter.
+        into: String,
+        /// How many rays do.
+        rays: usize,
+        /// How many rays were sent from all cells.
+        of: usize,
+        /// Where one of them was found, world metres.
+        at: DVec3,
+    },
+}
+
+/// What can be wrong with a prism.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Flaw {
+    /// Fewer than three corners, or one that is not finite.
+    #[error("has no outline of three or more corners; no eye can be in it")]
+    NoOutline,
+    /// The ceiling is not above the floor.
+    #[error("has no height; no eye can be in it")]
+    NoHeight,
+    /// Two edges of the outline cross.
+    #[error("has an outline that crosses itself; places enclosed twice are taken as outside it")]
+    CrossesItself,
+}
+
+impl Flaw {
+    fn of(prism: &Prism) -> Option<Self> {
+        if prism.outline.len() < 3 || !prism.outline.iter().all(|corner| corner.is_finite()) {
+            return Some(Self::NoOutline);
+        }
+        let height = prism.ceiling_y - prism.floor_y;
+        if height.is_nan() || height <= 0.0 {
+            return Some(Self::NoHeight);
+        }
+        let outline: Vec<DVec3> = prism.outline.iter().map(|corner| DVec3::new(corner.x, 0.0, corner.y)).collect();
+        crosses_itself(&outline, DVec3::Y).then_some(Self::CrossesItself)
+    }
+}
+
+impl Finding {
+    /// How bad it is.
+    pub fn severity(&self) -> Severity {
+        match self {
+            Self::NoCells | Self::MissingCell { .. } | Self::SameCell { .. } | Self::Shape { .. } => Severity::Error,
+            _ => Severity::Warning,
+        }
+    }
+
+    /// The same with its place in the axes and unit of the file that the model is from: what its sentence says of places.
+    pub fn in_file(mut self, frame: &FileFrame) -> Self {
+        if let Self::NoWall { at, .. } | Self::Joined { at, .. } | Self::Coplanar { at, .. } | Self::Leak { at, .. } =
+            &mut self
+        {
+            *at = frame.file_from_world(*at);
+        }
+        self
+    }
+
+    fn is_error(&self) -> bool {
+        self.severity() == Severity::Error
+    }
+
+    /// The portal that it is about, if it is about one.
+    pub fn portal(&self) -> Option<usize> {
+        match self {
+            Self::MissingCell { portal, .. }
+            | Self::SameCell { portal, .. }
+            | Self::Shape { portal, .. }
+            | Self::WrongWay { portal, .. }
+            | Self::TouchesNot { portal, .. } => Some(*portal),
+            _ => None,
+        }
+    }
+}
+
+/// How far before and behind a portal its cells are looked for, metres: beyond a hair of imprecision, within the
+/// reveal of a thin wall.
+const PROBES_M: [f64; 3] = [0.002, 0.02, 0.06];
+
+impl PortalModel {
+    /// Everything that is wrong with cells and portals, without tracing rays (see [`Self::leaks`]).
+    pub fn check(&self) -> Vec<Finding> {
+        let mut findings = Vec::new();
+        if (0..self.cells.len()).all(|cell| self.is_outside(cell as u32)) {
+            findings.push(Finding::NoCells);
+        } else if self.portals.is_empty() {
+            findings.push(Finding::NoPortals);
+        }
+        let of_portals: Vec<Option<Finding>> =
+            self.portals.iter().enumerate().map(|(index, portal)| self.check_portal(index, portal)).collect();
+        let usable: Vec<bool> =
+            of_portals.iter().map(|finding| finding.as_ref().is_none_or(|f| !f.is_error())).collect();
+        findings.extend(of_portals.into_iter().flatten());
+        for (cell, it) in (0_u32..).zip(&self.cells) {
+            if it.space.is_empty() && !self.is_outside(cell) {
+                findings.push(Finding::NoSpace { cell, name: it.name.clone() });
+            }
+            let flaws = it.space.iter().enumerate().filter_map(|(part, prism)| Some((part, Flaw::of(prism)?)));
+            findings.extend(flaws.map(|(part, flaw)| Finding::Space { cell, name: it.name.clone(), part, flaw }));
+        }
+        if let Some(from) = self.first_cell(&usable) {
+            let reached = self.reachable_by(from, &usable);
+            let name = |cell: u32| self.cells[cell as usize].name.clone();
+            let unreached = (0_u32..).zip(reached).filter(|(_, reached)| !reached);
+            findings.extend(unreached.map(|(cell, _)| Finding::Unreachable {
+                cell,
+                name: name(cell),
+                from: name(from),
+            }));
+        }
+        findings
+    }
+
+    /// Leaves out the portals that cannot be used and turns round those whose corners run the wrong way.
+    ///
+    /// Returns what [`Self::check`] had to say before. Its portal indices are those of the mended model; what was left
+    /// out is numbered on from there.
+    pub fn mend(&mut self) -> Vec<Finding> {
+        let unusable: Vec<bool> = (self.portals.iter().enumerate())
+            .map(|(index, portal)| self.check_portal(index, portal).is_some_and(|finding| finding.is_error()))
+            .collect();
+        let portals = std::mem::take(&mut self.portals).into_iter().zip(unusable);
+        let (left_out, kept): (Vec<_>, Vec<_>) = portals.partition(|(_, unusable)| *unusable);
+        let count = kept.len();
+        self.portals = kept.into_iter().chain(left_out).map(|(portal, _)| portal).collect();
+        let findings = self.check();
+        for finding in &findings {
+            if let Finding::WrongWay { portal, .. } = finding {
+                self.portals[*portal].polygon.reverse();
+            }
+        }
+        self.portals.truncate(count);
+        findings
+    }
+
+    /// Leaves no T-junctions in the scene (see [`headbox_scene::scene::Scene::stitch`]); each cell keeps its surfaces.
+    pub fn stitch(&mut self) {
+        let firsts = self.scene.stitch();
+        for cell in &mut self.cells {
+            let first = |triangle: u32| firsts.get(triangle as usize).copied().unwrap_or_default();
+            cell.triangles = first(cell.triangles.start)..first(cell.triangles.end);
+        }
+    }
+
+    /// Which cells can be reached from a cell through portals, by index; none if there is no such cell.
+    pub fn reachable(&self, from: u32) -> Vec<bool> {
+        self.reachable_by(from, &vec![true; self.portals.len()])
+    }
+
+    /// As [`Self::reachable`], through those portals alone that are marked.
+    fn reachable_by(&self, from: u32, usable: &[bool]) -> Vec<bool> {
+        let mut reached = vec![false; self.cells.len()];
+        let mut next: Vec<u32> = reached.get(from as usize).map(|_| from).into_iter().collect();
+        while let Some(cell) = next.pop() {
+            if std::mem::replace(&mut reached[cell as usize], true) {
+                continue;
+            }
+            let behind = self.portals_of(cell).filter(|(portal, _)| usable[*portal]).map(|(_, behind)| behind);
+            next.extend(behind.filter(|&behind| reached.get(behind as usize) == Some(&false)));
+        }
+        reached
+    }
+
+    /// Where a search begins: the first cell that a marked portal leads out of, else the first.
+    fn first_cell(&self, usable: &[bool]) -> Option<u32> {
+        let count = self.cells.len() as u32;
+        let with_a_way_out = (0..count).find(|&cell| self.portals_of(cell).any(|(portal, _)| usable[portal]));
+        with_a_way_out.or((count > 0).then_some(0))
+    }
+
+    pub(crate) fn is_outside(&self, cell: u32) -> bool {
+        self.outside == Some(cell)
+    }
+
+    /// The worst thing wrong with a portal.
+    fn check_portal(&self, portal: usize, it: &Portal) -> Option<Finding> {
+        let (name, cells) = (it.name.clone(), self.cells.len());
+        if let Some(&cell) = it.cells.iter().find(|&&cell| cell as usize >= cells) {
+            return Some(Finding::MissingCell { portal, name, cell, cells });
+        }
+        if it.cells[0] == it.cells[1] {
+            return Some(Finding::SameCell { portal, name, cell: self.cells[it.cells[0] as usize].name.clone() });
+        }
+        let polygon = match Polygon::new(&it.polygon) {
+            Ok(polygon) => polygon,
+            Err(shape) => return Some(Finding::Shape { portal, name, shape }),
+        };
+        let touches = |side: f64, cell: u32| {
+            PROBES_M.iter().any(|step| self.cell_at(polygon.centroid + polygon.normal * (side * step)) == Some(cell))
+        };
+        let as_they_should = [touches(1.0, it.cells[0]), touches(-1.0, it.cells[1])];
+        if as_they_should == [true, true] {
+            return None;
+        }
+        if touches(-1.0, it.cells[0]) && touches(1.0, it.cells[1]) {
+            return Some(Finding::WrongWay { portal, name });
+        }
+        let missed: Vec<&str> = (0..2)
+            .filter(|&side| !as_they_should[side])
+            .map(|side| self.cells[it.cells[side] as usize].name.as_str())
+            .collect();
+        Some(Finding::TouchesNot { portal, name, cell: missed.join(" or "), neither: missed.len() == 2 })
+    }
+}

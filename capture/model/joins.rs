@@ -1,0 +1,70 @@
+//! Cells that see each other without a portal become one cell: what a portal cannot be found for is at least not missing.
+
+use super::{Cell, Finding, PortalModel};
+use headbox_trace::bvh::Tracer;
+use std::sync::Arc;
+
+/// Rays from each cell that look for such sight.
+const RAYS: u32 = 2000;
+/// So many of them, of both cells together, may pass cracks and numbers that were rounded: homes that are closed have one or two.
+const FEW: usize = 10;
+
+impl PortalModel {
+    /// Joins cells that more than a few rays find to see each other past all portals (see [`Self::leaks`]), and says which. The
+    /// outside is not joined to: a room that leaks to it would lose its walls' other sides.
+    pub fn join_leaking(&mut self) -> Vec<Finding> {
+        if self.cells.len() < 2 || self.scene.triangles.is_empty() {
+            return Vec::new();
+        }
+        let [low, high] = self.scene.bounds();
+        let scene = Arc::new(std::mem::take(&mut self.scene));
+        let tracer = Tracer::new(Arc::clone(&scene), (low + high) / 2.0);
+        let leaks = self.stray_pairs(&tracer, RAYS, 0);
+        drop(tracer);
+        self.scene = Arc::unwrap_or_clone(scene);
+        let mut findings = Vec::new();
+        let mut joined: Vec<u32> = (0..self.cells.len() as u32).collect();
+        for (&(from, into), &(rays, at)) in &leaks {
+            let back = leaks.get(&(into, from)).map_or(0, |(rays, _)| *rays);
+            let counted_already = back > 0 && into < from;
+            if counted_already || rays + back <= FEW || self.is_outside(from) || self.is_outside(into) {
+                continue;
+            }
+            let name = |cell: u32| self.cells[cell as usize].name.clone();
+            findings.push(Finding::Joined { cells: [name(from), name(into)], rays: rays + back, at });
+            let [a, b] = [joined[from as usize], joined[into as usize]];
+            joined.iter_mut().filter(|to| **to == a.max(b)).for_each(|to| *to = a.min(b));
+        }
+        if !findings.is_empty() {
+            self.unite(&joined);
+        }
+        findings
+    }
+
+    /// Makes one cell of all that are joined to the same one; portals between them go.
+    fn unite(&mut self, joined: &[u32]) {
+        let old = std::mem::take(&mut self.cells);
+        let mut new_of_old = vec![0_u32; old.len()];
+        let mut triangles = Vec::with_capacity(self.scene.triangles.len());
+        for first in (0..old.len()).filter(|&cell| joined[cell] as usize == cell) {
+            let members: Vec<usize> = (0..old.len()).filter(|&cell| joined[cell] as usize == first).collect();
+            let begin = triangles.len() as u32;
+            for &member in &members {
+                new_of_old[member] = self.cells.len() as u32;
+                let run = &old[member].triangles;
+                triangles.extend_from_slice(&self.scene.triangles[run.start as usize..run.end as usize]);
+            }
+            self.cells.push(Cell {
+                name: members.iter().map(|&m| old[m].name.as_str()).collect::<Vec<_>>().join(" + "),
+                space: members.iter().flat_map(|&m| old[m].space.iter().cloned()).collect(),
+                triangles: begin..triangles.len() as u32,
+            });
+        }
+        self.scene.triangles = triangles;
+        self.outside = self.outside.map(|outside| new_of_old[outside as usize]);
+        for portal in &mut self.portals {
+            portal.cells = portal.cells.map(|cell| new_of_old.get(cell as usize).copied().unwrap_or(cell));
+        }
+        self.portals.retain(|portal| portal.cells[0] != portal.cells[1]);
+    }
+}

@@ -1,0 +1,214 @@
+//! Models of *cells* and *portals*: rooms, and the openings through which one room is seen from another (R1,
+//! P1). Geometry and topology only; what is captured of them belongs to the walkthrough.
+//!
+//! * A **cell** is a region of space: a set of vertical prisms, with the triangles that stand in it. At most one cell is
+//!   the *outside*: all space that no other cell contains.
+//! * A **portal** is a planar convex polygon shared by exactly two cells. Nothing but a portal lets light pass from one
+//!   cell to another: what is seen of another cell is seen through portals.
+
+pub mod bake;
+mod borders;
+mod check;
+mod coplanar;
+mod joins;
+mod leaks;
+pub mod load;
+mod polygon;
+
+pub use check::{Finding, Flaw, Severity};
+pub use polygon::Shape;
+
+use headbox_core::headbox::Headbox;
+use headbox_scene::scene::Scene;
+use glam::{DVec2, DVec3};
+use std::ops::Range;
+
+/// An upright prism: a simple polygon in plan, from its floor to its ceiling.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prism {
+    /// Corners in plan, (x, z) of the world in metres; a simple polygon, either way round, not closed.
+    pub outline: Vec<DVec2>,
+    /// Height of the floor, world metres.
+    pub floor_y: f64,
+    /// Height of the ceiling, world metres.
+    pub ceiling_y: f64,
+}
+
+impl Prism {
+    /// Whether the prism contains a point (world metres); of two prisms that share a wall, at most one contains a point
+    /// of it in plan.
+    pub fn contains(&self, p: DVec3) -> bool {
+        if !(self.floor_y..self.ceiling_y).contains(&p.y) {
+            return false;
+        }
+        let mut inside = false;
+        let mut previous = match self.outline.last() {
+            Some(&corner) => corner,
+            None => return false,
+        };
+        for &corner in &self.outline {
+            if (corner.y > p.z) != (previous.y > p.z) {
+                let t = (p.z - corner.y) / (previous.y - corner.y);
+                inside ^= p.x < corner.x + t * (previous.x - corner.x);
+            }
+            previous = corner;
+        }
+        inside
+    }
+}
+
+/// A region of space and what stands in it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cell {
+    /// How it is called in messages and plans.
+    pub name: String,
+    /// Its space; empty for the outside cell.
+    pub space: Vec<Prism>,
+    /// Its triangles, a run of [`Scene::triangles`].
+    pub triangles: Range<u32>,
+}
+
+/// An opening between two cells.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Portal {
+    /// How it is called in messages and plans.
+    pub name: String,
+    /// The two cells, by index into [`PortalModel::cells`]; they differ.
+    pub cells: [u32; 2],
+    /// Corners of the opening, world metres: planar, convex, at least three, counter-clockwise seen from `cells[0]`.
+    pub polygon: Vec<DVec3>,
+}
+
+/// A scene divided into cells that see each other through portals.
+///
+/// Invariants: the cells' runs of triangles follow each other and cover all of [`Scene::triangles`] (a triangle belongs
+/// to exactly one cell); portals refer to existing cells; `outside` is one of the cells.
+#[derive(Clone, Debug)]
+pub struct PortalModel {
+    /// All geometry, light and materials, triangles sorted by cell.
+    pub scene: Scene,
+    /// The cells.
+    pub cells: Vec<Cell>,
+    /// The portals.
+    pub portals: Vec<Portal>,
+    /// The cell that is all space outside the others, if the model has one.
+    pub outside: Option<u32>,
+}
+
+impl PortalModel {
+    /// The cell that contains a point (world metres): the first whose space does, else the outside cell, else none (a
+    /// point in a wall of a model without an outside).
+    pub fn cell_at(&self, p: DVec3) -> Option<u32> {
+        let inside = self.cells.iter().position(|cell| cell.space.iter().any(|prism| prism.contains(p)));
+        inside.map_or(self.outside, |cell| u32::try_from(cell).ok())
+    }
+
+    /// The portals of a cell, as (index of the portal, the cell behind it).
+    pub fn portals_of(&self, cell: u32) -> impl Iterator<Item = (usize, u32)> + '_ {
+        self.portals.iter().enumerate().filter_map(move |(index, portal)| match portal.cells {
+            [a, b] if a == cell => Some((index, b)),
+            [a, b] if b == cell => Some((index, a)),
+            _ => None,
+        })
+    }
+}
+
+/// The side of a triangle that is seen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Side {
+    /// The one that its normal points to.
+    Front,
+    /// The other one.
+    Back,
+    /// Either.
+    Any,
+}
+
+impl Side {
+    /// How far before and behind a surface its cell is looked for, metres: less than a wall is thick.
+    pub(crate) const PROBE_M: f64 = 0.02;
+}
+
+impl PortalModel {
+    /// For each triangle the side that its cell sees: where the cell ends at the surface, and nowhere goes on behind it, only one. The side of
+    /// a jamb is seen from the room where it stands out of the wall, though the middle of it lies in the wall.
+    pub(crate) fn sides(&self) -> Vec<Side> {
+        let mut sides = vec![Side::Any; self.scene.triangles.len()];
+        for (cell, it) in (0_u32..).zip(&self.cells).filter(|(cell, _)| !self.is_outside(*cell)) {
+            for triangle in it.triangles.clone() {
+                sides[triangle as usize] = self.side_toward(cell, self.scene.corners(triangle));
+            }
+        }
+        sides
+    }
+
+    fn side_toward(&self, cell: u32, corners: [DVec3; 3]) -> Side {
+        /// From a corner to the middle, so that it lies on the triangle.
+        const INWARD: f64 = 0.05;
+        let [a, b, c] = corners;
+        let (normal, middle) = ((b - a).cross(c - a).normalize_or_zero(), (a + b + c) / 3.0);
+        let places = [middle].into_iter().chain(corners.map(|corner| corner.lerp(middle, INWARD)));
+        let mut seen = [false; 2];
+        for place in places {
+            match [1.0, -1.0].map(|side| self.cell_at(place + normal * (side * Side::PROBE_M)) == Some(cell)) {
+                [true, true] => return Side::Any,
+                here => seen = [seen[0] || here[0], seen[1] || here[1]],
+            }
+        }
+        match seen {
+            [true, false] => Side::Front,
+            [false, true] => Side::Back,
+            _ => Side::Any,
+        }
+    }
+
+    /// Where a person would stand in the largest room, if the scene does not say where to look from: exposure is measured there.
+    pub(crate) fn suggest_headbox(&mut self) {
+        /// Of an eye above the floor, and half of a headbox about it, metres.
+        const EYE_M: f64 = 1.6;
+        const HALF_SIZE_M: f64 = 0.4;
+        let doubled_area = |prism: &&Prism| {
+            let next = prism.outline.iter().cycle().skip(1);
+            prism.outline.iter().zip(next).map(|(a, b)| a.perp_dot(*b)).sum::<f64>().abs()
+        };
+        let rooms = self.cells.iter().flat_map(|cell| &cell.space);
+        let Some(largest) = rooms.max_by(|a, b| doubled_area(a).total_cmp(&doubled_area(b))) else { return };
+        let middle = largest.outline.iter().sum::<DVec2>() / largest.outline.len().max(1) as f64;
+        let height = (largest.ceiling_y - largest.floor_y).min(2.0 * EYE_M) / 2.0;
+        let centre = DVec3::new(middle.x, largest.floor_y + height, middle.y);
+        if self.scene.headbox.is_none() && largest.contains(centre) {
+            self.scene.headbox = Some(Headbox { centre, half_size_m: HALF_SIZE_M });
+        }
+    }
+}
+
+/// Distance in plan from a point to the nearest edge of a closed outline.
+pub(crate) fn distance_to_outline(outline: &[DVec2], p: DVec2) -> f64 {
+    let edges = outline.iter().zip(outline.iter().cycle().skip(1));
+    let distance = |(&a, &b): (&DVec2, &DVec2)| {
+        let along = ((p - a).dot(b - a) / (b - a).length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        p.distance(a.lerp(b, along))
+    };
+    edges.map(distance).fold(f64::INFINITY, f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An L-shaped room: points in its two arms are inside, the notch is not, and of two rooms that share a wall exactly
+    /// one contains a point of it.
+    #[test]
+    fn an_l_shaped_room_contains_its_arms_only() {
+        let corners = [[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.0, 2.0], [2.0, 4.0], [0.0, 4.0]];
+        let room = Prism { outline: corners.map(DVec2::from).to_vec(), floor_y: 0.0, ceiling_y: 2.5 };
+        for (p, inside) in [([3.0, 1.0, 1.0], true), ([1.0, 1.0, 3.0], true), ([3.0, 1.0, 3.0], false)] {
+            assert_eq!(room.contains(DVec3::from(p)), inside, "{p:?}");
+        }
+        assert!(!room.contains(DVec3::new(1.0, 2.6, 1.0)) && !room.contains(DVec3::new(1.0, -0.1, 1.0)));
+        let next_corners = [[4.0, 0.0], [6.0, 0.0], [6.0, 2.0], [4.0, 2.0]];
+        let next = Prism { outline: next_corners.map(DVec2::from).to_vec(), floor_y: 0.0, ceiling_y: 2.5 };
+        let on_the_wall = DVec3::new(4.0, 1.0, 1.0);
+        assert!(room.contains(on_the_wall) != next.contains(on_the_wall));
+    }
+}

@@ -1,0 +1,85 @@
+//! What homes lack, and are given.
+//!
+//! Rooms are drawn by hand, and between the floors of two of them a few millimetres may be left under their door, through which the
+//! ground outside shines, as bright as day. So there is a threshold under each: dark unless one looks for it. Rooms whose ceilings
+//! were switched off get them back.
+
+use headbox_scene::material::Material;
+use headbox_scene::load::polygon::triangulate;
+use headbox_scene::scene::{Scene, Triangle};
+use glam::{DVec2, DVec3, Vec2, Vec3};
+
+/// How far below the floors thresholds lie, metres: a depth buffer tells that apart at a room's distance.
+const BELOW_M: f64 = 0.002;
+
+/// Adds a threshold: a quadrilateral under a floor, metres, corners of its outline in order.
+pub(super) fn threshold(scene: &mut Scene, outline: [DVec2; 4], floor_y: f64) {
+    let corners = outline.map(|corner| DVec3::new(corner.x, floor_y - BELOW_M, corner.y));
+    add(scene, "threshold", &corners, Vec3::Y);
+}
+
+/// Adds a ceiling, metres, corners of its outline in order.
+pub(super) fn ceiling(scene: &mut Scene, corners: &[DVec3]) {
+    add(scene, "ceiling", corners, Vec3::NEG_Y);
+}
+
+/// Adds a polygon that faces up or down, in a neutral material of its own.
+fn add(scene: &mut Scene, name: &str, corners: &[DVec3], normal: Vec3) {
+    let material = scene.materials.iter().position(|material| material.name == name).unwrap_or_else(|| {
+        scene.materials.push(Material { name: name.into(), ..Material::default() });
+        scene.materials.len() - 1
+    });
+    let first = scene.positions.len() as u32;
+    scene.positions.extend(corners);
+    let count = scene.positions.len();
+    if !scene.normals.is_empty() {
+        scene.normals.resize(count, normal);
+    }
+    if !scene.texcoords.is_empty() {
+        scene.texcoords.resize(count, Vec2::ZERO);
+    }
+    if !scene.colors.is_empty() {
+        scene.colors.resize(count, Vec3::ONE);
+    }
+    let next = corners.iter().cycle().skip(1);
+    let turn: DVec3 = corners.iter().zip(next).map(|(a, b)| (*a - corners[0]).cross(*b - corners[0])).sum();
+    for mut triangle in triangulate(corners) {
+        if turn.dot(normal.as_dvec3()) < 0.0 {
+            triangle.reverse();
+        }
+        let vertices = triangle.map(|corner| first + corner as u32);
+        scene.triangles.push(Triangle { vertices, material: material as u32 });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thresholds_face_upward_whichever_way_they_are_drawn() {
+        let outline = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y];
+        let mut scene = Scene::default();
+        threshold(&mut scene, outline, 3.0);
+        threshold(&mut scene, [outline[3], outline[2], outline[1], outline[0]], 0.0);
+        assert_eq!((scene.triangles.len(), scene.materials.len()), (4, 1));
+        assert!((0..4).all(|triangle| scene.geometric_normal(triangle).y > 0.99));
+        assert!(scene.positions[..4].iter().all(|p| p.y < 3.0 && p.y > 2.99));
+    }
+
+    #[test]
+    fn ceilings_face_downward_and_cover_what_is_not_convex() {
+        let outline = [[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.0, 2.0], [2.0, 4.0], [0.0, 4.0]];
+        let mut corners: Vec<DVec3> = outline.iter().map(|[x, z]| DVec3::new(*x, 2.5, *z)).collect();
+        for _ in 0..2 {
+            let mut scene = Scene::default();
+            ceiling(&mut scene, &corners);
+            let areas = (0..scene.triangles.len() as u32).map(|triangle| {
+                let [a, b, c] = scene.corners(triangle);
+                -(b - a).cross(c - a).y / 2.0
+            });
+            assert!((areas.sum::<f64>() - 12.0).abs() < 1e-12);
+            corners.reverse();
+        }
+    }
+}

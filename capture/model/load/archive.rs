@@ -1,0 +1,163 @@
+//! The models and pictures in the archive of a Sweet Home 3D home.
+
+use headbox_scene::load::lines::{decode, keyword, lines};
+use headbox_scene::load::mtl;
+use headbox_scene::load::mtl::{Map, MtlMaterial};
+use headbox_scene::load::notes::Notes;
+use glam::{DVec2, DVec3};
+use std::collections::HashMap;
+use std::io::{Cursor, Read};
+use std::path::PathBuf;
+use std::rc::Rc;
+
+/// A file in an archive longer than this is taken for damage, bytes.
+const LONGEST_FILE: u64 = 1 << 28;
+
+/// An archive, whose models are read once each.
+pub(super) struct Archive<'a> {
+    /// `None` if it is none: a plan alone.
+    files: Option<zip::ZipArchive<Cursor<&'a [u8]>>>,
+    models: HashMap<String, Option<Rc<Model>>>,
+}
+
+impl<'a> Archive<'a> {
+    pub(super) fn new(bytes: &'a [u8]) -> Self {
+        Self { files: zip::ZipArchive::new(Cursor::new(bytes)).ok(), models: HashMap::new() }
+    }
+
+    /// A file by its name, if it is there.
+    pub(super) fn file(&mut self, name: &str) -> Option<Vec<u8>> {
+        let mut bytes = Vec::new();
+        self.files.as_mut()?.by_name(name).ok()?.take(LONGEST_FILE).read_to_end(&mut bytes).ok()?;
+        Some(bytes)
+    }
+
+    /// A model by its name, if it is there and an OBJ. It is read once and shared.
+    pub(super) fn model(&mut self, name: &str) -> Option<Rc<Model>> {
+        if !self.models.contains_key(name) {
+            let model = self.file(name).and_then(|bytes| Model::parse(&decode(&bytes)));
+            let model = model.map(|model| Rc::new(self.with_materials(model, name)));
+            self.models.insert(name.to_owned(), model);
+        }
+        self.models.get(name)?.clone()
+    }
+
+    /// Reads the material files that lie beside a model; their maps are named as the archive names them.
+    fn with_materials(&mut self, mut model: Model, name: &str) -> Model {
+        let folder = name.rsplit_once('/').map_or(String::new(), |(folder, _)| format!("{folder}/"));
+        let beside =
+            |file: &str| format!("{folder}{}", file.trim_matches('"').replace('\\', "/").trim_start_matches("./"));
+        // What is wrong with materials is no more than a colour that is not the home's.
+        let mut notes = Notes::default();
+        for library in &model.libraries {
+            if let Some(bytes) = self.file(&beside(library)) {
+                mtl::parse(&decode(&bytes), library, PathBuf::new(), &mut model.materials, &mut notes);
+            }
+        }
+        let rename = |map: &mut Map| map.file = beside(&map.file);
+        for material in &mut model.materials {
+            [&mut material.diffuse_map, &mut material.emissive_map, &mut material.dissolve_map]
+                .into_iter()
+                .flatten()
+                .for_each(rename);
+        }
+        model
+    }
+}
+
+/// A corner of a face: the numbers, from 0, of its position and of its texture coordinate, if it has one.
+pub(super) type Corner = (usize, Option<usize>);
+
+/// The faces of one group and material.
+pub(super) struct FaceGroup {
+    pub(super) group: String,
+    pub(super) material: String,
+    pub(super) polygons: Vec<Vec<Corner>>,
+}
+
+/// A model from an archive.
+pub(super) struct Model {
+    pub(super) positions: Vec<DVec3>,
+    pub(super) texcoords: Vec<DVec2>,
+    pub(super) parts: Vec<FaceGroup>,
+    pub(super) materials: Vec<MtlMaterial>,
+    /// The files that say what its materials are.
+    libraries: Vec<String>,
+}
+
+impl Model {
+    /// The faces of an OBJ; `None` if there are none, or one refers to a vertex that is not there.
+    fn parse(text: &str) -> Option<Self> {
+        let mut model = Self {
+            positions: Vec::new(),
+            texcoords: Vec::new(),
+            parts: Vec::new(),
+            materials: Vec::new(),
+            libraries: Vec::new(),
+        };
+        let (mut group, mut material) = (String::new(), String::new());
+        for (_, line) in lines(text) {
+            let (word, rest) = keyword(&line);
+            let mut numbers = rest.split_whitespace().map(|word| word.parse().ok().filter(|v: &f64| v.is_finite()));
+            let mut next = || numbers.next().flatten();
+            match word {
+                "v" => model.positions.push(DVec3::new(next()?, next()?, next()?)),
+                "vt" => model.texcoords.push(DVec2::new(next()?, next().unwrap_or(0.0))),
+                "g" | "o" => group = rest.replace(char::is_whitespace, "_"),
+                "usemtl" => material = rest.to_owned(),
+                "mtllib" => model.libraries.push(rest.to_owned()),
+                "f" => {
+                    let polygon: Vec<Corner> =
+                        rest.split_whitespace().map(|word| model.corner(word)).collect::<Option<_>>()?;
+                    if polygon.len() < 3 {
+                        continue;
+                    }
+                    match model.parts.iter_mut().find(|part| part.group == group && part.material == material) {
+                        Some(part) => part.polygons.push(polygon),
+                        None => model.parts.push(FaceGroup {
+                            group: group.clone(),
+                            material: material.clone(),
+                            polygons: vec![polygon],
+                        }),
+                    }
+                }
+                _ => {}
+            }
+        }
+        (!model.parts.is_empty()).then_some(model)
+    }
+
+    /// `position/texcoord/normal`, of which only the first must be there.
+    fn corner(&self, word: &str) -> Option<Corner> {
+        let mut numbers = word.split('/');
+        let position = index(numbers.next()?, self.positions.len())?;
+        Some((position, numbers.next().and_then(|number| index(number, self.texcoords.len()))))
+    }
+}
+
+/// The place, from 0, that a number of an OBJ means, in a list of so many.
+fn index(number: &str, count: usize) -> Option<usize> {
+    let number: i64 = number.parse().ok()?;
+    let index = if number < 0 { count as i64 + number } else { number - 1 };
+    usize::try_from(index).ok().filter(|&index| index < count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_model_is_read_by_group_and_material() {
+        let model = Model::parse(
+            "v 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 1\ng a b\nusemtl red\nf 1/1/5 2//7 3\nusemtl blue\nf -3/-1 -2/9 -1\n",
+        );
+        let model = model.expect("two faces");
+        let parts: Vec<_> =
+            model.parts.iter().map(|p| (p.group.as_str(), p.material.as_str(), &p.polygons[0][..])).collect();
+        let corners = [[(0, Some(0)), (1, None), (2, None)]; 2];
+        assert_eq!(parts, [("a_b", "red", &corners[0][..]), ("a_b", "blue", &corners[1][..])]);
+        for bad in ["", "v 0 0 0\n", "v 0 0\nf 1 1 1\n", "v 0 0 0\nf 1 1 2\n", "v 0 0 0\nf 0 1 1\n", "f 1 2 x"] {
+            assert!(Model::parse(bad).is_none(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,251 @@
+//! Dealing out the triangles of a scene to cells.
+
+use super::split::{Corner, split_by_plane};
+use headbox_scene::load::Group;
+use crate::{PortalModel, Prism, distance_to_outline};
+use headbox_scene::scene::{Scene, Triangle};
+use glam::{DVec2, DVec3, Vec2, Vec3};
+use std::collections::HashMap;
+
+/// How a group of triangles goes to cells.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Portion {
+    /// All of it to this cell.
+    Cell(u32),
+    /// Not at all.
+    LeftOut,
+    /// Each triangle to the cell on its side of this portal.
+    BySide(usize),
+    /// With all groups of this key to the cell in which most of their area stands.
+    Whole(String),
+    /// Each triangle to the cell that it faces, cut where it faces several.
+    Facing,
+}
+
+/// A surface faces the cell that is this far before it, metres.
+const BEFORE_M: f64 = 0.02;
+
+/// Where a surface faces no room, the room whose outline, in plan, ends no farther from there than this has it, metres: rooms
+/// are drawn by hand and may end a hair before the wall does. The outer faces of walls are farther off by the wall.
+const BESIDE_M: f64 = BEFORE_M;
+
+/// Groups of the scene, and how each goes to cells. Triangles of no group are dealt out as [`Portion::Facing`].
+pub(super) struct Assignment<'a> {
+    pub(super) groups: &'a [Group],
+    pub(super) portions: &'a [Portion],
+}
+
+impl Assignment<'_> {
+    /// Deals out all triangles and sorts them by cell.
+    pub(super) fn apply(&self, model: &mut PortalModel) {
+        let wholes = self.cells_of_wholes(model);
+        let portions = self.portion_of_triangles(model.scene.triangles.len());
+        let mut by_cell: Vec<Vec<Triangle>> = vec![Vec::new(); model.cells.len()];
+        let mut scene = std::mem::take(&mut model.scene);
+        let fallback = model.outside.unwrap_or_default();
+        let mut hand = |cell: Option<u32>, triangle: Triangle| {
+            if let Some(list) = by_cell.get_mut(cell.unwrap_or(fallback) as usize) {
+                list.push(triangle);
+            }
+        };
+        for (index, portion) in portions.into_iter().enumerate() {
+            let triangle = scene.triangles[index];
+            match portion {
+                Some(Portion::LeftOut) => {}
+                Some(Portion::Cell(cell)) => hand(Some(*cell), triangle),
+                Some(Portion::BySide(portal)) => hand(side_of(model, *portal, middle(&scene, &triangle)), triangle),
+                Some(Portion::Whole(key)) => hand(wholes.get(key.as_str()).copied(), triangle),
+                Some(Portion::Facing) | None => {
+                    for (cell, piece) in facing(model, &mut scene, triangle) {
+                        hand(cell, piece);
+                    }
+                }
+            }
+        }
+        let mut end = 0;
+        for (cell, list) in model.cells.iter_mut().zip(&by_cell) {
+            cell.triangles = end..end + list.len() as u32;
+            end = cell.triangles.end;
+        }
+        scene.triangles = by_cell.concat();
+        model.scene = scene;
+    }
+
+    fn portion_of_triangles(&self, count: usize) -> Vec<Option<&Portion>> {
+        let mut portions = vec![None; count];
+        for (group, portion) in self.groups.iter().zip(self.portions) {
+            portions[group.triangles.start as usize..group.triangles.end as usize].fill(Some(portion));
+        }
+        portions
+    }
+
+    /// The cell of each key of [`Portion::Whole`], by the area that stands in each.
+    fn cells_of_wholes(&self, model: &PortalModel) -> HashMap<&str, u32> {
+        let mut areas: HashMap<&str, Vec<f64>> = HashMap::new();
+        for (group, portion) in self.groups.iter().zip(self.portions) {
+            let Portion::Whole(key) = portion else { continue };
+            let shares = areas.entry(key).or_insert_with(|| vec![0.0; model.cells.len()]);
+            for triangle in group.triangles.clone() {
+                let [a, b, c] = model.scene.corners(triangle);
+                let cell = model.cell_at((a + b + c) / 3.0);
+                if let Some(share) = cell.and_then(|cell| shares.get_mut(cell as usize)) {
+                    *share += (b - a).cross(c - a).length();
+                }
+            }
+        }
+        let largest =
+            |shares: &Vec<f64>| shares.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map(|(i, _)| i as u32);
+        areas.iter().filter_map(|(&key, shares)| Some((key, largest(shares)?))).collect()
+    }
+}
+
+fn middle(scene: &Scene, triangle: &Triangle) -> DVec3 {
+    triangle.vertices.iter().map(|&vertex| scene.positions[vertex as usize]).sum::<DVec3>() / 3.0
+}
+
+/// The cell of a portal on the side on which a point lies.
+fn side_of(model: &PortalModel, portal: usize, p: DVec3) -> Option<u32> {
+    let portal = model.portals.get(portal)?;
+    let &[a, b, c, ..] = portal.polygon.as_slice() else { return None };
+    let in_front = (b - a).cross(c - b).dot(p - a) >= 0.0;
+    Some(portal.cells[usize::from(!in_front)])
+}
+
+/// The pieces of a triangle, each with the cell it faces; the triangle itself if it faces one cell only.
+fn facing(model: &PortalModel, scene: &mut Scene, triangle: Triangle) -> Vec<(Option<u32>, Triangle)> {
+    let corners = triangle.vertices.map(|vertex| Corner::of(scene, vertex));
+    let [a, b, c] = corners.map(|corner| corner.position);
+    let Some(normal) = (b - a).cross(c - a).try_normalize() else { return vec![(model.outside, triangle)] };
+    let faced = |polygon: &[Corner]| {
+        let middle = polygon.iter().map(|corner| corner.position).sum::<DVec3>() / polygon.len() as f64;
+        let before = middle + normal * BEFORE_M;
+        let inside = model.cell_at(before);
+        if inside == model.outside { room_beside(model, before).or(inside) } else { inside }
+    };
+    let mut pieces = vec![corners.to_vec()];
+    for [from, to] in borders_near(model, [a, b, c], normal) {
+        let [from, across] = [from, (to - from).perp()].map(|v| DVec3::new(v.x, 0.0, v.y));
+        pieces = pieces.into_iter().flat_map(|piece| split_by_plane(piece, from, across)).collect();
+    }
+    // Walls may be higher than a room's ceiling, and go through several storeys.
+    pieces = pieces.into_iter().flat_map(|piece| split_by_storeys(model, piece, normal)).collect();
+    let cells: Vec<Option<u32>> = pieces.iter().map(|piece| faced(piece)).collect();
+    if cells.iter().all(|cell| *cell == cells[0]) {
+        return vec![(cells[0], triangle)];
+    }
+    let mut out = Vec::new();
+    for (piece, cell) in pieces.into_iter().zip(cells) {
+        let vertices: Vec<u32> = piece.iter().map(|corner| corner.vertex_in(scene)).collect();
+        let fan = vertices.windows(2).skip(1).map(|pair| [vertices[0], pair[0], pair[1]]);
+        out.extend(fan.map(|vertices| (cell, Triangle { vertices, material: triangle.material })));
+    }
+    out
+}
+
+/// The pieces of a polygon that lies before one room, in plan, below, between and above the floors and ceilings there.
+fn split_by_storeys(model: &PortalModel, piece: Vec<Corner>, normal: DVec3) -> Vec<Vec<Corner>> {
+    let middle = piece.iter().map(|corner| corner.position).sum::<DVec3>() / piece.len() as f64 + normal * BEFORE_M;
+    let place = DVec2::new(middle.x, middle.z);
+    let is_before = |prism: &&Prism| {
+        prism.contains(DVec3::new(middle.x, prism.floor_y, middle.z))
+            || distance_to_outline(&prism.outline, place) <= BESIDE_M
+    };
+    let prisms = model.cells.iter().flat_map(|cell| &cell.space).filter(is_before);
+    let heights = prisms.flat_map(|prism| [prism.floor_y, prism.ceiling_y]);
+    heights.fold(vec![piece], |pieces, height| {
+        let split = |piece| split_by_plane(piece, DVec3::Y * height, DVec3::Y);
+        pieces.into_iter().flat_map(split).collect()
+    })
+}
+
+/// The room that ends nearest to a point in no room, at most [`BESIDE_M`] from it.
+fn room_beside(model: &PortalModel, p: DVec3) -> Option<u32> {
+    let rooms = (0u32..).zip(&model.cells);
+    let prisms = rooms.flat_map(|(cell, it)| it.space.iter().map(move |prism| (cell, prism)));
+    let distances = prisms
+        .filter(|(_, prism)| (prism.floor_y..=prism.ceiling_y).contains(&p.y))
+        .map(|(cell, prism)| (cell, distance_to_outline(&prism.outline, DVec2::new(p.x, p.z))));
+    let nearest = distances.min_by(|a, b| a.1.total_cmp(&b.1))?;
+    (nearest.1 <= BESIDE_M).then_some(nearest.0)
+}
+
+/// Edges of the cells' outlines that a triangle, moved before itself, comes near, in plan.
+fn borders_near(model: &PortalModel, triangle: [DVec3; 3], normal: DVec3) -> Vec<[DVec2; 2]> {
+    const MARGIN: f64 = 2.0 * BEFORE_M;
+    let moved = triangle.map(|p| p + normal * BEFORE_M);
+    let low = moved.into_iter().fold(DVec3::INFINITY, DVec3::min) - MARGIN;
+    let high = moved.into_iter().fold(DVec3::NEG_INFINITY, DVec3::max) + MARGIN;
+    let prisms = model.cells.iter().flat_map(|cell| &cell.space);
+    let at_height = prisms.filter(|prism| prism.floor_y <= high.y && prism.ceiling_y >= low.y);
+    let edges = at_height.flat_map(|prism| {
+        let outline = &prism.outline;
+        (0..outline.len()).map(move |i| [outline[i], outline[(i + 1) % outline.len()]])
+    });
+    edges
+        .filter(|[from, to]| {
+            let (least, most) = (from.min(*to), from.max(*to));
+            least.x <= high.x && most.x >= low.x && least.y <= high.z && most.y >= low.z
+        })
+        .collect()
+}
+
+impl Corner {
+    fn of(scene: &Scene, vertex: u32) -> Self {
+        let at = vertex as usize;
+        Self {
+            position: scene.positions[at],
+            normal: scene.normals.get(at).copied().unwrap_or(Vec3::ZERO),
+            texcoord: scene.texcoords.get(at).copied().unwrap_or(Vec2::ZERO),
+            color: scene.colors.get(at).copied().unwrap_or(Vec3::ONE),
+            vertex: Some(vertex),
+        }
+    }
+
+    /// The vertex of a corner; a new one if the corner is the end of a cut.
+    fn vertex_in(&self, scene: &mut Scene) -> u32 {
+        if let Some(vertex) = self.vertex {
+            return vertex;
+        }
+        scene.positions.push(self.position);
+        if !scene.normals.is_empty() {
+            scene.normals.push(self.normal.normalize_or_zero());
+        }
+        if !scene.texcoords.is_empty() {
+            scene.texcoords.push(self.texcoord);
+        }
+        if !scene.colors.is_empty() {
+            scene.colors.push(self.color);
+        }
+        scene.positions.len() as u32 - 1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use headbox_scene::material::Material;
+    use crate::Cell;
+    use glam::dvec3;
+
+    /// A wall of 4 m before a room that is drawn 1 cm shorter; its outer face; and a wall 10 cm beyond the room.
+    #[test]
+    fn a_wall_that_ends_a_hair_after_its_room_is_all_of_the_room() {
+        let outline = [[0.0, 0.0], [3.99, 0.0], [3.99, 3.0], [0.0, 3.0]].map(DVec2::from).to_vec();
+        let space = vec![Prism { outline, floor_y: 0.0, ceiling_y: 2.5 }];
+        let cells = vec![
+            Cell { name: "room".into(), space, triangles: 0..0 },
+            Cell { name: "outside".into(), space: Vec::new(), triangles: 0..0 },
+        ];
+        // Facing +Z at z = 0, -Z at z = -0.1, and +Z again.
+        let wall = |from: f64, to: f64, z: f64| [dvec3(from, 0.0, z), dvec3(to, 0.0, z), dvec3(to, 2.0, z)];
+        let [a, b, c] = wall(0.0, 4.0, -0.1);
+        let positions = [wall(0.0, 4.0, 0.0), [a, c, b], wall(4.09, 4.2, 0.0)].concat();
+        let triangles = [[0, 1, 2], [3, 4, 5], [6, 7, 8]].map(|vertices| Triangle { vertices, material: 0 }).to_vec();
+        let scene = Scene { positions, triangles, materials: vec![Material::default()], ..Scene::default() };
+        let mut model = PortalModel { scene, cells, portals: Vec::new(), outside: Some(1) };
+        Assignment { groups: &[], portions: &[] }.apply(&mut model);
+        let outside = &model.scene.triangles[model.cells[1].triangles.start as usize..];
+        assert_eq!(outside.iter().map(|triangle| triangle.vertices).collect::<Vec<_>>(), [[3, 4, 5], [6, 7, 8]]);
+        assert!(!model.cells[0].triangles.is_empty());
+    }
+}

@@ -1,0 +1,107 @@
+//! How high ceilings hang, and which rooms have one.
+
+use super::home::{Home, Room, Wall};
+use crate::distance_to_outline;
+use glam::DVec2;
+
+/// Walls that end within this of a room's corner may hold the ceiling there, centimetres: rooms are drawn to the faces of walls, and
+/// the lines of walls that meet end a wall's thickness apart.
+const AT_CORNER: f64 = 60.0;
+
+/// Walls hold it from this share of the storey's height on; counters and parapets do not.
+const HIGH: f64 = 0.75;
+
+/// A room that no wall parts from another is drawn up to it, and walls stand beside outlines, within this, centimetres.
+const BESIDE: f64 = 40.0;
+
+/// An outline is looked at in steps of this, centimetres.
+const STEP: f64 = 10.0;
+
+/// No more steps than this to an edge: wild outlines come to an end, too.
+const MOST_STEPS: f64 = 300.0;
+
+/// A room stands under a roof if this share of its outline lies along walls or other rooms; a terrace does not.
+const ENCLOSED: f64 = 0.8;
+
+impl Home {
+    /// Hangs the ceilings of the topmost storey from its walls, which may be higher than the storey and slope under a roof: each corner
+    /// as high as the highest wall that ends there, or else as the high wall that ends nearest to it. Low walls count where some wall
+    /// slopes: under a roof they are no parapets.
+    pub(super) fn hang_ceilings(&mut self) {
+        for room in self.rooms.iter_mut().filter(|room| room.is_topmost) {
+            let walls = || self.walls.iter().filter(|wall| wall.is_beside(room));
+            let ends: Vec<(DVec2, f64)> = walls().flat_map(ends_of).collect();
+            let high = room.floor + HIGH * (room.ceiling() - room.floor);
+            let least = if walls().any(|wall| wall.heights[0] != wall.heights[1]) { f64::NEG_INFINITY } else { high };
+            for (corner, ceiling) in room.outline.iter().zip(&mut room.ceilings) {
+                let distance = |(end, _): &&(DVec2, f64)| end.distance(*corner);
+                let here = ends
+                    .iter()
+                    .filter(|end| distance(end) <= AT_CORNER && end.1 >= least)
+                    .map(|(_, top)| *top)
+                    .reduce(f64::max);
+                let nearest = || {
+                    let high = ends.iter().filter(|(_, top)| *top >= high);
+                    high.min_by(|a, b| distance(a).total_cmp(&distance(b))).map(|(_, top)| *top)
+                };
+                *ceiling = here.or_else(nearest).unwrap_or(*ceiling);
+            }
+        }
+    }
+
+    /// Where no room of a home has a ceiling, they were switched off to look in from above: rooms that walls or other rooms enclose
+    /// get theirs back. Returns how many these are.
+    pub(super) fn put_ceilings_on(&mut self) -> usize {
+        if self.rooms.iter().any(|room| room.covered) {
+            return 0;
+        }
+        let enclosed: Vec<usize> = (0..self.rooms.len()).filter(|&index| self.is_enclosed(index)).collect();
+        for &index in &enclosed {
+            (self.rooms[index].covered, self.rooms[index].ceiling_is_new) = (true, true);
+        }
+        enclosed.len()
+    }
+
+    fn is_enclosed(&self, index: usize) -> bool {
+        let room = &self.rooms[index];
+        let walls: Vec<&Wall> =
+            self.walls.iter().filter(|wall| wall.is_beside(room) && wall.is_high_in(room)).collect();
+        let others: Vec<&Room> = self
+            .rooms
+            .iter()
+            .enumerate()
+            .filter(|&(i, other)| i != index && other.floor == room.floor)
+            .map(|(_, r)| r)
+            .collect();
+        let has_beside = |p: DVec2| {
+            walls.iter().any(|wall| distance_to_outline(&[wall.start, wall.end], p) <= wall.thickness / 2.0 + BESIDE)
+                || others.iter().any(|other| distance_to_outline(&other.outline, p) <= BESIDE)
+        };
+        let (mut all, mut closed) = (0u32, 0u32);
+        for (from, to) in room.outline.iter().zip(room.outline.iter().cycle().skip(1)) {
+            let steps = (from.distance(*to) / STEP).ceil().min(MOST_STEPS) as usize;
+            for step in 0..steps {
+                all += 1;
+                closed += u32::from(has_beside(from.lerp(*to, (step as f64 + 0.5) / steps as f64)));
+            }
+        }
+        f64::from(closed) >= ENCLOSED * f64::from(all)
+    }
+}
+
+impl Wall {
+    /// Whether it stands on the storey of a room.
+    fn is_beside(&self, room: &Room) -> bool {
+        self.bottom == room.floor
+    }
+
+    /// Whether it is more than a parapet to a room.
+    fn is_high_in(&self, room: &Room) -> bool {
+        self.heights[0].min(self.heights[1]) >= (room.ceiling() - room.floor) / 2.0
+    }
+}
+
+/// The ends of a wall in plan, with the heights of its upper edge there.
+fn ends_of(wall: &Wall) -> [(DVec2, f64); 2] {
+    [(wall.start, wall.bottom + wall.heights[0]), (wall.end, wall.bottom + wall.heights[1])]
+}

@@ -1,0 +1,322 @@
+//! The plan of a Sweet Home 3D home, as its `Home.xml` says: x to the right and y down in plan (x and z of the export),
+//! centimetres, angles clockwise in plan.
+
+use super::finish::{Finish, color, finish};
+use super::xml::{elements, number};
+use glam::{DMat3, DVec2, DVec3};
+use roxmltree::{Document, Node};
+use std::collections::{HashMap, HashSet};
+use std::f64::consts::{PI, TAU};
+
+/// A storey.
+#[derive(Clone, Copy, Debug)]
+struct Level {
+    elevation: f64,
+    pub height: f64,
+    is_topmost: bool,
+}
+
+/// A room.
+#[derive(Clone, Debug)]
+pub(super) struct Room {
+    /// Empty if the home gives none.
+    pub(super) name: String,
+    pub(super) outline: Vec<DVec2>,
+    pub(super) floor: f64,
+    /// Height of the ceiling over each corner.
+    pub(super) ceilings: Vec<f64>,
+    /// Whether it has a ceiling, and so is a room and not a terrace.
+    pub(super) covered: bool,
+    /// Whether the home says that it has none.
+    pub(super) ceiling_is_new: bool,
+    /// Whether no storey lies above its own.
+    pub(super) is_topmost: bool,
+    pub(super) has_floor: bool,
+    pub(super) floor_finish: Finish,
+    pub(super) ceiling_finish: Finish,
+}
+
+impl Room {
+    /// The height of the ceiling where it is highest.
+    pub(super) fn ceiling(&self) -> f64 {
+        self.ceilings.iter().copied().fold(self.floor, f64::max)
+    }
+
+    /// The corners of its ceiling: x, height, y in plan.
+    pub(super) fn ceiling_corners(&self) -> Vec<DVec3> {
+        self.outline.iter().zip(&self.ceilings).map(|(p, &height)| DVec3::new(p.x, height, p.y)).collect()
+    }
+}
+
+/// A wall, upright on its level.
+#[derive(Clone, Debug)]
+pub(super) struct Wall {
+    /// Ends of its middle line in plan.
+    pub(super) start: DVec2,
+    pub(super) end: DVec2,
+    pub(super) thickness: f64,
+    pub(super) bottom: f64,
+    /// Above its bottom, at its start and end.
+    pub(super) heights: [f64; 2],
+    /// Of its sides to the left and right of the way from start to end, in a plan with y down.
+    pub(super) finishes: [Finish; 2],
+    /// How far it runs on beyond its start and end, into the walls that it is joined to.
+    pub(super) extension: [f64; 2],
+}
+
+/// A piece of furniture, a lamp, or a door or window, as a model.
+#[derive(Clone, Debug)]
+pub(super) struct Piece {
+    /// Name of the model in the archive.
+    pub(super) model: Option<String>,
+    pub(super) is_opening: bool,
+    /// Middle in plan, and height of the lower side.
+    pub(super) centre: DVec2,
+    pub(super) elevation: f64,
+    /// Width, height, depth.
+    pub(super) size: DVec3,
+    /// Clockwise in plan, radians.
+    pub(super) angle: f64,
+    pub(super) mirrored: bool,
+    /// Turns the model before it is brought to its size.
+    pub(super) rotation: Option<DMat3>,
+    /// Of all of it, and of some of its materials.
+    pub(super) finish: Finish,
+    pub(super) materials: Vec<(String, Finish)>,
+}
+
+/// A door or window.
+#[derive(Clone, Debug)]
+pub(super) struct Opening {
+    pub(super) name: String,
+    /// Middle of the piece in plan.
+    pub(super) centre: DVec2,
+    /// Unit vector along its width.
+    pub(super) along: DVec2,
+    pub(super) width: f64,
+    pub(super) depth: f64,
+    /// Heights of its lower and upper edge.
+    pub(super) heights: [f64; 2],
+    /// Distance from `centre` to the middle of the wall, across, toward the piece's front.
+    pub(super) wall_offset: f64,
+    /// Thickness of the wall that it says it stands in.
+    pub(super) wall_thickness: f64,
+}
+
+impl Opening {
+    /// Unit vector across, from back to front.
+    pub(super) fn across(&self) -> DVec2 {
+        self.along.perp()
+    }
+
+    /// Middle of the opening in the middle of the wall.
+    pub(super) fn in_wall(&self) -> DVec2 {
+        self.centre + self.across() * self.wall_offset
+    }
+}
+
+/// A home.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Home {
+    pub(super) rooms: Vec<Room>,
+    pub(super) openings: Vec<Opening>,
+    pub(super) walls: Vec<Wall>,
+    pub(super) pieces: Vec<Piece>,
+    /// Colours of the sky and of the ground around it, sRGB from 0 to 1.
+    pub(super) sky_color: Option<[f32; 3]>,
+    pub(super) ground_color: Option<[f32; 3]>,
+    /// Rooms, walls, furniture, doors and windows left out because a number is missing or no number.
+    pub(super) unreadable: usize,
+}
+
+/// A wall thicker than this is no wall, centimetres.
+const THICKEST_WALL: f64 = 2_000.0;
+
+/// Bent walls are made of straight ones that turn by at most this, radians.
+const ARC_STEP: f64 = PI / 18.0;
+
+/// Height of walls where the home does not say, centimetres: Sweet Home 3D's own.
+const WALL_HEIGHT: f64 = 250.0;
+
+impl Home {
+    /// Reads the text of a `Home.xml`.
+    ///
+    /// # Errors
+    /// A sentence for people if it is not XML, or not a home.
+    pub(super) fn parse(text: &str) -> Result<Self, String> {
+        let document =
+            Document::parse(text).map_err(|cause| format!("it is no XML, or damaged in line {}", cause.pos().row))?;
+        let root = document.root_element();
+        if !root.has_tag_name("home") {
+            let found = root.tag_name().name().to_owned();
+            return Err(format!("it is XML, but no Sweet Home 3D home: its root is <{found}>, not <home>"));
+        }
+        let wall_height = number(root, "wallHeight").unwrap_or(WALL_HEIGHT);
+        let ground = Level { elevation: 0.0, height: wall_height, is_topmost: true };
+        let elevation = |node: Node| number(node, "elevation").unwrap_or(0.0);
+        let topmost = elements(root, "level").filter(is_viewable).map(elevation).fold(f64::NEG_INFINITY, f64::max);
+        let levels: HashMap<&str, Level> = elements(root, "level")
+            .filter_map(|node| {
+                let (elevation, height) = (elevation(node), number(node, "height").unwrap_or(wall_height));
+                Some((node.attribute("id")?, Level { elevation, height, is_topmost: elevation >= topmost }))
+            })
+            .collect();
+        let hidden: HashSet<&str> =
+            elements(root, "level").filter(|node| !is_viewable(node)).filter_map(|node| node.attribute("id")).collect();
+        let level_of = |node: Node| node.attribute("level").and_then(|id| levels.get(id)).copied().unwrap_or(ground);
+        let elements =
+            |name| elements(root, name).filter(|node| node.attribute("level").is_none_or(|id| !hidden.contains(id)));
+        let around = |attribute| elements("environment").find_map(|node| color(node, attribute));
+        let mut home = Self { sky_color: around("skyColor"), ground_color: around("groundColor"), ..Self::default() };
+        for node in elements("room") {
+            match room(node, level_of(node)) {
+                Some(room) => home.rooms.push(room),
+                None => home.unreadable += 1,
+            }
+        }
+        let by_id: HashMap<&str, Node> =
+            elements("wall").filter_map(|node| Some((node.attribute("id")?, node))).collect();
+        for node in elements("wall") {
+            match wall(node, level_of(node), wall_height, &by_id) {
+                Some(wall) => home.walls.extend(wall.bent(number(node, "arcExtent").unwrap_or(0.0))),
+                None => home.unreadable += 1,
+            }
+        }
+        // A door that is not shown is not cut out of its wall.
+        let is_shown = |node: &Node| node.attribute("visible") != Some("false");
+        for kind in ["doorOrWindow", "pieceOfFurniture", "light", "shelfUnit"] {
+            for node in elements(kind).filter(is_shown) {
+                let level = level_of(node);
+                let opening = (kind == "doorOrWindow").then(|| opening(node, level));
+                match (piece(node, level, opening.is_some()), opening) {
+                    (_, Some(None)) | (None, _) => home.unreadable += 1,
+                    (Some(piece), opening) => {
+                        home.openings.extend(opening.flatten());
+                        home.pieces.push(piece);
+                    }
+                }
+            }
+        }
+        Ok(home)
+    }
+}
+
+/// Whether a storey is not hidden with all that stands on it. (`visible` says which storeys the user's window showed last.)
+fn is_viewable(level: &Node) -> bool {
+    level.attribute("viewable") != Some("false")
+}
+
+fn room(node: Node, level: Level) -> Option<Room> {
+    let corner = |point: Node| Some(DVec2::new(number(point, "x")?, number(point, "y")?));
+    let outline: Vec<DVec2> = elements(node, "point").map(corner).collect::<Option<_>>()?;
+    (outline.len() >= 3).then(|| Room {
+        name: node.attribute("name").unwrap_or_default().trim().to_owned(),
+        floor: level.elevation,
+        ceilings: vec![level.elevation + level.height; outline.len()],
+        outline,
+        covered: node.attribute("ceilingVisible") != Some("false"),
+        ceiling_is_new: false,
+        is_topmost: level.is_topmost,
+        has_floor: node.attribute("floorVisible") != Some("false"),
+        floor_finish: finish(node, "floorColor", Some("floorTexture")),
+        ceiling_finish: finish(node, "ceilingColor", Some("ceilingTexture")),
+    })
+}
+
+fn wall(node: Node, level: Level, wall_height: f64, by_id: &HashMap<&str, Node>) -> Option<Wall> {
+    let thickness = number(node, "thickness").filter(|&thickness| thickness > 0.0)?;
+    let height = number(node, "height").unwrap_or(wall_height);
+    let into = |joined: &str| {
+        let other = node.attribute(joined).and_then(|id| by_id.get(id));
+        other.and_then(|other| number(*other, "thickness")).map_or(0.0, |thickness| thickness / 2.0)
+    };
+    Some(Wall {
+        start: DVec2::new(number(node, "xStart")?, number(node, "yStart")?),
+        end: DVec2::new(number(node, "xEnd")?, number(node, "yEnd")?),
+        thickness,
+        bottom: level.elevation,
+        heights: [height, number(node, "heightAtEnd").unwrap_or(height)],
+        finishes: ["left", "right"]
+            .map(|side| finish(node, &format!("{side}SideColor"), Some(&format!("{side}SideTexture")))),
+        extension: ["wallAtStart", "wallAtEnd"].map(into),
+    })
+}
+
+impl Wall {
+    /// The wall as it is bent: by an arc of `extent` radians from start to end, clockwise in plan if that is positive, in pieces of
+    /// at most [`ARC_STEP`].
+    fn bent(self, extent: f64) -> Vec<Self> {
+        let chord = self.end - self.start;
+        if extent == 0.0 || extent.abs() >= TAU || chord == DVec2::ZERO {
+            return vec![self];
+        }
+        let aside = chord.perp() * (((PI - extent) / 2.0).tan() / 2.0);
+        let centre = (self.start + self.end) / 2.0 + aside;
+        let count = (extent.abs() / ARC_STEP).ceil().max(1.0);
+        // Outer faces of neighbours meet; inner ones pass through each other.
+        let joint = self.thickness / 2.0 * (extent / count / 2.0).abs().tan();
+        let at = |share: f64| centre + DVec2::from_angle(extent * share).rotate(self.start - centre);
+        let height = |share: f64| self.heights[0] + (self.heights[1] - self.heights[0]) * share;
+        let count = count as usize;
+        let piece = |i: usize| {
+            let [from, to] = [i, i + 1].map(|end| end as f64 / count as f64);
+            Self {
+                start: at(from),
+                end: at(to),
+                heights: [height(from), height(to)],
+                extension: [
+                    if i == 0 { self.extension[0] } else { joint },
+                    if i + 1 == count { self.extension[1] } else { joint },
+                ],
+                ..self.clone()
+            }
+        };
+        (0..count).map(piece).collect()
+    }
+}
+
+fn piece(node: Node, level: Level, is_opening: bool) -> Option<Piece> {
+    let positive = |attribute: &str| number(node, attribute).filter(|&value| value > 0.0);
+    let rotation = node.attribute("modelRotation").and_then(|text| {
+        let numbers: Vec<f64> = text.split_whitespace().map(|word| word.parse().ok()).collect::<Option<_>>()?;
+        // Row by row.
+        Some(DMat3::from_cols_array(numbers.as_slice().try_into().ok()?).transpose())
+    });
+    let materials = elements(node, "material");
+    let material = |m: Node| Some((m.attribute("name")?.to_owned(), finish(m, "color", None)));
+    Some(Piece {
+        model: node.attribute("model").map(str::to_owned),
+        is_opening,
+        centre: DVec2::new(number(node, "x")?, number(node, "y")?),
+        elevation: level.elevation + number(node, "elevation").unwrap_or(0.0),
+        size: DVec3::new(positive("width")?, positive("height")?, positive("depth")?),
+        angle: number(node, "angle").unwrap_or(0.0),
+        mirrored: node.attribute("modelMirrored") == Some("true"),
+        rotation,
+        finish: finish(node, "color", None),
+        materials: materials.filter_map(material).filter(|(_, finish)| finish.is_said()).collect(),
+    })
+}
+
+fn opening(node: Node, level: Level) -> Option<Opening> {
+    let positive = |attribute: &str| number(node, attribute).filter(|&value| value > 0.0);
+    let (width, depth, height) = (positive("width")?, positive("depth")?, positive("height")?);
+    let bottom = level.elevation + number(node, "elevation").unwrap_or(0.0);
+    // Shares of the piece's depth, from its back.
+    let thickness = number(node, "wallThickness").unwrap_or(1.0) * depth;
+    // Rooms are looked for step by step through the wall: a wild number would never come to an end.
+    if !(0.0..=THICKEST_WALL).contains(&thickness) {
+        return None;
+    }
+    let distance = number(node, "wallDistance").unwrap_or(0.0) * depth;
+    Some(Opening {
+        name: node.attribute("name").unwrap_or("opening").trim().to_owned(),
+        centre: DVec2::new(number(node, "x")?, number(node, "y")?),
+        along: DVec2::from_angle(number(node, "angle").unwrap_or(0.0)),
+        width,
+        depth,
+        heights: [bottom, bottom + height],
+        wall_offset: distance + thickness / 2.0 - depth / 2.0,
+        wall_thickness: thickness,
+    })
+}

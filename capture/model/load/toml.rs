@@ -1,0 +1,206 @@
+//! TOML portal models; the format is described at [`super::load_model`].
+
+use super::LoadedModel;
+use super::assign::{Assignment, Portion};
+use headbox_scene::load::{LoadError, LoadOptions, folder_of, load_grouped, read};
+use crate::{Cell, Portal, PortalModel, Prism};
+use headbox_core::file_frame::{FileFrame, UpAxis};
+use glam::{DVec2, DVec3};
+use serde::Deserialize;
+use std::path::{Path, PathBuf};
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FileModel {
+    name: Option<String>,
+    #[serde(default)]
+    up: Up,
+    #[serde(default = "one")]
+    unit: f64,
+    scene: PathBuf,
+    #[serde(default)]
+    cell: Vec<FileCell>,
+    #[serde(default)]
+    portal: Vec<FilePortal>,
+}
+
+#[derive(Clone, Copy, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Up {
+    #[default]
+    Y,
+    Z,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FileCell {
+    name: String,
+    #[serde(default)]
+    groups: Vec<String>,
+    #[serde(default)]
+    outside: bool,
+    #[serde(default)]
+    prism: Vec<FilePrism>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FilePrism {
+    outline: Vec<[f64; 2]>,
+    floor: f64,
+    ceiling: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FilePortal {
+    #[serde(default)]
+    name: String,
+    cells: [String; 2],
+    polygon: Vec<[f64; 3]>,
+}
+
+/// A file as it is written.
+fn parse(path: &Path) -> Result<FileModel, LoadError> {
+    let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };
+    let text = String::from_utf8(read(path)?).map_err(|_| malformed("it is not UTF-8 text".into()))?;
+    toml::from_str(&text).map_err(|cause| match cause.span() {
+        Some(span) => {
+            let line = text.get(..span.start).unwrap_or_default().matches('\n').count() + 1;
+            LoadError::Line { path: path.to_path_buf(), line, cause: cause.message().replace('\n', ", ") }
+        }
+        None => malformed(cause.message().replace('\n', ", ")),
+    })
+}
+
+/// The outlines of its cells in plan, y down, as the ends of their sides in the file's unit.
+pub(super) fn outlines(path: &Path) -> Result<Vec<[DVec2; 2]>, LoadError> {
+    let file = parse(path)?;
+    let down = if matches!(file.up, Up::Z) { -1.0 } else { 1.0 };
+    let corner = |&[x, y]: &[f64; 2]| DVec2::new(x, down * y);
+    let sides = |prism: &FilePrism| {
+        let corners: Vec<DVec2> = prism.outline.iter().map(corner).collect();
+        let next = corners.iter().cycle().skip(1);
+        corners.iter().zip(next).map(|(from, to)| [*from, *to]).collect::<Vec<_>>()
+    };
+    Ok(file.cell.iter().flat_map(|cell| &cell.prism).flat_map(sides).collect())
+}
+
+pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
+    let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };
+    let file = parse(path)?;
+    let up = if matches!(file.up, Up::Z) { UpAxis::Z } else { UpAxis::Y };
+    let options = LoadOptions { up: Some(up), unit_m: Some(file.unit) };
+    let grouped = load_grouped(&folder_of(path).join(&file.scene), &options)?;
+    let frame = grouped.scene.frame;
+
+    if file.cell.iter().filter(|cell| cell.outside).count() > 1 {
+        return Err(malformed("more than one cell is the outside; at most one can be".into()));
+    }
+    if let Some(twice) = repeated_name(&file.cell) {
+        return Err(malformed(format!("two cells are called \"{twice}\"; portals could not tell them apart")));
+    }
+    let mut cells: Vec<Cell> = file.cell.iter().map(|cell| convert_cell(cell, &frame)).collect();
+    let outside = file.cell.iter().position(|cell| cell.outside).unwrap_or_else(|| {
+        cells.push(Cell { name: "Outside".into(), space: Vec::new(), triangles: 0..0 });
+        cells.len() - 1
+    });
+    // A name that no cell has becomes the number after the last, which validation finds and names.
+    let find = |name: &String| cells.iter().position(|cell| cell.name == *name).unwrap_or(cells.len()) as u32;
+    let portal = |portal: &FilePortal| Portal {
+        name: if portal.name.is_empty() { portal.cells.join(" - ") } else { portal.name.clone() },
+        cells: [find(&portal.cells[0]), find(&portal.cells[1])],
+        polygon: portal.polygon.iter().map(|&corner| frame.world_from_file(DVec3::from(corner))).collect(),
+    };
+    let portals = file.portal.iter().map(portal).collect();
+    let mut model = PortalModel { scene: grouped.scene, cells, portals, outside: Some(outside as u32) };
+    model.scene.name = file.name.unwrap_or_else(|| path.file_stem().unwrap_or_default().to_string_lossy().into_owned());
+    let found = super::open_borders(&mut model);
+    let claimed = |name: &str| file.cell.iter().position(|cell| cell.groups.iter().any(|group| matches(group, name)));
+    let portions: Vec<Portion> = grouped
+        .groups
+        .iter()
+        .map(|group| claimed(&group.name).map_or(Portion::Facing, |cell| Portion::Cell(cell as u32)))
+        .collect();
+    for portal in &file.portal {
+        for missing in portal.cells.iter().filter(|name| model.cells.iter().all(|cell| cell.name != **name)) {
+            let note = format!("portal \"{}\" leads to a cell called \"{missing}\", which there is not", portal.name);
+            model.scene.summary.notes.push(note);
+        }
+    }
+    for unmatched in file.cell.iter().flat_map(|cell| &cell.groups) {
+        if !grouped.groups.iter().any(|group| matches(unmatched, &group.name)) {
+            model.scene.summary.notes.push(format!("no group of the scene file is called \"{unmatched}\""));
+        }
+    }
+    Assignment { groups: &grouped.groups, portions: &portions }.apply(&mut model);
+    Ok(LoadedModel::new(model, found))
+}
+
+fn repeated_name(cells: &[FileCell]) -> Option<&str> {
+    cells
+        .iter()
+        .enumerate()
+        .find(|(i, cell)| cells[..*i].iter().any(|other| other.name == cell.name))
+        .map(|(_, cell)| cell.name.as_str())
+}
+
+fn convert_cell(cell: &FileCell, frame: &FileFrame) -> Cell {
+    let corner = |&[x, y]: &[f64; 2]| {
+        let in_plan = match frame.up {
+            UpAxis::Y => DVec3::new(x, 0.0, y),
+            UpAxis::Z => DVec3::new(x, y, 0.0),
+        };
+        let p = frame.world_from_file(in_plan);
+        DVec2::new(p.x, p.z)
+    };
+    let prism = |prism: &FilePrism| Prism {
+        outline: prism.outline.iter().map(corner).collect(),
+        floor_y: prism.floor * frame.unit_m,
+        ceiling_y: prism.ceiling * frame.unit_m,
+    };
+    Cell { name: cell.name.clone(), space: cell.prism.iter().map(prism).collect(), triangles: 0..0 }
+}
+
+/// Whether a name fits a pattern in which `*` stands for anything.
+fn matches(pattern: &str, name: &str) -> bool {
+    let mut parts = pattern.split('*');
+    let first = parts.next().unwrap_or_default();
+    let Some(mut rest) = name.strip_prefix(first) else { return false };
+    let parts: Vec<&str> = parts.collect();
+    let Some((last, middle)) = parts.split_last() else { return rest.is_empty() };
+    for part in middle {
+        match rest.find(part) {
+            Some(at) => rest = &rest[at + part.len()..],
+            None => return false,
+        }
+    }
+    rest.ends_with(last)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::matches;
+
+    #[test]
+    fn a_star_stands_for_anything() {
+        for (pattern, name, fits) in [
+            ("hall", "hall", true),
+            ("hall", "hallway", false),
+            ("hall*", "hallway", true),
+            ("*", "", true),
+            ("*_wall", "hall_wall", true),
+            ("*_wall", "hall_walls", false),
+            ("h*l*y", "hallway", true),
+            ("h*z*y", "hallway", false),
+            ("ab*ba", "aba", false),
+        ] {
+            assert_eq!(matches(pattern, name), fits, "{pattern} {name}");
+        }
+    }
+}

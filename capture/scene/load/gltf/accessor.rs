@@ -1,0 +1,154 @@
+//! Reads numbers out of buffers, believing no offset, length or count before it is checked.
+//!
+//! The `gltf` crate's own reader and its validation panic on some damaged files (an attribute that refers to an accessor
+//! that is not there, a count of 0), and reject files that lack only redundant data; so only its JSON types are used.
+
+use super::super::notes::{Note, Notes};
+use super::super::textures::find_file;
+use crate::load::gltf::uri;
+use super::uri::Target;
+use gltf::json::accessor::{Accessor, ComponentType, Type};
+use gltf::json::validation::Checked;
+use gltf::json::{Index, Root, buffer};
+use std::path::Path;
+
+/// The most entries of an accessor that has no data of its own (all zero, but for sparse ones). Others cannot claim
+/// more than their buffer holds.
+const MAX_ZEROS: usize = 1 << 24;
+
+/// All buffers of a file.
+pub(super) struct Buffers<'a> {
+    root: &'a Root,
+    data: Vec<Option<Vec<u8>>>,
+}
+
+impl<'a> Buffers<'a> {
+    /// Reads the buffers; `blob` is the binary chunk of a GLB.
+    pub(super) fn read(root: &'a Root, blob: Option<Vec<u8>>, folder: &Path, notes: &mut Notes) -> Self {
+        let mut blob = blob;
+        let mut read = |(index, buffer): (usize, &buffer::Buffer)| {
+            let (name, bytes) = match buffer.uri.as_deref() {
+                None => (format!("buffer {index}"), blob.take().ok_or_else(|| "no binary chunk".to_owned())),
+                Some(uri) => match uri::resolve(uri) {
+                    Target::Data(bytes) => (format!("buffer {index}"), bytes),
+                    Target::File(file) => {
+                        let bytes = match find_file(&file, &[folder]) {
+                            Some(found) => {
+                                notes.add_file(&found.path);
+                                std::fs::read(found.path).map_err(|cause| cause.to_string())
+                            }
+                            None => Err("no such file".into()),
+                        };
+                        (file, bytes)
+                    }
+                },
+            };
+            bytes.map_err(|cause| notes.add_named(Note::BufferUnreadable, format!("{name} ({cause})"))).ok()
+        };
+        let data = root.buffers.iter().enumerate().map(&mut read).collect();
+        Self { root, data }
+    }
+
+    /// The bytes of a view, and the distance between its entries if it says so.
+    pub(super) fn view(&self, index: Index<buffer::View>) -> Option<(&[u8], Option<usize>)> {
+        let view = self.root.buffer_views.get(index.value())?;
+        let data = self.data.get(view.buffer.value())?.as_deref()?;
+        let start = usize::try_from(view.byte_offset.unwrap_or_default().0).ok()?;
+        let length = usize::try_from(view.byte_length.0).ok()?;
+        let bytes = data.get(start..start.checked_add(length)?)?;
+        Some((bytes, view.byte_stride.map(|stride| stride.0)))
+    }
+
+    /// Whether an accessor's entries are in the file, so that there are no more of them than it has room for.
+    pub(super) fn has_bytes(&self, index: Index<Accessor>) -> bool {
+        self.root.accessors.get(index.value()).is_some_and(|accessor| accessor.buffer_view.is_some())
+    }
+
+    /// The entries of an accessor as vectors of `N` components; more components are cut off, fewer are a defect, as is
+    /// everything else that does not fit: `None`.
+    pub(super) fn vectors<const N: usize>(&self, index: Index<Accessor>) -> Option<Vec<[f64; N]>> {
+        let accessor = self.root.accessors.get(index.value())?;
+        let layout = Layout::of(accessor)?;
+        let count = usize::try_from(accessor.count.0).ok()?;
+        let mut values = match accessor.buffer_view {
+            Some(view) => {
+                let offset = usize::try_from(accessor.byte_offset.unwrap_or_default().0).ok()?;
+                self.entries(view, offset, count, layout)?
+            }
+            None if count <= MAX_ZEROS => vec![[0.0; N]; count],
+            None => return None,
+        };
+        if let Some(sparse) = &accessor.sparse {
+            let count = usize::try_from(sparse.count.0).ok()?;
+            let Checked::Valid(index_type) = sparse.indices.component_type else { return None };
+            let index_layout = Layout { component: index_type.0, components: 1, normalized: false };
+            let offset = |offset: u64| usize::try_from(offset).ok();
+            let places: Vec<[f64; 1]> =
+                self.entries(sparse.indices.buffer_view, offset(sparse.indices.byte_offset.0)?, count, index_layout)?;
+            let replacements =
+                self.entries(sparse.values.buffer_view, offset(sparse.values.byte_offset.0)?, count, layout)?;
+            for ([place], replacement) in places.into_iter().zip(replacements) {
+                *values.get_mut(place as usize)? = replacement;
+            }
+        }
+        Some(values)
+    }
+
+    fn entries<const N: usize>(
+        &self,
+        view: Index<buffer::View>,
+        offset: usize,
+        count: usize,
+        layout: Layout,
+    ) -> Option<Vec<[f64; N]>> {
+        if layout.components < N {
+            return None;
+        }
+        let (bytes, stride) = self.view(view)?;
+        let bytes = bytes.get(offset..)?;
+        let component_size = layout.component.size();
+        let entry_size = component_size * layout.components;
+        let stride = stride.unwrap_or(entry_size).max(entry_size);
+        let end = count.checked_sub(1)?.checked_mul(stride)?.checked_add(entry_size)?;
+        let bytes = bytes.get(..end)?;
+        let entry = |entry: &[u8]| std::array::from_fn(|i| layout.component_at(&entry[i * component_size..]));
+        Some(bytes.chunks(stride).map(entry).collect())
+    }
+}
+
+/// How an accessor's numbers are stored.
+#[derive(Clone, Copy)]
+struct Layout {
+    component: ComponentType,
+    components: usize,
+    normalized: bool,
+}
+
+impl Layout {
+    /// `None` for matrices but those of skins: columns of four floats, which no padding keeps apart.
+    fn of(accessor: &Accessor) -> Option<Self> {
+        let Checked::Valid(component) = accessor.component_type else { return None };
+        let Checked::Valid(shape) = accessor.type_ else { return None };
+        match shape {
+            Type::Scalar | Type::Vec2 | Type::Vec3 | Type::Vec4 => {}
+            Type::Mat4 if component.0 == ComponentType::F32 => {}
+            Type::Mat2 | Type::Mat3 | Type::Mat4 => return None,
+        }
+        Some(Self { component: component.0, components: shape.multiplicity(), normalized: accessor.normalized })
+    }
+
+    /// The number at the start of `bytes`, which are at least as many as the component has.
+    fn component_at(self, bytes: &[u8]) -> f64 {
+        let two = || [bytes[0], bytes[1]];
+        let four = || [bytes[0], bytes[1], bytes[2], bytes[3]];
+        let (value, greatest) = match self.component {
+            ComponentType::I8 => (f64::from(bytes[0].cast_signed()), 127.0),
+            ComponentType::U8 => (f64::from(bytes[0]), 255.0),
+            ComponentType::I16 => (f64::from(i16::from_le_bytes(two())), 32_767.0),
+            ComponentType::U16 => (f64::from(u16::from_le_bytes(two())), 65_535.0),
+            ComponentType::U32 => (f64::from(u32::from_le_bytes(four())), 4_294_967_295.0),
+            ComponentType::F32 => return f64::from(f32::from_le_bytes(four())),
+        };
+        if self.normalized { (value / greatest).max(-1.0) } else { value }
+    }
+}

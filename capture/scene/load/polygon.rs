@@ -1,0 +1,105 @@
+//! Polygons into triangles.
+
+use glam::{DVec2, DVec3};
+
+/// Cuts a simple polygon (at least three corners, planar or nearly so) into triangles, given as places in `corners`,
+/// all with the winding of the polygon. Convex polygons become a fan about the first corner; others lose one ear after
+/// the other (Meisters 1975), so that a concave outline is covered exactly once. A polygon that crosses itself has no
+/// right answer: what remains when no ear is left becomes a fan.
+pub fn triangulate(corners: &[DVec3]) -> Vec<[usize; 3]> {
+    let mut left: Vec<usize> = (0..corners.len()).collect();
+    let mut triangles = Vec::with_capacity(corners.len().saturating_sub(2));
+    if corners.len() > 3 {
+        let flat = flatten(corners);
+        let convex = |i: usize| turn(&flat, neighbours(&left, i)) >= 0.0;
+        if !(0..left.len()).all(convex) {
+            while left.len() > 3 {
+                let Some(ear) = (0..left.len()).find(|&i| is_ear(&flat, &left, i)) else { break };
+                triangles.push(neighbours(&left, ear));
+                left.remove(ear);
+            }
+        }
+    }
+    if let Some((&first, rest)) = left.split_first() {
+        triangles.extend(rest.windows(2).map(|edge| [first, edge[0], edge[1]]));
+    }
+    triangles
+}
+
+/// The polygon in its own plane (Newell's normal), counter-clockwise, scaled to about 1.
+fn flatten(corners: &[DVec3]) -> Vec<DVec2> {
+    let origin = corners[0];
+    let scale = corners.iter().map(|&c| (c - origin).abs().max_element()).fold(0.0, f64::max);
+    let relative: Vec<DVec3> = corners.iter().map(|&c| (c - origin) / scale).collect();
+    let next = relative.iter().cycle().skip(1);
+    let normal = relative.iter().zip(next).map(|(a, b)| a.cross(*b)).sum::<DVec3>();
+    let (x_axis, y_axis) = normal.try_normalize().unwrap_or(DVec3::Z).any_orthonormal_pair();
+    relative.iter().map(|p| DVec2::new(p.dot(x_axis), p.dot(y_axis))).collect()
+}
+
+/// Corner `i` of the remaining polygon between its two neighbours.
+fn neighbours(left: &[usize], i: usize) -> [usize; 3] {
+    let count = left.len();
+    [left[(i + count - 1) % count], left[i], left[(i + 1) % count]]
+}
+
+/// Twice the signed area: positive for a left turn.
+fn turn(flat: &[DVec2], [a, b, c]: [usize; 3]) -> f64 {
+    (flat[b] - flat[a]).perp_dot(flat[c] - flat[a])
+}
+
+/// A corner that turns left and whose triangle contains no other remaining corner.
+fn is_ear(flat: &[DVec2], left: &[usize], i: usize) -> bool {
+    let [a, b, c] = neighbours(left, i);
+    let outside = |p: usize| {
+        let same_place = [a, b, c].iter().any(|&corner| flat[corner] == flat[p]);
+        same_place || turn(flat, [a, b, p]) < 0.0 || turn(flat, [b, c, p]) < 0.0 || turn(flat, [c, a, p]) < 0.0
+    };
+    turn(flat, [a, b, c]) > 0.0 && left.iter().all(|&p| outside(p))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::dvec3;
+
+    /// Area of the triangles, each counted positive only if it keeps the winding (`normal` of the polygon).
+    fn area(corners: &[DVec3], triangles: &[[usize; 3]], normal: DVec3) -> f64 {
+        let one = |t: &[usize; 3]| {
+            let [a, b, c] = t.map(|i| corners[i]);
+            let doubled = (b - a).cross(c - a).dot(normal);
+            assert!(doubled >= 0.0, "turned over: {t:?}");
+            doubled / 2.0
+        };
+        triangles.iter().map(one).sum()
+    }
+
+    #[test]
+    fn convex_polygons_are_fans() {
+        let square = [dvec3(0.0, 0.0, 0.0), dvec3(1.0, 0.0, 0.0), dvec3(1.0, 1.0, 0.0), dvec3(0.0, 1.0, 0.0)];
+        assert_eq!(triangulate(&square), [[0, 1, 2], [0, 2, 3]]);
+        assert_eq!(triangulate(&square[..3]), [[0, 1, 2]]);
+        assert!(triangulate(&[]).is_empty());
+    }
+
+    #[test]
+    fn a_concave_polygon_is_covered_once() {
+        // An L of area 3, whose fan about corner 0 would stick out; in the plane x = 1e7 and starting anywhere.
+        let l = [(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (1.0, 1.0), (1.0, 2.0), (0.0, 2.0)];
+        for start in 0..l.len() {
+            let mut corners = l.map(|(y, z)| dvec3(1e7, y, z));
+            corners.rotate_left(start);
+            let triangles = triangulate(&corners);
+            assert_eq!(triangles.len(), 4);
+            assert!((area(&corners, &triangles, DVec3::X) - 3.0).abs() < 1e-9, "start {start}");
+        }
+    }
+
+    #[test]
+    fn polygons_without_a_meaning_still_end() {
+        let crossing = [(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0), (0.5, 2.0)].map(|(x, y)| dvec3(x, y, 0.0));
+        assert_eq!(triangulate(&crossing).len(), 3);
+        assert_eq!(triangulate(&[DVec3::NAN; 6]).len(), 4);
+        assert_eq!(triangulate(&[DVec3::ONE; 5]).len(), 3);
+    }
+}

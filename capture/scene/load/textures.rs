@@ -1,0 +1,229 @@
+//! Finds, decodes and shares textures.
+
+use super::notes::{Note, Notes};
+use crate::material::Texture;
+use headbox_core::color::srgb8_from_linear;
+use headbox_core::image_file as picture;
+use image::DynamicImage;
+use rayon::prelude::*;
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Component, Path, PathBuf};
+
+/// What an image is used for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Role {
+    /// Colour, with its own alpha.
+    Color,
+    /// Opacity: the image's alpha where that varies, else its luminance.
+    Mask,
+}
+
+/// A texture asked for from [`TextureTable`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Handle(usize);
+
+/// The textures that the materials of a file ask for, each once.
+#[derive(Debug, Default)]
+pub(super) struct TextureTable {
+    handles: HashMap<(String, Role), Handle>,
+    requests: Vec<Request>,
+}
+
+#[derive(Debug)]
+struct Request {
+    name: String,
+    source: Source,
+    role: Role,
+}
+
+#[derive(Debug)]
+enum Source {
+    File(PathBuf),
+    Bytes(Vec<u8>),
+    Absent(String),
+}
+
+/// A decoded texture's place in the scene, and its range of alpha.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Slot {
+    pub(super) index: u32,
+    pub(super) least_alpha: u8,
+    pub(super) greatest_alpha: u8,
+}
+
+impl Slot {
+    /// Whether some of the texture is below the threshold (0..=1) and some is not: only then is a cut-out worth its
+    /// cost, and only then does the alpha channel mean something.
+    pub(super) fn is_cut_at(self, threshold: f32) -> bool {
+        f32::from(self.least_alpha) < threshold * 255.0 && f32::from(self.greatest_alpha) >= threshold * 255.0
+    }
+}
+
+impl TextureTable {
+    /// Asks for the image file that a material calls `written`, looked for in `folders` in turn.
+    pub(super) fn file(&mut self, written: &str, folders: &[&Path], role: Role, notes: &mut Notes) -> Handle {
+        let (name, source) = match find_file(written, folders) {
+            Some(found) => {
+                if found.renamed {
+                    notes.add_named(Note::TextureRenamed, written);
+                }
+                // One file may be written in several ways.
+                let path = found.path.canonicalize().unwrap_or(found.path);
+                notes.add_file(&path);
+                (path.to_string_lossy().into_owned(), Source::File(path))
+            }
+            None => (written.to_owned(), Source::Absent("no such file".into())),
+        };
+        self.request(name, role, || source)
+    }
+
+    /// Asks for an image inside the scene's own file.
+    pub(super) fn embedded(&mut self, name: &str, bytes: Result<&[u8], String>, role: Role) -> Handle {
+        self.request(name.to_owned(), role, || match bytes {
+            Ok(bytes) => Source::Bytes(bytes.to_vec()),
+            Err(cause) => Source::Absent(cause),
+        })
+    }
+
+    fn request(&mut self, name: String, role: Role, source: impl FnOnce() -> Source) -> Handle {
+        let next = Handle(self.requests.len());
+        let handle = *self.handles.entry((name.clone(), role)).or_insert(next);
+        if handle == next {
+            self.requests.push(Request { name, source: source(), role });
+        }
+        handle
+    }
+
+    /// Decodes everything, in parallel; the result does not depend on the number of threads.
+    pub(super) fn decode(self, notes: &mut Notes) -> DecodedTextures {
+        let decoded: Vec<_> = self.requests.par_iter().map(Request::decode).collect();
+        let mut result = DecodedTextures::default();
+        for (request, decoded) in self.requests.iter().zip(decoded) {
+            result.slots.push(match decoded {
+                Ok(texture) => {
+                    let alphas = texture.texels().iter().map(|texel| texel[3]);
+                    let (least_alpha, greatest_alpha) = alphas.fold((255, 0), |(l, g), a| (l.min(a), g.max(a)));
+                    let index = result.textures.len() as u32; // at most as many as materials: far below 2^32
+                    result.textures.push(texture);
+                    Some(Slot { index, least_alpha, greatest_alpha })
+                }
+                Err(cause) => {
+                    let file_name = Path::new(&request.name).file_name().map(|name| name.to_string_lossy());
+                    let name = file_name.unwrap_or(request.name.as_str().into());
+                    notes.add_named(Note::TextureUnreadable, format!("{name} ({cause})"));
+                    None
+                }
+            });
+        }
+        result
+    }
+}
+
+/// The outcome of [`TextureTable::decode`].
+#[derive(Debug, Default)]
+pub(super) struct DecodedTextures {
+    /// The textures that could be read.
+    pub(super) textures: Vec<Texture>,
+    slots: Vec<Option<Slot>>,
+}
+
+impl DecodedTextures {
+    /// Where a texture went; `None` if it could not be read.
+    pub(super) fn slot(&self, handle: Handle) -> Option<Slot> {
+        self.slots.get(handle.0).copied().flatten()
+    }
+}
+
+impl Request {
+    fn decode(&self) -> Result<Texture, String> {
+        let image = match &self.source {
+            Source::Absent(cause) => return Err(cause.clone()),
+            Source::Bytes(bytes) => picture::decode(bytes, None, picture::MAX_BYTES),
+            Source::File(path) => picture::read(path, picture::MAX_BYTES),
+        };
+        let image = image.map_err(|error| error.to_string())?;
+        let (width, height) = (image.width(), image.height());
+        let texels = match self.role {
+            Role::Color => srgb_texels(&image),
+            Role::Mask => mask_texels(&image),
+        };
+        Texture::new(width, height, texels).ok_or_else(|| "it has no pixels".into())
+    }
+}
+
+/// The image as sRGB with straight alpha. Float images hold linear light; all others are sRGB already.
+fn srgb_texels(image: &DynamicImage) -> Vec<[u8; 4]> {
+    match image {
+        DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_) => {
+            let encode = |p: &image::Rgba<f32>| {
+                let [r, g, b, a] = p.0;
+                let alpha = (a.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
+                [srgb8_from_linear(r), srgb8_from_linear(g), srgb8_from_linear(b), alpha]
+            };
+            image.to_rgba32f().pixels().map(encode).collect()
+        }
+        _ => image.to_rgba8().pixels().map(|p| p.0).collect(),
+    }
+}
+
+/// White texels whose alpha is the image's opacity.
+fn mask_texels(image: &DynamicImage) -> Vec<[u8; 4]> {
+    let rgba = image.to_rgba8();
+    let first_alpha = rgba.pixels().next().map(|p| p.0[3]);
+    let alpha_varies = rgba.pixels().any(|p| Some(p.0[3]) != first_alpha);
+    let opacity = |p: &image::Rgba<u8>| {
+        let [r, g, b, a] = p.0.map(u32::from);
+        // Rec. 709 luma in integers; the weights add up to 65536.
+        if alpha_varies { a } else { (13_933 * r + 46_871 * g + 4_732 * b + 32_768) >> 16 }
+    };
+    rgba.pixels().map(|p| [255, 255, 255, opacity(p) as u8]).collect()
+}
+
+/// A file that was found.
+pub(super) struct Found {
+    pub(super) path: PathBuf,
+    /// Whether folder or spelling differ from what was asked for.
+    pub(super) renamed: bool,
+}
+
+/// Finds the file that a scene file calls `written`: in each of the `folders` as it is written; then without its drive
+/// and ignoring case; then by its last component alone, as left behind by tools that write the absolute path of the
+/// machine they ran on. Quotes are taken off, and backslashes separate like slashes.
+pub(super) fn find_file(written: &str, folders: &[&Path]) -> Option<Found> {
+    let clean = written.trim().trim_matches('"').replace('\\', "/");
+    if clean.is_empty() {
+        return None;
+    }
+    let exact = folders.iter().map(|folder| folder.join(&clean)).find(|path| path.is_file());
+    if let Some(path) = exact {
+        return Some(Found { path, renamed: false });
+    }
+    let without_drive = match clean.split_once(':') {
+        Some((drive, rest)) if drive.len() == 1 => rest,
+        _ => &clean,
+    };
+    let relative = Path::new(without_drive.trim_start_matches('/'));
+    let by_name = Path::new(relative.file_name()?);
+    let candidates = [relative, by_name].into_iter().flat_map(|name| folders.iter().map(move |f| (f, name)));
+    let path = candidates.filter_map(|(folder, name)| find_ignoring_case(folder, name)).find(|path| path.is_file())?;
+    Some(Found { path, renamed: true })
+}
+
+/// `folder/relative` with every component matched exactly or, failing that, ignoring case (first in the order of
+/// names).
+fn find_ignoring_case(folder: &Path, relative: &Path) -> Option<PathBuf> {
+    let mut path = folder.to_path_buf();
+    for component in relative.components() {
+        let exact = path.join(component);
+        if exact.exists() || !matches!(component, Component::Normal(_)) {
+            path = exact;
+            continue;
+        }
+        let wanted = component.as_os_str().to_string_lossy().to_lowercase();
+        let listing = if path.as_os_str().is_empty() { fs::read_dir(".") } else { fs::read_dir(&path) };
+        let names = listing.ok()?.filter_map(Result::ok).map(|entry| entry.file_name());
+        path.push(names.filter(|name| name.to_string_lossy().to_lowercase() == wanted).min()?);
+    }
+    Some(path)
+}

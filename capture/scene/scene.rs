@@ -1,0 +1,190 @@
+//! A scene in memory: triangles in world metres, materials, textures, and how the file's axes map to the world.
+
+
+pub use headbox_core::exposure::Exposure;
+pub use headbox_core::file_frame::{FileFrame, UpAxis};
+pub use headbox_core::headbox::Headbox;
+pub use crate::lights::{Lamp, Reach, Sky, SkyGradient, Sun};
+pub use crate::sky_picture::{SkyError, SkyPicture};
+pub use crate::surface::{Paint, Surface};
+pub use headbox_core::tone::ToneMap;
+
+use crate::material::{Material, Texture};
+use glam::{DVec3, Vec2, Vec3};
+use std::path::PathBuf;
+
+/// Three indices into the scene's vertex arrays, and one into its materials.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Triangle {
+    /// Vertex indices, counter-clockwise seen from the front.
+    pub vertices: [u32; 3],
+    /// Index into [`Scene::materials`].
+    pub material: u32,
+}
+
+/// What a loader met and survived; empty for a clean file.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LoadSummary {
+    /// One readable sentence for each kind of defect, with its count.
+    pub notes: Vec<String>,
+    /// The files that were read: the scene's own, its materials, textures and buffers.
+    pub files: Vec<PathBuf>,
+}
+
+/// A scene: every array in the world frame (metres, Y up), positions in `f64`.
+///
+/// Invariants, kept by every loader and generator (see [`Scene::validate`]): indices are in range; positions are
+/// finite; there is at least one triangle; `normals`, `texcoords` and `colors` are empty or as long as `positions`.
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    /// How it is called in messages and reports.
+    pub name: String,
+    /// Vertex positions, world metres.
+    pub positions: Vec<DVec3>,
+    /// Unit vertex normals for smooth shading (zero where the file gives none), or empty.
+    pub normals: Vec<Vec3>,
+    /// Texture coordinates, (0, 0) at the bottom left, or empty.
+    pub texcoords: Vec<Vec2>,
+    /// Linear RGB vertex colours that multiply the albedo, or empty.
+    pub colors: Vec<Vec3>,
+    /// Triangles.
+    pub triangles: Vec<Triangle>,
+    /// Materials; never empty.
+    pub materials: Vec<Material>,
+    /// Textures.
+    pub textures: Vec<Texture>,
+    /// The sun, if there is one.
+    pub sun: Option<Sun>,
+    /// The sky, if there is one.
+    pub sky: Option<Sky>,
+    /// Lamps without a surface.
+    pub lamps: Vec<Lamp>,
+    /// How bright its pictures are.
+    pub exposure: Exposure,
+    /// What becomes of light in them.
+    pub tone: ToneMap,
+    /// The file's frame.
+    pub frame: FileFrame,
+    /// Where to look from by default, if the scene's maker knows.
+    pub headbox: Option<Headbox>,
+    /// What the loader met and survived.
+    pub summary: LoadSummary,
+}
+
+/// Which promise of [`Scene`] is broken, and where first.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SceneError {
+    /// There is nothing to see.
+    #[error("there is no triangle")]
+    NoTriangles,
+    /// There is no material, so no triangle can refer to one.
+    #[error("there is no material")]
+    NoMaterials,
+    /// A vertex array is neither empty nor as long as the positions.
+    #[error("{array} has {length} entries for {positions} positions")]
+    ArrayLength {
+        /// Name of the array.
+        array: &'static str,
+        /// Its length.
+        length: usize,
+        /// Number of positions.
+        positions: usize,
+    },
+    /// A position is NaN or infinite.
+    #[error("position {0} is not finite")]
+    Position(usize),
+    /// A triangle refers to a vertex that does not exist.
+    #[error("triangle {triangle} refers to vertex {vertex} of {positions}")]
+    VertexIndex {
+        /// Index of the triangle.
+        triangle: usize,
+        /// The vertex it asks for.
+        vertex: u32,
+        /// Number of positions.
+        positions: usize,
+    },
+    /// A triangle refers to a material that does not exist.
+    #[error("triangle {triangle} refers to material {material} of {materials}")]
+    MaterialIndex {
+        /// Index of the triangle.
+        triangle: usize,
+        /// The material it asks for.
+        material: u32,
+        /// Number of materials.
+        materials: usize,
+    },
+    /// A material refers to a texture that does not exist.
+    #[error("material {material} refers to texture {texture} of {textures}")]
+    TextureIndex {
+        /// Index of the material.
+        material: usize,
+        /// The texture it asks for.
+        texture: u32,
+        /// Number of textures.
+        textures: usize,
+    },
+}
+
+impl Scene {
+    /// Checks every promise of the structure (see [`Scene`]).
+    ///
+    /// # Errors
+    /// The first promise that is broken.
+    pub fn validate(&self) -> Result<(), SceneError> {
+        let positions = self.positions.len();
+        let arrays =
+            [("normals", self.normals.len()), ("texcoords", self.texcoords.len()), ("colors", self.colors.len())];
+        for (array, length) in arrays {
+            if length != 0 && length != positions {
+                return Err(SceneError::ArrayLength { array, length, positions });
+            }
+        }
+        if let Some(bad) = self.positions.iter().position(|p| !p.is_finite()) {
+            return Err(SceneError::Position(bad));
+        }
+        if self.materials.is_empty() {
+            return Err(SceneError::NoMaterials);
+        }
+        if self.triangles.is_empty() {
+            return Err(SceneError::NoTriangles);
+        }
+        self.validate_materials()?;
+        self.validate_triangles()
+    }
+
+    fn validate_materials(&self) -> Result<(), SceneError> {
+        let textures = self.textures.len();
+        for (material, m) in self.materials.iter().enumerate() {
+            let used = [m.albedo_texture, m.emission_texture, m.cutout.map(|cutout| cutout.texture)];
+            if let Some(texture) = used.into_iter().flatten().find(|&texture| texture as usize >= textures) {
+                return Err(SceneError::TextureIndex { material, texture, textures });
+            }
+        }
+        Ok(())
+    }
+
+    fn validate_triangles(&self) -> Result<(), SceneError> {
+        let (positions, materials) = (self.positions.len(), self.materials.len());
+        for (triangle, t) in self.triangles.iter().enumerate() {
+            if let Some(vertex) = t.vertices.into_iter().find(|&vertex| vertex as usize >= positions) {
+                return Err(SceneError::VertexIndex { triangle, vertex, positions });
+            }
+            if t.material as usize >= materials {
+                return Err(SceneError::MaterialIndex { triangle, material: t.material, materials });
+            }
+        }
+        Ok(())
+    }
+
+    /// The smallest axis-aligned box around all triangles, as its lowest and highest corner (world metres). A scene
+    /// without triangles, which no loader makes, has the box (+infinity, -infinity).
+    pub fn bounds(&self) -> [DVec3; 2] {
+        let corners = self.triangles.iter().flat_map(|t| t.vertices).map(|v| self.positions[v as usize]);
+        corners.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
+    }
+
+    /// The corners of a triangle, world metres.
+    pub fn corners(&self, primitive: u32) -> [DVec3; 3] {
+        self.triangles[primitive as usize].vertices.map(|vertex| self.positions[vertex as usize])
+    }
+}

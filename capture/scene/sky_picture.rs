@@ -1,0 +1,324 @@
+//! A sky from an equirectangular picture (`.hdr`, `.exr`), with the tables by which it is sampled.
+//!
+//! The middle of the picture is north: it looks along -Z of the world, which in a file whose Z points up is +Y. Azimuths grow to the
+//! right, from north to east (+X).
+//!
+//! Texels are drawn by luminance times solid angle (Pharr, Jakob and Humphreys 2023, "Physically Based Rendering", 12.5), rows first,
+//! so that the density of a direction is the luminance there over the sum of all: no table is needed to look it up.
+//!
+//! Where a sun stands in the picture, it can be taken out of the light (`sky_sun`). Eyes see it in its place.
+
+use super::sky_sun::SunSpot;
+use headbox_core::color::luminance;
+use headbox_core::image_file as picture;
+use headbox_core::image_file::MAX_PIXELS;
+use headbox_core::words::of_exr;
+use exr::meta::MetaData;
+use glam::Vec3;
+use std::f32::consts::{PI, TAU};
+use std::fmt;
+use std::hash::{DefaultHasher, Hasher};
+use std::path::{Path, PathBuf};
+
+/// Why a picture is no sky.
+#[derive(Debug, thiserror::Error)]
+pub enum SkyError {
+    /// The file could not be read.
+    #[error("{}: {cause}", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        cause: String,
+    },
+    /// It is of another shape.
+    #[error("{width}x{height} pixels; an equirectangular picture of the sky is twice as wide as high")]
+    Shape {
+        /// Columns.
+        width: u32,
+        /// Rows.
+        height: u32,
+    },
+    /// A texel is no radiance.
+    #[error("the pixel in column {x} of row {y} is {value}; radiance is finite and not negative")]
+    Texel {
+        /// Column, from 0.
+        x: u32,
+        /// Row, from 0.
+        y: u32,
+        /// The first of its values that is wrong.
+        value: f32,
+    },
+}
+
+/// Radiance by direction, linear RGB.
+#[derive(Clone, PartialEq)]
+pub struct SkyPicture {
+    width: u32,
+    height: u32,
+    /// Row 0 on top.
+    texels: Vec<[f32; 3]>,
+    /// By how much the picture is turned about the up axis, from north to east.
+    turn_rad: f32,
+    sun: Option<SunSpot>,
+    tables: Tables,
+}
+
+/// By which texels are drawn.
+#[derive(Clone, Default, PartialEq)]
+struct Tables {
+    /// Of all rows, and of the texels of each row: the share of power up to and with each.
+    rows: Vec<f32>,
+    columns: Vec<f32>,
+    /// Integral of luminance over all directions.
+    power: f32,
+}
+
+impl fmt::Debug for SkyPicture {
+    /// Size, turn and a digest of the texels.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut hash = DefaultHasher::new();
+        hash.write(bytemuck::cast_slice(&self.texels));
+        let (width, height, turn_deg, sun) = (self.width, self.height, self.turn_rad.to_degrees(), &self.sun);
+        write!(f, "SkyPicture({width}x{height}, {turn_deg} degrees, {sun:?}, {:016x})", hash.finish())
+    }
+}
+
+impl SkyPicture {
+    /// Reads an `.hdr` or `.exr` file and turns it about the up axis, from north to east. What is slightly negative (resampling and changes of
+    /// colour space leave that) is black, and what is infinite (suns in half floats) is the largest half float.
+    ///
+    /// # Errors
+    /// [`SkyError`], in one sentence that names the file.
+    pub fn read(path: &Path, turn_deg: f64) -> Result<Self, SkyError> {
+        let unreadable = |cause: String| SkyError::Unreadable { path: path.to_path_buf(), cause };
+        let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
+        let (size, texels) = match ending.as_str() {
+            "exr" => read_exr(path),
+            "hdr" => read_hdr(path),
+            _ => Err("not a kind of sky that is read; give an equirectangular .hdr or .exr picture".into()),
+        }
+        .map_err(unreadable)?;
+        let texels = texels.into_iter().map(|texel| texel.map(radiance)).collect();
+        Self::new(size, texels, turn_deg).map_err(|cause| unreadable(cause.to_string()))
+    }
+
+    /// Of radiances, row 0 on top, `size` columns and rows.
+    ///
+    /// # Errors
+    /// [`SkyError::Shape`], also where there are not as many texels as the size says; [`SkyError::Texel`].
+    pub fn new([width, height]: [u32; 2], texels: Vec<[f32; 3]>, turn_deg: f64) -> Result<Self, SkyError> {
+        let count = u64::from(width) * u64::from(height);
+        if height == 0 || u64::from(width) != 2 * u64::from(height) || count != texels.len() as u64 {
+            return Err(SkyError::Shape { width, height });
+        }
+        let is_radiance = |c: &f32| c.is_finite() && *c >= 0.0;
+        if let Some((at, &value)) = texels.as_flattened().iter().enumerate().find(|(_, c)| !is_radiance(c)) {
+            let (x, y) = ((at / 3) as u32 % width, (at / 3) as u32 / width);
+            return Err(SkyError::Texel { x, y, value });
+        }
+        let turn_rad = turn_deg.rem_euclid(360.0).to_radians() as f32;
+        Ok(Self::tabulated([width, height], texels, turn_rad, None))
+    }
+
+    fn tabulated([width, height]: [u32; 2], texels: Vec<[f32; 3]>, turn_rad: f32, sun: Option<SunSpot>) -> Self {
+        let mut picture = Self { width, height, texels, turn_rad, sun, tables: Tables::default() };
+        picture.tables = Tables::of(&picture);
+        picture
+    }
+
+    /// The same, where what is brighter than the sky about a sun does not light.
+    pub(super) fn without(self, sun: SunSpot) -> Self {
+        Self::tabulated(self.size(), self.texels, self.turn_rad, Some(sun))
+    }
+
+    /// Columns and rows.
+    pub fn size(&self) -> [u32; 2] {
+        [self.width, self.height]
+    }
+
+    /// Radiances, row 0 on top.
+    pub fn texels(&self) -> &[[f32; 3]] {
+        &self.texels
+    }
+
+    /// By how much the picture is turned about the up axis, from north to east, degrees.
+    pub fn turn_deg(&self) -> f64 {
+        f64::from(self.turn_rad).to_degrees()
+    }
+
+    /// The same sky, so many times as bright.
+    pub fn times(&self, factor: f32) -> Self {
+        let texels = self.texels.iter().map(|texel| texel.map(|c| c * factor)).collect();
+        Self::tabulated(self.size(), texels, self.turn_rad, self.sun.map(|sun| sun.times(factor)))
+    }
+
+    /// A picture of no more than `columns` columns, each texel the mean of those that it replaces.
+    pub fn reduced(&self, columns: u32) -> Self {
+        let size = [self.width.min(columns.max(2) & !1), self.height.min((columns / 2).max(1))];
+        let span = |at: u32, to: u32, from: u32| {
+            let edge = |at: u32| u64::from(at) * u64::from(from);
+            (edge(at) / u64::from(to)) as u32..edge(at + 1).div_ceil(u64::from(to)) as u32
+        };
+        let mean = |at: u32| {
+            let (xs, ys) = (span(at % size[0], size[0], self.width), span(at / size[0], size[1], self.height));
+            let count = (xs.len() * ys.len()) as f32;
+            let inner = ys.flat_map(|y| xs.clone().map(move |x| Vec3::from(self.texel(x, y))));
+            (inner.sum::<Vec3>() / count).to_array()
+        };
+        Self::tabulated(size, (0..size[0] * size[1]).map(mean).collect(), self.turn_rad, self.sun)
+    }
+
+    /// Of each texel of a row, steradians.
+    pub(super) fn solid_angle(&self, y: u32) -> f64 {
+        let cos = |y: u32| (f64::from(y) * std::f64::consts::PI / f64::from(self.height)).cos();
+        (cos(y) - cos(y + 1)) * std::f64::consts::TAU / f64::from(self.width)
+    }
+
+    pub(super) fn texel(&self, x: u32, y: u32) -> [f32; 3] {
+        self.texels[y as usize * self.width as usize + x as usize]
+    }
+
+    /// What a texel lights with: without the sun.
+    fn light_of(&self, x: u32, y: u32) -> [f32; 3] {
+        let texel = self.texel(x, y);
+        let Some(sun) = &self.sun else { return texel };
+        sun.without(texel, || self.direction([x as f32 + 0.5, y as f32 + 0.5]))
+    }
+
+    /// Unit direction of a place in the picture.
+    pub(super) fn direction(&self, [x, y]: [f32; 2]) -> Vec3 {
+        let azimuth = (x / self.width as f32 - 0.5) * TAU + self.turn_rad;
+        let (sin, cos) = (y / self.height as f32 * PI).sin_cos();
+        Vec3::new(sin * azimuth.sin(), cos, -sin * azimuth.cos())
+    }
+
+    /// The place of a unit direction in the picture: x from 0 to the width, y from 0 to the height.
+    fn place(&self, direction: Vec3) -> [f32; 2] {
+        let azimuth = direction.x.atan2(-direction.z) - self.turn_rad;
+        let x = (azimuth / TAU + 0.5).rem_euclid(1.0) * self.width as f32;
+        [x, direction.y.clamp(-1.0, 1.0).acos() / PI * self.height as f32]
+    }
+
+    /// Radiance with which it lights from a unit direction (world axes): that of the texel there, without the sun.
+    pub fn radiance(&self, direction: Vec3) -> [f32; 3] {
+        let [x, y] = self.place(direction);
+        self.light_of((x as u32).min(self.width - 1), (y as u32).min(self.height - 1))
+    }
+
+    /// What an eye sees in a unit direction (world axes): between the four texels around it, with the sun.
+    pub fn seen(&self, direction: Vec3) -> [f32; 3] {
+        let [x, y] = self.place(direction).map(|c| c - 0.5);
+        let (left, top) = (x.floor(), y.floor());
+        let (u, v) = (x - left, y - top);
+        let texel = |dx: i64, dy: i64| {
+            let x = (left as i64 + dx).rem_euclid(i64::from(self.width)) as u32;
+            let y = (top as i64 + dy).clamp(0, i64::from(self.height) - 1) as u32;
+            Vec3::from(self.texel(x, y))
+        };
+        let row = |dy: i64| texel(0, dy).lerp(texel(1, dy), u);
+        row(0).lerp(row(1), v).to_array()
+    }
+
+    /// Density with which [`Self::sample`] draws a direction of this radiance, 1/sr.
+    pub fn density(&self, radiance: [f32; 3]) -> f32 {
+        if self.tables.power > 0.0 { luminance(radiance) / self.tables.power } else { 0.0 }
+    }
+
+    /// The direction for two numbers in [0, 1), by radiance, and that radiance; `None` if the sky is black.
+    pub fn sample(&self, [u, v]: [f32; 2]) -> Option<(Vec3, [f32; 3])> {
+        let Tables { rows, columns, power } = &self.tables;
+        if *power <= 0.0 {
+            return None;
+        }
+        let (y, v) = drawn(rows, v);
+        let row = y * self.width as usize;
+        let (x, u) = drawn(&columns[row..row + self.width as usize], u);
+        // Evenly over the solid angle of the texel.
+        let cos = |y: usize| (y as f32 / self.height as f32 * PI).cos();
+        let height = cos(y) + (cos(y + 1) - cos(y)) * v;
+        let azimuth = ((x as f32 + u) / self.width as f32 - 0.5) * TAU + self.turn_rad;
+        let rim = (1.0 - height * height).max(0.0).sqrt();
+        let direction = Vec3::new(rim * azimuth.sin(), height, -rim * azimuth.cos());
+        Some((direction, self.light_of(x as u32, y as u32)))
+    }
+
+    /// Integral of the luminance of its light over all directions.
+    pub(super) fn power(&self) -> f32 {
+        self.tables.power
+    }
+}
+
+impl Tables {
+    fn of(picture: &SkyPicture) -> Self {
+        let (mut rows, mut columns) = (Vec::new(), Vec::with_capacity(picture.texels.len()));
+        let mut power = 0.0;
+        for y in 0..picture.height {
+            let first = columns.len();
+            let mut row = 0.0;
+            columns.extend((0..picture.width).map(|x| {
+                row += f64::from(luminance(picture.light_of(x, y)));
+                row as f32
+            }));
+            let whole = (row as f32).max(f32::MIN_POSITIVE);
+            columns[first..].iter_mut().for_each(|sum| *sum /= whole);
+            power += row * picture.solid_angle(y);
+            rows.push(power);
+        }
+        let whole = power.max(f64::MIN_POSITIVE);
+        Self { rows: rows.into_iter().map(|sum| (sum / whole) as f32).collect(), columns, power: power as f32 }
+    }
+}
+
+/// The entry of a table of running shares that `number` falls on, and how far into it, [0, 1).
+fn drawn(shares: &[f32], number: f32) -> (usize, f32) {
+    let at = shares.partition_point(|&share| share <= number).min(shares.len() - 1);
+    let before = if at == 0 { 0.0 } else { shares[at - 1] };
+    let within = (number - before) / (shares[at] - before);
+    (at, if within.is_finite() { within.clamp(0.0, 1.0) } else { 0.5 })
+}
+
+/// A radiance as a file has it, made one that is finite and not negative unless it is no number.
+fn radiance(channel: f32) -> f32 {
+    const LARGEST_HALF: f32 = 65_504.0;
+    match channel {
+        c if c == f32::INFINITY => LARGEST_HALF,
+        c if c < 0.0 => 0.0,
+        c => c,
+    }
+}
+
+type Texels = ([u32; 2], Vec<[f32; 3]>);
+
+fn read_hdr(path: &Path) -> Result<Texels, String> {
+    let picture = picture::read(path, picture::MAX_BYTES).map_err(|error| error.to_string())?.into_rgb32f();
+    let (width, height) = picture.dimensions();
+    Ok(([width, height], picture.pixels().map(|pixel| pixel.0).collect()))
+}
+
+fn read_exr(path: &Path) -> Result<Texels, String> {
+    let meta = MetaData::read_from_file(path, false).map_err(|error| of_exr(&error))?;
+    let size = meta.headers.first().map(|header| header.layer_size).ok_or("it has no layer")?;
+    if size.x() as u64 * size.y() as u64 > MAX_PIXELS {
+        return Err(format!("{}x{} pixels, more than {MAX_PIXELS} in all", size.x(), size.y()));
+    }
+    let image = exr::prelude::read_first_rgba_layer_from_file(
+        path,
+        |size, _| (size.x(), vec![[0f32; 3]; size.x() * size.y()]),
+        |(stride, texels), at, (r, g, b, _): (f32, f32, f32, f32)| texels[at.y() * *stride + at.x()] = [r, g, b],
+    );
+    let image = image.map_err(|error| of_exr(&error))?;
+    Ok(([size.x() as u32, size.y() as u32], image.layer_data.channel_data.pixels.1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_files_have_of_no_radiance_is_made_one() {
+        let found = [-1e-3, 0.0, 0.5, f32::INFINITY, f32::NEG_INFINITY].map(radiance);
+        assert_eq!(found, [0.0, 0.0, 0.5, 65_504.0, 0.0]);
+        assert!(radiance(f32::NAN).is_nan(), "which is an error");
+    }
+}

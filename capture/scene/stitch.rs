@@ -1,0 +1,315 @@
+//! Edges that meet share their corners: no T-junctions, at which cracks open.
+//!
+//! Scenes are full of corners that lie on somebody else's edge: a wall's foot on a floor, a panel around a door, a triangle cut at the
+//! border of a cell beside one that was not. A rasteriser snaps corners to its grid, and what is left open beside a long edge that knows
+//! nothing of them shows what lies behind it, in single pixels. Here such edges are split (docs/decisions.md: homes are stitched).
+
+use crate::scene::{Scene, Triangle};
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use std::collections::HashMap;
+
+/// A corner lies on an edge if it is no farther from it, metres: more than files round by, less than anybody models.
+const ON_EDGE_M: f64 = 2e-4;
+/// Corners are found in cubes as large as edges are on the mean, and no smaller than this, metres.
+const SMALLEST_CUBE_M: f64 = 5e-3;
+
+impl Scene {
+    /// Splits edges at the corners that lie on them. What surfaces show stays: a new vertex has what its edge has there.
+    ///
+    /// Returns for each triangle the index of its first piece, and at the end the number of pieces.
+    pub fn stitch(&mut self) -> Vec<u32> {
+        let corners = Corners::of(self);
+        let on_edges = corners.on_edges(self);
+        let mut stitcher = Stitcher { scene: self, corners, on_edges, made: HashMap::new() };
+        let sources = std::mem::take(&mut stitcher.scene.triangles);
+        let mut pieces = Vec::with_capacity(sources.len());
+        let mut firsts = Vec::with_capacity(sources.len() + 1);
+        for source in &sources {
+            firsts.push(pieces.len() as u32);
+            stitcher.split(source, &mut pieces);
+        }
+        firsts.push(pieces.len() as u32);
+        self.triangles = pieces;
+        firsts
+    }
+
+    /// A new vertex between two: `share` of the way from the first to the second, at a position of its own. Returns its index.
+    pub fn vertex_between(&mut self, ends: [u32; 2], position: DVec3, share: f32) -> u32 {
+        let [i, j] = ends.map(|vertex| vertex as usize);
+        self.positions.push(position);
+        if !self.normals.is_empty() {
+            let (a, b) = (self.normals[i], self.normals[j]);
+            // Between a vertex with a normal and one without there is none either.
+            let none = a == Vec3::ZERO || b == Vec3::ZERO;
+            self.normals.push(if none { Vec3::ZERO } else { a.lerp(b, share).normalize_or_zero() });
+        }
+        if !self.texcoords.is_empty() {
+            self.texcoords.push(self.texcoords[i].lerp(self.texcoords[j], share));
+        }
+        if !self.colors.is_empty() {
+            self.colors.push(self.colors[i].lerp(self.colors[j], share));
+        }
+        self.positions.len() as u32 - 1
+    }
+}
+
+/// The places of a scene's vertices, each once.
+struct Corners {
+    /// For each vertex its place.
+    place_of: Vec<u32>,
+    places: Vec<DVec3>,
+    cube_m: f64,
+    /// Which places lie in a cube.
+    cubes: HashMap<[i64; 3], Vec<u32>>,
+}
+
+/// Two places in ascending order.
+type Edge = [u32; 2];
+
+impl Corners {
+    fn of(scene: &Scene) -> Self {
+        let edges =
+            || scene.triangles.iter().flat_map(|t| [[0, 1], [1, 2], [2, 0]].map(|side| side.map(|i| t.vertices[i])));
+        let lengths =
+            edges().map(|edge| edge.map(|vertex| scene.positions[vertex as usize])).map(|[a, b]| a.distance(b));
+        let finite = lengths.filter(|length| length.is_finite());
+        let (count, sum) = finite.fold((0_u32, 0.0), |(count, sum), length| (count + 1, sum + length));
+        let cube_m = (sum / f64::from(count.max(1))).max(SMALLEST_CUBE_M);
+
+        let mut known = HashMap::new();
+        let mut places = Vec::new();
+        let mut cubes: HashMap<_, Vec<u32>> = HashMap::new();
+        let mut place = |&p: &DVec3| {
+            // -0 and 0 are one place.
+            *known.entry((p + 0.0).to_array().map(f64::to_bits)).or_insert_with(|| {
+                let index = places.len() as u32;
+                places.push(p);
+                cubes.entry(cube_of(p, cube_m)).or_default().push(index);
+                index
+            })
+        };
+        let place_of = scene.positions.iter().map(&mut place).collect();
+        Self { place_of, places, cube_m, cubes }
+    }
+
+    fn edge(&self, a: u32, b: u32) -> Edge {
+        let [a, b] = [a, b].map(|vertex| self.place_of[vertex as usize]);
+        [a.min(b), a.max(b)]
+    }
+
+    /// The places on each edge that has any, in their order from its first end.
+    fn on_edges(&self, scene: &Scene) -> HashMap<Edge, Vec<u32>> {
+        let sides = |triangle: &Triangle| {
+            let [a, b, c] = triangle.vertices;
+            [self.edge(a, b), self.edge(b, c), self.edge(c, a)]
+        };
+        let mut edges: Vec<Edge> = scene.triangles.par_iter().flat_map_iter(sides).collect();
+        edges.par_sort_unstable();
+        edges.dedup();
+        let split = edges.par_iter().map(|&edge| (edge, self.on_edge(edge))).filter(|(_, on)| !on.is_empty());
+        split.collect()
+    }
+
+    fn on_edge(&self, edge: Edge) -> Vec<u32> {
+        let [a, b] = edge.map(|place| self.places[place as usize]);
+        let length = a.distance(b);
+        if length.is_nan() || length <= 2.0 * ON_EDGE_M {
+            return Vec::new();
+        }
+        let along = (b - a) / length;
+        let how_far = |place: u32| {
+            let to = self.places[place as usize] - a;
+            let t = to.dot(along);
+            let inside = t > ON_EDGE_M && t < length - ON_EDGE_M;
+            (inside && (to - along * t).length() <= ON_EDGE_M).then_some((t, place))
+        };
+        let mut on: Vec<(f64, u32)> = self.near(a, b, length).filter_map(how_far).collect();
+        on.sort_by(|x, y| x.0.total_cmp(&y.0).then(x.1.cmp(&y.1)));
+        // Of places nearly the same one is enough, and a step is looked at from two cubes.
+        on.dedup_by(|next, kept| next.0 - kept.0 <= ON_EDGE_M);
+        on.into_iter().map(|(_, place)| place).collect()
+    }
+
+    /// Places in the cubes along an edge, some more than once.
+    fn near(&self, a: DVec3, b: DVec3, length: f64) -> Box<dyn Iterator<Item = u32> + '_> {
+        let steps = (length / self.cube_m).ceil().max(1.0);
+        if steps > self.places.len() as f64 {
+            // Longer than there are places to ask.
+            return Box::new(0..self.places.len() as u32);
+        }
+        Box::new((0..steps as u32).flat_map(move |step| {
+            let at = |step: u32| a.lerp(b, f64::from(step) / steps);
+            let [p, q] = [at(step), at(step + 1)];
+            let [low, high] = [p.min(q) - ON_EDGE_M, p.max(q) + ON_EDGE_M].map(|corner| cube_of(corner, self.cube_m));
+            let cubes = (low[0]..=high[0])
+                .flat_map(move |x| (low[1]..=high[1]).flat_map(move |y| (low[2]..=high[2]).map(move |z| [x, y, z])));
+            cubes.filter_map(|cube| self.cubes.get(&cube)).flatten().copied()
+        }))
+    }
+}
+
+fn cube_of(p: DVec3, cube_m: f64) -> [i64; 3] {
+    (p / cube_m).floor().to_array().map(|x| x as i64)
+}
+
+struct Stitcher<'a> {
+    scene: &'a mut Scene,
+    corners: Corners,
+    on_edges: HashMap<Edge, Vec<u32>>,
+    /// The vertex at a place on an edge between two vertices in ascending order: shared by the triangles on both sides.
+    made: HashMap<([u32; 2], u32), u32>,
+}
+
+impl Stitcher<'_> {
+    /// The pieces of a triangle, split at the places on its edges.
+    fn split(&mut self, source: &Triangle, pieces: &mut Vec<Triangle>) {
+        let [a, b, c] = source.vertices;
+        let on = |[p, q]: [u32; 2]| {
+            let mut on = self.on_edges.get(&self.corners.edge(p, q)).cloned().unwrap_or_default();
+            if self.corners.place_of[p as usize] > self.corners.place_of[q as usize] {
+                on.reverse();
+            }
+            on
+        };
+        let mut open = vec![(source.vertices, [on([a, b]), on([b, c]), on([c, a])])];
+        while let Some((vertices, on)) = open.pop() {
+            let Some(side) = (0..3).find(|&side| !on[side].is_empty()) else {
+                pieces.push(Triangle { vertices, material: source.material });
+                continue;
+            };
+            let [p, q, r] = [0, 1, 2].map(|i| vertices[(side + i) % 3]);
+            let [mut before, beside, last] = [0, 1, 2].map(|i| on[(side + i) % 3].clone());
+            let mut after = before.split_off(before.len() / 2);
+            let place = after.remove(0);
+            if self.keeps_its_side([p, q, r], place) {
+                let middle = self.vertex_at(p, q, place);
+                open.push(([middle, q, r], [after, beside, Vec::new()]));
+                open.push(([p, middle, r], [before, Vec::new(), last]));
+            } else {
+                before.extend(after);
+                open.push(([p, q, r], [before, beside, last]));
+            }
+        }
+    }
+
+    /// Whether both pieces of a triangle that is split on its first side face as it does: of one thinner than
+    /// [`ON_EDGE_M`] one might be turned over.
+    fn keeps_its_side(&self, corners: [u32; 3], place: u32) -> bool {
+        let [p, q, r] = corners.map(|vertex| self.scene.positions[vertex as usize]);
+        let v = self.corners.places[place as usize];
+        let normal = (q - p).cross(r - p);
+        [(v - p).cross(r - p), (q - v).cross(r - v)].iter().all(|piece| piece.dot(normal) > 0.0)
+    }
+
+    /// The vertex at a place on the edge between two.
+    fn vertex_at(&mut self, a: u32, b: u32, place: u32) -> u32 {
+        let ends = [a.min(b), a.max(b)];
+        let corners = &mut self.corners;
+        *self.made.entry((ends, place)).or_insert_with(|| {
+            let position = corners.places[place as usize];
+            let [start, end] = ends.map(|end| self.scene.positions[end as usize]);
+            let share = (position - start).length() / ((position - start).length() + (end - position).length());
+            corners.place_of.push(place);
+            self.scene.vertex_between(ends, position, share as f32)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::subdivide::subdivide;
+
+    /// Corners on somebody's edge, found by trying all against all.
+    fn t_junctions(scene: &Scene) -> usize {
+        let corner = |vertex: u32| scene.positions[vertex as usize];
+        let mut used: Vec<DVec3> = scene.triangles.iter().flat_map(|t| t.vertices).map(corner).collect();
+        used.sort_by(|p, q| p.to_array().partial_cmp(&q.to_array()).unwrap());
+        used.dedup();
+        let edges =
+            scene.triangles.iter().flat_map(|t| [[0, 1], [1, 2], [2, 0]].map(|edge| edge.map(|i| t.vertices[i])));
+        let on_an_edge = |[a, b]: [u32; 2]| {
+            let [a, b] = [corner(a), corner(b)];
+            let lies_on = |&&p: &&DVec3| {
+                let t = (p - a).dot(b - a) / (b - a).length_squared();
+                let far = 2.0 * ON_EDGE_M;
+                p.distance(a) > far && p.distance(b) > far && p.distance(a + (b - a) * t) < 1e-9 && t > 0.0 && t < 1.0
+            };
+            used.iter().filter(lies_on).count()
+        };
+        edges.map(on_an_edge).sum()
+    }
+
+    /// A square of two triangles, a metre wide, beside two of half a metre.
+    fn one_beside_two() -> Scene {
+        let positions = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [1.0, 0.4], [2.0, 0.0], [2.0, 1.0]];
+        let triangles = [[0, 1, 2], [0, 2, 3], [1, 5, 4], [4, 5, 6], [4, 6, 2]];
+        Scene {
+            positions: positions.map(|[x, y]| DVec3::new(x, y, 0.0)).to_vec(),
+            texcoords: positions.map(|[x, y]| glam::Vec2::new(x as f32, y as f32)).to_vec(),
+            triangles: triangles.map(|vertices| Triangle { vertices, material: 0 }).to_vec(),
+            materials: vec![crate::material::Material::default()],
+            ..Scene::default()
+        }
+    }
+
+    fn area(scene: &Scene) -> f64 {
+        let doubled = |t: u32| {
+            let [a, b, c] = scene.corners(t);
+            (b - a).cross(c - a).z
+        };
+        (0..scene.triangles.len() as u32).map(doubled).sum::<f64>() / 2.0
+    }
+
+    #[test]
+    fn a_corner_on_an_edge_splits_it_where_it_lies() {
+        let mut scene = one_beside_two();
+        assert_eq!(t_junctions(&scene), 1);
+        let pieces = scene.stitch();
+        assert_eq!(t_junctions(&scene), 0);
+        assert_eq!(pieces, [0, 2, 3, 4, 5, 6]);
+        assert_eq!(scene.triangles.len(), 6);
+        assert!((area(&scene) - 2.0).abs() < 1e-12, "{}", area(&scene));
+        // The square's own vertex there, with the square's texture.
+        let new = scene.positions.len() - 1;
+        assert_eq!(scene.positions[new], DVec3::new(1.0, 0.4, 0.0));
+        assert!((scene.texcoords[new] - glam::Vec2::new(1.0, 0.4)).length() < 1e-6);
+        scene.validate().unwrap();
+    }
+
+    #[test]
+    fn what_was_cut_unevenly_meets_again() {
+        let mut scene = one_beside_two();
+        subdivide(&mut scene, 0.15, 100_000).unwrap();
+        assert!(t_junctions(&scene) > 5);
+        let (before, vertices) = (scene.triangles.len(), scene.positions.len());
+        let stitched = scene.stitch();
+        assert_eq!(t_junctions(&scene), 0);
+        assert!(scene.triangles.len() < before + 40, "{before} -> {}", scene.triangles.len());
+        assert!((area(&scene) - 2.0).abs() < 1e-9);
+        assert_eq!(stitched.len(), before + 1);
+        assert_eq!(*stitched.last().unwrap() as usize, scene.triangles.len());
+        assert!(scene.positions.len() > vertices);
+        // Once is enough.
+        let triangles = scene.triangles.clone();
+        scene.stitch();
+        assert_eq!(scene.triangles, triangles);
+    }
+
+    #[test]
+    fn needles_landscapes_and_what_is_no_number_end() {
+        let mut scene = one_beside_two();
+        // A needle thinner than the tolerance, with the corner of another on it; an edge of a thousand kilometres; no number.
+        let far = [[0.0, 0.0, 0.0], [1e6, 0.0, 0.0], [0.0, 1e6, 0.0], [0.5, 1e-4, 0.0], [f64::NAN, 0.0, 0.0]];
+        let first = scene.positions.len() as u32;
+        scene.positions.extend(far.map(DVec3::from));
+        scene.texcoords.resize(scene.positions.len(), glam::Vec2::ZERO);
+        for vertices in [[0, 1, 2], [0, 3, 1], [0, 1, 4]] {
+            scene.triangles.push(Triangle { vertices: vertices.map(|v| v + first), material: 0 });
+        }
+        let stitched = scene.stitch();
+        assert_eq!(*stitched.last().unwrap() as usize, scene.triangles.len());
+        assert_eq!(Scene::default().stitch(), [0]);
+    }
+}

@@ -1,0 +1,249 @@
+//! What a ray finds where it hits a triangle.
+
+use crate::scene::Scene;
+use crate::material::{Gloss, Texture};
+use glam::{Vec2, Vec3};
+
+/// A point on a triangle as the shading needs it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surface {
+    /// Unit geometric normal, world axes, on the side from which the corners run counter-clockwise.
+    pub normal: Vec3,
+    /// Unit interpolated normal, in the same hemisphere as `normal`; equal to it where the file gives no normals.
+    pub shading_normal: Vec3,
+    /// Diffuse albedo, linear RGB in 0..=1: material times texture times vertex colour.
+    pub albedo: [f32; 3],
+    /// Emitted radiance, linear RGB.
+    pub emission: [f32; 3],
+    /// What it mirrors, if anything.
+    pub gloss: Option<Gloss>,
+}
+
+impl Scene {
+    /// The surface at barycentric weights `u` and `v` (of vertices 1 and 2) of triangle `primitive`. The scene must be
+    /// valid ([`Scene::validate`]) and `primitive` one of its triangles.
+    pub fn surface(&self, primitive: u32, u: f32, v: f32) -> Surface {
+        self.surface_facing(primitive, self.geometric_normal(primitive), u, v)
+    }
+
+    /// As [`Self::surface`], of a triangle with the given geometric normal.
+    pub fn surface_facing(&self, primitive: u32, normal: Vec3, u: f32, v: f32) -> Surface {
+        Surface {
+            normal,
+            shading_normal: self.shading_normal(primitive, normal, u, v),
+            albedo: self.paint(primitive).albedo(u, v),
+            emission: self.emission(primitive, u, v),
+            gloss: self.materials[self.triangles[primitive as usize].material as usize].gloss,
+        }
+    }
+
+    /// [`Surface::shading_normal`] of a triangle with the given geometric normal.
+    pub fn shading_normal(&self, primitive: u32, normal: Vec3, u: f32, v: f32) -> Vec3 {
+        if self.normals.is_empty() {
+            return normal;
+        }
+        let corners = self.triangles[primitive as usize].vertices.map(|vertex| self.normals[vertex as usize]);
+        let smooth = blend(corners, [1.0 - u - v, u, v]).try_normalize().unwrap_or(normal);
+        if smooth.dot(normal) < 0.0 { -smooth } else { smooth }
+    }
+
+    /// [`Surface::emission`].
+    pub fn emission(&self, primitive: u32, u: f32, v: f32) -> [f32; 3] {
+        let material = &self.materials[self.triangles[primitive as usize].material as usize];
+        if material.emission == [0.0; 3] {
+            return [0.0; 3];
+        }
+        let texel = self.paint(primitive).texel(self.emission_texture(primitive), [1.0 - u - v, u, v]);
+        (Vec3::from(material.emission) * texel).max(Vec3::ZERO).into()
+    }
+
+    /// The texture that says where triangle `primitive` emits light, if it does and one says so.
+    pub fn emission_texture(&self, primitive: u32) -> Option<&Texture> {
+        let material = &self.materials[self.triangles[primitive as usize].material as usize];
+        let index = material.emission_texture.filter(|_| material.emission != [0.0; 3])?;
+        self.textures.get(index as usize)
+    }
+
+    /// [`Surface::emission`] of a triangle, averaged: over points about a texel apart, or a 32nd of its longest side where that is more.
+    pub fn mean_emission(&self, primitive: u32) -> [f32; 3] {
+        const MOST_STEPS: f32 = 32.0;
+        let Some(texture) = self.emission_texture(primitive) else {
+            return self.emission(primitive, 1.0 / 3.0, 1.0 / 3.0);
+        };
+        let paint = self.paint(primitive);
+        let [a, b, c] = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]].map(|weights| paint.texel_at(texture, weights));
+        let longest = [b - a, c - a, c - b].map(|edge| edge.abs().max_element()).into_iter().fold(0.0, f32::max);
+        let steps = longest.ceil().clamp(1.0, MOST_STEPS) as u32;
+        let third = 1.0 / (3.0 * steps as f32);
+        let (mut sum, mut count) = (Vec3::ZERO, 0);
+        // The middles of the small triangles into which parallels to its sides cut it.
+        for (i, j) in (0..steps).flat_map(|i| (0..steps - i).map(move |j| (i, j))) {
+            let middles = if i + j + 1 < steps { 1..=2 } else { 1..=1 };
+            for thirds in middles {
+                let [u, v] = [i, j].map(|i| (3 * i + thirds) as f32 * third);
+                sum += Vec3::from(self.emission(primitive, u, v));
+                count += 1;
+            }
+        }
+        (sum / count as f32).into()
+    }
+
+    /// What colours triangle `primitive`, for looking at many points of it. Same conditions as [`Scene::surface`].
+    #[inline]
+    pub fn paint(&self, primitive: u32) -> Paint<'_> {
+        let triangle = self.triangles[primitive as usize];
+        let material = &self.materials[triangle.material as usize];
+        let corners = triangle.vertices.map(|vertex| vertex as usize);
+        let texture = |index: u32| &self.textures[index as usize];
+        Paint {
+            albedo: Vec3::from(material.albedo),
+            colors: (!self.colors.is_empty()).then(|| corners.map(|c| self.colors[c])),
+            texcoords: if self.texcoords.is_empty() { [Vec2::ZERO; 3] } else { corners.map(|c| self.texcoords[c]) },
+            texture: material.albedo_texture.map(texture),
+            cutout: material.cutout.map(|cutout| (texture(cutout.texture), cutout.threshold)),
+        }
+    }
+
+    /// Whether the surface is really there at barycentric weights `u`, `v` of triangle `primitive`: false in the
+    /// holes of a cut-out (see [`crate::material::Cutout`]). Same conditions as [`Scene::surface`].
+    pub fn is_solid(&self, primitive: u32, u: f32, v: f32) -> bool {
+        self.paint(primitive).is_solid(u, v)
+    }
+
+    /// Unit geometric normal of a triangle; straight up if it has no area. In `f64`, because edges of a millimetre in
+    /// a scene at 1e5 m have no digits left in `f32`.
+    pub fn geometric_normal(&self, primitive: u32) -> Vec3 {
+        let [a, b, c] = self.corners(primitive);
+        (b - a).cross(c - a).try_normalize().map_or(Vec3::Y, |normal| normal.as_vec3())
+    }
+}
+
+/// The colour and the holes of one triangle. Points are given by the barycentric weights of vertices 1 and 2.
+pub struct Paint<'a> {
+    albedo: Vec3,
+    colors: Option<[Vec3; 3]>,
+    texcoords: [Vec2; 3],
+    texture: Option<&'a Texture>,
+    cutout: Option<(&'a Texture, f32)>,
+}
+
+impl Paint<'_> {
+    /// The texture of the albedo, if it has one.
+    pub fn texture(&self) -> Option<&Texture> {
+        self.texture
+    }
+
+    /// Where a texture is looked up, texels from a corner of the plane of its copies.
+    pub fn texel_at(&self, texture: &Texture, [u, v]: [f32; 2]) -> Vec2 {
+        Vec2::from(self.texcoord([1.0 - u - v, u, v])) * Vec2::new(texture.width() as f32, texture.height() as f32)
+    }
+
+    /// As [`Surface::albedo`].
+    #[inline]
+    pub fn albedo(&self, u: f32, v: f32) -> [f32; 3] {
+        let weights = [1.0 - u - v, u, v];
+        let color = self.colors.map_or(Vec3::ONE, |colors| blend(colors, weights));
+        (self.albedo * self.texel(self.texture, weights) * color).clamp(Vec3::ZERO, Vec3::ONE).into()
+    }
+
+    /// As [`Scene::is_solid`].
+    #[inline]
+    pub fn is_solid(&self, u: f32, v: f32) -> bool {
+        self.cutout.is_none_or(|(texture, threshold)| {
+            let [s, t] = self.texcoord([1.0 - u - v, u, v]);
+            texture.sample(s, t)[3] >= threshold
+        })
+    }
+
+    /// A texture's colour at the given weights of three corners; white without a texture.
+    fn texel(&self, texture: Option<&Texture>, weights: [f32; 3]) -> Vec3 {
+        let Some(texture) = texture else { return Vec3::ONE };
+        let [s, t] = self.texcoord(weights);
+        let [r, g, b, _alpha] = texture.sample(s, t);
+        Vec3::new(r, g, b)
+    }
+
+    fn texcoord(&self, weights: [f32; 3]) -> [f32; 2] {
+        let [a, b, c] = self.texcoords;
+        (a * weights[0] + b * weights[1] + c * weights[2]).into()
+    }
+}
+
+fn blend([a, b, c]: [Vec3; 3], weights: [f32; 3]) -> Vec3 {
+    a * weights[0] + b * weights[1] + c * weights[2]
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::material::{Cutout, Material, Texture};
+    use crate::scene::{Scene, SceneError, Triangle};
+    use glam::{Vec2, Vec3, dvec3};
+
+    /// One triangle in the plane y = 0, front side up, with a 2x1 texture: red and opaque, green and transparent.
+    fn scene() -> Scene {
+        let texture = Texture::new(2, 1, vec![[255, 0, 0, 255], [0, 255, 0, 0]]).expect("2x1");
+        Scene {
+            positions: vec![dvec3(0.0, 0.0, 0.0), dvec3(0.0, 0.0, 1.0), dvec3(1.0, 0.0, 0.0)],
+            texcoords: vec![Vec2::new(0.25, 0.5), Vec2::new(0.25, 0.5), Vec2::new(0.75, 0.5)],
+            triangles: vec![Triangle { vertices: [0, 1, 2], material: 0 }],
+            materials: vec![Material {
+                albedo: [0.5; 3],
+                albedo_texture: Some(0),
+                emission: [2.0, 3.0, 4.0],
+                emission_texture: Some(0),
+                gloss: None,
+                cutout: Some(Cutout { texture: 0, threshold: 0.5 }),
+                ..Material::default()
+            }],
+            textures: vec![texture],
+            ..Scene::default()
+        }
+    }
+
+    #[test]
+    fn a_surface_is_material_times_texture_times_vertex_colour() {
+        let mut scene = scene();
+        assert_eq!(scene.validate(), Ok(()));
+        let s = scene.surface(0, 0.5, 0.0);
+        assert_eq!((s.normal, s.shading_normal), (Vec3::Y, Vec3::Y));
+        assert_eq!((s.albedo, s.emission), ([0.5, 0.0, 0.0], [2.0, 0.0, 0.0]));
+        assert_eq!(scene.surface(0, 0.0, 1.0).albedo, [0.0, 0.5, 0.0], "the weight v belongs to vertex 2");
+        assert!(scene.is_solid(0, 0.5, 0.0) && !scene.is_solid(0, 0.0, 1.0));
+
+        scene.colors = vec![Vec3::splat(0.5), Vec3::splat(9.0), Vec3::ONE];
+        assert_eq!(scene.surface(0, 0.0, 0.0).albedo, [0.25, 0.0, 0.0]);
+        assert_eq!(scene.surface(0, 1.0, 0.0).albedo, [1.0, 0.0, 0.0], "clamped");
+
+        scene.normals = vec![Vec3::NEG_Y, Vec3::X, Vec3::ZERO];
+        assert_eq!(scene.surface(0, 0.0, 0.0).shading_normal, Vec3::Y, "turned to the geometric side");
+        assert_eq!(scene.surface(0, 1.0, 0.0).shading_normal, Vec3::X);
+        assert_eq!(scene.surface(0, 0.0, 1.0).shading_normal, Vec3::Y, "no normal given there");
+    }
+
+    #[test]
+    fn validate_finds_every_broken_promise() {
+        let broken = |change: fn(&mut Scene)| {
+            let mut scene = scene();
+            change(&mut scene);
+            scene.validate().expect_err("broken on purpose")
+        };
+        assert_eq!(broken(|s| s.triangles.clear()), SceneError::NoTriangles);
+        assert_eq!(broken(|s| s.materials.clear()), SceneError::NoMaterials);
+        assert_eq!(broken(|s| s.positions[2].y = f64::NAN), SceneError::Position(2));
+        let error = broken(|s| s.normals.push(Vec3::Y));
+        assert_eq!(error, SceneError::ArrayLength { array: "normals", length: 1, positions: 3 });
+        let error = broken(|s| s.triangles[0].vertices[1] = 3);
+        assert_eq!(error, SceneError::VertexIndex { triangle: 0, vertex: 3, positions: 3 });
+        let error = broken(|s| s.triangles[0].material = 1);
+        assert_eq!(error, SceneError::MaterialIndex { triangle: 0, material: 1, materials: 1 });
+        let error = broken(|s| s.materials[0].cutout = Some(Cutout { texture: 7, threshold: 0.5 }));
+        assert_eq!(error, SceneError::TextureIndex { material: 0, texture: 7, textures: 1 });
+    }
+
+    #[test]
+    fn bounds_ignore_vertices_that_no_triangle_uses() {
+        let mut scene = scene();
+        scene.positions.push(dvec3(1e9, 0.0, 0.0));
+        assert_eq!(scene.bounds(), [dvec3(0.0, 0.0, 0.0), dvec3(1.0, 0.0, 1.0)]);
+    }
+}

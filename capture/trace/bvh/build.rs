@@ -1,0 +1,160 @@
+//! From a scene to the tree: local triangles, the binary tree of `obvhs`, and its collapse to eight children a node.
+
+use super::MAX_COORDINATE;
+use super::cutout::Cutouts;
+use super::tree::{BLOCK, Block, Bounds, Child, Node, Tree, WIDTH};
+use headbox_scene::scene::Scene;
+use glam::{DVec3, Vec3, Vec3A};
+use obvhs::bvh2::builder::build_bvh2;
+use obvhs::bvh2::{Bvh2, node::Bvh2Node};
+use obvhs::ploc::{PlocSearchDistance, SortPrecision};
+use obvhs::{BvhBuildParams, triangle::Triangle};
+use rayon::prelude::*;
+use std::time::Duration;
+
+/// How the binary tree is built (docs/decisions.md: the tree of the tracer). `pre_split` would put a triangle into several
+/// leaves; a hit would then depend on which of them is visited first (rule 3 of [`super`]).
+const PARAMS: BvhBuildParams = BvhBuildParams {
+    pre_split: false,
+    ploc_search_distance: PlocSearchDistance::Medium,
+    search_depth_threshold: 3,
+    reinsertion_batch_ratio: 0.1,
+    post_collapse_reinsertion_batch_ratio_multiplier: 0.0,
+    sort_precision: SortPrecision::U64,
+    max_prims_per_leaf: BLOCK as u32,
+    collapse_traversal_cost: 10.0,
+};
+
+/// Positions of a triangle's vertices relative to `origin`; `None` if an index is out of range.
+pub(super) fn local_triangle(scene: &Scene, origin: DVec3, primitive: u32) -> Option<[Vec3; 3]> {
+    let [a, b, c] = scene.triangles.get(primitive as usize)?.vertices;
+    let local = |i: u32| scene.positions.get(i as usize).map(|p| (*p - origin).as_vec3());
+    Some([local(a)?, local(b)?, local(c)?])
+}
+
+/// Whether a ray can hit the triangle: coordinates in range and some area.
+fn is_solid(triangle: &[Vec3; 3]) -> bool {
+    let in_range = triangle.iter().all(|p| p.abs().max_element() <= MAX_COORDINATE); // false for NaN
+    let [a, b, c] = triangle.map(|p| p.as_dvec3());
+    in_range && (b - a).cross(c - a) != DVec3::ZERO
+}
+
+/// Builds the tree over the triangles that can be hit.
+pub(super) fn build(scene: &Scene, origin: DVec3, cutouts: &Cutouts) -> Tree {
+    // Primitive indices are u32 and u32::MAX means none.
+    let count = scene.triangles.len().min(u32::MAX as usize) as u32;
+    let solid: Vec<(u32, [Vec3; 3])> = (0..count)
+        .into_par_iter()
+        .filter_map(|i| local_triangle(scene, origin, i).filter(is_solid).map(|triangle| (i, triangle)))
+        .collect();
+    if solid.is_empty() {
+        return Tree::default();
+    }
+    let triangles: Vec<Triangle> = solid
+        .par_iter()
+        .map(|(_, [a, b, c])| Triangle { v0: Vec3A::from(*a), v1: (*b).into(), v2: (*c).into() })
+        .collect();
+    let binary = build_bvh2(&triangles, PARAMS, &mut Duration::default());
+    let has_cutout = |primitive: u32| cutouts.has(scene.triangles[primitive as usize].material);
+    Collapse { binary: &binary, solid: &solid, has_cutout: &has_cutout, tree: Tree::default() }.run()
+}
+
+/// The collapse of the binary tree into nodes of eight children.
+struct Collapse<'a> {
+    binary: &'a Bvh2,
+    solid: &'a [(u32, [Vec3; 3])],
+    has_cutout: &'a dyn Fn(u32) -> bool,
+    tree: Tree,
+}
+
+/// A subtree of the binary tree that is still to become a node.
+struct Pending {
+    binary: u32,
+    /// The node and slot that it hangs from; `None` for the root.
+    parent: Option<(usize, usize)>,
+    depth: usize,
+}
+
+impl Collapse<'_> {
+    /// Depth first, so that a node's subtree lies together in memory. With an explicit stack: a binary tree over many
+    /// coincident triangles may be deep.
+    fn run(mut self) -> Tree {
+        let mut pending = vec![Pending { binary: 0, parent: None, depth: 1 }];
+        let mut deepest = 1;
+        while let Some(Pending { binary, parent, depth }) = pending.pop() {
+            deepest = deepest.max(depth);
+            let index = self.tree.nodes.len();
+            if let Some((node, slot)) = parent {
+                self.tree.nodes[node].child[slot] = Child::node(index);
+            }
+            self.tree.nodes.push(Node::EMPTY);
+            let children = self.widen(binary);
+            for (slot, &child) in children.iter().enumerate() {
+                let binary = self.binary.nodes[child as usize];
+                if binary.is_leaf() {
+                    self.add_leaf(index, slot, binary);
+                }
+            }
+            // Last pushed is next: slot 0's subtree follows its node.
+            for (slot, &child) in children.iter().enumerate().rev() {
+                if !self.binary.nodes[child as usize].is_leaf() {
+                    pending.push(Pending { binary: child, parent: Some((index, slot)), depth: depth + 1 });
+                }
+            }
+        }
+        self.fit_bounds();
+        // Each level leaves at most all but one of its node's children on the stack.
+        self.tree.stack_len = deepest * (WIDTH - 1) + 1;
+        self.tree
+    }
+
+    /// Up to eight subtrees that make up the binary tree's node: the largest is opened until there are eight.
+    fn widen(&self, root: u32) -> Vec<u32> {
+        let node = |i: u32| &self.binary.nodes[i as usize];
+        let mut children = vec![root];
+        while children.len() < WIDTH {
+            let inner = children.iter().enumerate().filter(|&(_, &c)| !node(c).is_leaf());
+            let area = |c: u32| node(c).aabb().half_area();
+            let Some((slot, _)) = inner.max_by(|a, b| area(*a.1).total_cmp(&area(*b.1))) else { break };
+            let first = node(children[slot]).first_index;
+            children[slot] = first;
+            children.insert(slot + 1, first + 1);
+        }
+        children
+    }
+
+    fn add_leaf(&mut self, node: usize, slot: usize, leaf: Bvh2Node) {
+        let range = leaf.first_index as usize..(leaf.first_index + leaf.prim_count) as usize;
+        let members: Vec<(u32, [Vec3; 3])> =
+            self.binary.primitive_indices[range].iter().map(|&i| self.solid[i as usize]).collect();
+        let first = self.tree.blocks.len();
+        let mut chunks = members.chunks(BLOCK).peekable();
+        while let Some(chunk) = chunks.next() {
+            let mut block = Block { more: chunks.peek().is_some(), ..Block::EMPTY };
+            for &(primitive, triangle) in chunk {
+                block.push(primitive, triangle, (self.has_cutout)(primitive));
+            }
+            self.tree.blocks.push(block);
+        }
+        let wide = &mut self.tree.nodes[node];
+        wide.child[slot] = Child::leaf(first);
+        wide.set_bounds(slot, Bounds::of_leaf(members.iter().map(|m| m.1)));
+    }
+
+    /// Boxes of inner nodes, from the leaves up: exactly the unions of what they hold, so that entering distances
+    /// never fall on the way down.
+    fn fit_bounds(&mut self) {
+        for index in (0..self.tree.nodes.len()).rev() {
+            let (before, after) = self.tree.nodes.split_at_mut(index + 1);
+            let node = &mut before[index];
+            for slot in 0..WIDTH {
+                let child = node.child[slot];
+                if child != Child::NONE && child.first_block().is_none() {
+                    // Children come after their parents.
+                    let child = child.index() as usize;
+                    node.set_bounds(slot, after[child - index - 1].bounds());
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,438 @@
+//! Directions drawn by where light came from: path guiding.
+//!
+//! A room is lit through its windows, and few cosine-weighted rays find one. So places on surfaces are filed by cells of space and by
+//! where they face, and for each cell a density over the unit square is learnt, the square from which cosine-weighted directions are
+//! drawn: high where bright light came in. Rays drawn by it count one over it, so that no mean changes but that of
+//! what is cut as too bright (Jensen 1995, "Importance Driven Path Tracing using the Photon Map"; Mueller et al. 2017, "Practical Path Guiding"), and what is learnt is the root of the mean square
+//! of the light, by which the variance of one ray is least (Rath et al. 2020, "Variance-Aware Path Guiding").
+
+use super::arrival::power_of_two_above;
+use super::pilot::percentile;
+use crate::light::square;
+use super::square::{BINS, SquareDensity};
+use super::{FIRST_DIRECTION, LightSample, Lighting, LitPoint, Path, shown_slope};
+use headbox_core::color::luminance;
+use headbox_scene::material::floor;
+use crate::sampler::{cosine_direction, random4, square_from_disk};
+use crate::bvh::{Ray, Tracer};
+use glam::{Quat, Vec3};
+use rayon::prelude::*;
+use rustc_hash::FxHashMap;
+use std::f32::consts::{PI, TAU};
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Cells are at least this share of their distance from the local origin wide, and at most twice of it.
+const CELL_SHARE: f32 = 1.0 / 8.0;
+
+/// Cells are at least this share of the median distance of all places wide.
+const NARROWEST_SHARE: f32 = 1.0 / 16.0;
+
+/// Paths that teach a cell, and those after which it is given up where rays need no guide.
+const LESSONS: u32 = 512;
+const FIRST_LESSONS: u32 = 128;
+
+/// Places that a cell needs to be taught.
+const FEWEST_PLACES: usize = 2;
+
+/// Share of the rays that are drawn by what was learnt; the others are cosine-weighted, in case something was overlooked.
+const GUIDED: f32 = 0.75;
+
+/// A guide is worth the look if it takes this share of a light sample's variance: in its cell, and, as every point is looked up in
+/// every guide, of all places together. Where none is worth it, rays cost a fifth less.
+const WORTH: f64 = 0.25;
+
+/// Rays from the local origin whose ends, and the ends of one ray from each, are the places to be learnt.
+const PLACES: u32 = 4096;
+
+/// Where light comes from, by cells of space.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Guide {
+    cells: FxHashMap<u64, SquareDensity>,
+    /// Width of the narrowest cells, metres.
+    narrowest_m: f32,
+}
+
+impl Guide {
+    /// The cell in which a point lies: points in one cell lie close together, and face alike.
+    fn cell(&self, point: &LitPoint) -> u64 {
+        let wanted = (point.position.abs().max_element() * CELL_SHARE).max(self.narrowest_m);
+        let (exponent, width_m) = power_of_two_above(wanted);
+        let [x, y, z] = (point.position / width_m).to_array().map(|c| u64::from(floor(c) as i32 as u8));
+        x | y << 8 | z << 16 | u64::from(exponent) << 24 | point.turned() << 32
+    }
+
+    /// Where light comes from at a point, if that is worth to know.
+    fn density(&self, point: &LitPoint) -> Option<&SquareDensity> {
+        if self.cells.is_empty() { None } else { self.cells.get(&self.cell(point)) }
+    }
+}
+
+/// How rays are drawn that leave a point: cosine-weighted about its shading normal, or as a guide says.
+pub(super) struct Directions<'a> {
+    /// From +Z to the shading normal.
+    turn: Quat,
+    guide: Option<&'a SquareDensity>,
+}
+
+impl Directions<'_> {
+    /// A unit direction from two numbers in [0, 1), and how much a ray there counts: 1 where it is cosine-weighted.
+    pub(super) fn draw(&self, pair: [f32; 2]) -> (Vec3, f32) {
+        let (pair, weight) = self.guide.map_or((pair, 1.0), |guide| {
+            let warped = guide.warp(pair);
+            (warped, 1.0 / guide.at(warped))
+        });
+        (self.turn * Vec3::from_array(cosine_direction(pair[0], pair[1])), weight)
+    }
+
+    /// How densely directions are drawn about one, per steradian; `cos` of its angle with the shading normal, above 0.
+    pub(super) fn density(&self, direction: Vec3, cos: f32) -> f32 {
+        let guided = self.guide.map_or(1.0, |guide| {
+            let local = self.turn.inverse() * direction;
+            guide.at(square_from_disk([local.x, local.y]))
+        });
+        guided * cos / PI
+    }
+}
+
+impl Lighting {
+    /// How rays leave a point.
+    pub(super) fn directions(&self, point: &LitPoint) -> Directions<'_> {
+        Directions { turn: Quat::from_rotation_arc(Vec3::Z, point.shading_normal), guide: self.guide.density(point) }
+    }
+
+    /// Learns where light comes from at the surfaces that are seen from the tracer's origin, and those that are seen from these: two
+    /// million paths at most. Samples are less noisy for it in rooms lit through windows; no mean changes.
+    pub fn guided(mut self, tracer: &Tracer) -> Self {
+        let seen = |index: u32| {
+            let [u, v] = LightSample { stream: 0x6a1d, index }.pair(0);
+            let z = 1.0 - 2.0 * u;
+            let (sin, cos) = (v * TAU).sin_cos();
+            let rim = (1.0 - z * z).max(0.0).sqrt();
+            let direction = Vec3::new(rim * cos, rim * sin, z);
+            let ray = Ray { origin: Vec3::ZERO, direction, t_min: 0.0, t_max: f32::INFINITY };
+            let point = LitPoint::from_hit(tracer, &ray, &tracer.closest(&ray)?).0;
+            let next =
+                self.before(tracer, &point, &LightSample { stream: 0x6a1e, index }).1.map(|arrival| arrival.point);
+            Some([Some(point), next])
+        };
+        let places: Vec<[Option<LitPoint>; 2]> = (0..PLACES).into_par_iter().filter_map(seen).collect();
+        let places: Vec<LitPoint> = places.into_iter().flatten().flatten().collect();
+        self.learn(tracer, &places, &|_, _| ControlFlow::Continue(()));
+        self
+    }
+
+    /// Learns where light comes from at places such as these. `told` hears how many lessons, of how many at most, were given; after a
+    /// `Break` nothing is learnt.
+    pub fn learn(
+        &mut self,
+        tracer: &Tracer,
+        places: &[LitPoint],
+        told: &(dyn Fn(usize, usize) -> ControlFlow<()> + Sync),
+    ) {
+        self.guide = Guide::default();
+        let mut distances: Vec<f32> = places.iter().map(|place| place.position.abs().max_element()).collect();
+        let mut guide = Guide { narrowest_m: percentile(&mut distances, 0.5) * NARROWEST_SHARE, ..Guide::default() };
+        // Any fixed order that has nothing to do with places will do to take those of a cell in turn.
+        let filed = |(i, place): (u32, &LitPoint)| (guide.cell(place), i.wrapping_mul(0x9e37_79b9), *place);
+        let mut filed: Vec<(u64, u32, LitPoint)> = (0..).zip(places).map(filed).collect();
+        filed.par_sort_unstable_by_key(|&(cell, order, _)| (cell, order));
+        let cells: Vec<&[(u64, u32, LitPoint)]> =
+            filed.chunk_by(|a, b| a.0 == b.0).filter(|places| places.len() >= FEWEST_PLACES).collect();
+        let mut lessons: Vec<Lessons> = std::iter::repeat_with(Lessons::default).take(cells.len()).collect();
+        let (given, all) = (AtomicUsize::new(0), cells.len() * LESSONS as usize);
+        for (many, more) in [(FIRST_LESSONS, FIRST_LESSONS), (LESSONS, LESSONS - FIRST_LESSONS)] {
+            let taught = cells.par_iter().zip(&mut lessons).try_for_each(|(places, lessons)| {
+                self.teach(tracer, places, lessons, many);
+                // Lessons that a cell does not need count, too.
+                told(given.fetch_add(more as usize, Ordering::Relaxed) + more as usize, all)
+            });
+            if taught.is_break() {
+                return;
+            }
+            let counted = cells.iter().zip(&lessons).map(|(places, lessons)| (places.len(), lessons.learnt()));
+            if !worth_the_look(counted) {
+                return; // few lessons make more of a guide than there is, if anything
+            }
+        }
+        let kept =
+            |(places, lessons): (&&[(u64, u32, LitPoint)], &Lessons)| Some((places[0].0, lessons.learnt().density?));
+        guide.cells = cells.iter().zip(&lessons).filter_map(kept).collect();
+        self.guide = guide;
+    }
+
+    /// Lessons at the places of one cell until there are so `many`, or until it has had some and gains nothing.
+    fn teach(&self, tracer: &Tracer, places: &[(u64, u32, LitPoint)], lessons: &mut Lessons, many: u32) {
+        if lessons.by_rays.count > 0 && lessons.learnt().density.is_none() {
+            return;
+        }
+        let cell = places[0].0;
+        let [stream, ..] = random4([cell as u32, (cell >> 32) as u32, 0x6a1f, 0]);
+        for index in lessons.by_rays.count..many {
+            let (.., place) = &places[index as usize % places.len()];
+            self.lesson(tracer, place, LightSample { stream, index }, lessons);
+        }
+    }
+
+    /// One light sample, and from where its first ray brought light.
+    fn lesson(&self, tracer: &Tracer, place: &LitPoint, sample: LightSample, lessons: &mut Lessons) {
+        let directions = self.directions(place);
+        let level = |light: Vec3| luminance((light * self.exposure).to_array());
+        lessons.by_points.add(level(self.direct(tracer, place, &sample, 0, Some(&directions))));
+        let mut path = Path::new(place);
+        if self.onward(tracer, &mut path, 0, &sample, &directions).is_some() {
+            self.follow(tracer, &mut path, 1, &sample);
+        }
+        let [u, v] = sample.pair(FIRST_DIRECTION).map(square::bin);
+        lessons.squares[v * BINS + u] += level(path.sum).powi(2);
+        lessons.counts[v * BINS + u] += 1.0;
+        lessons.by_rays.add(level(path.sum));
+    }
+}
+
+/// Whether cells, each with the number of its places, gain enough together.
+fn worth_the_look(cells: impl Iterator<Item = (usize, Learnt)>) -> bool {
+    let (mut variance, mut saved) = (0.0, 0.0);
+    for (places, learnt) in cells {
+        variance += places as f64 * learnt.variance * learnt.shows;
+        saved += places as f64 * learnt.saved * learnt.shows;
+    }
+    saved > WORTH * variance
+}
+
+/// What light samples of a cell have found.
+struct Lessons {
+    /// Sums of the squares of what first rays brought, and their number, by bins of the square from which these were drawn.
+    squares: [f32; BINS * BINS],
+    counts: [f32; BINS * BINS],
+    by_rays: Moments,
+    /// What was found beside first rays.
+    by_points: Moments,
+}
+
+impl Default for Lessons {
+    fn default() -> Self {
+        let (squares, counts) = ([0.0; BINS * BINS], [0.0; BINS * BINS]);
+        Self { squares, counts, by_rays: Moments::default(), by_points: Moments::default() }
+    }
+}
+
+impl Lessons {
+    /// By which first rays should be drawn, if that would make samples less noisy by much.
+    fn learnt(&self) -> Learnt {
+        let variance = self.by_rays.variance() + self.by_points.variance();
+        let shows = f64::from(shown_slope((self.by_rays.mean() + self.by_points.mean()) as f32)).powi(2);
+        let (squares, counts) = (blurred(&self.squares), blurred(&self.counts));
+        let mean_squares: [f32; BINS * BINS] = std::array::from_fn(|i| squares[i] / counts[i].max(1e-3));
+        let roots = mean_squares.map(f32::sqrt);
+        let mean = roots.iter().sum::<f32>() / roots.len() as f32;
+        if mean <= 0.0 || !mean.is_finite() {
+            return Learnt { variance, shows, saved: 0.0, density: None };
+        }
+        let densities = roots.map(|root| 1.0 - GUIDED + GUIDED * root / mean);
+        let today: f32 = mean_squares.iter().sum();
+        let guided: f32 = mean_squares.iter().zip(&densities).map(|(square, density)| square / density).sum();
+        let saved = f64::from((today - guided) / (BINS * BINS) as f32);
+        if saved > WORTH * variance {
+            Learnt { variance, shows, saved, density: Some(SquareDensity::new(&densities)) }
+        } else {
+            Learnt { variance, shows, saved: 0.0, density: None }
+        }
+    }
+}
+
+/// What is known of a cell.
+struct Learnt {
+    /// Variance of a light sample whose first ray is cosine-weighted.
+    variance: f64,
+    /// How much of a variance is seen: less where it is bright. Beside a lamp samples vary by more than in all of the room that it lights.
+    shows: f64,
+    /// What of it a guide takes.
+    saved: f64,
+    /// The guide, if it is worth the look.
+    density: Option<SquareDensity>,
+}
+
+/// Sums of values and of their squares.
+#[derive(Default)]
+struct Moments {
+    sum: f64,
+    squares: f64,
+    count: u32,
+}
+
+impl Moments {
+    fn add(&mut self, value: f32) {
+        self.sum += f64::from(value);
+        self.squares += f64::from(value).powi(2);
+        self.count += 1;
+    }
+
+    fn mean(&self) -> f64 {
+        self.sum / f64::from(self.count.max(1))
+    }
+
+    fn variance(&self) -> f64 {
+        (self.squares / f64::from(self.count.max(1)) - self.mean().powi(2)).max(0.0)
+    }
+}
+
+/// Sums over 3x3 bins, with weights of 1, 2, 1 each way.
+fn blurred(values: &[f32; BINS * BINS]) -> [f32; BINS * BINS] {
+    let along = |values: &[f32; BINS * BINS], step: usize| -> [f32; BINS * BINS] {
+        std::array::from_fn(|i| {
+            let place = i / step % BINS;
+            let below = if place > 0 { values[i - step] } else { 0.0 };
+            let above = if place + 1 < BINS { values[i + step] } else { 0.0 };
+            below + 2.0 * values[i] + above
+        })
+    };
+    along(&along(values, 1), BINS)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use headbox_scene::material::Material;
+    use headbox_scene::scene::{Scene, Sky, SkyGradient, SkyPicture, Triangle};
+    use glam::{DVec3, dvec3};
+    use std::sync::Arc;
+
+    fn white_sky() -> Sky {
+        Sky::Gradient(SkyGradient { zenith: [5.0; 3], horizon: [5.0; 3], ground: [5.0; 3] })
+    }
+
+    fn add_quad(scene: &mut Scene, corners: [DVec3; 4], material: u32) {
+        let first = scene.positions.len() as u32;
+        scene.positions.extend(corners);
+        for vertices in [[0, 1, 2], [0, 2, 3]] {
+            scene.triangles.push(Triangle { vertices: vertices.map(|v| first + v), material });
+        }
+    }
+
+    /// A closed room of 4 m about the origin but for a window of 0.8 m in its ceiling's corner; its second material is a lamp's.
+    fn room(sky: Sky) -> Scene {
+        let lamp = Material { emission: [2.0; 3], ..Material::default() };
+        let materials = vec![Material { albedo: [0.6; 3], ..Material::default() }, lamp];
+        let mut scene = Scene { materials, sky: Some(sky), ..Scene::default() };
+        let mut quad = |corners: [DVec3; 4]| add_quad(&mut scene, corners, 0);
+        let at = |x: f64, y: f64, z: f64| dvec3(x, y, z) * 2.0;
+        quad([at(-1.0, -1.0, -1.0), at(1.0, -1.0, -1.0), at(1.0, -1.0, 1.0), at(-1.0, -1.0, 1.0)]);
+        for [[x0, z0], [x1, z1]] in [[[-1, -1], [1, -1]], [[1, -1], [1, 1]], [[1, 1], [-1, 1]], [[-1, 1], [-1, -1]]] {
+            let [x0, z0, x1, z1] = [x0, z0, x1, z1].map(f64::from);
+            quad([at(x0, -1.0, z0), at(x1, -1.0, z1), at(x1, 1.0, z1), at(x0, 1.0, z0)]);
+        }
+        for [x0, z0, x1, z1] in
+            [[-1.0, -1.0, 1.0, 0.5], [-1.0, 0.5, 0.5, 1.0], [0.5, 0.9, 1.0, 1.0], [0.9, 0.5, 1.0, 0.9]]
+        {
+            quad([at(x0, 1.0, z0), at(x1, 1.0, z0), at(x1, 1.0, z1), at(x0, 1.0, z1)]);
+        }
+        scene
+    }
+
+    fn tracer(scene: Scene) -> Tracer {
+        Tracer::new(Arc::new(scene), DVec3::ZERO)
+    }
+
+    const SAMPLES: u32 = 1 << 18;
+
+    /// Mean and variance of samples at a place on the floor.
+    fn floor_light(lighting: &Lighting, tracer: &Tracer) -> (f64, f64) {
+        let point =
+            LitPoint { position: Vec3::new(-0.5, -2.0, -0.7), normal: Vec3::Y, shading_normal: Vec3::Y, extent: 2.0 };
+        let mut moments = Moments::default();
+        (0..SAMPLES).for_each(|index| {
+            moments.add(lighting.soft_radiosity(tracer, &point, &LightSample { stream: 77, index }).x);
+        });
+        (moments.sum / f64::from(SAMPLES), moments.variance())
+    }
+
+    /// Variance of samples at the floor as they are, and guided, of one mean.
+    fn variances(tracer: &Tracer, bounces: u32) -> [f64; 2] {
+        let lighting = Lighting::of_scene(tracer, bounces);
+        let (mean, variance) = floor_light(&lighting, tracer);
+        let (guided_mean, guided_variance) = floor_light(&lighting.guided(tracer), tracer);
+        // Two standard errors of samples that would be independent: these are spread evenly, and err by less.
+        let tolerance = 2.0 * (variance / f64::from(SAMPLES)).sqrt();
+        assert!((guided_mean - mean).abs() < tolerance, "{bounces}: {guided_mean}, not {mean} +- {tolerance}");
+        [variance, guided_variance]
+    }
+
+    #[test]
+    fn guided_rays_find_a_window_and_change_no_mean() {
+        // Light that bounced comes from all over the room.
+        for (bounces, most) in [(0, 0.4), (2, 0.6)] {
+            let [variance, guided] = variances(&tracer(room(white_sky())), bounces);
+            assert!(guided < most * variance, "{bounces}: {guided}, without {variance}");
+        }
+    }
+
+    #[test]
+    fn lamps_and_pictures_of_the_sky_share_their_light_with_guided_rays() {
+        for bounces in [0, 1] {
+            let texels = (0..32 * 16).map(|i| [if i % 7 == 0 { 20.0 } else { 3.0 }; 3]).collect();
+            let mut scene = room(Sky::Picture(Arc::new(SkyPicture::new([32, 16], texels, 0.0).expect("a sky"))));
+            let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| axis * 0.6);
+            add_quad(&mut scene, [x + y, x + z, -x + z, -x + y], 1);
+            let tracer = tracer(scene);
+            let [variance, guided] = variances(&tracer, bounces);
+            assert!(guided < variance, "{bounces}: {guided}, without {variance}");
+            assert!(!Lighting::of_scene(&tracer, bounces).guided(&tracer).guide.cells.is_empty());
+        }
+    }
+
+    #[test]
+    fn what_is_learnt_does_not_depend_on_threads() {
+        let tracer = tracer(room(white_sky()));
+        let learnt = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            pool.install(|| Lighting::of_scene(&tracer, 1).guided(&tracer).guide)
+        };
+        let (one, three) = (learnt(1), learnt(3));
+        assert!(!one.cells.is_empty() && one == three);
+    }
+
+    #[test]
+    fn few_places_that_gain_are_not_worth_the_look() {
+        let shown = |shows: f64| {
+            move |many: usize, variance: f64, saved: f64| (many, Learnt { variance, shows, saved, density: None })
+        };
+        let cells = shown(1.0);
+        assert!(worth_the_look([cells(6, 4.0, 2.0), cells(4, 4.0, 0.0)].into_iter()), "12 of 40");
+        assert!(!worth_the_look([cells(4, 4.0, 2.0), cells(6, 4.0, 0.0)].into_iter()), "8 of 40");
+        // Most gain, but not those from which the noise comes.
+        assert!(!worth_the_look([cells(8, 4.0, 2.0), cells(2, 40.0, 0.0)].into_iter()));
+        // Unless it comes from where light is so bright that it does not show.
+        assert!(worth_the_look([cells(8, 4.0, 2.0), shown(0.01)(2, 40.0, 0.0)].into_iter()));
+        assert!(!worth_the_look(std::iter::empty()));
+    }
+
+    #[test]
+    fn noise_shows_less_where_it_is_bright() {
+        let lessons = |light: f64| {
+            let mut lessons = Lessons::default();
+            for level in [0.5 * light, 1.5 * light] {
+                lessons.by_rays.add(level as f32);
+            }
+            let learnt = lessons.learnt();
+            learnt.variance * learnt.shows
+        };
+        assert!(
+            lessons(0.9) < 9.1 * lessons(0.3) && lessons(0.3) > lessons(0.1),
+            "less than as the square of the light"
+        );
+        assert!(lessons(2.0) < lessons(0.9) && lessons(0.0) == 0.0, "what is white is white");
+    }
+
+    #[test]
+    fn nothing_is_learnt_where_light_comes_from_everywhere() {
+        let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+        scene.sky = Some(white_sky());
+        scene.positions = vec![dvec3(-9.0, -1.0, -9.0), dvec3(9.0, -1.0, -9.0), dvec3(0.0, -1.0, 9.0)];
+        scene.triangles = vec![Triangle { vertices: [0, 1, 2], material: 0 }];
+        let bare = tracer(scene);
+        assert!(Lighting::of_scene(&bare, 1).guided(&bare).guide.cells.is_empty());
+        let empty = tracer(Scene::default());
+        assert!(Lighting::of_scene(&empty, 1).guided(&empty).guide.cells.is_empty());
+    }
+}

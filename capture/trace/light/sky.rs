@@ -1,0 +1,55 @@
+//! Light straight from a picture of the sky: by the sky's own directions and by those of a path's rays together.
+//!
+//! Both estimators find the same light; each sample counts by the balance heuristic (Veach and Guibas 1995, "Optimally combining
+//! sampling techniques for Monte Carlo rendering"), so that neither a small bright spot nor a wide dim half makes noise. A sky
+//! that is a gradient has the path's rays alone.
+
+use super::guide::Directions;
+use super::{LightSample, Lighting, LitPoint};
+use headbox_scene::scene::{Sky, SkyPicture};
+use crate::bvh::{Ray, Tracer};
+use glam::Vec3;
+use std::f32::consts::PI;
+
+impl Lighting {
+    fn picture(&self) -> Option<&SkyPicture> {
+        match &self.sky {
+            Some(Sky::Picture(picture)) => Some(picture),
+            Some(Sky::Gradient(_)) | None => None,
+        }
+    }
+
+    /// Radiosity per albedo by a direction that the sky's picture suggests.
+    pub(super) fn sky_light(
+        &self,
+        tracer: &Tracer,
+        point: &LitPoint,
+        sample: &LightSample,
+        dimension: u32,
+        directions: &Directions<'_>,
+    ) -> Vec3 {
+        let Some(picture) = self.picture() else { return Vec3::ZERO };
+        let Some((direction, radiance)) = picture.sample(sample.pair(dimension + 3)) else { return Vec3::ZERO };
+        let cos = direction.dot(point.shading_normal);
+        if cos <= 0.0 || direction.dot(point.normal) <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let ray = Ray { origin: point.lifted(), direction, t_min: 0.0, t_max: f32::INFINITY };
+        if tracer.occluded(&ray) {
+            return Vec3::ZERO;
+        }
+        Vec3::from_array(radiance) * (cos / PI / (picture.density(radiance) + directions.density(direction, cos)))
+    }
+
+    /// Radiosity per albedo by a ray in one of these directions, in which nothing but the sky was met.
+    pub(super) fn sky_by_chance(&self, point: &LitPoint, direction: Vec3, directions: &Directions<'_>) -> Vec3 {
+        let Some(sky) = &self.sky else { return Vec3::ZERO };
+        let radiance = sky.radiance(direction);
+        let share = self.picture().map_or(1.0, |picture| {
+            let cos = direction.dot(point.shading_normal);
+            let density = directions.density(direction, cos).max(f32::MIN_POSITIVE);
+            density / (picture.density(radiance) + density)
+        });
+        Vec3::from_array(radiance) * share
+    }
+}

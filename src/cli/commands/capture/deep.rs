@@ -1,0 +1,86 @@
+//! `headbox capture F.exr`: deep pictures of film renderers as cube LDIs, and what they hold.
+
+use crate::output::{CUBE, Outputs, peak_rss_mb, print_json};
+use crate::packing::{PackingArgs, what_is_kept};
+use headbox_images::deep_exr::{DeepImage, DeepView};
+use headbox_ldi::from_deep::{DeepPlace, cube};
+use anyhow::{Context, bail};
+use serde_json::json;
+use std::path::Path;
+use std::time::Instant;
+
+/// Whether a scene's name is that of a deep picture.
+pub(crate) fn is_deep_picture(name: &str) -> bool {
+    !name.starts_with("builtin:")
+        && Path::new(name).extension().is_some_and(|ending| ending.eq_ignore_ascii_case("exr"))
+}
+
+/// Reads a deep picture and writes its cube. Positions and lengths are metres, Y up.
+pub(super) fn run(
+    name: &str,
+    output: &Path,
+    place: DeepPlace,
+    packing: &PackingArgs,
+    as_json: bool,
+) -> anyhow::Result<()> {
+    let start = Instant::now();
+    Outputs::new(as_json, [name]).file(output, &CUBE)?;
+    let image = DeepImage::read(Path::new(name))?;
+    let samples = image.offsets.last().copied().unwrap_or_default();
+    let packed = packing.pack(cube(&image, place).with_context(|| name.to_owned())?)?;
+    if packed.depth_pixel_count() == 0 && packed.planes.tiles.is_empty() {
+        bail!("{name}: all of it is so far that nothing moves within the headbox; give a larger --half-size");
+    }
+    packed.write(output)?;
+    let total_s = start.elapsed().as_secs_f64();
+    if as_json {
+        print_json(&json!({
+            "samples": samples, "total_s": total_s, "peak_rss_mb": peak_rss_mb(), "depth_pixels": packed.depth_pixel_count(),
+            "bytes": packed.bytes(), "face_size": packed.face_size_px,
+        }));
+        return Ok(());
+    }
+    println!("{}: {} from {samples} deep samples, {total_s:.2} s", output.display(), what_is_kept(&packed));
+    println!("look at it: headbox render {} -o frame.png", output.display());
+    Ok(())
+}
+
+/// Says what a deep picture holds: `headbox images F.exr`, `headbox info F.exr`.
+pub(crate) fn describe(path: &Path, as_json: bool) -> anyhow::Result<()> {
+    let image = DeepImage::read(path)?;
+    let samples = image.offsets.last().copied().unwrap_or_default();
+    let most = image.offsets.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap_or_default();
+    let channels: Vec<&str> = image.channels.iter().map(|channel| channel.name.as_str()).collect();
+    let depths = image.channel("Z").unwrap_or_default().iter().copied().filter(|z| *z > 0.0 && z.is_finite());
+    let range = depths.fold(None, |range, z| {
+        let [near, far] = range.unwrap_or([z, z]);
+        Some([z.min(near), z.max(far)])
+    });
+    let DeepView { cube, world_to_camera, world_to_ndc } = image.view;
+    let (camera, needs) = match (cube, world_to_camera.is_some(), world_to_ndc.is_some()) {
+        (true, ..) => ("all directions: six faces, one above another", ""),
+        (false, true, true) => ("as the header says (worldToCamera, worldToNDC)", ""),
+        (false, true, false) => {
+            ("stands as the header says (worldToCamera), which says not how wide it sees", " --fov DEG")
+        }
+        (false, false, _) => ("not in the header: at the origin looking along -Z unless told", " --fov DEG"),
+    };
+    let [width, height] = image.size_px;
+    if as_json {
+        print_json(&json!({
+            "kind": "deep EXR", "size": image.size_px, "samples": samples, "most_in_a_pixel": most, "channels": channels,
+            "depth": range, "cube": cube, "knows_camera": needs.is_empty(),
+        }));
+        return Ok(());
+    }
+    println!("{}: deep EXR, {width}x{height} px", path.display());
+    println!("  samples     {samples}, at most {most} in a pixel");
+    println!("  channels    {}", channels.join(", "));
+    match range {
+        Some([near, far]) => println!("  depth       from {near:.3} to {far:.3}"),
+        None => println!("  depth       of no sample is known (channel Z)"),
+    }
+    println!("  camera      {camera}");
+    println!("capture it: headbox capture {}{needs} -o F.ldi", path.display());
+    Ok(())
+}

@@ -1,0 +1,76 @@
+//! `headbox capture FOLDER`: sets of images as cube LDIs.
+
+use crate::commands::capture::CaptureCommand;
+use crate::commands::images::SetJob;
+use crate::output::{CUBE, Outputs, peak_rss_mb, print_json};
+use crate::packing::what_is_kept;
+use crate::progress::Bar;
+use headbox_images::check_neighbors;
+use anyhow::bail;
+use serde_json::json;
+use std::path::Path;
+use std::time::Instant;
+
+/// Pairs of neighbours that are looked at while a set is captured; `headbox images` looks at more.
+const CHECKED_PAIRS: usize = 4;
+
+impl CaptureCommand {
+    /// Warps the depth images of a set into one cube, or colours what its photographs agree on.
+    pub(super) fn run_images(&self) -> anyhow::Result<()> {
+        let start = Instant::now();
+        self.refuse("images", &self.flags_of_deep())?;
+        Outputs::new(self.json, [self.scene.name()]).file(&self.output, &CUBE)?;
+        let set = self.images.open_registered(Path::new(self.scene.name()))?;
+        let mut job = SetJob::suggest(&set);
+        if let Some(center) = self.center {
+            *job.centre() = set.frame.world_from_file(center);
+        }
+        if let Some(half_size) = self.half_size {
+            *job.half_size_m() = half_size * set.frame.unit_m;
+        }
+        match &mut job {
+            SetJob::Depth(job) => {
+                job.merge_rule = self.quality.parameters.merge_rule;
+                job.depth_noise = self.depth_noise.unwrap_or(job.depth_noise);
+            }
+            SetJob::Photographs(job) => {
+                job.agreement = self.agreement.unwrap_or(job.agreement);
+                job.backdrop = self.backdrop;
+            }
+        }
+        if let SetJob::Depth(_) = job {
+            // Before the work, so that what is wrong is known at once; views without depth take no part, nor are their files needed.
+            for warning in check_neighbors(&set, CHECKED_PAIRS, &mut |_| {})?.warnings {
+                eprintln!("warning: {warning}");
+            }
+        }
+        let bar = Bar::new();
+        let views = job.views(&set);
+        let ldi = job.run(&set, &bar)?;
+        let packed = self.packing.pack(ldi)?;
+        if packed.depth_pixel_count() == 0 && packed.planes.tiles.is_empty() {
+            let why = match job {
+                SetJob::Depth(_) => "its pictures know no depth: all of it is zero, or no numbers",
+                SetJob::Photographs(_) => {
+                    "its photographs agree on nothing; give a larger --agreement, or another --center"
+                }
+            };
+            bail!("{}: {why}", set.folder.display());
+        }
+        packed.write(&self.output)?;
+        bar.finish();
+        let total_s = start.elapsed().as_secs_f64();
+        let pixels: u64 = views.iter().map(|view| u64::from(view.size_px[0]) * u64::from(view.size_px[1])).sum();
+        if self.json {
+            print_json(&json!({
+                "images": views.len(), "pixels": pixels, "total_s": total_s, "peak_rss_mb": peak_rss_mb(),
+                "depth_pixels": packed.depth_pixel_count(), "bytes": packed.bytes(), "face_size": packed.face_size_px,
+            }));
+            return Ok(());
+        }
+        let (output, kept) = (self.output.display(), what_is_kept(&packed));
+        println!("{output}: {kept} from {} images, {total_s:.2} s", views.len());
+        println!("look at it: headbox render {} -o frame.png", self.output.display());
+        Ok(())
+    }
+}

@@ -1,0 +1,51 @@
+//! `headbox compare`.
+
+use crate::output::{Outputs, PICTURE, print_json, save_picture};
+use headbox_core::image_file as picture;
+use headbox_core::metrics;
+use anyhow::Context;
+use clap::Args;
+use std::path::{Path, PathBuf};
+
+#[derive(Args)]
+pub(crate) struct CompareCommand {
+    /// The reference image
+    reference: PathBuf,
+    /// The image to judge, of the same size
+    test: PathBuf,
+    /// Write the FLIP error map as a picture
+    #[arg(long, value_name = "OUT.png")]
+    map: Option<PathBuf>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+fn open(path: &Path) -> anyhow::Result<image::RgbImage> {
+    let image = picture::read(path, picture::MAX_BYTES)
+        .with_context(|| format!("{} could not be read as an image", path.display()))?;
+    Ok(image.to_rgb8())
+}
+
+impl CompareCommand {
+    pub(crate) fn run(&self) -> anyhow::Result<()> {
+        Outputs::new(self.json, [&self.reference, &self.test]).maybe_file(self.map.as_ref(), &PICTURE)?;
+        let (reference, test) = (open(&self.reference)?, open(&self.test)?);
+        let (comparison, map) = metrics::compare_with_map(&reference, &test)?;
+        if let Some(path) = &self.map {
+            save_picture(path, &map.to_magma())?;
+        }
+        if self.json {
+            print_json(&serde_json::to_value(comparison)?);
+        } else {
+            println!(
+                "FLIP {:.4}  PSNR {:.2} dB  SSIM {:.4}  differing pixels {:.2} %",
+                comparison.flip,
+                comparison.psnr_db,
+                comparison.ssim,
+                comparison.differing_fraction * 100.0
+            );
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,225 @@
+//! `headbox house`.
+
+pub(crate) mod file;
+
+use crate::commands::house::file::HouseFileArgs;
+use crate::output::{Outputs, PLAN, print_json, save_picture, write_text};
+use crate::words::UsageError;
+use headbox_model::load::{LoadedModel, ModelOptions, load_model};
+use headbox_model::{Finding, PortalModel, Severity};
+use headbox_trace::bvh::Tracer;
+use headbox_house::floor_plan::{FloorPlan, storeys};
+use crate::args::LightArgs;
+use clap::Args;
+use glam::DVec2;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+#[derive(Args)]
+pub(crate) struct HouseCommand {
+    /// A Sweet Home 3D .sh3d, or Home.xml with its OBJ export beside it, a .toml model, or builtin:house
+    model: String,
+    /// Draw the plan, as PNG or SVG by its ending; storeys above the first get names of their own, as plan_2.png
+    #[arg(long, value_name = "PLAN.png|.svg")]
+    plan: Option<PathBuf>,
+    /// Height above the floor at which the plan is cut, metres
+    #[arg(long, value_name = "M", default_value_t = 1.1)]
+    cut: f64,
+    /// Keep the leaves that close doors and windows
+    #[arg(long)]
+    keep_doors: bool,
+    /// Triangles of builtin:house, at most
+    #[arg(long, value_name = "N", default_value_t = headbox_scenes::HOUSE_TRIANGLES)]
+    triangles: usize,
+    /// Seed of builtin:house, and of the rays that look for leaks
+    #[arg(long, value_name = "K", default_value_t = 0)]
+    seed: u64,
+    /// Rays from each cell that look for leaks
+    #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u32).range(0..=1 << 20))]
+    rays: u32,
+    #[command(flatten)]
+    light: LightArgs,
+    #[command(flatten)]
+    file: HouseFileArgs,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// What the command found out.
+struct Survey {
+    model: PortalModel,
+    findings: Vec<Finding>,
+}
+
+impl HouseCommand {
+    pub(crate) fn run(&self) -> anyhow::Result<()> {
+        let outputs = Outputs::new(self.json, [&self.model]).maybe_file(self.plan.as_ref(), &PLAN)?;
+        let outputs = self.file.outputs(outputs)?;
+        let writes = self.file.wanted()?;
+        let LoadedModel { mut model, mut findings } = self.open()?;
+        model.scene.set_light(&self.light.parameters())?;
+        outputs.scene_is_open(&model.scene)?;
+        if self.rays > 0 && !model.cells.is_empty() {
+            let [low, high] = model.scene.bounds();
+            let tracer = Tracer::new(Arc::new(model.scene.clone()), (low + high) / 2.0);
+            findings.extend(model.leaks(&tracer, self.rays, self.seed));
+        }
+        let frame = model.scene.frame;
+        let findings = findings.into_iter().map(|finding| finding.in_file(&frame)).collect();
+        let survey = Survey { model, findings };
+        let plans = self.plan.as_ref().map(|path| self.draw(&survey.model, path)).transpose()?.unwrap_or_default();
+        let mut found = survey.to_json();
+        found["plans"] = json!(plans);
+        if !self.json {
+            survey.print();
+        }
+        if writes {
+            let file = self.file.write(survey.model)?;
+            if !self.json {
+                self.file.print(&file);
+            }
+            found["file"] = file;
+        }
+        if self.json {
+            print_json(&found);
+        }
+        Ok(())
+    }
+
+    fn open(&self) -> anyhow::Result<LoadedModel> {
+        match self.model.strip_prefix("builtin:") {
+            Some("house") => {
+                let mut model = headbox_scenes::house(self.seed, self.triangles);
+                let findings = model.mend();
+                Ok(LoadedModel { model, findings })
+            }
+            Some(other) => {
+                Err(UsageError(format!("there is no built-in portal model \"{other}\"; there is builtin:house")).into())
+            }
+            None => Ok(load_model(Path::new(&self.model), &ModelOptions { keep_doors: self.keep_doors })?),
+        }
+    }
+
+    /// One plan for each storey; those above the first have their number in their name. Returns what was written.
+    fn draw(&self, model: &PortalModel, path: &Path) -> anyhow::Result<Vec<PathBuf>> {
+        let mut written = Vec::new();
+        for (storey, floor) in (1..).zip(storeys(model)) {
+            let plan = FloorPlan::new(model, floor + self.cut);
+            let path = of_storey(path, storey);
+            if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg")) {
+                write_text(&path, &plan.to_svg())?;
+            } else {
+                save_picture(&path, &plan.to_image())?;
+            }
+            written.push(path);
+        }
+        Ok(written)
+    }
+}
+
+/// `plan.png` for the first storey, `plan_2.png` for the second.
+fn of_storey(path: &Path, storey: usize) -> PathBuf {
+    match (storey, path.file_stem(), path.extension()) {
+        (2.., Some(stem), Some(ending)) => {
+            path.with_file_name(format!("{}_{storey}.{}", stem.to_string_lossy(), ending.to_string_lossy()))
+        }
+        _ => path.to_path_buf(),
+    }
+}
+
+impl Survey {
+    fn name(&self, cell: u32) -> &str {
+        self.model.cells.get(cell as usize).map_or("?", |cell| &cell.name)
+    }
+
+    /// Names of the cells that no way leads to.
+    fn unreachable(&self) -> Vec<&str> {
+        let name = |finding: &Finding| match finding {
+            Finding::Unreachable { cell, .. } => Some(*cell),
+            _ => None,
+        };
+        self.findings.iter().filter_map(name).map(|cell| self.name(cell)).collect()
+    }
+
+    /// Names of the portals that do not touch a cell that they name.
+    fn touching_no_cell(&self) -> Vec<&str> {
+        fn name(finding: &Finding) -> Option<&str> {
+            match finding {
+                Finding::TouchesNot { name, .. } => Some(name),
+                _ => None,
+            }
+        }
+        self.findings.iter().filter_map(name).collect()
+    }
+
+    fn print(&self) {
+        let (cells, portals) = (&self.model.cells, &self.model.portals);
+        println!("{} cells, {} portals, {} triangles", cells.len(), portals.len(), self.model.scene.triangles.len());
+        println!("\n cell  triangles  floor m2  portals  name");
+        for (index, cell) in (0_u32..).zip(cells) {
+            let (count, floor) = (self.model.portals_of(index).count(), floor_area(&self.model, index));
+            let floor = if floor > 0.0 { format!("{floor:.1}") } else { "-".into() };
+            println!("{index:5} {:10} {floor:>9} {count:8}  {}", cell.triangles.len(), cell.name);
+        }
+        println!("\nportal  width x height  cells");
+        for (index, portal) in portals.iter().enumerate() {
+            let [width, height] = extent(portal);
+            let [a, b] = portal.cells.map(|cell| self.name(cell));
+            println!("{index:6}   {width:4.2} x {height:4.2} m  {a} | {b}  ({})", portal.name);
+        }
+        let list = |names: &[&str]| if names.is_empty() { "none".into() } else { names.join(", ") };
+        println!("\nunreachable cells: {}", list(&self.unreachable()));
+        println!("portals that touch no cell: {}", list(&self.touching_no_cell()));
+        for finding in &self.findings {
+            // What cannot be used is left out, as from any other scene, and the rest is shown.
+            let kind = if finding.severity() == Severity::Error { "warning" } else { "note" };
+            println!("{kind}: {finding}");
+        }
+    }
+
+    fn to_json(&self) -> Value {
+        let cells: Vec<Value> = (0_u32..)
+            .zip(&self.model.cells)
+            .map(|(index, cell)| {
+                json!({
+                    "name": cell.name, "triangles": cell.triangles.len(), "floor_m2": floor_area(&self.model, index),
+                    "portals": self.model.portals_of(index).map(|(portal, _)| portal).collect::<Vec<_>>(),
+                    "outside": self.model.outside == Some(index),
+                })
+            })
+            .collect();
+        let portal = |portal: &headbox_model::Portal| {
+            let [width, height] = extent(portal);
+            json!({"name": portal.name, "cells": portal.cells, "width_m": width, "height_m": height,
+                   "polygon": portal.polygon.iter().map(|p| p.to_array()).collect::<Vec<_>>()})
+        };
+        let finding =
+            |finding: &Finding| json!({"severity": finding.severity().to_string(), "text": finding.to_string()});
+        json!({
+            "cells": cells,
+            "portals": self.model.portals.iter().map(portal).collect::<Vec<_>>(),
+            "triangles": self.model.scene.triangles.len(),
+            "unreachable": self.unreachable(),
+            "touching_no_cell": self.touching_no_cell(),
+            "findings": self.findings.iter().map(finding).collect::<Vec<_>>(),
+            "notes": self.model.scene.summary.notes,
+        })
+    }
+}
+
+/// Area of a cell's first prism in plan, square metres: its floor without the niches of its doors.
+fn floor_area(model: &PortalModel, cell: u32) -> f64 {
+    let outline: &[DVec2] = model.cells[cell as usize].space.first().map_or(&[], |prism| &prism.outline);
+    let doubled: f64 = outline.iter().zip(outline.iter().cycle().skip(1)).map(|(a, b)| a.perp_dot(*b)).sum();
+    doubled.abs() / 2.0
+}
+
+/// Width in plan and height of an opening, metres.
+fn extent(portal: &headbox_model::Portal) -> [f64; 2] {
+    let low = portal.polygon.iter().copied().reduce(|a, b| a.min(b)).unwrap_or_default();
+    let high = portal.polygon.iter().copied().reduce(|a, b| a.max(b)).unwrap_or_default();
+    let size = high - low;
+    [size.x.hypot(size.z), size.y]
+}

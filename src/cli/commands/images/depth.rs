@@ -1,0 +1,130 @@
+//! `headbox images --depth`: depth of photographs, found from the photographs.
+
+use crate::image_set::SetArgs;
+use crate::progress::Bar;
+use headbox_core::files;
+use headbox_images::dense_depth::{Agreement, DenseDepth};
+use headbox_images::{ImageSet, ImageSetOptions, View, write_set};
+use headbox_core::progress::Progress;
+use anyhow::{Context, bail};
+use clap::Args;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+#[derive(Args, Default)]
+pub(super) struct DepthArgs {
+    /// Find the depth of photographs with known cameras from the photographs themselves, and keep it beside them (headbox-depth):
+    /// capture, render, view and report use it from then on
+    #[arg(long)]
+    depth: bool,
+    /// Instead of beside the pictures, put what --depth finds into this new folder, with the pictures and a transforms.json; depth
+    /// that the set has already is not used then, but compared with
+    #[arg(short, long, value_name = "FOLDER", requires = "depth")]
+    output: Option<PathBuf>,
+    /// Halve pictures for --depth until their longer side has at most so many pixels
+    #[arg(long, value_name = "PX", requires = "depth", default_value_t = DenseDepth::default().longest_px,
+        value_parser = clap::value_parser!(u32).range(64..=16384))]
+    depth_size: u32,
+}
+
+/// What was found.
+pub(super) struct Outcome {
+    views: usize,
+    agreement: Agreement,
+    seconds: f64,
+    /// The folder that has it.
+    pub(super) folder: PathBuf,
+}
+
+impl DepthArgs {
+    /// Finds depth, if that was asked for.
+    pub(super) fn run(&self, folder: &Path, args: &SetArgs) -> anyhow::Result<Option<Outcome>> {
+        if !self.depth {
+            return Ok(None);
+        }
+        let started = Instant::now();
+        let bar = Bar::new();
+        let (mut set, known) = match &self.output {
+            Some(output) => rewritten(folder, output, args, &bar)?,
+            None => (args.open(folder)?, Vec::new()),
+        };
+        let lacking = set.views.iter().filter(|view| !view.has_own_depth()).count();
+        if lacking == 0 {
+            bail!(
+                "{}: all {} views have depth; with -o FOLDER it is found anew, from the colours alone, and compared",
+                folder.display(),
+                set.views.len()
+            );
+        }
+        let names: Vec<String> = set.views.iter().map(|view| view.name.clone()).collect();
+        let (mut agreement, mut views, mut failed) = (Agreement::default(), 0, None);
+        bar.begin("finding depth", "steps", set.find_depth_steps());
+        let how = DenseDepth { longest_px: self.depth_size, ..DenseDepth::default() };
+        set.find_depth(&how, &|| bar.advance(1), &mut |view, found| {
+            let original = names.iter().position(|name| *name == view.name).and_then(|i| known.get(i));
+            let known = match original.map(View::load).transpose() {
+                Ok(original) => original.map(|original| original.depth).unwrap_or_default(),
+                Err(error) => {
+                    failed = failed.take().or(Some(error));
+                    Vec::new()
+                }
+            };
+            agreement.add(&found.view.depth, &known);
+            views += 1;
+        })?;
+        bar.finish();
+        if let Some(error) = failed {
+            return Err(error.into());
+        }
+        Ok(Some(Outcome { views, agreement, seconds: started.elapsed().as_secs_f64(), folder: set.folder }))
+    }
+}
+
+/// A set written anew, its lenses ideal and without depth, and the views that it was written from.
+fn rewritten(folder: &Path, output: &Path, args: &SetArgs, bar: &Bar) -> anyhow::Result<(ImageSet, Vec<View>)> {
+    if std::fs::read_dir(output).is_ok_and(|mut entries| entries.next().is_some()) {
+        bail!("{}: is not empty; give a new folder for the set", output.display());
+    }
+    files::check_folder(output).with_context(|| format!("{} cannot be written to", output.display()))?;
+    let set = args.open_registered(folder)?;
+    let views: Vec<View> = set.views.into_iter().filter(|view| view.pinhole().is_some()).collect();
+    bar.begin("writing pictures", "views", views.len() as u64);
+    write_set(&views, output, &mut |_| bar.advance(1))?;
+    bar.finish();
+    Ok((ImageSet::open(output, &ImageSetOptions::default())?, views))
+}
+
+impl Outcome {
+    pub(super) fn print(&self) {
+        let Self { views, agreement, seconds, folder } = self;
+        println!(
+            "{}: depth found for {:.1} % of the pixels of {views} views in {seconds:.1} s",
+            folder.display(),
+            agreement.found_share() * 100.0
+        );
+        if agreement.known > 0 {
+            let [one, two, five] = agreement.shares_within().map(|share| share * 100.0);
+            println!(
+                "  known depth {:.1} % of its pixels found: {one:.1} % of them within 1 %, {two:.1} % within 2 %, {five:.1} % within 5 %, \
+                 half of them within {:.2} %",
+                agreement.covered() * 100.0,
+                agreement.median_error() * 100.0
+            );
+        }
+    }
+
+    pub(super) fn json(&self) -> Value {
+        let Self { views, agreement, seconds, folder } = self;
+        let known = (agreement.known > 0).then(|| {
+            let [one, two, five] = agreement.shares_within();
+            json!({
+                "covered": agreement.covered(), "within_1_percent": one, "within_2_percent": two, "within_5_percent": five,
+                "median": agreement.median_error(),
+            })
+        });
+        json!({
+            "folder": folder, "views": views, "share": agreement.found_share(), "seconds": seconds, "known": known,
+        })
+    }
+}

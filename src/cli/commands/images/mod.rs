@@ -1,0 +1,275 @@
+//! `headbox images`: what an image set is, and what is wrong with it.
+
+mod depth;
+
+use crate::commands::capture::deep as capture_deep;
+use crate::commands::capture::deep::is_deep_picture;
+use crate::image_set::SetArgs;
+use crate::commands::images::depth::{DepthArgs, Outcome};
+use crate::output::print_json;
+use crate::progress::Bar;
+use headbox_images::{AlignStep, Aligned, CheckReport, ImageSet, ImagesError, Lens, Residual, TRANSFORMS, View, align, check};
+use headbox_cube::model::samples::CubeLdi;
+use headbox_ldi::from_images::ImagesJob;
+use headbox_photos::voxel_colouring::PhotographsJob;
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_cube::planes as primitives;
+use headbox_core::progress::Progress;
+use anyhow::bail;
+use clap::Args;
+use glam::DVec3;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+
+#[derive(Args)]
+pub(crate) struct ImagesCommand {
+    /// A folder of pictures with known cameras (Seurat, nerfstudio, COLMAP, RGB-D frames, Middlebury, panoramas), or its
+    /// manifest.json or transforms.json; or a deep EXR
+    folder: PathBuf,
+    /// Find out where photographs were taken: runs COLMAP, where it is installed, and puts its model beside them as sparse/0
+    #[arg(long)]
+    align: bool,
+    #[command(flatten)]
+    depth: DepthArgs,
+    #[command(flatten)]
+    set: SetArgs,
+    /// Pairs of neighbours whose pictures are compared; 0 for none
+    #[arg(long, value_name = "N", default_value_t = PAIRS)]
+    pairs: usize,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+/// Pairs of neighbours that are compared.
+const PAIRS: usize = 16;
+
+/// How a set becomes a cube: by its depth, or, where no view has any, by the colours that its photographs agree on.
+pub(super) enum SetJob {
+    Depth(ImagesJob),
+    Photographs(PhotographsJob),
+}
+
+impl SetJob {
+    pub(super) fn suggest(set: &ImageSet) -> Self {
+        match set.with_depth().next() {
+            Some(_) => Self::Depth(ImagesJob::suggest(set)),
+            None => Self::Photographs(PhotographsJob::suggest(set)),
+        }
+    }
+
+    /// Of the headbox, world metres.
+    pub(super) fn centre(&mut self) -> &mut DVec3 {
+        match self {
+            Self::Depth(job) => &mut job.centre,
+            Self::Photographs(job) => &mut job.centre,
+        }
+    }
+
+    pub(super) fn half_size_m(&mut self) -> &mut f64 {
+        match self {
+            Self::Depth(job) => &mut job.half_size_m,
+            Self::Photographs(job) => &mut job.half_size_m,
+        }
+    }
+
+    /// The views that it takes.
+    pub(super) fn views<'a>(&self, set: &'a ImageSet) -> Vec<&'a View> {
+        match self {
+            Self::Depth(_) => set.with_depth().collect(),
+            Self::Photographs(_) => set.views.iter().collect(),
+        }
+    }
+
+    pub(super) fn run(&self, set: &ImageSet, bar: &Bar) -> Result<CubeLdi, ImagesError> {
+        match self {
+            Self::Depth(job) => job.run(set, &self.views(set), bar),
+            Self::Photographs(job) => {
+                let views = self.views(set);
+                if let Some(why) = job.left_out(&views) {
+                    eprintln!("warning: {why}");
+                }
+                job.run(set, &views, bar)
+            }
+        }
+    }
+}
+
+/// The cube of a set, with all that is suggested for it.
+pub(super) fn cube(folder: &Path, set: &SetArgs, bar: &Bar) -> anyhow::Result<PackedCube> {
+    cube_of(&set.open_registered(folder)?, bar)
+}
+
+/// As [`cube`], of a set that was opened.
+pub(super) fn cube_of(set: &ImageSet, bar: &Bar) -> anyhow::Result<PackedCube> {
+    let ldi = SetJob::suggest(set).run(set, bar)?;
+    Ok(primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, primitives::DEFAULT_ERROR_PX)?)
+}
+
+/// The views that a cube can be made from.
+pub(super) fn with_depth(set: &ImageSet) -> anyhow::Result<Vec<&View>> {
+    let views: Vec<&View> = set.with_depth().collect();
+    if views.is_empty() {
+        bail!("{}: none of its {} views has depth", set.folder.display(), set.views.len());
+    }
+    Ok(views)
+}
+
+/// Whether a command's argument names an image set instead of a scene.
+pub(super) fn is_image_set(name: &str) -> bool {
+    let path = Path::new(name);
+    let manifests = TRANSFORMS.into_iter().chain(["manifest.json"]);
+    let manifest = path.file_name().is_some_and(|file| manifests.into_iter().any(|known| file == known));
+    !name.starts_with("builtin:") && (path.is_dir() || (manifest && path.is_file()))
+}
+
+impl ImagesCommand {
+    /// As `headbox images FOLDER`.
+    pub(super) fn of(folder: &Path, json: bool) -> Self {
+        Self {
+            folder: folder.into(),
+            align: false,
+            depth: DepthArgs::default(),
+            set: SetArgs::default(),
+            pairs: PAIRS,
+            json,
+        }
+    }
+
+    pub(crate) fn run(&self) -> anyhow::Result<()> {
+        if is_deep_picture(&self.folder.to_string_lossy()) {
+            return capture_deep::describe(&self.folder, self.json);
+        }
+        if self.align {
+            self.align()?;
+        }
+        let found = self.depth.run(&self.folder, &self.set)?;
+        let set = self.set.open(found.as_ref().map_or(&self.folder, |found| &found.folder))?;
+        let pairs = self.pairs.min(set.with_depth().count().saturating_sub(1));
+        let bar = Bar::new();
+        bar.begin("comparing neighbours", "views", pairs as u64 + 1);
+        let report = match self.pairs {
+            0 => CheckReport::default(),
+            _ => check(&set, self.pairs, &mut |_| bar.advance(1))?,
+        };
+        bar.finish();
+        for warning in &report.warnings {
+            eprintln!("warning: {warning}");
+        }
+        if self.json {
+            self.print_json(&set, &report, found.as_ref());
+        } else {
+            if let Some(found) = &found {
+                found.print();
+            }
+            self.print(&set, &report);
+        }
+        Ok(())
+    }
+
+    fn align(&self) -> anyhow::Result<()> {
+        let bar = Bar::new();
+        let mut at = None;
+        let aligned = align(&self.folder, &mut |step, done, all| {
+            let what = match step {
+                AlignStep::Features => "points of pictures",
+                AlignStep::Matches => "points of pairs",
+                AlignStep::Poses => "where pictures were taken",
+            };
+            let before = match at {
+                Some((known, before)) if known == (step, all) => before,
+                _ => {
+                    bar.begin(what, "steps", all as u64);
+                    0
+                }
+            };
+            bar.advance(done.saturating_sub(before) as u64);
+            at = Some(((step, all), done.max(before)));
+        })?;
+        bar.finish();
+        let Aligned { found, pictures, model } = aligned;
+        eprintln!("note: it is known of {found} of {pictures} photographs where they were taken: {}", model.display());
+        Ok(())
+    }
+
+    fn print_json(&self, set: &ImageSet, report: &CheckReport, found: Option<&Outcome>) {
+        let file = |p: DVec3| set.frame.file_from_world(p).to_array();
+        let views: Vec<_> = set
+            .views
+            .iter()
+            .map(|view| {
+                json!({
+                    "name": view.name, "size": view.size_px, "eye": file(view.pose.eye),
+                    "has_depth": view.depth.is_some(),
+                })
+            })
+            .collect();
+        let residuals: Vec<_> = report
+            .residuals
+            .iter()
+            .map(|r| {
+                json!({
+                    "from": r.from, "to": r.to, "overlap": r.overlap, "relative_depth": r.relative_depth,
+                    "color_levels": r.color_levels,
+                })
+            })
+            .collect();
+        print_json(&json!({
+            "kind": "images", "format": set.format, "views": views, "with_depth": set.with_depth().count(),
+            "median_depth_m": report.median_depth_m, "depth_share": report.depth_share, "residuals": residuals,
+            "warnings": report.warnings, "notes": set.notes,
+            "found_depth": found.map(Outcome::json),
+        }));
+    }
+
+    fn print(&self, set: &ImageSet, report: &CheckReport) {
+        println!("{}: {}, {} views", set.folder.display(), set.format, set.views.len());
+        let with_depth = set.with_depth().count();
+        let panoramas = set.views.iter().filter(|view| view.lens == Lens::Equirectangular).count();
+        let sizes: std::collections::BTreeSet<[u32; 2]> = set.views.iter().map(|view| view.size_px).collect();
+        let sizes: Vec<String> = sizes.iter().take(4).map(|[w, h]| format!("{w}x{h}")).collect();
+        println!("  pictures    {} px, {panoramas} panoramas, {with_depth} with depth", sizes.join(", "));
+        let (low, high) = extent(set);
+        println!("  eyes        from {} to {} (the file's axes and unit)", words(low), words(high));
+        if with_depth > 0 && self.pairs > 0 {
+            let half = match report.median_depth_m.is_nan() {
+                true => String::new(),
+                false => format!(", half of it within {:.2} m", report.median_depth_m),
+            };
+            println!("  depth       known for {:.1} % of the pixels{half}", report.depth_share * 100.0);
+        }
+        print_neighbors(&report.residuals);
+        if !set.views.is_empty() {
+            println!("capture it: headbox capture {} -o F.ldi", set.folder.display());
+        }
+    }
+}
+
+/// How well neighbours agree, of those that see the same.
+fn print_neighbors(compared: &[Residual]) {
+    let mut seen: Vec<&Residual> = compared.iter().filter(|residual| !residual.relative_depth.is_nan()).collect();
+    seen.sort_by(|a, b| a.relative_depth.total_cmp(&b.relative_depth));
+    match seen.last() {
+        Some(worst) => println!(
+            "  neighbours  depths agree within {:.2} % (median of {} pairs), worst {:.2} % ({} and {})",
+            seen[seen.len() / 2].relative_depth * 100.0,
+            seen.len(),
+            worst.relative_depth * 100.0,
+            worst.from,
+            worst.to
+        ),
+        None if compared.is_empty() => {}
+        None => println!("  neighbours  none of {} pairs see the same", compared.len()),
+    }
+}
+
+/// The corners of the eyes' bounding box, the file's axes and unit.
+fn extent(set: &ImageSet) -> (DVec3, DVec3) {
+    let eyes = set.views.iter().map(|view| set.frame.file_from_world(view.pose.eye));
+    let empty = (DVec3::splat(f64::INFINITY), DVec3::splat(f64::NEG_INFINITY));
+    eyes.fold(empty, |(low, high), eye| (low.min(eye), high.max(eye)))
+}
+
+fn words(p: DVec3) -> String {
+    format!("{:.3},{:.3},{:.3}", p.x, p.y, p.z)
+}

@@ -1,0 +1,433 @@
+//! `headbox lumigraph`.
+
+mod images;
+
+use crate::args::{Names, SourceArgs, by_name, parse_length, parse_size, parse_vector};
+use crate::image_set::SetArgs;
+use super::images::is_image_set;
+use crate::output::{LUMIGRAPH, Outputs, peak_rss_mb, print_json};
+use crate::commands::capture::place::place_headbox;
+use crate::progress::Bar;
+use crate::words::UsageError;
+use headbox_trace::light::Lighting;
+use headbox_core::file_frame::FileFrame;
+use headbox_core::headbox::Headbox;
+use headbox_trace::bvh::Tracer;
+use headbox_core::camera::Camera;
+use headbox_scene::scene::Scene;
+use headbox_trace::viewpoint;
+use headbox_core::container::FileError;
+use headbox_lumigraph::{CameraGrid, GridParts, Lumigraph, LumigraphCapture, LumigraphError, MAX_LAYERS, MAX_SLABS, Placement, RawLumigraph, Slabs, middle_disparity};
+use anyhow::Context;
+use clap::Args;
+use glam::DVec3;
+use image::RgbImage;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+#[derive(Args)]
+pub(crate) struct LumigraphCommand {
+    /// A scene (an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME), or a folder of pictures with known
+    /// cameras and depth, taken from a grid of places on a plane
+    pub(super) scene: String,
+    #[command(flatten)]
+    pub(super) source: SourceArgs,
+    /// The .lumi file to write; `-` for standard output
+    #[arg(short, long)]
+    pub(super) output: PathBuf,
+    #[command(flatten)]
+    pub(super) grid: GridArgs,
+    #[command(flatten)]
+    pub(super) quality: LumigraphQualityArgs,
+    #[command(flatten)]
+    pub(super) images: SetArgs,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+/// Where the cameras stand that look at a scene.
+#[derive(Args)]
+pub(super) struct GridArgs {
+    /// Middle of the cameras; the centre of the scene's headbox if absent. Given several times, so many planes of cameras
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
+    plane: Vec<DVec3>,
+    /// Where the cameras look, across their plane; the direction in which there is most to see if absent. Once for all planes, or
+    /// once for each
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
+    normal: Vec<DVec3>,
+    /// Direction that points up in the images; the file's up axis if absent
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
+    up_vector: Option<DVec3>,
+    /// From the first camera of a row to its last; columns have the same spacing. The edge of the scene's headbox if absent
+    #[arg(long, value_name = "LENGTH", value_parser = parse_length)]
+    extent: Option<f64>,
+    /// Cameras in a row and in a column; 4x4 if absent
+    #[arg(long, value_name = "CxR", value_parser = parse_cameras)]
+    cameras: Option<(u32, u32)>,
+    /// Size of an image, pixels; 512x512 if absent
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    size: Option<(u32, u32)>,
+    /// Vertical field of view of an image, degrees; 60 if absent
+    #[arg(long, value_name = "DEG", value_parser = parse_fov)]
+    fov: Option<f64>,
+    /// How far from the plane all images show the same part of the scene; the middle of the disparities if absent
+    #[arg(long, value_name = "LENGTH", value_parser = parse_length, conflicts_with = "parallel")]
+    focus: Option<f64>,
+    /// Look straight ahead with every camera, as the paper has it
+    #[arg(long)]
+    parallel: bool,
+    /// Light slabs: so many planes of cameras, turned about a vertical line so that the scene is seen from all around; 1 if absent
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=MAX_SLABS as i64))]
+    slabs: Option<u32>,
+    /// A point of the line about which planes are turned; what lies in the middle of the first images if absent
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true, requires = "slabs")]
+    about: Option<DVec3>,
+}
+
+/// What decides how good images and layers are.
+#[derive(Args)]
+pub(super) struct LumigraphQualityArgs {
+    /// Layers at most; up to 255 take one byte a pixel, more take two
+    #[arg(long, value_name = "N", default_value_t = 255, value_parser = clap::value_parser!(u32).range(1..=MAX_LAYERS as i64))]
+    layers: u32,
+    /// Time the points of the sampling curve on frames of this size and keep the fastest: every camera, every second, every fourth and
+    /// so on, as long as the outermost stay, each with the layers that it needs
+    #[arg(long, value_name = "WxH", value_parser = parse_size, conflicts_with = "layers")]
+    optimum: Option<(u32, u32)>,
+    /// With --optimum: keep the point that errs least and whose frames take so many milliseconds at most; it may have more layers than the
+    /// curve asks for
+    #[arg(long, value_name = "MS", value_parser = parse_budget, requires = "optimum")]
+    budget: Option<f64>,
+    /// Where layers are put
+    #[arg(long, value_name = "WHERE", default_value = "histogram", value_parser = by_name(PLACEMENTS))]
+    placement: Placement,
+    /// Rays per pixel of a scene's images; 8 if absent
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    samples: Option<u32>,
+    /// Diffuse bounces of a scene's light beyond direct light; 1 if absent
+    #[arg(long, value_name = "B", value_parser = clap::value_parser!(u32).range(0..=64))]
+    bounces: Option<u32>,
+    /// Albedo and emission without light
+    #[arg(long)]
+    unlit: bool,
+}
+
+/// Where layers can be put.
+const PLACEMENTS: Names<Placement> = &[
+    ("histogram", "Where surfaces are: the widest layer is as narrow as can be", Placement::Histogram),
+    ("uniform", "Equal shares of the range of disparity, as the paper has it", Placement::Uniform),
+];
+
+fn placement_name(placement: Placement) -> &'static str {
+    PLACEMENTS.iter().find(|(.., known)| *known == placement).map_or("", |(name, ..)| name)
+}
+
+/// Cameras of a row or column, at most.
+const MAX_CAMERAS: u32 = 256;
+
+fn parse_cameras(text: &str) -> Result<(u32, u32), String> {
+    let counts = text.split_once(['x', 'X']).and_then(|(c, r)| Some((c.parse().ok()?, r.parse().ok()?)));
+    let allowed = 1..=MAX_CAMERAS;
+    match counts {
+        Some((columns, rows)) if allowed.contains(&columns) && allowed.contains(&rows) => Ok((columns, rows)),
+        _ => Err(format!("give COLUMNSxROWS, each from 1 to {MAX_CAMERAS}, such as 4x4")),
+    }
+}
+
+fn parse_fov(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|fov| (0.1..=170.0).contains(fov)).ok_or("give degrees from 0.1 to 170".into())
+}
+
+fn parse_budget(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|ms: &f64| *ms > 0.0 && ms.is_finite()).ok_or("give milliseconds above 0".into())
+}
+
+impl LumigraphCommand {
+    pub(crate) fn run(&self) -> anyhow::Result<()> {
+        if is_image_set(&self.scene) {
+            return self.run_images();
+        }
+        let start = Instant::now();
+        let outputs = Outputs::new(self.json, [Path::new(&self.scene)]).file(&self.output, &LUMIGRAPH)?;
+        let source = self.source.source(&self.scene);
+        let scene = Arc::new(source.open()?);
+        outputs.scene_is_open(&scene)?;
+        let (grids, tracer) = self.grid.place(&scene)?;
+        let bounces = self.quality.bounces.unwrap_or(1);
+        let lighting = Lighting::prepare(&tracer, bounces, !self.quality.unlit);
+        let bar = Bar::new();
+        let LumigraphQualityArgs { samples, unlit, .. } = self.quality;
+        let samples = samples.unwrap_or(8);
+        let capture = LumigraphCapture { tracer: &tracer, lighting: &lighting, lit: !unlit, samples };
+        let mut slabs = Vec::new();
+        for grid in &grids {
+            let raw = capture.run(grid, &bar)?;
+            let traced = |cameras: &[Camera]| Ok(capture.frames(cameras, &bar)?);
+            let (slab, number) = (self.layered(&raw, traced, &bar), slabs.len() + 1);
+            slabs.push(match grids.len() {
+                1 => slab?,
+                count => slab.with_context(|| format!("light slab {number} of {count}"))?,
+            });
+        }
+        bar.finish();
+        (slabs[0].info.source, slabs[0].info.frame) = (source.name, scene.frame);
+        let slabs = Slabs::new(slabs)?;
+        slabs.write(&self.output)?;
+        self.tell(&slabs, start.elapsed().as_secs_f64());
+        Ok(())
+    }
+
+    /// The images with layers; `expected` tells what frames should show.
+    pub(super) fn layered(
+        &self,
+        raw: &RawLumigraph,
+        expected: impl Fn(&[Camera]) -> anyhow::Result<Vec<RgbImage>>,
+        bar: &Bar,
+    ) -> anyhow::Result<Lumigraph> {
+        let LumigraphQualityArgs { layers, placement, optimum, budget, .. } = self.quality;
+        let Some((width, height)) = optimum else { return Ok(raw.layered(layers as usize, placement)?) };
+        let frames = [[0.5, 0.5], [0.2, 0.3], [0.7, 0.9]].map(|at| frame_from(raw, at, [width, height]));
+        match budget {
+            None => Ok(raw.fastest(&frames, placement, bar)?),
+            Some(ms) => Ok(raw.nearest_within(ms, &frames, &expected(&frames)?, placement, bar)?),
+        }
+    }
+
+    pub(super) fn tell(&self, slabs: &Slabs, seconds: f64) {
+        if self.json {
+            let mut facts = lumigraph_json(slabs);
+            facts["total_s"] = json!(seconds);
+            facts["peak_rss_mb"] = json!(peak_rss_mb());
+            print_json(&facts);
+            return;
+        }
+        let (first, count) = (slabs.first(), slabs.all().len());
+        let (columns, rows) = (first.grid().columns().len(), first.grid().rows().len());
+        let (file, layers) = (self.output.display(), first.layers().len());
+        let of_slabs = if count > 1 { format!("{count} light slabs of ") } else { String::new() };
+        println!("{file}: {of_slabs}{columns}x{rows} images, {layers} layers, {seconds:.2} s");
+        for point in &slabs.info().curve {
+            let [columns, rows] = point.cameras;
+            let error = point.psnr_db.map(|db| format!(", {db:.1} dB")).unwrap_or_default();
+            println!("  {columns}x{rows} images, {} layers: {:.2} ms a frame{error}", point.layers, point.ms);
+        }
+        println!("look at it: headbox render {file} -o frame.png");
+    }
+}
+
+impl LumigraphQualityArgs {
+    /// What is said of how a scene is traced, by its flag.
+    pub(super) fn given(&self) -> [(&'static str, bool); 3] {
+        [("--samples", self.samples.is_some()), ("--bounces", self.bounces.is_some()), ("--unlit", self.unlit)]
+    }
+}
+
+impl GridArgs {
+    /// What is said, by its flag.
+    pub(super) fn given(&self) -> [(&'static str, bool); 11] {
+        [
+            ("--plane", !self.plane.is_empty()),
+            ("--normal", !self.normal.is_empty()),
+            ("--up-vector", self.up_vector.is_some()),
+            ("--extent", self.extent.is_some()),
+            ("--cameras", self.cameras.is_some()),
+            ("--size", self.size.is_some()),
+            ("--fov", self.fov.is_some()),
+            ("--focus", self.focus.is_some()),
+            ("--parallel", self.parallel),
+            ("--slabs", self.slabs.is_some()),
+            ("--about", self.about.is_some()),
+        ]
+    }
+
+    /// The cameras of each light slab, and a tracer about the first one's plane.
+    fn place(&self, scene: &Arc<Scene>) -> anyhow::Result<(Vec<CameraGrid>, Tracer)> {
+        let several = self.plane.len() > 1;
+        if several && self.slabs.is_some() {
+            return Err(usage("--slabs turns one --plane; give one, or leave --slabs out"));
+        }
+        if self.plane.len() > MAX_SLABS {
+            return Err(usage(format!("{} planes; a file has {MAX_SLABS} at most", self.plane.len())));
+        }
+        let planes = self.plane.len().max(1);
+        if self.normal.len() > 1 && self.normal.len() != planes {
+            let normals = self.normal.len();
+            return Err(usage(format!("{normals} --normal for {planes} --plane; give one, or one for each")));
+        }
+        let headbox = place_headbox(scene, self.plane.first().copied(), None)?;
+        let tracer = Tracer::new(Arc::clone(scene), headbox.centre);
+        let mut grids = Vec::with_capacity(planes);
+        for i in 0..planes {
+            let centre = if i == 0 { headbox.centre } else { place_headbox(scene, Some(self.plane[i]), None)?.centre };
+            let place = Headbox { centre, ..headbox };
+            grids.push(self.grid(&tracer, place, self.normal.get(i).or(self.normal.first()).copied())?);
+        }
+        match <[CameraGrid; 1]>::try_from(grids) {
+            Ok([first]) => {
+                let frame = &scene.frame;
+                let centre = self.about.map(|about| frame.world_from_file(about));
+                let grids = self.turned(first, centre, self.up(frame), &tracer)?;
+                Ok((grids, tracer))
+            }
+            Err(grids) => Ok((grids, tracer)),
+        }
+    }
+
+    fn up(&self, frame: &FileFrame) -> DVec3 {
+        self.up_vector.map_or(DVec3::Y, |up| frame.world_direction_from_file(up))
+    }
+
+    /// Cameras on one plane about the middle of a headbox.
+    fn grid(&self, tracer: &Tracer, headbox: Headbox, normal: Option<DVec3>) -> anyhow::Result<CameraGrid> {
+        let frame = &tracer.scene().frame;
+        let edge_m = self.extent.map_or(2.0 * headbox.half_size_m, |edge| edge * frame.unit_m);
+        let normal = normal.map(|normal| frame.world_direction_from_file(normal));
+        let normal = normal.unwrap_or_else(|| viewpoint::suggest_view(tracer, headbox.centre));
+        let world_from_eye = CameraGrid::facing(normal, self.up(frame))
+            .ok_or_else(|| usage("--normal has no direction; give three numbers that are not all 0"))?;
+        let (columns, rows) = self.cameras.map_or((4, 4), |(columns, rows)| (columns as usize, rows as usize));
+        // Of a single column, the rows' own extent.
+        let spacing = edge_m / (columns.max(2) - 1) as f64;
+        let (width, height) = self.size.unwrap_or((512, 512));
+        let half_fov = self.fov.unwrap_or(60.0).to_radians() / 2.0;
+        let mut parts = GridParts {
+            origin: headbox.centre,
+            world_from_eye,
+            columns: CameraGrid::evenly(columns, edge_m),
+            rows: CameraGrid::evenly(rows, if columns > 1 { spacing * (rows - 1) as f64 } else { edge_m }),
+            focal_px: f64::from(height) / 2.0 / half_fov.tan(),
+            size_px: [width, height],
+            convergence: 0.0,
+        };
+        if !self.parallel {
+            let focus_m = self.focus.map(|focus| focus * frame.unit_m);
+            parts.convergence = focus_m.map_or_else(|| middle_disparity(tracer, &parts), |focus| 1.0 / focus);
+        }
+        CameraGrid::new(parts).map_err(|error| usage(error.to_string()))
+    }
+
+    /// A plane of cameras, and the others that it becomes when it is turned.
+    fn turned(
+        &self,
+        first: CameraGrid,
+        centre: Option<DVec3>,
+        up: DVec3,
+        tracer: &Tracer,
+    ) -> Result<Vec<CameraGrid>, UsageError> {
+        let count = self.slabs.unwrap_or(1);
+        let focus = || Some(middle_disparity(tracer, &first.parts())).filter(|disparity| *disparity > 0.0);
+        let ahead = |disparity: f64| first.origin() - first.world_from_eye().z_axis / disparity;
+        let centre = if count > 1 { centre.or_else(|| focus().map(ahead)) } else { Some(first.origin()) };
+        let Some(centre) = centre else {
+            return Err(UsageError("the cameras see nothing to turn their plane about; give --about X,Y,Z".into()));
+        };
+        let turned = |i: u32| {
+            let grid = first.turned(centre, up, std::f64::consts::TAU * f64::from(i) / f64::from(count));
+            let mut parts = grid.ok_or(LumigraphError::Grid("up direction"))?.parts();
+            if i > 0 && !self.parallel && self.focus.is_none() {
+                parts.convergence = middle_disparity(tracer, &parts);
+            }
+            CameraGrid::new(parts)
+        };
+        (0..count).map(turned).collect::<Result<_, _>>().map_err(|error| UsageError(error.to_string()))
+    }
+}
+
+fn usage(text: impl Into<String>) -> anyhow::Error {
+    UsageError(text.into()).into()
+}
+
+/// A frame from a place on the plane (shares of the grid's width and height) of what all images show, as wide as the cameras about
+/// the middle see.
+fn frame_from(raw: &RawLumigraph, at: [f64; 2], size_px: [u32; 2]) -> Camera {
+    let grid = raw.grid();
+    let place = |places: &[f64], share: f64| places[0] + share * (places[places.len() - 1] - places[0]);
+    let axes = grid.world_from_eye();
+    let eye = grid.origin() + axes.x_axis * place(grid.columns(), at[0]) + axes.y_axis * place(grid.rows(), at[1]);
+    // Of parallel cameras, what lies infinitely far ahead.
+    let ahead = (grid.origin() - eye) * grid.convergence() - axes.z_axis;
+    let fov_y_deg = grid.clear_fov_deg(raw.range().unwrap_or_default(), size_px);
+    // The size was checked when it was read.
+    Camera::look_at(eye, eye + ahead, axes.y_axis, fov_y_deg, size_px)
+        .unwrap_or_else(|_| grid.camera(0, 0).with_eye(eye))
+}
+
+/// What there is to know of light slabs: of the first, and where the planes of all are.
+pub(super) fn lumigraph_json(slabs: &Slabs) -> serde_json::Value {
+    let lumigraph = slabs.first();
+    let (grid, frame) = (lumigraph.grid(), &lumigraph.info.frame);
+    let in_file = |point: DVec3| frame.file_from_world(point);
+    let along = |places: &[f64]| places.iter().map(|place| place / frame.unit_m).collect::<Vec<_>>();
+    json!({
+        "cameras": [grid.columns().len(), grid.rows().len()], "size": grid.size_px(), "layers": lumigraph.layers().len(),
+        "index_bytes": lumigraph.index_bytes(), "plane": in_file(grid.origin()),
+        "look_at": in_file(grid.origin() - grid.world_from_eye().z_axis), "columns": along(grid.columns()),
+        "rows": along(grid.rows()), "focal_px": grid.focal_px(), "convergence_per_m": grid.convergence(),
+        "disparity_per_m": lumigraph.range(), "unknown_pixels": lumigraph.unknown_pixels(),
+        "environment_size": lumigraph.environment.size_px, "capture": lumigraph.info,
+        "slabs": slabs.all().iter().map(|slab| in_file(slab.grid().origin())).collect::<Vec<_>>(),
+    })
+}
+
+/// `headbox info` of a `.lumi` file.
+pub(super) fn info(path: &Path, check: bool, json: bool) -> Result<(), FileError> {
+    // What reading accepts a renderer can rely on; --check has nothing to add but the word.
+    let slabs = Slabs::read(path)?;
+    let bytes = std::fs::metadata(path).map_err(|source| FileError::Io { path: path.into(), source })?.len();
+    if json {
+        let mut facts = lumigraph_json(&slabs);
+        facts["kind"] = json!(headbox_lumigraph::LUMI_FILE.name);
+        facts["bytes"] = json!(bytes);
+        facts["depth_pixels"] = json!(null);
+        facts["faces"] = json!([]);
+        facts["ok"] = json!(true);
+        print_json(&facts);
+        return Ok(());
+    }
+    let frame: &FileFrame = &slabs.info().frame;
+    println!("{}: {}, {bytes} bytes", path.display(), headbox_lumigraph::LUMI_FILE.name);
+    println!("  source      {}", slabs.info().source);
+    println!("  world       1 file unit = {} m, {} up in the file", frame.unit_m, frame.up);
+    let count = slabs.all().len();
+    for (number, slab) in slabs.all().iter().enumerate() {
+        if count > 1 {
+            println!("light slab {} of {count}", number + 1);
+        }
+        print_slab(slab);
+    }
+    if check {
+        println!("ok: every promise of the layout holds");
+    }
+    Ok(())
+}
+
+fn print_slab(slab: &Lumigraph) {
+    let (grid, info) = (slab.grid(), &slab.info);
+    let frame = &info.frame;
+    let [width, height] = grid.size_px();
+    let extent = |places: &[f64]| (places[places.len() - 1] - places[0]) / frame.unit_m;
+    println!("  plane       at {} (in the file's axes and unit)", frame.file_from_world(grid.origin()));
+    let normal =
+        frame.file_from_world(grid.origin() - grid.world_from_eye().z_axis) - frame.file_from_world(grid.origin());
+    println!("  normal      {}", normal.normalize_or_zero());
+    println!(
+        "  cameras     {}x{} over {}x{} file units",
+        grid.columns().len(),
+        grid.rows().len(),
+        extent(grid.columns()),
+        extent(grid.rows())
+    );
+    println!("  images      {width}x{height} pixels, focal length {:.2} px", grid.focal_px());
+    let (layers, bits) = (slab.layers().len(), 8 * slab.index_bytes());
+    println!("  layers      {layers}, of {bits} bits a pixel, {}", placement_name(info.placement));
+    if let Some([min, max]) = slab.range() {
+        println!("  depth       {:.3} to {:.3} m", 1.0 / max, 1.0 / min);
+    }
+    if slab.unknown_pixels() > 0 {
+        let share = slab.unknown_pixels() as f64 / (grid.camera_count() * grid.picture_pixels()) as f64;
+        println!("  unknown     {:.1} % of the pixels", 100.0 * share);
+    }
+}

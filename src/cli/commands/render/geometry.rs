@@ -1,0 +1,147 @@
+//! Folders of images drawn by view-dependent geometry instead of a cube LDI.
+
+use crate::args::DefaultCamera;
+use crate::image_set::SetArgs;
+use crate::commands::images::with_depth;
+use crate::progress::Bar;
+use crate::words::UsageError;
+use headbox_photos::cache;
+use headbox_core::camera::Camera;
+use headbox_images::ImageSet;
+use headbox_core::file_frame::FileFrame;
+use headbox_photos::view_geometry::{GeometryRenderer, GeometryResources, GeometrySettings, GeometryStats, Patience, SampleGrid, Texturing, ViewGeometry};
+use clap::Args;
+use glam::DVec3;
+use image::RgbImage;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// What is said of arguments without the variant that they are for.
+pub(crate) const GEOMETRY_ALONE: &str = "--cameras, --grid, --sample-spacing, --lod and --pictures-memory are for --variant geometry-blended and its kin (-averaged, -multi, \
+     -single, -nearest), of a folder of images with depth";
+
+/// How view-dependent geometry is made.
+#[derive(Args, Clone)]
+pub(crate) struct GeometryArgs {
+    /// View-dependent geometry: cameras whose depth samples make a frame; 10 if absent
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
+    cameras: Option<u16>,
+    /// View-dependent geometry: pixels between nodes of a frame's mesh; 5 if absent
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u16).range(1..=256))]
+    grid: Option<u16>,
+    /// View-dependent geometry: pixels between samples of a depth image; 3 if absent
+    #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u16).range(1..=256))]
+    sample_spacing: Option<u16>,
+    /// View-dependent geometry: level of detail of the samples, each with a quarter of the one before; 0 if absent
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=3))]
+    lod: Option<u32>,
+    /// View-dependent geometry: memory for pictures, MB; 1024 if absent
+    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u32).range(1..))]
+    pictures_memory: Option<u32>,
+}
+
+impl GeometryArgs {
+    /// Whether any of them was given.
+    pub(crate) fn are_given(&self) -> bool {
+        let numbers = [self.cameras, self.grid, self.sample_spacing];
+        numbers.iter().any(Option::is_some) || self.lod.is_some() || self.pictures_memory.is_some()
+    }
+
+    /// Settings of frames.
+    pub(crate) fn settings(&self) -> GeometrySettings {
+        let default = GeometrySettings::default();
+        GeometrySettings {
+            cameras: self.cameras.map_or(default.cameras, usize::from),
+            grid_px: self.grid.map_or(default.grid_px, f32::from),
+            level: self.lod.unwrap_or(default.level),
+            ..default
+        }
+    }
+
+    /// What a folder is opened with; samples are kept in the `cache`.
+    pub(crate) fn resources(&self, cache: Option<PathBuf>) -> GeometryResources {
+        let default = GeometryResources::default();
+        let spacing_px = self.sample_spacing.map_or(default.grid.spacing_px, u32::from);
+        GeometryResources {
+            grid: SampleGrid { spacing_px, ..default.grid },
+            budget: self.pictures_memory.map_or(default.budget, |mb| mb as usize * 1_000_000),
+            cache,
+        }
+    }
+}
+
+/// Opens a set, with the camera of its middle view.
+pub(crate) fn geometry_of(set: &ImageSet, args: &GeometryArgs) -> anyhow::Result<(ViewGeometry, Option<Camera>)> {
+    let views = with_depth(set)?;
+    let bar = Bar::new();
+    let geometry = ViewGeometry::open(set, &views, &args.resources(cache::folder(cache::IMAGES)), &bar)?;
+    bar.finish();
+    geometry.notes().iter().for_each(|note| eprintln!("note: {note}"));
+    Ok((geometry, set.central_view().and_then(|view| view.camera())))
+}
+
+/// An image set, with all that drawing it needs.
+pub(super) struct GeometryContent {
+    geometry: ViewGeometry,
+    renderer: GeometryRenderer,
+    settings: GeometrySettings,
+}
+
+/// A drawn frame.
+pub(super) struct GeometryRendered {
+    pub(super) image: RgbImage,
+    pub(super) ms: Vec<f64>,
+    pub(super) stats: GeometryStats,
+}
+
+impl GeometryContent {
+    /// Opens a folder for a way of texturing; with the axes and unit of its file, and a camera like that of its middle view.
+    pub(super) fn open(
+        folder: &Path,
+        set: SetArgs,
+        texturing: Texturing,
+        args: &GeometryArgs,
+    ) -> anyhow::Result<(Self, FileFrame, DefaultCamera)> {
+        let (geometry, central) = geometry_of(&set.open_registered(folder)?, args)?;
+        let camera = central.map_or(DefaultCamera::at(DVec3::ZERO), |camera| DefaultCamera::like(&camera));
+        let settings = GeometrySettings { texturing, ..args.settings() };
+        let frame = geometry.frame;
+        Ok((Self { geometry, renderer: GeometryRenderer::new(), settings }, frame, camera))
+    }
+
+    /// The name of the way of texturing.
+    pub(super) fn variant(&self) -> &'static str {
+        self.settings.texturing.name()
+    }
+
+    /// Draws a pose `repeat` times, and says on standard error where nothing is seen and which pictures are lost.
+    pub(super) fn render(&mut self, camera: &Camera, repeat: u32) -> anyhow::Result<GeometryRendered> {
+        let mut ms = Vec::with_capacity(repeat as usize);
+        loop {
+            let started = Instant::now();
+            let (frame, stats) = self.renderer.render(&self.geometry, camera, &self.settings, Patience::Wait);
+            ms.push(started.elapsed().as_secs_f64() * 1e3);
+            if ms.len() < repeat as usize {
+                continue;
+            }
+            if stats.cameras_valid == 0 {
+                eprintln!("warning: {}", self.geometry.nothing_seen());
+            }
+            for why in self.geometry.lost() {
+                eprintln!("warning: {why}; other pictures serve instead");
+            }
+            self.geometry.mended().iter().for_each(|why| eprintln!("note: {why}"));
+            return Ok(GeometryRendered { image: frame.to_rgb()?, ms, stats });
+        }
+    }
+}
+
+/// The way of texturing of a variant's name, if it is one; an error if it is not asked for with one folder of images.
+pub(crate) fn texturing_of(variant: Option<&str>, is_set_alone: bool) -> anyhow::Result<Option<Texturing>> {
+    match variant.and_then(Texturing::from_name) {
+        Some(_) if !is_set_alone => {
+            Err(UsageError("view-dependent geometry is for one folder of images with depth, alone".into()).into())
+        }
+        texturing => Ok(texturing),
+    }
+}

@@ -1,0 +1,100 @@
+//! `headbox render --path`: a film, or a picture for each pose.
+
+use super::RenderCommand;
+use headbox_core::file_frame::FileFrame;
+use headbox_core::statistics::median;
+use headbox_core::camera::Camera;
+use headbox_core::simd;
+use crate::commands::render::content::{Content, Rendered};
+use crate::output::{print_json, save_picture, write_text};
+use crate::progress::Bar;
+use headbox_export::film;
+use headbox_export::stereo::View;
+use headbox_scene::camera_path as path;
+use headbox_core::progress::Progress;
+use anyhow::{Context, bail};
+use serde_json::json;
+use std::path::Path;
+use std::time::Instant;
+
+impl RenderCommand {
+    /// Frames a second of a film: as asked for, else as the times of the path's poses have it.
+    pub(super) fn film_fps(&self, path: &Path, frame: &FileFrame) -> anyhow::Result<u32> {
+        let poses = path::read_records(path, frame, f64::from(self.fps()))?;
+        let ends = poses.first().zip(poses.last());
+        let seconds =
+            ends.and_then(|(first, last)| Some(last.time_s? - first.time_s?)).filter(|seconds| *seconds > 0.0);
+        let told = seconds.map(|seconds| ((poses.len() - 1) as f64 / seconds).round().clamp(1.0, 240.0) as u32);
+        Ok(self.fps.or(told).unwrap_or_else(|| self.fps()))
+    }
+
+    pub(super) fn render_film(&self, content: &mut Content, cameras: &[Camera], fps: u32) -> anyhow::Result<()> {
+        let started = Instant::now();
+        let Some(first) = cameras.first() else { bail!("the path has no poses") };
+        let size = self.view().size_px([first.width(), first.height()]);
+        let bar = Bar::new();
+        bar.begin("frames", "frames", cameras.len() as u64);
+        let mut frames = cameras.iter().map(|camera| {
+            let picture = self.picture(content, camera).map_err(std::io::Error::other);
+            bar.advance(1);
+            picture
+        });
+        film::write(&self.output, size, fps, cameras.len() as u32, self.view(), &mut frames)
+            .with_context(|| format!("{} could not be written", self.output.display()))?;
+        bar.finish();
+        let (count, seconds) = (cameras.len(), started.elapsed().as_secs_f64());
+        if self.json {
+            print_json(&json!({"frames": count, "fps": fps, "size": size, "seconds": seconds}));
+        } else {
+            let [width, height] = size;
+            println!(
+                "{}: {count} frames of {width}x{height} at {fps} a second, in {seconds:.1} s",
+                self.output.display()
+            );
+        }
+        Ok(())
+    }
+
+    pub(super) fn render_path(&self, content: &mut Content, cameras: &[Camera]) -> anyhow::Result<()> {
+        if self.view() != View::Frame {
+            return self.render_views(content, cameras);
+        }
+        let folder = &self.output;
+        let mut csv = String::from("pose,ms,depth_pixels_in,splatted,hole_pixels\n");
+        let mut times = Vec::with_capacity(cameras.len());
+        for (pose, camera) in cameras.iter().enumerate() {
+            let rendered = content.render(camera, self.repeat)?;
+            save_picture(&folder.join(format!("frame_{pose:04}.png")), &rendered.image)?;
+            let ms = rendered.ms_median();
+            let Rendered { depth_pixels_in, splatted, hole_pixels, .. } = rendered;
+            csv += &format!("{pose},{ms:.4},{depth_pixels_in},{splatted},{hole_pixels}\n");
+            times.push(ms);
+        }
+        write_text(&folder.join("times.csv"), &csv)?;
+        let median = median(times.iter().copied()).unwrap_or(f64::NAN);
+        let worst = times.iter().copied().fold(f64::NAN, f64::max);
+        if self.json {
+            print_json(&json!({
+                "ms_median": median, "ms": times, "frames": times.len(), "variant": content.variant(),
+                "threads": rayon::current_num_threads(), "simd": simd::name(simd::level()),
+            }));
+        } else {
+            println!("{}: {} frames, median {median:.2} ms, worst {worst:.2} ms", folder.display(), times.len());
+        }
+        Ok(())
+    }
+
+    /// A picture for each pose of all that is about the eye, or of both eyes.
+    fn render_views(&self, content: &mut Content, cameras: &[Camera]) -> anyhow::Result<()> {
+        let started = Instant::now();
+        for (pose, camera) in cameras.iter().enumerate() {
+            save_picture(&self.output.join(format!("frame_{pose:04}.png")), &self.picture(content, camera)?)?;
+        }
+        let (frames, seconds) = (cameras.len(), started.elapsed().as_secs_f64());
+        match self.json {
+            true => print_json(&json!({"frames": frames, "variant": content.variant(), "seconds": seconds})),
+            false => println!("{}: {frames} frames in {seconds:.1} s", self.output.display()),
+        }
+        Ok(())
+    }
+}

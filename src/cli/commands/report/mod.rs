@@ -1,0 +1,356 @@
+//! `headbox report`.
+
+pub(crate) mod images;
+
+use crate::args::{SourceArgs, named_parts, parse_length, parse_unit, parse_up, parse_vector};
+use crate::commands::render::geometry::GeometryArgs;
+use crate::image_set::SetArgs;
+use super::images::is_image_set;
+use crate::commands::report::images as images_report;
+use crate::output::{NO_INPUTS, Outputs, PAGE, save_picture, write_text};
+use crate::commands::capture::place::place_headbox;
+use crate::progress::{Bar, Planned};
+use crate::words::UsageError;
+use headbox_photos::cache;
+use headbox_trace::light::Lighting;
+use headbox_core::headbox::Headbox;
+use headbox_core::file_frame::UpAxis;
+use headbox_trace::bvh::Tracer;
+use headbox_core::words::of_json;
+use headbox_core::container::Container;
+use headbox_lab::machine::{Machine, commit};
+use headbox_lab::plan::{Plan, Quality, most_to_see};
+use headbox_lab::report::figures::{figures, short};
+use headbox_lab::report::row::Report;
+use headbox_lab::report::subject::Subject;
+use headbox_lab::report::{promises, results, scene, summary};
+use headbox_lab::stability;
+use headbox_lab::walk::WalkReport;
+use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::file::CUBE_LDI;
+use headbox_ldi::scene_source::SceneSource;
+use headbox_sprite::{SPRITE_FILE, SpriteSet};
+use anyhow::{Context, anyhow, bail};
+use clap::Args;
+use clap::builder::TypedValueParser;
+use glam::DVec3;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+#[derive(Args)]
+pub(crate) struct ReportCommand {
+    /// Scenes (.obj, .gltf, .glb, homes, builtin:NAME) to capture, or .ldi and .sprite files whose scenes are still there. What
+    /// differs from scene to scene may follow its name: @center=X,Y,Z, @half=S, @up=z, @unit=cm
+    #[arg(value_name = "SCENE|FILE", required_unless_present_any = ["results", "stability"], value_parser = parse_named)]
+    subjects: Vec<Named>,
+    /// Folder for report.json, report.csv, summary.md and charts, headbox-report if absent; with --results and --stability the
+    /// page to write, results.md and STABILITY.md if absent
+    #[arg(short, long)]
+    output: Option<PathBuf>,
+    /// Small sizes: less than two minutes a scene on two cores
+    #[arg(long)]
+    quick: bool,
+    /// Frames of 1024x768 and faces of 1024 px, from few eyes and of one capture: four minutes to three quarters of an hour a scene on two cores, most of it for truth, which is kept
+    #[arg(long, conflicts_with = "quick")]
+    real: bool,
+    /// Leave out the scenes that OUTPUT/report.json, of the same commit, sizes and seed, has already
+    #[arg(long)]
+    resume: bool,
+    /// Hold what the README promises against the run, and fail if it does not hold
+    #[arg(long)]
+    promises: bool,
+    /// With --results: the walk.json of `headbox walk`, for a chapter of its own
+    #[arg(long, value_name = "walk.json", requires = "results")]
+    walk: Option<PathBuf>,
+    /// Seed of eyes and captures
+    #[arg(long, value_name = "K", default_value_t = 0)]
+    seed: u64,
+    /// Diffuse bounces of light beyond direct light
+    #[arg(long, value_name = "B", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64))]
+    bounces: u32,
+    /// Folder in which ray-traced truth is kept from run to run; headbox/truth in the user's cache folder if absent
+    #[arg(long, value_name = "DIR")]
+    cache: Option<PathBuf>,
+    /// Measure nothing: make a page and its charts from the report.json of an earlier run
+    #[arg(long, value_name = "report.json", conflicts_with_all = ["subjects", "quick", "real"])]
+    results: Option<PathBuf>,
+    /// Measure hard numerical cases instead, and write the page of their bounds
+    #[arg(long, conflicts_with_all = ["subjects", "quick", "real", "results"])]
+    stability: bool,
+    /// With --stability: the page of an earlier run, whose verdicts must be the same
+    #[arg(long, value_name = "STABILITY.md", requires = "stability")]
+    against: Option<PathBuf>,
+    /// Seeds of each hard case
+    #[arg(long, value_name = "N", default_value_t = 20, requires = "stability", value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    seeds: u64,
+    /// Of an image set (a folder): leave every N-th view out and judge how the others show it; 1 leaves out each alone
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..).map(usize::from))]
+    hold_out: usize,
+    #[command(flatten)]
+    images: SetArgs,
+    #[command(flatten)]
+    geometry: GeometryArgs,
+    #[command(flatten)]
+    source: SourceArgs,
+}
+
+/// A scene or a file, and what is said of it alone.
+#[derive(Clone, Default)]
+struct Named {
+    name: String,
+    center: Option<DVec3>,
+    half_size: Option<f64>,
+    up: Option<UpAxis>,
+    unit: Option<f64>,
+}
+
+impl Named {
+    fn is_placed(&self) -> bool {
+        self.center.is_some() || self.half_size.is_some() || self.up.is_some() || self.unit.is_some()
+    }
+}
+
+/// `NAME`, or `NAME@KEY=VALUE@KEY=VALUE`.
+fn parse_named(text: &str) -> Result<Named, String> {
+    const KEYS: [&str; 4] = ["center", "half", "up", "unit"];
+    let (name, parts) = named_parts(text, &KEYS)?;
+    let mut named = Named { name: name.to_owned(), ..Named::default() };
+    for (key, value) in parts {
+        match key {
+            "center" => named.center = Some(parse_vector(value)?),
+            "half" => named.half_size = Some(parse_length(value)?),
+            "up" => named.up = Some(parse_up(value)?),
+            "unit" => named.unit = Some(parse_unit(value).map_err(|cause| format!("unit={value}: {cause}"))?),
+            _ => return Err(format!("{key}: give one of {}", KEYS.join("=, "))),
+        }
+    }
+    Ok(named)
+}
+
+impl ReportCommand {
+    pub(crate) fn run(&self) -> anyhow::Result<()> {
+        match &self.results {
+            Some(json) => self.write_page(json),
+            None if self.stability => self.measure_stability(),
+            None => match self.subjects.as_slice() {
+                [set] if is_image_set(&set.name) => self.measure_images(Path::new(&set.name)),
+                _ => self.measure(),
+            },
+        }
+    }
+
+    /// The output, or what it is if the user did not say.
+    fn output_or<'a>(&'a self, otherwise: &'a str) -> &'a Path {
+        self.output.as_deref().unwrap_or(Path::new(otherwise))
+    }
+
+    fn measure_stability(&self) -> anyhow::Result<()> {
+        let output = self.output_or("STABILITY.md");
+        Outputs::new(false, NO_INPUTS).file(output, &PAGE)?;
+        // Before it is written over.
+        let earlier = self.against.as_ref().map(|path| read_text(path)).transpose()?;
+        let (page, all_hold) =
+            stability::page(self.seed..self.seed.saturating_add(self.seeds), |name| eprintln!("{name}"));
+        write_text(output, &page)?;
+        println!("{}: {} seeds a case", output.display(), self.seeds);
+        if let Some(earlier) = earlier {
+            let [before, now] = [&earlier, &page].map(|page| stability::verdicts(page).unwrap_or_default());
+            let differences = stability::differences(&before, &now);
+            if !differences.is_empty() {
+                bail!("verdicts differ:\n{}", differences.join("\n"));
+            }
+        }
+        if all_hold { Ok(()) } else { bail!("a bound is exceeded; see {}", output.display()) }
+    }
+
+    fn measure(&self) -> anyhow::Result<()> {
+        for (i, subject) in self.subjects.iter().enumerate() {
+            // Rows know their scene by its name.
+            if self.subjects[..i].iter().any(|other| other.name == subject.name) {
+                return Err(UsageError(format!("{} is named twice", subject.name)).into());
+            }
+        }
+        let output = self.output_or("headbox-report");
+        let inputs = self.subjects.iter().map(|subject| Path::new(&subject.name));
+        let outputs = Outputs::new(false, inputs).folder(output)?;
+        let cache = self.cache.clone().or_else(|| cache::folder("truth")).unwrap_or_else(|| output.join("truth"));
+        std::fs::create_dir_all(&cache).with_context(|| format!("{} could not be made", cache.display()))?;
+        let mut report = Report {
+            version: Report::VERSION,
+            machine: Machine::here(),
+            commit: commit(),
+            program: env!("CARGO_PKG_VERSION").into(),
+            seed: self.seed,
+            quick: self.quick,
+            real: self.real,
+            scenes: Vec::new(),
+            rows: Vec::new(),
+        };
+        let json = output.join("report.json");
+        if self.resume {
+            report.resume(read_report(&json).ok());
+        }
+        let bar = Bar::planned(plan_of_a_scene(), false);
+        for (number, named) in self.subjects.iter().enumerate() {
+            bar.part(short(&named.name), number, self.subjects.len());
+            if report.scenes.iter().any(|facts| facts.scene == named.name) {
+                continue;
+            }
+            let (subject, plan) = self.open(named, &outputs)?;
+            let (facts, rows) = scene::run(&subject, &plan, Some(cache.clone()), &bar)?;
+            report.scenes.push(facts);
+            report.rows.extend(rows);
+            // After each scene, so that a run that is cut off can go on.
+            write_text(&json, &(serde_json::to_string_pretty(&report)? + "\n"))?;
+        }
+        bar.finish();
+        eprintln!("time: {}", bar.times());
+        write_text(&output.join("report.csv"), &report.to_csv())?;
+        let summary = summary::summary(&report);
+        write_text(&output.join("summary.md"), &summary)?;
+        save_charts(&report, output, true)?;
+        print!("{summary}");
+        eprintln!("truth is kept in {}", cache.display());
+        if self.promises {
+            print!("{}", promises::table(&report));
+            let broken = promises::broken(&report);
+            if !broken.is_empty() {
+                bail!("the README promises what does not hold: {}", broken.join("; "));
+            }
+        }
+        Ok(())
+    }
+
+    /// Leaves views of an image set out and shows them from the others.
+    fn measure_images(&self, folder: &Path) -> anyhow::Result<()> {
+        let set = self.images.open_registered(folder)?;
+        let output = self.output_or("headbox-report");
+        Outputs::new(false, [folder]).folder(output)?;
+        images_report::write(&set, self.hold_out, &self.geometry, output)
+    }
+
+    fn write_page(&self, json: &Path) -> anyhow::Result<()> {
+        let output = self.output_or("results.md");
+        Outputs::new(false, std::iter::once(json).chain(self.walk.as_deref())).file(output, &PAGE)?;
+        let report = read_report(json)?;
+        let walk: Option<WalkReport> = match &self.walk {
+            Some(path) => Some(serde_json::from_str(&read_text(path)?).map_err(|error| not_ours(path, &error))?),
+            None => None,
+        };
+        write_text(output, &results::page(&report, walk.as_ref()))?;
+        let folder = output.with_file_name("results");
+        if let Some(walk) = &walk {
+            write_text(&folder.join("along-path.svg"), &walk.chart().draw().to_svg())?;
+        }
+        save_charts(&report, &folder, false)
+    }
+
+    /// A scene or a file, ready to be measured, and the plan for it.
+    fn open(&self, named: &Named, outputs: &Outputs) -> anyhow::Result<(Subject, Plan)> {
+        let name = named.name.as_str();
+        let path = Path::new(name);
+        let kind = if path.is_file() { Container::peek_kind(path)? } else { None };
+        if kind.is_some() && named.is_placed() {
+            return Err(UsageError(format!("{name}: says itself where its headbox is")).into());
+        }
+        let quality = match (self.quick, self.real) {
+            (true, _) => Quality::QUICK,
+            (_, true) => Quality::REAL,
+            _ => Quality::FULL,
+        };
+        let (mut cube, mut sprites) = (None, None);
+        let source = if kind == Some(CUBE_LDI.tag) {
+            let read = PackedCube::read(path)?;
+            let source = SceneSource::in_frame(&read.info.scene, read.info.frame).lit_by(read.info.light.clone());
+            cube = Some(read);
+            source
+        } else if kind == Some(SPRITE_FILE.tag) {
+            let read = SpriteSet::read(path)?;
+            let source = SceneSource::in_frame(&read.info.source, read.info.frame).lit_by(read.info.light.clone());
+            sprites = Some(read);
+            source
+        } else {
+            self.source.with(named.up, named.unit).source(name)
+        };
+        let scene = match kind {
+            Some(_) => source.open().with_context(|| format!("the scene of {name} is needed for truth"))?,
+            None => source.open()?,
+        };
+        let scene = Arc::new(scene);
+        outputs.scene_is_open(&scene)?;
+        let Headbox { mut centre, mut half_size_m } = place_headbox(&scene, named.center, named.half_size)?;
+        let (mut bounces, mut lit, mut ahead) = (self.bounces, true, None);
+        if let Some(cube) = &cube {
+            (centre, half_size_m) = (cube.info.centre, cube.info.half_size_m);
+            (bounces, lit) = (cube.info.parameters.bounces, cube.info.parameters.light_samples > 0);
+        }
+        if let Some(set) = &sprites {
+            let Some(first) = set.sprites().first() else { bail!("{name}: holds no sprites") };
+            let camera = first.sprite().sprite().camera();
+            (centre, ahead) = (camera.eye(), Some(camera.forward()));
+        }
+        let tracer = Arc::new(Tracer::new(Arc::clone(&scene), centre));
+        let lighting = Lighting::prepare(&tracer, bounces, lit);
+        let ahead = ahead.unwrap_or_else(|| most_to_see(&tracer, centre));
+        let plan = Plan::new(quality, centre, half_size_m, ahead, self.seed);
+        let plan = plan.map_err(|error| UsageError(error.to_string()))?;
+        Ok((Subject { name: name.to_owned(), tracer, lighting, lit, cube, sprites }, plan))
+    }
+}
+
+/// The stages of a scene's measurement, with shares of its time as they are in the middle: captures that differ in one thing each,
+/// frames in turns, and truth for each eye, for some more than once.
+fn plan_of_a_scene() -> Vec<Planned> {
+    vec![
+        Planned { stages: &["pilot", "trace", "look for holes", "light and merge", "sprites"], times: 40, weight: 0.4 },
+        Planned { stages: &["frames"], times: 1, weight: 0.2 },
+        Planned { stages: &["truth"], times: 24, weight: 0.4 },
+    ]
+}
+
+fn read_text(path: &Path) -> anyhow::Result<String> {
+    std::fs::read_to_string(path).with_context(|| format!("{} could not be read", path.display()))
+}
+
+fn not_ours(path: &Path, error: &serde_json::Error) -> anyhow::Error {
+    anyhow!("{} is no report of this program's version: {}", path.display(), of_json(error))
+}
+
+fn read_report(json: &Path) -> anyhow::Result<Report> {
+    let report: Report = serde_json::from_str(&read_text(json)?).map_err(|error| not_ours(json, &error))?;
+    if report.version != Report::VERSION {
+        let (path, version, ours) = (json.display(), report.version, Report::VERSION);
+        bail!("{path}: version {version} of reports; this program reads version {ours}");
+    }
+    Ok(report)
+}
+
+/// Writes every chart as SVG, and as PNG too if asked.
+fn save_charts(report: &Report, folder: &Path, as_png: bool) -> anyhow::Result<()> {
+    for figure in figures(report) {
+        let drawing = figure.chart.draw();
+        write_text(&folder.join(format!("{}.svg", figure.name)), &drawing.to_svg())?;
+        if as_png && let Some(image) = drawing.to_image() {
+            save_picture(&folder.join(format!("{}.png", figure.name)), &image)?;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scenes_may_be_placed_by_their_names() {
+        let named = parse_named("a@home/house.obj@up=z@center=0,-1,1.5@half=0.4@unit=cm").unwrap();
+        assert_eq!((named.name.as_str(), named.center), ("a@home/house.obj", Some(DVec3::new(0.0, -1.0, 1.5))));
+        assert!(named.half_size == Some(0.4) && named.is_placed());
+        assert!(matches!((named.up, named.unit), (Some(UpAxis::Z), Some(0.01))));
+        let plain = parse_named("a@home/house.obj").unwrap();
+        assert!(plain.name == "a@home/house.obj" && !plain.is_placed());
+        for wrong in ["a.obj@center=1,2", "a.obj@half=0", "a.obj@half=1@size=3", "a.obj@up=x", "a.obj@unit=m@z"] {
+            assert!(parse_named(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! `headbox sprite FOLDER`: sprites of a sequence of photographs.
+
+use crate::image_set::SetArgs;
+use crate::output::{save_picture, write_text};
+use crate::progress::Bar;
+use crate::words::UsageError;
+use headbox_images::ImageSet;
+use headbox_images::planar_layers::{Frames, LayerJob, Mask, PlanarLayers};
+use headbox_core::image_file as picture;
+use headbox_core::file_frame::FileFrame;
+use headbox_lab::sequence;
+use headbox_core::progress::Progress;
+use anyhow::{Context, bail};
+use clap::Args;
+use std::path::{Path, PathBuf};
+
+/// What is said of sprites of a sequence.
+#[derive(Args)]
+pub(super) struct SequenceArgs {
+    /// Of a folder of images: the view whose layers are made, by name or by number from 1; the one in the middle if absent
+    #[arg(long, value_name = "NAME")]
+    view: Option<String>,
+    /// Of a folder of images: layers at most
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=64))]
+    layers: Option<u8>,
+    /// Of a folder of images: other views that depth and what is hidden are found from; 6 if absent
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=8))]
+    frames: Option<u8>,
+    /// Of a folder of images: regions made by hand instead of found ones, a PNG a layer in the order of their names, as large as the view's picture, white
+    /// where a pixel belongs
+    #[arg(long, value_name = "DIR")]
+    masks: Option<PathBuf>,
+    /// Of a folder of images: take depth from its files, too; otherwise only what is found from the pictures
+    #[arg(long)]
+    own_depth: bool,
+    #[command(flatten)]
+    pub(super) set: SetArgs,
+}
+
+impl SequenceArgs {
+    /// Refuses what is said of a sequence where there is none.
+    pub(super) fn only_for_sets(&self) -> Result<(), UsageError> {
+        self.set.only_for_sets(false)?;
+        let given = [
+            ("--view", self.view.is_some()),
+            ("--layers", self.layers.is_some()),
+            ("--frames", self.frames.is_some()),
+            ("--masks", self.masks.is_some()),
+            ("--own-depth", self.own_depth),
+        ];
+        match given.into_iter().find(|(_, is_given)| *is_given) {
+            Some((flag, _)) => Err(UsageError(format!("{flag} is for folders of images; leave it out"))),
+            None => Ok(()),
+        }
+    }
+
+    /// The layers of a folder of images, and its axes and unit; judged by photographs left out if a folder for that is given.
+    pub(super) fn layers(&self, name: &str, range: Option<&Path>) -> anyhow::Result<(PlanarLayers, FileFrame)> {
+        let set = self.set.open_registered(Path::new(name))?;
+        let job = self.job(&set)?;
+        let bar = Bar::new();
+        let (report, layers) = match range {
+            Some(folder) => judged(&set, &job, &bar, folder)?,
+            None => (String::new(), job.layers(&load(&set, &job, &bar)?)?),
+        };
+        bar.finish();
+        print!("{report}");
+        Ok((layers, set.frame))
+    }
+
+    fn job(&self, set: &ImageSet) -> anyhow::Result<LayerJob> {
+        let mut job = LayerJob::suggest(set);
+        if let Some(name) = &self.view {
+            job.view = LayerJob::find_view(set, name)?;
+        }
+        job.layers = self.layers.map_or(job.layers, usize::from);
+        job.others = self.frames.map_or(job.others, usize::from);
+        job.own_depth = self.own_depth;
+        if self.own_depth && set.with_depth().next().is_none() {
+            bail!("{}: no view has depth; leave --own-depth out", set.folder.display());
+        }
+        if let Some(folder) = &self.masks {
+            job.masks = masks(folder)?;
+        }
+        Ok(job)
+    }
+}
+
+/// The PNG files of a folder in the order of their names.
+fn masks(folder: &Path) -> anyhow::Result<Vec<Mask>> {
+    let entries = std::fs::read_dir(folder).with_context(|| format!("{} cannot be read", folder.display()))?;
+    let mut paths: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
+    paths.retain(|path| path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")));
+    paths.sort();
+    if paths.is_empty() {
+        bail!("{}: no PNG files; --masks takes a folder of them, one for each layer", folder.display());
+    }
+    if paths.len() > headbox_images::planar_layers::MOST_LAYERS {
+        bail!("{}: {} PNG files, more than layers are made", folder.display(), paths.len());
+    }
+    let read = |path: PathBuf| {
+        let picture = picture::read(&path, picture::MAX_BYTES);
+        let picture = picture.with_context(|| format!("{} could not be read as an image", path.display()))?;
+        Ok(Mask { picture: picture.to_luma8(), path })
+    };
+    paths.into_iter().map(read).collect()
+}
+
+fn load(set: &ImageSet, job: &LayerJob, bar: &Bar) -> anyhow::Result<Frames> {
+    bar.begin("finding depth", "steps", job.steps(set));
+    Ok(job.load(set, &|| bar.advance(1))?)
+}
+
+/// Layers without the frames that they are judged by, and what these say.
+fn judged(set: &ImageSet, job: &LayerJob, bar: &Bar, folder: &Path) -> anyhow::Result<(String, PlanarLayers)> {
+    let (kept, job, left_out) = sequence::leave_out(set, job)?;
+    let frames = load(&kept, &job, bar)?;
+    let mut failed = None;
+    let (report, layers) = sequence::measure(&kept, &job, &frames, &left_out, &mut |name, pictures| {
+        let path = folder.join(format!("{}.png", name.replace(['/', '.'], "_")));
+        failed = failed.take().or(save_picture(&path, &crate::commands::report::images::sheet(pictures, 3)).err());
+    })?;
+    if let Some(error) = failed {
+        return Err(error);
+    }
+    write_text(&folder.join("report.json"), &(serde_json::to_string_pretty(&report)? + "\n"))?;
+    write_text(&folder.join("summary.md"), &report.summary())?;
+    Ok((report.summary(), layers))
+}

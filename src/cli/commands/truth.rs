@@ -1,0 +1,184 @@
+//! `headbox truth`.
+
+use crate::args::{CameraArgs, SceneArgs};
+use crate::output::{FRAME, Outputs, name_of, peak_rss_mb, print_json, save_picture};
+use crate::progress::Bar;
+use crate::commands::render::radiance::{is_radiance, save_radiance};
+use crate::words::UsageError;
+use headbox_images::SetWriter;
+use headbox_trace::light::Lighting;
+use headbox_trace::bvh::Tracer;
+use headbox_core::camera::Camera;
+use headbox_trace::viewpoint;
+use headbox_core::progress::Progress;
+use headbox_images::traced_view;
+use headbox_trace::truth;
+use clap::Args;
+use serde_json::json;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+#[derive(Args)]
+pub(crate) struct TruthCommand {
+    #[command(flatten)]
+    scene: SceneArgs,
+    /// Picture to write: .png, .jpg, .webp, .tif, .bmp or .tga, or linear radiance, .exr; `-` for standard output (PNG); with --images a
+    /// folder
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Instead of one picture, a folder of so many with their depth, an image set for capture, render, view and report: from a wall of
+    /// cameras across the headbox, all of which look as the camera does
+    #[arg(long, value_name = "COLUMNSxROWS", value_parser = parse_wall)]
+    images: Option<(u32, u32)>,
+    #[command(flatten)]
+    camera: CameraArgs,
+    /// Diffuse bounces of light beyond direct light; as in the capture to compare with
+    #[arg(long, value_name = "B", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64))]
+    bounces: u32,
+    /// Rays per pixel
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    samples: u32,
+    /// Show albedo and emission without light, as `capture --light-samples 0` does
+    #[arg(long)]
+    unlit: bool,
+    /// Compress light above white, as `capture --hdr` does
+    #[arg(long)]
+    hdr: bool,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+impl TruthCommand {
+    pub(crate) fn run(&self) -> anyhow::Result<()> {
+        let mut source = self.scene.source();
+        source.light.hdr = self.hdr;
+        let outputs = Outputs::new(self.json, [&source.name]);
+        let outputs = match self.images {
+            Some(_) => outputs.folder(&self.output)?,
+            None => outputs.file(&self.output, &FRAME)?,
+        };
+        let scene = Arc::new(source.open()?);
+        outputs.scene_is_open(&scene)?;
+        let (camera, tracer) = self.camera.aim(&scene)?;
+        let start = Instant::now();
+        let lighting = Lighting::prepare(&tracer, self.bounces, !self.unlit);
+        let bar = Bar::new();
+        if let Some(wall) = self.images {
+            let half_size_m = viewpoint::place_headbox(&scene, None, None).map_or(0.0, |headbox| headbox.half_size_m);
+            let views = self.write_images(wall, half_size_m, &camera, (&tracer, &lighting), &bar)?;
+            self.say(start, &format!("{views} images with depth"), json!({ "images": views }));
+            return Ok(());
+        }
+        let truth = truth::render(&tracer, &lighting, !self.unlit, &camera, self.samples, &bar);
+        bar.finish();
+        match is_radiance(&self.output) {
+            true => save_radiance(&self.output, (truth.frame.width, truth.frame.height), &truth.radiance)?,
+            false => save_picture(&self.output, &truth.rgb())?,
+        }
+        let error_db = truth.standard_error_psnr_db;
+        let known = if error_db.is_finite() { Some(error_db) } else { None };
+        self.say(start, &noise(error_db), json!({ "standard_error_psnr_db": known }));
+        Ok(())
+    }
+
+    /// Says what was written.
+    fn say(&self, start: Instant, what: &str, json: serde_json::Value) {
+        let seconds = start.elapsed().as_secs_f64();
+        if self.json {
+            let mut all = json!({ "seconds": seconds, "samples": self.samples, "peak_rss_mb": peak_rss_mb() });
+            if let (Some(all), serde_json::Value::Object(json)) = (all.as_object_mut(), json) {
+                all.extend(json);
+            }
+            print_json(&all);
+        } else {
+            println!("{}: {seconds:.1} s, {what}", name_of(&self.output));
+        }
+    }
+
+    /// Writes a set of images from places evenly spread over a square across the headbox; returns how many.
+    fn write_images(
+        &self,
+        (columns, rows): (u32, u32),
+        half_size_m: f64,
+        camera: &Camera,
+        (tracer, lighting): (&Tracer, &Lighting),
+        bar: &Bar,
+    ) -> anyhow::Result<u32> {
+        /// Of half of the headbox's edge: nothing is to be seen from its very faces.
+        const REACH: f64 = 0.9;
+        let mut set = SetWriter::new(&self.output);
+        let turn = camera.world_from_eye();
+        let off = |number: u32, of: u32| match of {
+            1 => 0.0,
+            _ => (2.0 * f64::from(number) / f64::from(of - 1) - 1.0) * REACH * half_size_m,
+        };
+        let images = columns * rows;
+        bar.begin("tracing", "rows", u64::from(images) * u64::from(camera.height()));
+        let rows_done = RowsOfMany(bar);
+        for number in 0..images {
+            let (column, row) = (number % columns, number / columns);
+            let eye = camera.eye() + turn.x_axis * off(column, columns) - turn.y_axis * off(row, rows);
+            let moved = Camera::from_parts(eye, turn, camera.focal_px(), camera.width(), camera.height())
+                .map_err(|error| UsageError(error.to_string()))?;
+            let view = traced_view::view(tracer, lighting, !self.unlit, &moved, self.samples, &rows_done);
+            set.add(number as usize, &view, true)?;
+        }
+        bar.finish();
+        set.finish()?;
+        Ok(images)
+    }
+}
+
+/// The rows of one picture of many, which are one stage.
+struct RowsOfMany<'a>(&'a Bar);
+
+impl Progress for RowsOfMany<'_> {
+    fn begin(&self, _stage: &str, _unit: &str, _total: u64) {}
+
+    fn advance(&self, steps: u64) {
+        self.0.advance(steps);
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.0.is_cancelled()
+    }
+}
+
+/// Cameras side by side and above each other, `COLUMNSxROWS`.
+/// How noisy a picture is, and what that means to who compares with it.
+fn noise(error_db: f64) -> String {
+    /// Beyond what captures of a lit scene reach.
+    const AMPLE_DB: f64 = 40.0;
+    let known = format!("standard error {error_db:.1} dB (PSNR)");
+    match error_db < AMPLE_DB {
+        true => format!(
+            "{known}: what is compared with it is at most so good, however good it is; more --samples lower its noise"
+        ),
+        false => known,
+    }
+}
+
+fn parse_wall(text: &str) -> Result<(u32, u32), String> {
+    let sides =
+        text.split_once(['x', 'X']).and_then(|(columns, rows)| Some((columns.parse().ok()?, rows.parse().ok()?)));
+    sides
+        .filter(|(columns, rows): &(u32, u32)| {
+            (1..=10_000).contains(columns) && (1..=10_000).contains(rows) && columns * rows <= 10_000
+        })
+        .ok_or_else(|| "give COLUMNSxROWS, 10000 images at most, such as 9x1".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn walls_are_read_and_others_refused() {
+        assert_eq!(parse_wall("9x1"), Ok((9, 1)));
+        for bad in ["", "9", "0x3", "3x0", "-1x2", "101x100", "99999x99999", "axb"] {
+            assert!(parse_wall(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,303 @@
+//! `headbox view`.
+
+use crate::args::{Names, SourceArgs, by_name, parse_size};
+use crate::commands::render::geometry::{GEOMETRY_ALONE, GeometryArgs, geometry_of, texturing_of};
+use crate::image_set::SetArgs;
+use crate::commands::images;
+use super::images::is_image_set;
+use crate::output::{Outputs, WINDOW, name_of, print_json};
+use crate::progress::Bar;
+use crate::words::UsageError;
+use headbox_core::camera::Camera;
+use headbox_images::{ImageSet, View, sparse_points};
+use headbox_ldi::from_images::{ImagesJob, NearImages};
+use headbox_ldi::scene_source::SceneSource;
+use headbox_window::{Marks, SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_marks, show_photographs};
+use headbox_photos::view_geometry::{GeometrySettings, Texturing};
+use anyhow::Context;
+use clap::Args;
+use headbox_viewer::{Coming, Exit, FrameSource, ReplayMode, Stereo, ViewerOptions};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+#[derive(Args)]
+pub(crate) struct ViewCommand {
+    /// A .ldi, .sprite, .lumi or .house file, a home (Home.xml, .sh3d, .toml) to walk in, a folder of images, or a
+    /// scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the start page if absent
+    file: Option<String>,
+    /// Of a folder of images: draw it by view-dependent geometry, such as geometry-averaged, instead of a cube LDI
+    #[arg(long, value_name = "NAME")]
+    variant: Option<String>,
+    /// Of a folder of images with depth: show a cube LDI of the images nearest to the view alone, built anew while you move, and
+    /// move freely; --set images=N takes so many, 3 if absent
+    #[arg(long, conflicts_with = "variant")]
+    live: bool,
+    #[command(flatten)]
+    geometry: GeometryArgs,
+    #[command(flatten)]
+    images: SetArgs,
+    #[command(flatten)]
+    source: SourceArgs,
+    /// Replay this path or camera file
+    #[arg(long, value_name = "PATH.json")]
+    path: Option<PathBuf>,
+    /// Replay every pose once, however long its frame takes, instead of by the path's times
+    #[arg(long, requires = "path")]
+    every_pose: bool,
+    /// Close the window when the path has ended
+    #[arg(long, requires = "path")]
+    exit_after_path: bool,
+    /// Close the window after so many frames
+    #[arg(long, value_name = "N", conflicts_with = "exit_after_path")]
+    frames: Option<u64>,
+    /// Close the window when the view cannot become better: a capture or an error map is complete
+    #[arg(long, conflicts_with_all = ["exit_after_path", "frames"])]
+    when_refined: bool,
+    /// Save a picture of the window here, then close it
+    #[arg(long, value_name = "OUT.png")]
+    screenshot: Option<PathBuf>,
+    /// Size of the window, points
+    #[arg(long, value_name = "WxH", default_value = "1280x800", value_parser = parse_size)]
+    window_size: (u32, u32),
+    /// Set a control of the panel, such as kernel=paper or overlay=error
+    #[arg(long, value_name = "ID=VALUE", value_parser = parse_pair)]
+    set: Vec<(String, String)>,
+    /// Compare with this other value of a control, left and right of a divider
+    #[arg(long, value_name = "ID=VALUE", value_parser = parse_pair)]
+    compare: Vec<(String, String)>,
+    /// Two eyes side by side
+    #[arg(long, value_parser = by_name(STEREO))]
+    stereo: Option<Stereo>,
+    /// Render fewer pixels while the eye moves, if a frame would take longer than so many milliseconds; 0 for all pixels always
+    #[arg(long, value_name = "MS", default_value_t = ViewerOptions::MOVING_LIMIT_MS, value_parser = parse_limit)]
+    moving_limit: f64,
+    /// Show the frame alone
+    #[arg(long)]
+    no_panels: bool,
+    /// Folder for saved frames, cameras, paths and captures
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    out: PathBuf,
+    /// Print what was measured as one JSON object on standard output, once the window is closed
+    #[arg(long)]
+    json: bool,
+}
+
+/// How two eyes stand beside each other.
+const STEREO: Names<Stereo> = &[
+    ("cross", "The right eye's view on the left", Stereo::CrossEyed),
+    ("parallel", "The left eye's view on the left", Stereo::Parallel),
+];
+
+fn parse_pair(text: &str) -> Result<(String, String), String> {
+    let (id, value) = text.split_once('=').ok_or("give ID=VALUE")?;
+    Ok((id.into(), value.into()))
+}
+
+fn parse_limit(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|ms| *ms == 0.0 || (4.0..=100.0).contains(ms))
+        .ok_or("give 0, or milliseconds from 4 to 100".into())
+}
+
+/// Frames after which a picture without a path is taken: the first may be of a window that still takes its size.
+const FRAMES_BEFORE_PICTURE: u64 = 3;
+
+impl ViewCommand {
+    pub(crate) fn run(&self) -> anyhow::Result<()> {
+        let inputs = self.file.iter().map(Path::new).chain(self.path.as_deref());
+        Outputs::new(self.json, inputs).maybe_file(self.screenshot.as_ref(), &WINDOW)?;
+        let mut options = self.options()?;
+        let mut source = None;
+        if let Some(file) = &self.file {
+            match open_soon(file, self.opener(file)?)? {
+                Opened::Already(it) => source = Some(it),
+                Opened::Later(coming) => options.coming = Some(coming),
+            }
+        }
+        let summary = headbox_viewer::run(source, options)?;
+        if self.json {
+            print_json(&serde_json::to_value(summary)?);
+        } else if let Some(screenshot) = &self.screenshot {
+            println!("{}: a picture of the window", name_of(screenshot));
+        }
+        Ok(())
+    }
+
+    /// How a file is opened.
+    ///
+    /// # Errors
+    /// Options that do not belong to it.
+    fn opener(
+        &self,
+        file: &str,
+    ) -> anyhow::Result<impl FnOnce() -> anyhow::Result<Box<dyn FrameSource>> + Send + 'static> {
+        let is_set = is_image_set(file);
+        if self.live && !is_set {
+            return Err(UsageError("--live is for a folder of images with depth".into()).into());
+        }
+        self.images.only_for_sets(is_set)?;
+        let texturing = texturing_of(self.variant.as_deref(), is_set)?;
+        if let (None, Some(variant)) = (texturing, &self.variant) {
+            let message = format!(
+                "--variant {variant}: view has geometry-blended and its kin (-averaged, -multi, -single, -nearest) alone, of a folder of \
+                 images with depth; what splats look like is a setting (--set kernel=NAME)"
+            );
+            return Err(UsageError(message).into());
+        }
+        if texturing.is_none() && self.geometry.are_given() {
+            return Err(UsageError(GEOMETRY_ALONE.into()).into());
+        }
+        let shown = ToShow {
+            source: self.source.source(file),
+            is_set,
+            live: self.live,
+            set: self.images,
+            texturing,
+            geometry: self.geometry.clone(),
+        };
+        let out = self.out.clone();
+        Ok(move || shown.open(&out))
+    }
+
+    fn options(&self) -> Result<ViewerOptions, UsageError> {
+        if self.file.is_none() && (self.path.is_some() || self.frames.is_some() || self.when_refined) {
+            return Err(UsageError("--path, --frames and --when-refined need a file to show".into()));
+        }
+        let (width, height) = self.window_size;
+        let with_path = self.path.is_some();
+        let exit = match (self.exit_after_path, self.frames, &self.screenshot) {
+            (true, ..) => Exit::AfterPath,
+            (_, Some(frames), _) => Exit::AfterFrames(frames),
+            _ if self.when_refined => Exit::WhenRefined,
+            (.., Some(_)) if with_path => Exit::AfterPath,
+            (.., Some(_)) if self.file.is_some() => Exit::AfterFrames(FRAMES_BEFORE_PICTURE),
+            (.., Some(_)) => Exit::AfterThumbnails,
+            _ => Exit::Never,
+        };
+        Ok(ViewerOptions {
+            started: Instant::now(),
+            library: Some(Box::new(SceneLibrary { output_dir: self.out.clone() })),
+            file: self.file.as_ref().map(PathBuf::from).filter(|file| file.is_file()),
+            recent_file: recent_file(),
+            window_size_points: [width as f32, height as f32],
+            panels: !self.no_panels,
+            settings: self.set.clone(),
+            compare: (!self.compare.is_empty()).then(|| self.compare.clone()),
+            stereo: self.stereo.unwrap_or_default(),
+            moving_limit_ms: (self.moving_limit > 0.0).then_some(self.moving_limit),
+            path: self.path.clone(),
+            replay: if self.every_pose { ReplayMode::EveryPose } else { ReplayMode::InTime },
+            output_dir: self.out.clone(),
+            sketch: Some(headbox_window::sources::sketch::sketch),
+            screenshot: self.screenshot.clone(),
+            exit,
+            ..ViewerOptions::default()
+        })
+    }
+}
+
+/// Something to show in a window, or as in a window, and how.
+pub(super) struct ToShow {
+    pub(super) source: SceneSource,
+    pub(super) is_set: bool,
+    /// Of an image set: by cubes of the images nearest to the eye.
+    pub(super) live: bool,
+    pub(super) set: SetArgs,
+    /// Of an image set: by view-dependent geometry.
+    pub(super) texturing: Option<Texturing>,
+    pub(super) geometry: GeometryArgs,
+}
+
+impl ToShow {
+    /// Opens it; what is captured while it is looked at is saved in `out`.
+    pub(super) fn open(self, out: &Path) -> anyhow::Result<Box<dyn FrameSource>> {
+        let Self { source, is_set, live, set, texturing, geometry } = self;
+        if !is_set {
+            return Ok(open_source(source, out)?);
+        }
+        let folder = Path::new(&source.name);
+        let set = set.open_registered(folder)?;
+        let marks = Marks::new(&set.views, sparse_points(folder)?);
+        let shown = if live {
+            let (near, start) = near(folder, set)?;
+            show_live(near, folder, &start)?
+        } else if let Some(texturing) = texturing {
+            let settings = GeometrySettings { texturing, ..geometry.settings() };
+            let (geometry, start) = geometry_of(&set, &geometry)?;
+            let no_start = || format!("{}: its middle view is no perspective picture to start at", source.name);
+            show_geometry(geometry, folder, &start.with_context(no_start)?, settings)
+        } else if set.with_depth().next().is_none() {
+            show_photographs(set, folder)?
+        } else {
+            let bar = Bar::new();
+            let cube = images::cube_of(&set, &bar)?;
+            bar.finish();
+            show_cube(cube, folder)
+        };
+        Ok(show_marks(shown, marks))
+    }
+}
+
+/// What is to be shown, or who will bring it.
+enum Opened {
+    Already(Box<dyn FrameSource>),
+    Later(Coming),
+}
+
+/// Opens something; if that takes longer than a person waits for a window, elsewhere, and the window comes first.
+fn open_soon(
+    name: &str,
+    open: impl FnOnce() -> anyhow::Result<Box<dyn FrameSource>> + Send + 'static,
+) -> anyhow::Result<Opened> {
+    /// Whatever opens within this needs no window that says so, and its errors none to be read in.
+    const PATIENCE: Duration = Duration::from_millis(100);
+    // Without room in between, what nobody waits for here any more comes back to its sender.
+    let (soon_sender, soon) = mpsc::sync_channel(0);
+    let (later_sender, later) = mpsc::sync_channel(1);
+    let work = move || {
+        if let Err(mpsc::SendError(opened)) = soon_sender.send(open()) {
+            // The window may be gone too.
+            let _ = later_sender.send(opened.map_err(|error| format!("{error:#}")));
+        }
+    };
+    std::thread::Builder::new().name("open".into()).spawn(work).context("cannot start a thread")?;
+    match soon.recv_timeout(PATIENCE) {
+        Ok(opened) => Ok(Opened::Already(opened?)),
+        Err(_) => Ok(Opened::Later(Coming { name: name.to_owned(), source: later })),
+    }
+}
+
+/// Where the names of the files opened last are kept, by the system's custom; none if it has none.
+fn recent_file() -> Option<PathBuf> {
+    let folder = |key: &str| std::env::var_os(key).map(PathBuf::from).filter(|path| path.is_absolute());
+    let state = if cfg!(windows) {
+        folder("LOCALAPPDATA")
+    } else {
+        folder("XDG_STATE_HOME").or_else(|| Some(folder("HOME")?.join(".local/state")))
+    };
+    Some(state?.join("headbox/recent.json"))
+}
+
+/// Opens the window on a file, and returns when it is closed.
+pub(super) fn show(file: &Path) -> anyhow::Result<()> {
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let source = open(&file.to_string_lossy(), folder)?;
+    let library = Some(Box::new(SceneLibrary { output_dir: folder.into() }) as Box<dyn headbox_viewer::Library>);
+    headbox_viewer::run(
+        Some(source),
+        ViewerOptions { library, output_dir: folder.into(), sketch: Some(headbox_window::sources::sketch::sketch), ..ViewerOptions::default() },
+    )?;
+    Ok(())
+}
+
+/// The images of a set that cubes are made of as one moves, and the camera of its middle view that has depth.
+fn near(folder: &Path, set: ImageSet) -> anyhow::Result<(NearImages, Camera)> {
+    images::with_depth(&set)?;
+    let start = set.central_view().and_then(View::camera).or_else(|| set.with_depth().find_map(View::camera));
+    let no_start = || format!("{}: it has no perspective picture to start at", folder.display());
+    let start = start.with_context(no_start)?;
+    let job = ImagesJob::suggest(&set);
+    Ok((NearImages::new(set, job, NearImages::DEFAULT_BUDGET)?, start))
+}

@@ -1,0 +1,117 @@
+//! `headbox walk`.
+
+use crate::args::parse_size;
+use crate::commands::house::file::{say_unvisited, variant_by_name};
+use crate::output::{Outputs, print_json, save_picture, write_text};
+use crate::progress::Bar;
+use crate::words::UsageError;
+use headbox_core::drawing::sheet::{Sheet, SheetCell, SheetRow};
+use headbox_lab::walk::{MeasureSettings, PosePictures, measure};
+use headbox_house::file;
+use headbox_house::variant::HouseVariant;
+use headbox_house::walk_path::{PAPER_POSES, WalkPath};
+use clap::Args;
+use std::path::{Path, PathBuf};
+
+#[derive(Args)]
+pub(crate) struct WalkCommand {
+    /// A .house file
+    file: PathBuf,
+    /// Folder for walk.md, walk.json, a chart of frame times along the path, and frames beside truth
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Poses of the walk
+    #[arg(long, value_name = "N", default_value_t = PAPER_POSES as u32, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    poses: u32,
+    /// Frame size
+    #[arg(long, value_name = "WxH", default_value = "640x512", value_parser = parse_size)]
+    size: (u32, u32),
+    /// Seed of the walk
+    #[arg(long, value_name = "K", default_value_t = 0)]
+    seed: u32,
+    /// Ways to draw it: names with commas between them, or all of them; a wrong name prints the list
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    variants: Vec<String>,
+    /// Compare every so manieth pose with truth
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..))]
+    truth_every: u32,
+    /// Frames of each pose and way, of which the fastest counts
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    repeat: u32,
+    /// Poses of which frames are saved beside truth
+    #[arg(long, value_name = "N", default_value_t = 8)]
+    pictures: usize,
+    /// Print walk.json on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+impl WalkCommand {
+    pub(crate) fn run(&self) -> anyhow::Result<()> {
+        let variants = self.variants()?;
+        Outputs::new(self.json, [&self.file]).folder(&self.output)?;
+        // What is captured on the way is needed again at the next pose.
+        let (house, store, quality) = file::read(&self.file, u64::MAX)?;
+        let path = WalkPath {
+            poses: self.poses as usize,
+            size: [self.size.0, self.size.1],
+            seed: self.seed,
+            ..WalkPath::default()
+        };
+        say_unvisited(&path, &house);
+        let settings = MeasureSettings {
+            path,
+            quality,
+            variants,
+            repeats: self.repeat,
+            truth_every: self.truth_every as usize,
+            pictures: self.pictures,
+            ..MeasureSettings::default()
+        };
+        let bar = Bar::new();
+        let mut saved = Ok(());
+        let mut save = |pictures: PosePictures| {
+            if saved.is_ok() {
+                saved = save_sheet(&self.output, pictures);
+            }
+        };
+        let report = measure(&house, &store, &settings, &bar, &mut save)?;
+        bar.finish();
+        saved?;
+        let page = report.to_markdown();
+        write_text(&self.output.join("walk.md"), &page)?;
+        let drawing = report.chart().draw();
+        write_text(&self.output.join("along_path.svg"), &drawing.to_svg())?;
+        if let Some(image) = drawing.to_image() {
+            save_picture(&self.output.join("along_path.png"), &image)?;
+        }
+        let value = serde_json::to_value(&report)?;
+        write_text(&self.output.join("walk.json"), &format!("{value:#}\n"))?;
+        if self.json {
+            print_json(&value);
+        } else {
+            print!("{page}");
+        }
+        Ok(())
+    }
+
+    fn variants(&self) -> Result<Vec<HouseVariant>, UsageError> {
+        if self.variants.is_empty() {
+            return Ok(HouseVariant::ALL.to_vec());
+        }
+        self.variants.iter().map(|name| variant_by_name(name)).collect()
+    }
+}
+
+/// Truth and all variants, four to a row.
+fn save_sheet(folder: &Path, pictures: PosePictures) -> anyhow::Result<()> {
+    let cells = pictures.frames.into_iter().map(|(name, image)| SheetCell { image, caption: name.into() });
+    let cells: Vec<SheetCell> = cells.collect();
+    let row = |cells: &[SheetCell]| SheetRow { label: String::new(), cells: cells.to_vec() };
+    let sheet = Sheet {
+        title: format!("pose {}", pictures.pose),
+        columns: Vec::new(),
+        rows: cells.chunks(4).map(row).collect(),
+    };
+    save_picture(&folder.join(format!("pose_{:03}.png", pictures.pose)), &sheet.compose()?)
+}

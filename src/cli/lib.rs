@@ -1,0 +1,130 @@
+//! The command line: one file per subcommand. Library code knows nothing of it.
+
+/// The standard library's `println` panics where nobody reads any more, as in `headbox info FILE | head`. This one ends
+/// the program then, as other programs do.
+macro_rules! println {
+    ($($text:tt)*) => { $crate::output::print_text(format_args!("{}\n", format_args!($($text)*))) };
+}
+
+/// As `println` above.
+macro_rules! print {
+    ($($text:tt)*) => { $crate::output::print_text(format_args!($($text)*)) };
+}
+
+mod args;
+mod commands;
+mod help;
+mod image_set;
+mod interrupt;
+mod output;
+mod packing;
+mod progress;
+mod words;
+
+use headbox_core::simd;
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use std::process::ExitCode;
+use words::UsageError;
+
+/// Image-based rendering with depth: capture a scene once, look at it from anywhere inside a headbox.
+#[derive(Parser)]
+#[command(name = "headbox", version, arg_required_else_help = true)]
+struct Cli {
+    /// Threads to use; all cores if absent
+    #[arg(long, global = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// The main job end to end on a built-in scene: capture, render, compare with truth
+    Demo(commands::demo::DemoCommand),
+    /// List the built-in scenes, or write one as .obj or .glb
+    Scenes(commands::scenes::ScenesCommand),
+    /// Capture a scene into a cube LDI (or one shard of it)
+    Capture(commands::capture::CaptureCommand),
+    /// Merge all shards of a capture into a cube LDI
+    Merge(commands::merge::MergeCommand),
+    /// Make sprites with depth of a scene, of a sequence of photographs, or of a picture and its depth
+    Sprite(Box<commands::sprite::SpriteCommand>),
+    /// Make a lumigraph of a scene, or of pictures from a grid of places: images on a camera plane, as few layers as a view needs
+    Lumigraph(Box<commands::lumigraph::LumigraphCommand>),
+    /// A home to walk through: read its rooms and doors, say what is wrong with them, draw its plan, write a .house file
+    House(commands::house::HouseCommand),
+    /// What a folder of pictures holds, and whether its poses and depths agree; where photographs were taken, and their depth
+    Images(commands::images::ImagesCommand),
+    /// Show what a file holds; check every promise of its layout
+    Info(commands::info::InfoCommand),
+    /// Render a frame of a cube LDI, of sprites or of both, or a frame per pose of a path
+    Render(commands::render::RenderCommand),
+    /// Take a capture to where headbox is not installed: a page to look around in, engines, splat viewers
+    Export(commands::export::ExportCommand),
+    /// Show captures to browsers, over HTTP: a list, and a page for each
+    Serve(commands::serve::ServeCommand),
+    /// Measure a walk through a .house file (to just walk, use view): time and error of every way to draw it, against truth and primary rays
+    Walk(commands::walk::WalkCommand),
+    /// Ray-trace a reference frame of a scene
+    Truth(commands::truth::TruthCommand),
+    /// Compare two images: FLIP, PSNR, SSIM
+    Compare(commands::compare::CompareCommand),
+    /// Measure speed against error: rows, charts, sentences
+    Report(commands::report::ReportCommand),
+    /// Look around in a window: in a scene, a cube LDI, sprites or a house
+    #[cfg(feature = "viewer")]
+    View(commands::view::ViewCommand),
+    /// Print a script by which a shell completes commands
+    Completions(help::Completions),
+    /// Print the manual, as roff: headbox man | man -l -
+    Man,
+}
+
+/// Runs the command line and returns its exit code: 0 done, 1 failed, 2 wrong usage.
+pub fn main() -> ExitCode {
+    let parsed = whole().try_get_matches_from(help::arguments());
+    let cli = parsed.and_then(|matches| Cli::from_arg_matches(&matches)).unwrap_or_else(|error| words::end_with(error));
+    match run(cli) {
+        Ok(()) if interrupt::asked() => ExitCode::from(interrupt::EXIT_CODE),
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {}", words::sentence(&error));
+            ExitCode::from(if error.is::<UsageError>() { 2 } else { 1 })
+        }
+    }
+}
+
+/// The whole command line, with its examples.
+fn whole() -> clap::Command {
+    help::with_examples(Cli::command())
+}
+
+fn run(cli: Cli) -> anyhow::Result<()> {
+    interrupt::handle()?;
+    simd::requested().map_err(|error| UsageError(error.to_string()))?;
+    if let Some(threads) = cli.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()?;
+    }
+    match cli.command {
+        Command::Demo(command) => command.run(),
+        Command::Scenes(command) => command.run(),
+        Command::Capture(command) => command.run(),
+        Command::Merge(command) => command.run(),
+        Command::Sprite(command) => command.run(),
+        Command::Lumigraph(command) => command.run(),
+        Command::House(command) => command.run(),
+        Command::Images(command) => command.run(),
+        Command::Info(command) => command.run(),
+        Command::Render(command) => command.run(),
+        Command::Export(command) => command.run(),
+        Command::Serve(command) => command.run(),
+        Command::Walk(command) => command.run(),
+        Command::Truth(command) => command.run(),
+        Command::Compare(command) => command.run(),
+        Command::Report(command) => command.run(),
+        #[cfg(feature = "viewer")]
+        Command::View(command) => command.run(),
+        Command::Completions(command) => command.run(whole()),
+        Command::Man => help::print_manual(&whole()),
+    }
+}

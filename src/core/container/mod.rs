@@ -1,0 +1,444 @@
+//! The frame of all our binary files: a kind, a version, and named sections with lengths and checksums.
+//!
+//! ```text
+//! offset  size  what
+//! 0       8     magic "HEADBOX\0"
+//! 8       4     kind, e.g. "cldi"
+//! 12      4     version of that kind
+//! 16      4     number of sections
+//! 20      4     CRC-32 of the section table
+//! 24      32*n  section table: name (12 bytes, zero-padded), CRC-32, offset (u64), length (u64)
+//! ...           sections, each at a multiple of 64 bytes
+//! ```
+//!
+//! Everything is little-endian. A reader trusts no number before it has checked it against the length of the file.
+
+mod mapped;
+#[cfg(test)]
+mod tests;
+
+pub use mapped::MappedSection;
+
+use crate::files::write_whole;
+/// File name extensions of homes: Sweet Home 3D plans, their archives, and TOML models.
+pub const HOMES: [&str; 3] = ["xml", "sh3d", "toml"];
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+#[cfg(target_endian = "big")]
+compile_error!("arrays are written as they lie in memory: little-endian");
+
+const MAGIC: [u8; 8] = *b"HEADBOX\0";
+const HEADER_BYTES: usize = 24;
+const ENTRY_BYTES: usize = 32;
+const NAME_BYTES: usize = 12;
+const ALIGNMENT: usize = 64;
+const MAX_SECTIONS: usize = 4096;
+
+/// What kind of content a file holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FileKind {
+    /// Four characters in the header.
+    pub tag: [u8; 4],
+    /// What the user calls it.
+    pub name: &'static str,
+    /// The version that this program writes.
+    pub version: u32,
+    /// The oldest version that it reads.
+    pub oldest: u32,
+}
+
+impl FileKind {
+    /// `.ldi`
+    pub const CUBE_LDI: Self = Self { tag: *b"cldi", name: "cube LDI", version: 2, oldest: 1 };
+    /// `.shard`
+    pub const SHARD: Self = Self { tag: *b"shrd", name: "capture shard", version: 1, oldest: 1 };
+    /// `.sprite`
+    pub const SPRITES: Self = Self { tag: *b"sprt", name: "sprite", version: 1, oldest: 1 };
+    /// `.house`
+    pub const HOUSE: Self = Self { tag: *b"hous", name: "house", version: 2, oldest: 1 };
+    /// `.lumi`
+    pub const LUMIGRAPH: Self = Self { tag: *b"lumi", name: "lumigraph", version: 1, oldest: 1 };
+    /// Ray-traced frames that reports keep.
+    pub const TRUTH: Self = Self { tag: *b"trth", name: "truth frame", version: 1, oldest: 1 };
+    /// Samples of depth images that view-dependent geometry keeps.
+    pub const SAMPLES: Self = Self { tag: *b"smpl", name: "samples", version: 2, oldest: 2 };
+    /// How views of image sets are registered, which is kept.
+    pub const REGISTRATION: Self = Self { tag: *b"regi", name: "registration", version: 1, oldest: 1 };
+    /// Refined poses of image sets, which are kept.
+    pub const POSES: Self = Self { tag: *b"pose", name: "poses", version: 1, oldest: 1 };
+    /// All of them.
+    pub const ALL: [Self; 9] = [
+        Self::CUBE_LDI,
+        Self::SHARD,
+        Self::SPRITES,
+        Self::HOUSE,
+        Self::LUMIGRAPH,
+        Self::TRUTH,
+        Self::SAMPLES,
+        Self::REGISTRATION,
+        Self::POSES,
+    ];
+}
+
+/// How a file that is none of ours can be used.
+fn what_to_do(path: &Path) -> String {
+    let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+    match ending.as_str() {
+        "obj" | "gltf" | "glb" => {
+            let ldi = path.with_extension("ldi");
+            format!("it is a scene: capture it first, with headbox capture {} -o {}", path.display(), ldi.display())
+        }
+        home if HOMES.contains(&home) => {
+            let house = path.with_extension("house");
+            format!(
+                "it is a home: make a house of it first, with headbox house {} -o {}",
+                path.display(),
+                house.display()
+            )
+        }
+        _ => "give a .ldi, .sprite, .lumi, .house or .shard file".into(),
+    }
+}
+
+/// Why one of our files could not be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum FileError {
+    /// The operating system said no.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Its words.
+        source: io::Error,
+    },
+    /// The file does not start as ours do.
+    #[error("{}: not a headbox file (it does not begin with \"HEADBOX\"); {}", path.display(), what_to_do(path))]
+    NotOurs {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A headbox file, but of another kind.
+    #[error("{}: it is {found}, where a {expected} is expected", path.display())]
+    OtherKind {
+        /// The file.
+        path: PathBuf,
+        /// What was wanted.
+        expected: &'static str,
+        /// What is there.
+        found: String,
+    },
+    /// Written by a program of another age.
+    #[error("{}: version {found} of the {kind} format; this program reads version {expected}", path.display())]
+    Version {
+        /// The file.
+        path: PathBuf,
+        /// What the file is.
+        kind: &'static str,
+        /// What this program reads.
+        expected: u32,
+        /// What the file says.
+        found: u32,
+    },
+    /// A part of the file is not what it must be.
+    #[error("{}: section \"{section}\" is damaged: expected {expected}, found {found}; copy it anew, or make it again", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// The part.
+        section: String,
+        /// What must hold.
+        expected: String,
+        /// What was there.
+        found: String,
+    },
+}
+
+/// Makes the bytes of a section when its turn comes.
+type SectionBytes<'a> = Box<dyn FnOnce() -> io::Result<Vec<u8>> + 'a>;
+
+/// A file being put together.
+pub struct ContainerWriter<'a> {
+    kind: FileKind,
+    sections: Vec<(&'a str, SectionBytes<'a>)>,
+}
+
+impl<'a> ContainerWriter<'a> {
+    /// An empty file of a kind.
+    pub fn new(kind: FileKind) -> Self {
+        Self { kind, sections: Vec::new() }
+    }
+
+    /// Adds a section. Its name is at most 12 bytes long, which [`Self::write`] checks; `bytes` is called while the
+    /// file is written, so that only one section at a time is in memory.
+    pub fn section(&mut self, name: &'a str, bytes: impl FnOnce() -> io::Result<Vec<u8>> + 'a) {
+        self.sections.push((name, Box::new(bytes)));
+    }
+
+    /// Writes the file, whole or not at all.
+    ///
+    /// # Errors
+    /// [`FileError::Io`].
+    pub fn write(self, path: &Path) -> Result<(), FileError> {
+        let written = write_whole(path, |w| self.write_to(w));
+        written.map_err(|source| FileError::Io { path: path.into(), source })
+    }
+
+    fn write_to(self, w: &mut (impl Write + Seek)) -> io::Result<()> {
+        let count = self.sections.len();
+        let mut table = Vec::with_capacity(count * ENTRY_BYTES);
+        let mut at = HEADER_BYTES + count * ENTRY_BYTES;
+        w.write_all(&vec![0; at])?;
+        for (name, bytes) in self.sections {
+            let mut padded = [0; NAME_BYTES];
+            let Some(room) = padded.get_mut(..name.len()) else {
+                return Err(io::Error::other(format!("the section name \"{name}\" is too long")));
+            };
+            room.copy_from_slice(name.as_bytes());
+            let bytes = bytes()?;
+            let start = at.next_multiple_of(ALIGNMENT);
+            w.write_all(&[0; ALIGNMENT][..start - at])?;
+            w.write_all(&bytes)?;
+            at = start + bytes.len();
+            table.extend(padded);
+            table.extend(crc32fast::hash(&bytes).to_le_bytes());
+            table.extend((start as u64).to_le_bytes());
+            table.extend((bytes.len() as u64).to_le_bytes());
+        }
+        w.seek(SeekFrom::Start(0))?;
+        w.write_all(&MAGIC)?;
+        w.write_all(&self.kind.tag)?;
+        w.write_all(&self.kind.version.to_le_bytes())?;
+        w.write_all(&(count as u32).to_le_bytes())?;
+        w.write_all(&crc32fast::hash(&table).to_le_bytes())?;
+        w.write_all(&table)
+    }
+}
+
+/// A file that has been opened and whose table has been checked; sections are read when asked for.
+pub struct Container {
+    path: PathBuf,
+    file: Mutex<File>,
+    length: u64,
+    sections: Vec<Entry>,
+}
+
+struct Entry {
+    name: String,
+    checksum: u32,
+    start: u64,
+    length: u64,
+}
+
+impl Container {
+    /// Opens a file of the wanted kind.
+    ///
+    /// # Errors
+    /// See [`FileError`].
+    pub fn open(path: &Path, kind: FileKind) -> Result<Self, FileError> {
+        let io = |source| FileError::Io { path: path.into(), source };
+        let mut file = File::open(path).map_err(io)?;
+        let length = file.metadata().map_err(io)?.len();
+        let mut header = Vec::new();
+        Read::by_ref(&mut file).take(HEADER_BYTES as u64).read_to_end(&mut header).map_err(io)?;
+        let count = check_header(path, &header, kind)?;
+        let mut table = Vec::new();
+        Read::by_ref(&mut file).take((count * ENTRY_BYTES) as u64).read_to_end(&mut table).map_err(io)?;
+        if table.len() < count * ENTRY_BYTES {
+            let found = format!("a file of {length} bytes (truncated)");
+            return Err(header_damaged(path, format!("a table of {count} sections"), found));
+        }
+        if crc32fast::hash(&table) != word(&header, 20) {
+            return Err(header_damaged(path, "a section table that matches its checksum", "another"));
+        }
+        let sections = table.chunks_exact(ENTRY_BYTES).map(|entry| check_entry(path, entry, length));
+        let sections = sections.collect::<Result<Vec<Entry>, _>>()?;
+        let end = sections.iter().map(|s| s.start + s.length).fold((HEADER_BYTES + table.len()) as u64, u64::max);
+        if length > end {
+            let found = format!("{} bytes more, which no program of ours has written", length - end);
+            return Err(header_damaged(path, format!("a file of {end} bytes"), found));
+        }
+        Ok(Self { path: path.into(), file: Mutex::new(file), length, sections })
+    }
+
+    /// The kind tag of a headbox file, or `None` if it is none of ours.
+    ///
+    /// # Errors
+    /// If the file cannot be opened.
+    pub fn peek_kind(path: &Path) -> io::Result<Option<[u8; 4]>> {
+        let mut header = Vec::new();
+        File::open(path)?.take(12).read_to_end(&mut header)?;
+        Ok(header.strip_prefix(&MAGIC).and_then(|rest| rest.try_into().ok()))
+    }
+
+    /// Bytes of the whole file.
+    pub fn bytes(&self) -> u64 {
+        self.length
+    }
+
+    /// Some sections, mapped into memory.
+    ///
+    /// # Errors
+    /// [`FileError::Damaged`] if one is absent, [`FileError::Io`] if the file cannot be mapped.
+    pub fn mapped<const N: usize>(&self, names: [&str; N]) -> Result<[MappedSection; N], FileError> {
+        let file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+        let map = mapped::map(&file).map_err(|source| FileError::Io { path: self.path.clone(), source })?;
+        drop(file);
+        let mut entries = Vec::with_capacity(N);
+        for name in names {
+            entries.push(self.entry(name)?);
+        }
+        // Their ends were checked against the file's.
+        let section = |entry: &Entry| {
+            MappedSection::new(Arc::clone(&map), entry.start as usize..(entry.start + entry.length) as usize)
+        };
+        Ok(std::array::from_fn(|i| section(entries[i])))
+    }
+
+    fn entry(&self, name: &str) -> Result<&Entry, FileError> {
+        self.sections.iter().find(|s| s.name == name).ok_or_else(|| FileError::Damaged {
+            path: self.path.clone(),
+            section: name.into(),
+            expected: "to be present".into(),
+            found: "no such section".into(),
+        })
+    }
+
+    /// A section, its checksum verified.
+    ///
+    /// # Errors
+    /// [`FileError::Damaged`] if it is absent or does not match its checksum, [`FileError::Io`] if it cannot be read.
+    pub fn section(&self, name: &str) -> Result<Section, FileError> {
+        let section = |bytes| Section { path: self.path.clone(), name: name.to_owned(), bytes, at: 0 };
+        let entry = self.entry(name)?;
+        // The length was checked against the file's, so the allocation is no larger than the file.
+        let mut bytes = vec![0; entry.length as usize];
+        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+        let read = file.seek(SeekFrom::Start(entry.start)).and_then(|_| file.read_exact(&mut bytes));
+        drop(file);
+        read.map_err(|source| FileError::Io { path: self.path.clone(), source })?;
+        let found = crc32fast::hash(&bytes);
+        let section = section(bytes);
+        if found == entry.checksum {
+            Ok(section)
+        } else {
+            Err(section.damaged(format!("checksum {:08x}", entry.checksum), format!("{found:08x}")))
+        }
+    }
+}
+
+fn word(bytes: &[u8], at: usize) -> u32 {
+    u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
+}
+
+fn header_damaged(path: &Path, expected: impl Into<String>, found: impl Into<String>) -> FileError {
+    FileError::Damaged { path: path.into(), section: "header".into(), expected: expected.into(), found: found.into() }
+}
+
+/// Checks magic, kind and version; the number of sections.
+fn check_header(path: &Path, header: &[u8], kind: FileKind) -> Result<usize, FileError> {
+    if !header.starts_with(&MAGIC) {
+        return Err(FileError::NotOurs { path: path.into() });
+    }
+    if header.len() < HEADER_BYTES {
+        return Err(header_damaged(path, format!("{HEADER_BYTES} bytes"), format!("{} (truncated)", header.len())));
+    }
+    if header[8..12] != kind.tag {
+        let tag = [header[8], header[9], header[10], header[11]];
+        let found = FileKind::ALL.iter().find(|kind| kind.tag == tag).map_or_else(
+            || format!("a headbox file of a kind that this program does not know (\"{}\")", tag.escape_ascii()),
+            |kind| format!("a {}", kind.name),
+        );
+        return Err(FileError::OtherKind { path: path.into(), expected: kind.name, found });
+    }
+    let found = word(header, 12);
+    if !(kind.oldest..=kind.version).contains(&found) {
+        return Err(FileError::Version { path: path.into(), kind: kind.name, expected: kind.version, found });
+    }
+    let count = word(header, 16) as usize;
+    if count > MAX_SECTIONS {
+        return Err(header_damaged(path, format!("at most {MAX_SECTIONS} sections"), count.to_string()));
+    }
+    Ok(count)
+}
+
+/// Reads one entry of the section table and checks it against the length of the file.
+fn check_entry(path: &Path, entry: &[u8], file_length: u64) -> Result<Entry, FileError> {
+    let name = String::from_utf8_lossy(&entry[..NAME_BYTES]).trim_end_matches('\0').to_owned();
+    let long = |at: usize| u64::from(word(entry, at)) | u64::from(word(entry, at + 4)) << 32;
+    let (checksum, start, length) = (word(entry, NAME_BYTES), long(NAME_BYTES + 4), long(NAME_BYTES + 12));
+    if start.checked_add(length).is_none_or(|end| end > file_length) {
+        return Err(FileError::Damaged {
+            path: path.into(),
+            section: name,
+            expected: format!("{length} bytes from byte {start}"),
+            found: format!("a file of {file_length} bytes (truncated?)"),
+        });
+    }
+    Ok(Entry { name, checksum, start, length })
+}
+
+/// The bytes of a section, read from the beginning.
+pub struct Section {
+    path: PathBuf,
+    name: String,
+    bytes: Vec<u8>,
+    at: usize,
+}
+
+impl Section {
+    /// The error that this section is not as it must be.
+    pub fn damaged(&self, expected: impl Into<String>, found: impl Into<String>) -> FileError {
+        FileError::Damaged {
+            path: self.path.clone(),
+            section: self.name.clone(),
+            expected: expected.into(),
+            found: found.into(),
+        }
+    }
+
+    /// The next `count` values; their length is checked before anything is allocated.
+    ///
+    /// # Errors
+    /// [`FileError::Damaged`] if the section ends before.
+    pub fn array<T: bytemuck::Pod>(&mut self, count: usize) -> Result<Vec<T>, FileError> {
+        let rest = self.bytes.len() - self.at;
+        let Some(bytes) = count.checked_mul(size_of::<T>()).filter(|&bytes| bytes <= rest) else {
+            return Err(
+                self.damaged(format!("{count} more values of {} bytes", size_of::<T>()), format!("{rest} bytes"))
+            );
+        };
+        let values = bytemuck::pod_collect_to_vec(&self.bytes[self.at..self.at + bytes]);
+        self.at += bytes;
+        Ok(values)
+    }
+
+    /// The next `N` values.
+    ///
+    /// # Errors
+    /// [`FileError::Damaged`] if the section ends before.
+    pub fn values<T: bytemuck::Pod, const N: usize>(&mut self) -> Result<[T; N], FileError> {
+        let values = self.array(N)?;
+        values.try_into().map_err(|_| self.damaged(format!("{N} values"), "fewer"))
+    }
+
+    /// The whole section as JSON.
+    ///
+    /// # Errors
+    /// [`FileError::Damaged`] with the parser's words.
+    pub fn json<T: serde::de::DeserializeOwned>(&self) -> Result<T, FileError> {
+        serde_json::from_slice(&self.bytes).map_err(|error| self.damaged("JSON of this version", error.to_string()))
+    }
+
+    /// Checks that nothing is left.
+    ///
+    /// # Errors
+    /// [`FileError::Damaged`] if something is.
+    pub fn end(&self) -> Result<(), FileError> {
+        let rest = self.bytes.len() - self.at;
+        if rest == 0 { Ok(()) } else { Err(self.damaged("its end", format!("{rest} more bytes"))) }
+    }
+}
+

@@ -1,0 +1,12 @@
+//! The headbox: the cube from which a capture can be seen.
+
+use glam::DVec3;
+
+/// Where a capture looks from when the user does not say.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Headbox {
+    /// Centre, world metres.
+    pub centre: DVec3,
+    /// Half of the edge length, metres.
+    pub half_size_m: f64,
+}

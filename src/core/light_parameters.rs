@@ -1,0 +1,182 @@
+//! What a person says of a scene's light, stated once: sources of scenes, the headers of files and the command line hold this type.
+
+use crate::exposure::Exposure;
+use crate::file_frame::FileFrame;
+use glam::{DVec3, Vec3};
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+/// The light of a scene where it is not the scene's own. Nothing is said by default.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct LightParameters {
+    /// Sky: an equirectangular .hdr or .exr picture, its middle north (-Z; +Y where Z points up), in place of the scene's sky
+    /// and sun. A sun that stands in it lights as one
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sky: Option<PathBuf>,
+    /// Turn the picture of the sky about the up axis, degrees from north to east
+    #[serde(skip_serializing_if = "is_zero")]
+    pub sky_turn: f64,
+    /// Sun: the direction toward it, X,Y,Z in the file's axes; or azimuth,elevation in degrees, from north to east and up from
+    /// the horizon; or off
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sun: Option<SunPlace>,
+    /// Luminance of the sun's irradiance on what faces it, in the unit of the sky's radiance; the default sun brings 3
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sun_strength: Option<f32>,
+    /// Exposure: auto, stops beyond that such as auto+1, or a number of stops by which linear radiance is stored brighter
+    #[serde(skip_serializing_if = "is_auto")]
+    pub exposure: Exposure,
+    /// Whether light above white is kept ([`ToneMap::SrgbCompressed`]).
+    #[serde(skip_serializing_if = "is_not")]
+    pub hdr: bool,
+}
+
+fn is_not(flag: &bool) -> bool {
+    !flag
+}
+
+fn is_zero(number: &f64) -> bool {
+    *number == 0.0
+}
+
+fn is_auto(exposure: &Exposure) -> bool {
+    *exposure == Exposure::default()
+}
+
+/// Where the sun stands, or that there is none. Written as on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub enum SunPlace {
+    /// No sun.
+    Off,
+    /// Toward it, in the axes of the scene's file; of any length but 0.
+    Toward(DVec3),
+    /// Degrees from north to east, and up from the horizon.
+    Angles {
+        /// 0 is north: -Z of the world.
+        azimuth: f64,
+        /// From -90 to 90.
+        elevation: f64,
+    },
+}
+
+impl SunPlace {
+    /// Unit vector toward the sun, world axes; `None` if there is none.
+    pub fn direction(self, frame: &FileFrame) -> Option<Vec3> {
+        match self {
+            Self::Off => None,
+            Self::Toward(direction) => Some(frame.world_direction_from_file(direction).normalize().as_vec3()),
+            Self::Angles { azimuth, elevation } => {
+                let [(east, north), (up, level)] = [azimuth, elevation].map(|angle| angle.to_radians().sin_cos());
+                Some(DVec3::new(level * east, up, -level * north).as_vec3())
+            }
+        }
+    }
+}
+
+impl FromStr for SunPlace {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
+        match numbers.as_deref() {
+            _ if text == "off" => Ok(Self::Off),
+            Ok(&[x, y, z]) if (1e-9..1e9).contains(&DVec3::new(x, y, z).length()) => {
+                Ok(Self::Toward(DVec3::new(x, y, z)))
+            }
+            Ok(&[azimuth, elevation]) if azimuth.abs() <= 360.0 && elevation.abs() <= 90.0 => {
+                Ok(Self::Angles { azimuth, elevation })
+            }
+            _ => {
+                Err("give X,Y,Z toward the sun, azimuth,elevation in degrees (elevation from -90 to 90), or off".into())
+            }
+        }
+    }
+}
+
+impl fmt::Display for SunPlace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Off => f.write_str("off"),
+            Self::Toward(DVec3 { x, y, z }) => write!(f, "{x},{y},{z}"),
+            Self::Angles { azimuth, elevation } => write!(f, "{azimuth},{elevation}"),
+        }
+    }
+}
+
+impl TryFrom<String> for SunPlace {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<SunPlace> for String {
+    fn from(place: SunPlace) -> Self {
+        place.to_string()
+    }
+}
+
+impl LightParameters {
+    /// What was asked for, in a few words; `None` where nothing was.
+    pub fn in_words(&self) -> Option<String> {
+        let sky = self.sky.as_ref().map(|path| match self.sky_turn {
+            0.0 => format!("sky {}", path.display()),
+            turn => format!("sky {}, turned by {turn} degrees", path.display()),
+        });
+        let sun = self.sun.map(|place| format!("sun {place}"));
+        let strength = self.sun_strength.map(|strength| format!("sun's strength {strength}"));
+        let words: Vec<String> = [sky, sun, strength].into_iter().flatten().collect();
+        (!words.is_empty()).then(|| words.join(", "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::file_frame::UpAxis;
+
+    fn direction(text: &str, up: UpAxis) -> Option<Vec3> {
+        let place: SunPlace = text.parse().expect("a place");
+        assert_eq!(place.to_string().parse(), Ok(place));
+        place.direction(&FileFrame { up, unit_m: 0.01 })
+    }
+
+    #[test]
+    fn the_sun_stands_where_it_is_put() {
+        let close = |a: Option<Vec3>, b: Vec3| a.is_some_and(|a| (a - b).length() < 1e-6);
+        assert!(close(direction("0,0", UpAxis::Y), Vec3::NEG_Z), "north");
+        assert!(close(direction("90,0", UpAxis::Y), Vec3::X), "east");
+        assert!(close(direction("-90,0", UpAxis::Z), Vec3::NEG_X), "west, in whatever axes");
+        assert!(close(direction("123,90", UpAxis::Y), Vec3::Y), "the zenith");
+        let half = std::f32::consts::FRAC_1_SQRT_2;
+        assert!(close(direction("180,45", UpAxis::Y), Vec3::new(0.0, half, half)));
+        // North of a file whose Z points up is its +Y.
+        assert!(close(direction("0,7,0", UpAxis::Z), Vec3::NEG_Z));
+        assert!(close(direction("0,0,2", UpAxis::Z), Vec3::Y));
+        assert_eq!(direction("off", UpAxis::Y), None);
+        for wrong in ["", "0,0,0", "nan,0", "10,91", "361,0", "1", "1,2,3,4", "inf,0,0", "on"] {
+            assert!(wrong.parse::<SunPlace>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn files_say_nothing_of_what_was_not_asked_for() {
+        assert_eq!(serde_json::to_string(&LightParameters::default()).expect("json"), "{}");
+        let asked = LightParameters {
+            sky: Some("a.hdr".into()),
+            sky_turn: 30.0,
+            sun: Some("12,34".parse().expect("a place")),
+            sun_strength: Some(2.0),
+            exposure: Exposure::Auto(1.0),
+            hdr: true,
+        };
+        let text = serde_json::to_string(&asked).expect("json");
+        assert_eq!(serde_json::from_str::<LightParameters>(&text).expect("read"), asked);
+        assert_eq!(asked.in_words().as_deref(), Some("sky a.hdr, turned by 30 degrees, sun 12,34, sun's strength 2"));
+    }
+}

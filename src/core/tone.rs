@@ -1,0 +1,98 @@
+//! What becomes of light between radiance and the 8 bits of a picture.
+
+use crate::color::{linear_from_srgb8, srgb8_from_linear};
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// What becomes of linear radiance times exposure (1 is white) before it is stored, channel by channel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ToneMap {
+    /// It is cut off at 1, and encoded by the curve of sRGB.
+    #[default]
+    SrgbClipped,
+    /// It is compressed by `x (1 + x / w^2) / (1 + x)`, which reaches 1 at [`ToneMap::BRIGHTEST`] = w (Reinhard et al. 2002,
+    /// "Photographic tone reproduction", equation 4), cut off there, and encoded by the curve of sRGB. What is stored is a picture
+    /// to look at, and [`ToneMap::exposed`] gives the light back: a step of 8 bits is 2.3 % of white, 3.0 % of what is
+    /// twice as bright and 7.3 % of the brightest (0.9 % of white without compression).
+    SrgbCompressed,
+}
+
+impl ToneMap {
+    /// What [`Self::SrgbCompressed`] still tells from what is brighter: four stops above white.
+    pub const BRIGHTEST: f32 = 16.0;
+
+    /// What is stored of exposed light; NaN becomes 0.
+    pub fn level(self, exposed: f32) -> u8 {
+        srgb8_from_linear(match self {
+            Self::SrgbClipped => exposed,
+            Self::SrgbCompressed => {
+                let x = exposed.clamp(0.0, Self::BRIGHTEST);
+                x * (1.0 + x / Self::BRIGHTEST.powi(2)) / (1.0 + x)
+            }
+        })
+    }
+
+    /// [`Self::level`] of three channels.
+    pub fn levels(self, exposed: Vec3) -> [u8; 3] {
+        exposed.to_array().map(|c| self.level(c))
+    }
+
+    /// The exposed light of which `level` is stored.
+    pub fn exposed(self, level: u8) -> f32 {
+        let y = linear_from_srgb8(level);
+        match self {
+            Self::SrgbClipped => y,
+            Self::SrgbCompressed => {
+                // The positive root of x^2 / w^2 + (1 - y) x - y = 0, without a difference of like numbers.
+                let square = Self::BRIGHTEST.powi(2);
+                2.0 * y / (1.0 - y + ((1.0 - y).powi(2) + 4.0 * y / square).sqrt())
+            }
+        }
+    }
+}
+
+impl fmt::Display for ToneMap {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::SrgbClipped => f.write_str("sRGB, cut off at white"),
+            Self::SrgbCompressed => {
+                write!(f, "sRGB, compressed, cut off {} stops above white", Self::BRIGHTEST.log2())
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_level_comes_back_from_the_light_it_stands_for() {
+        for tone in [ToneMap::SrgbClipped, ToneMap::SrgbCompressed] {
+            assert!((0..=255).all(|level| tone.level(tone.exposed(level)) == level), "{tone}");
+        }
+    }
+
+    #[test]
+    fn steps_are_as_coarse_as_is_said() {
+        let step = |around: f32| {
+            let tone = ToneMap::SrgbCompressed;
+            let level = tone.level(around);
+            (tone.exposed(level) - tone.exposed(level - 1)) / tone.exposed(level)
+        };
+        for (light, share) in [(1.0, 0.0233), (2.0, 0.0302), (ToneMap::BRIGHTEST, 0.0731)] {
+            assert!((step(light) / share - 1.0).abs() < 0.01, "{light}: {}", step(light));
+        }
+    }
+
+    #[test]
+    fn what_is_no_light_is_black_and_what_is_too_bright_is_white() {
+        for tone in [ToneMap::SrgbClipped, ToneMap::SrgbCompressed] {
+            assert_eq!([f32::NAN, -1.0, 0.0].map(|x| tone.level(x)), [0; 3], "{tone}");
+            assert_eq!([f32::INFINITY, f32::MAX, 17.0].map(|x| tone.level(x)), [255; 3], "{tone}");
+        }
+        assert_eq!(ToneMap::SrgbCompressed.exposed(255), ToneMap::BRIGHTEST);
+    }
+}

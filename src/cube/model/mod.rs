@@ -1,0 +1,8 @@
+//! The unpacked cube LDI: samples and their order, bins of depth, the header, and the checks of all of these.
+
+pub mod depth_bins;
+pub mod info;
+pub mod parameters;
+pub mod samples;
+pub(crate) mod tangent;
+pub mod validate;

@@ -1,0 +1,92 @@
+//! What a capture is asked for, stated once: the job, the headers of files, and the command line hold these types.
+
+use serde::{Deserialize, Serialize};
+
+/// Which rays a capture traces.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sampler {
+    /// Jittered in 4-D strata (S15; default).
+    #[default]
+    Stratified,
+    /// Independent over the whole domain.
+    WhiteNoise,
+    /// One ray through the centre of each pixel, from the centre of the cube, every hit kept (S13): the baseline that
+    /// undersamples surfaces seen edge-on.
+    CentreRays,
+}
+
+/// What becomes of samples at similar depth in one pixel: the papers disagree (D1).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MergeRule {
+    /// One depth pixel with their mean depth and colour, weighted by the rays that saw them (Shade et al.; default).
+    #[default]
+    Average,
+    /// The surface that was sampled with the smallest area wins (Rafferty et al.).
+    SmallerArea,
+    /// Surfaces whose colours differ are kept apart, otherwise the first stays; first in the order of ray keys, so that
+    /// the rule has one outcome (Popescu et al.).
+    ColorsApart,
+}
+
+/// Which rays are traced, what becomes of what they hit, and with how much light: all that decides a capture's quality but the size of
+/// its faces, which an LDI tells by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CaptureParameters {
+    /// Strata along each of the four dimensions of rays (N)
+    pub strata: u32,
+    /// Rays in each stratum (M)
+    #[serde(alias = "rays")]
+    pub rays_per_stratum: u32,
+    /// Diffuse bounces of light beyond direct light
+    pub bounces: u32,
+    /// Light samples per depth pixel; 0 shows albedo and emission without light
+    pub light_samples: u32,
+    /// Random seed
+    pub seed: u64,
+    /// Trace fewer rays where the next one is new with a probability below X; 0 traces all
+    pub novelty: f64,
+    /// Aim rays at what frames lack until its share, with its standard error, is below X (a share, or a percentage such as
+    /// 0.01%); 1 looks for nothing
+    #[serde(rename = "most_holes", default = "all")]
+    pub holes: f64,
+    /// Which rays
+    pub sampler: Sampler,
+    /// What becomes of samples at similar depth
+    pub merge_rule: MergeRule,
+}
+
+/// What captures were asked for that could not look for holes.
+fn all() -> f64 {
+    1.0
+}
+
+impl Default for CaptureParameters {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
+}
+
+impl CaptureParameters {
+    /// What `headbox capture` does where nothing is said: the papers' strata and rays.
+    pub const DEFAULT: Self = Self {
+        strata: 32,
+        rays_per_stratum: 16,
+        bounces: 1,
+        light_samples: 4,
+        seed: 0,
+        novelty: Self::DEFAULT_NOVELTY,
+        holes: 1e-4,
+        sampler: Sampler::Stratified,
+        merge_rule: MergeRule::Average,
+    };
+
+    /// All of so many rays, no aimed ones, and no light: what is asked for where geometry is looked at.
+    pub const fn unlit(strata: u32, rays_per_stratum: u32) -> Self {
+        Self { strata, rays_per_stratum, novelty: 0.0, holes: 1.0, bounces: 0, light_samples: 0, ..Self::DEFAULT }
+    }
+
+    /// Default of [`Self::novelty`]: half of the rays for less than 0.1 dB (docs/decisions.md: novelty 0.18).
+    pub const DEFAULT_NOVELTY: f64 = 0.18;
+}

@@ -1,0 +1,222 @@
+//! From packed bits back to numbers.
+
+use super::blocks::BlockIndex;
+use super::depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};
+use super::layout::{PackedCube, PackedSegment};
+use super::splat_index::DepthCodeRange;
+use headbox_core::cube_face::Face;
+use crate::model::samples::{CubeLdi, DepthPixel, EncodedNormal, LayeredDepthImage};
+use glam::DVec3;
+
+/// A packed depth pixel, read back.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DecodedDepthPixel {
+    /// 1/Z about the centre, 1/m; within half a step of the segment's range of what was packed.
+    pub inverse_depth: f64,
+    /// Unit surface normal, world axes, as well as the splat index says it.
+    pub normal: DVec3,
+    /// sRGB, straight alpha.
+    pub color_srgb: [u8; 4],
+}
+
+impl PackedSegment {
+    /// Inverse depth from one code to the next, 1/m.
+    pub fn inverse_depth_step(&self) -> f64 {
+        (f64::from(self.inverse_depth_max) - f64::from(self.inverse_depth_min)) / f64::from(INVERSE_DEPTH_CODE_MAX)
+    }
+
+    /// The inverse depth of a code, 1/m.
+    pub fn inverse_depth(&self, code: u32) -> f64 {
+        f64::from(self.inverse_depth_min) + f64::from(code) * self.inverse_depth_step()
+    }
+
+    /// Reads a depth pixel of this segment back.
+    pub fn decode(&self, layout: SplatIndexLayout, pixel: PackedDepthPixel) -> DecodedDepthPixel {
+        DecodedDepthPixel {
+            inverse_depth: self.inverse_depth(pixel.inverse_depth_code()),
+            normal: self.face.world_from_eye() * layout.normal(pixel.splat_index()).as_dvec3(),
+            color_srgb: pixel.color_srgb,
+        }
+    }
+
+    /// The range of the 5-bit depth code of [`SplatIndexLayout::Paper`] in this segment.
+    pub fn depth_code_range(&self) -> DepthCodeRange {
+        DepthCodeRange::from_inverse_depths(self.inverse_depth_min, self.inverse_depth_max)
+    }
+
+    /// The depth pixels of row `y` of the rectangle and the running counts of its pixels (`width + 1` of them), or two
+    /// empty slices where the tables of an invalid segment point outside.
+    pub fn row(&self, y: u32) -> (&[PackedDepthPixel], &[u32]) {
+        self.row_of(&self.depth_pixels, y)
+    }
+
+    /// [`Self::row`] of depth pixels in another form, as many in the same order.
+    pub(crate) fn row_of<'a, P>(&'a self, depth_pixels: &'a [P], y: u32) -> (&'a [P], &'a [u32]) {
+        let (y, width) = (y as usize, self.width as usize);
+        let ends = self.row_offsets.get(y..y + 2).unwrap_or(&[0, 0]);
+        let samples = depth_pixels.get(ends[0] as usize..ends[1] as usize);
+        let start = y.saturating_mul(width + 1);
+        let counts = self.row_counts.get(start..start.saturating_add(width + 1));
+        match (samples, counts) {
+            (Some(samples), Some(counts)) => (samples, counts),
+            _ => (&[], &[]),
+        }
+    }
+
+    /// What belongs in [`Self::blocks`].
+    pub(super) fn block_index(&self) -> BlockIndex {
+        BlockIndex::of_rows([self.x0, self.y0], [self.width, self.height], |y| self.row(y))
+    }
+
+    /// The depth pixels of pixel (x, y) of the rectangle, farthest first; empty outside.
+    pub fn pixel(&self, x: u32, y: u32) -> &[PackedDepthPixel] {
+        let (samples, counts) = self.row(y);
+        let ends = counts.get(x as usize..x as usize + 2).unwrap_or(&[0, 0]);
+        samples.get(ends[0] as usize..ends[1] as usize).unwrap_or(&[])
+    }
+}
+
+impl PackedCube {
+    /// The cube LDI that was packed, as well as packing has kept it. Pictures on planes are not part of it.
+    pub fn unpack(&self) -> CubeLdi {
+        let faces = Face::ALL.map(|face| {
+            let size_px = self.face_size_px;
+            let mut ldi = LayeredDepthImage::empty(face, size_px);
+            // Far before near, as they are stored: farthest first in every pixel.
+            let of_face: Vec<&PackedSegment> = self.segments.iter().filter(|s| s.face == face).collect();
+            for y in 0..size_px {
+                for x in 0..size_px {
+                    for segment in &of_face {
+                        let Some((x, y)) = x.checked_sub(segment.x0).zip(y.checked_sub(segment.y0)) else { continue };
+                        let pixel = if x < segment.width { segment.pixel(x, y) } else { &[] };
+                        ldi.samples.extend(pixel.iter().map(|p| {
+                            let DecodedDepthPixel { inverse_depth, normal, color_srgb } =
+                                segment.decode(self.layout, *p);
+                            let normal = EncodedNormal::new(normal.as_vec3());
+                            DepthPixel { inverse_depth: inverse_depth as f32, normal, color_srgb }
+                        }));
+                    }
+                    ldi.offsets[(y * size_px + x) as usize + 1] = ldi.samples.len() as u32;
+                }
+            }
+            ldi
+        });
+        CubeLdi { info: self.info.clone(), faces: faces.to_vec(), environment: self.environment.clone() }
+    }
+
+    /// The centre of the headbox, world metres: where every direction is seen best.
+    pub fn center(&self) -> DVec3 {
+        self.info.centre
+    }
+
+    /// Half of the headbox's edge, metres: how far an eye may move along each axis.
+    pub fn half_size(&self) -> f64 {
+        self.info.half_size_m
+    }
+
+    /// Number of depth pixels in all segments.
+    pub fn depth_pixel_count(&self) -> usize {
+        self.segments.iter().map(|s| s.depth_pixels.len()).sum()
+    }
+
+    /// Bytes of all depth pixels, offsets, counts, pictures on planes and environment texels in memory.
+    pub fn bytes(&self) -> usize {
+        let segment = |s: &PackedSegment| {
+            size_of_val(&s.depth_pixels[..]) + size_of_val(&s.row_offsets[..]) + size_of_val(&s.row_counts[..])
+        };
+        let segments = self.segments.iter().map(segment).sum::<usize>();
+        segments + size_of_val(&self.environment.texels[..]) + self.planes.bytes()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use headbox_core::environment::Environment;
+    use crate::pack::{BlockIndex, SegmentSide, Split};
+
+    fn pixel(code: u32) -> PackedDepthPixel {
+        PackedDepthPixel { geometry: code, color_srgb: [1, 2, 3, 255] }
+    }
+
+    /// Two rows of three pixels: 1, 0 and 2 samples, then 0, 2 and 0.
+    fn segment() -> PackedSegment {
+        PackedSegment {
+            face: Face::NegY,
+            side: SegmentSide::Far,
+            x0: 5,
+            y0: 9,
+            width: 3,
+            height: 2,
+            inverse_depth_min: 0.25,
+            inverse_depth_max: 2.0,
+            row_offsets: vec![0, 3, 5],
+            row_counts: vec![0, 1, 1, 3, 0, 0, 2, 2],
+            depth_pixels: (10..15).map(pixel).collect(),
+            blocks: BlockIndex::default(),
+        }
+    }
+
+    #[test]
+    fn twenty_bits_are_the_depth_and_eleven_the_index() {
+        let found = |geometry: u32| (pixel(geometry).inverse_depth_code(), pixel(geometry).splat_index());
+        assert_eq!(found(0x5a5 << 20 | 0xab_cde), (0xab_cde, 0x5a5));
+        assert_eq!(found(0x7ff << 20), (0, 0x7ff));
+        assert_eq!(found(u32::MAX), (INVERSE_DEPTH_CODE_MAX, 0x7ff), "the last bit is nobody's");
+    }
+
+    #[test]
+    fn codes_run_evenly_from_the_least_inverse_depth_to_the_largest() {
+        let segment = segment();
+        for (share, exact) in [(0.0, 0.25), (0.25, 0.6875), (0.5, 1.125), (1.0, 2.0)] {
+            let code = (share * f64::from(INVERSE_DEPTH_CODE_MAX)) as u32;
+            // At most one code is rounded down.
+            assert!((segment.inverse_depth(code) - exact).abs() <= segment.inverse_depth_step(), "{share}");
+        }
+        assert!((segment.inverse_depth_step() * f64::from(INVERSE_DEPTH_CODE_MAX) - 1.75).abs() < 1e-12);
+    }
+
+    #[test]
+    fn pixels_have_their_own_samples_and_none_lies_outside() {
+        let segment = segment();
+        let codes = |x: u32, y: u32| -> Vec<u32> {
+            segment.pixel(x, y).iter().map(|sample| sample.inverse_depth_code()).collect()
+        };
+        let rows = [0, 1, 2].map(|y| [0, 1, 2, 3].map(|x| codes(x, y)));
+        let none = Vec::new;
+        assert_eq!(rows[0], [vec![10], none(), vec![11, 12], none()]);
+        assert_eq!(rows[1], [none(), vec![13, 14], none(), none()]);
+        assert_eq!(rows[2], [none(), none(), none(), none()]);
+        let wrong = PackedSegment { row_offsets: vec![0, 3, 99], ..segment.clone() };
+        assert_eq!((wrong.row(0).0.len(), wrong.row(1)), (3, (&[][..], &[][..])), "a table that points outside");
+    }
+
+    #[test]
+    fn faces_get_their_own_samples_back_and_bytes_are_counted_once() {
+        let (face_px, mut faces) = (4, Vec::new());
+        for (face, samples) in Face::ALL.into_iter().zip([1, 0, 2, 0, 0, 3]) {
+            let mut ldi = LayeredDepthImage::empty(face, face_px);
+            let sample = |i: u32| DepthPixel {
+                inverse_depth: 0.2 + 0.1 * i as f32,
+                normal: EncodedNormal::new(-face.normal().as_vec3()),
+                color_srgb: [9, 8, 7, 255],
+            };
+            ldi.samples = (0..samples).map(sample).collect();
+            ldi.offsets[6..].fill(samples);
+            faces.push(ldi);
+        }
+        let info = crate::model::info::CaptureInfo { half_size_m: 0.5, exposure: 1.0, ..Default::default() };
+        let ldi = CubeLdi { info, faces, environment: Environment::default() };
+        let cube = PackedCube::pack(&ldi, SplatIndexLayout::Normal, Split::None).expect("packs");
+        let back = cube.unpack();
+        for (face, back) in ldi.faces.iter().zip(&back.faces) {
+            assert_eq!((face.face, face.samples.len(), &face.offsets), (back.face, back.samples.len(), &back.offsets));
+        }
+        let tables = |s: &PackedSegment| 4 * (s.row_offsets.len() + s.row_counts.len());
+        assert_eq!(cube.bytes(), 6 * 8 + cube.segments.iter().map(tables).sum::<usize>());
+        assert_eq!((cube.depth_pixel_count(), cube.segments.len()), (6, 3));
+        let (mut with_sky, alone) = (cube.clone(), cube.bytes());
+        with_sky.environment.texels.resize(10, Default::default());
+        assert_eq!(with_sky.bytes(), alone + size_of_val(&with_sky.environment.texels[..]));
+    }
+}

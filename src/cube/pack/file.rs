@@ -1,0 +1,309 @@
+//! The `.ldi` file: a packed cube LDI.
+//!
+//! Sections: `info` (JSON: the [`CaptureInfo`], face size, splat-index layout and a header per segment), `environment`
+//! (texels), and for each segment with samples one section named after its face and side, e.g. `+X far`: row offsets,
+//! row counts, depth pixels, as they lie in memory.
+//!
+//! Version 2 is for cubes with pictures on planes; one without is written as version 1. There the row counts are [`super::runs`],
+//! and three sections are added: `planes` ([`Plane`]), `tiles` ([`PlaneTile`]), and `texels`: three bytes of colour for each
+//! texel of all tiles, then a byte of alpha for each texel of the tiles that are not opaque.
+
+use super::plane_set::PlaneSet;
+use super::planes::{Plane, PlaneTile};
+use super::{BlockIndex, PackedCube, PackedSegment, SegmentSide, SplatIndexLayout};
+use crate::pack::runs;
+use headbox_core::cube_face::Face;
+use headbox_core::container::{Container, ContainerWriter, FileError, FileKind, Section};
+use headbox_core::environment::Environment;
+use crate::model::info::CaptureInfo;
+use crate::model::validate::MAX_FACE_SIZE_PX;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// A cube LDI file.
+pub const CUBE_LDI: FileKind = FileKind::CUBE_LDI;
+
+/// What a cube LDI is but for its arrays.
+#[derive(Serialize, Deserialize)]
+pub struct CubeHeader {
+    info: CaptureInfo,
+    face_size_px: u32,
+    layout: SplatIndexLayout,
+    environment_size_px: u32,
+    segments: Vec<SegmentHeader>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    planes: Option<PlanesHeader>,
+}
+
+/// What a set of pictures is but for its arrays.
+#[derive(Serialize, Deserialize)]
+struct PlanesHeader {
+    error_px: f64,
+    samples: u64,
+    planes: usize,
+    tiles: usize,
+    texels: usize,
+}
+
+#[derive(Serialize, Deserialize)]
+struct SegmentHeader {
+    face: u8,
+    near: bool,
+    x0: u32,
+    y0: u32,
+    width: u32,
+    height: u32,
+    inverse_depth_min: f32,
+    inverse_depth_max: f32,
+    depth_pixels: usize,
+}
+
+impl CubeHeader {
+    /// What decides how much memory its arrays take, before any is read: a segment of each face and side at most, each a rectangle of a
+    /// face with something in it.
+    fn check(&self, section: &Section) -> Result<(), FileError> {
+        let keys =
+            self.segments.windows(2).map(|pair| [&pair[0], &pair[1]].map(|segment| (segment.face, segment.near)));
+        if keys.into_iter().any(|[before, after]| before >= after) {
+            return Err(section.damaged("segments in the order of faces, far before near", "another order"));
+        }
+        let face = u64::from(self.face_size_px.min(MAX_FACE_SIZE_PX));
+        let fits = |start: u32, length: u32| u64::from(start) + u64::from(length) <= face;
+        let is_wrong = |it: &&SegmentHeader| !fits(it.x0, it.width) || !fits(it.y0, it.height) || it.depth_pixels == 0;
+        match self.segments.iter().find(is_wrong) {
+            Some(it) => {
+                let found = format!("{}x{} pixels, {} depth pixels", it.width, it.height, it.depth_pixels);
+                Err(section.damaged("a rectangle on a face with depth pixels in it", found))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// Section name of a segment.
+fn segment_name(face: Face, near: bool) -> &'static str {
+    const NAMES: [[&str; 2]; 6] = [
+        ["+X far", "+X near"],
+        ["-X far", "-X near"],
+        ["+Y far", "+Y near"],
+        ["-Y far", "-Y near"],
+        ["+Z far", "+Z near"],
+        ["-Z far", "-Z near"],
+    ];
+    NAMES[face.index()][usize::from(near)]
+}
+
+impl PackedCube {
+    /// Writes a `.ldi` file, whole or not at all.
+    ///
+    /// # Errors
+    /// [`FileError::Io`].
+    pub fn write(&self, path: &Path) -> Result<(), FileError> {
+        let header = self.header();
+        let has_planes = !self.planes.tiles.is_empty();
+        let kind = FileKind { version: if has_planes { 2 } else { 1 }, ..CUBE_LDI };
+        let mut writer = ContainerWriter::new(kind);
+        writer.section("info", move || Ok(serde_json::to_vec(&header)?));
+        writer.section("environment", || Ok(bytemuck::cast_slice(&self.environment.texels).to_vec()));
+        for segment in &self.segments {
+            let name = segment_name(segment.face, segment.side == SegmentSide::Near);
+            writer.section(name, move || Ok(segment_bytes(segment, has_planes)));
+        }
+        if has_planes {
+            writer.section("planes", || Ok(bytemuck::cast_slice(&self.planes.planes).to_vec()));
+            writer.section("tiles", || Ok(bytemuck::cast_slice(&self.planes.tiles).to_vec()));
+            writer.section("texels", || Ok(texel_bytes(&self.planes)));
+        }
+        writer.write(path)
+    }
+
+    /// Reads a `.ldi` file. Every table is checked against the others ([`PackedCube::validate`]), so that a renderer
+    /// can rely on them.
+    ///
+    /// # Errors
+    /// See [`FileError`].
+    pub fn read(path: &Path) -> Result<Self, FileError> {
+        let file = Container::open(path, CUBE_LDI)?;
+        let info_section = file.section("info")?;
+        let header: CubeHeader = info_section.json()?;
+        header.check(&info_section)?;
+        let environment = read_environment(file.section("environment")?, header.environment_size_px)?;
+        let mut segments = Vec::with_capacity(header.segments.len());
+        for segment in &header.segments {
+            let Some(&face) = Face::ALL.get(usize::from(segment.face)) else {
+                return Err(info_section.damaged("face numbers 0 to 5", segment.face.to_string()));
+            };
+            let mut section = file.section(segment_name(face, segment.near))?;
+            segments.push(read_segment(&mut section, face, segment, header.planes.is_some())?);
+            section.end()?;
+        }
+        let planes = match &header.planes {
+            Some(planes) => read_planes(&file, planes)?,
+            None => PlaneSet::default(),
+        };
+        Self::assemble(header, segments, environment, planes, &info_section)
+    }
+
+    /// The header of a file.
+    pub fn header(&self) -> CubeHeader {
+        CubeHeader {
+            info: self.info.clone(),
+            face_size_px: self.face_size_px,
+            layout: self.layout,
+            environment_size_px: self.environment.size_px,
+            segments: self.segments.iter().map(segment_header).collect(),
+            planes: (!self.planes.tiles.is_empty()).then_some(PlanesHeader {
+                error_px: self.planes.error_px,
+                samples: self.planes.samples,
+                planes: self.planes.planes.len(),
+                tiles: self.planes.tiles.len(),
+                texels: self.planes.texels.len(),
+            }),
+        }
+    }
+
+    /// All arrays one after the other, in the order of a `.ldi` file, for a file of another kind that keeps the header elsewhere.
+    pub fn arrays(&self) -> Vec<u8> {
+        let mut bytes = bytemuck::cast_slice(&self.environment.texels).to_vec();
+        let has_planes = !self.planes.tiles.is_empty();
+        self.segments.iter().for_each(|segment| bytes.extend(segment_bytes(segment, has_planes)));
+        if has_planes {
+            bytes.extend_from_slice(bytemuck::cast_slice(&self.planes.planes));
+            bytes.extend_from_slice(bytemuck::cast_slice(&self.planes.tiles));
+            bytes.extend(texel_bytes(&self.planes));
+        }
+        bytes
+    }
+
+    /// The inverse of [`Self::arrays`], checked as [`Self::read`] checks.
+    pub fn from_arrays(header: CubeHeader, section: &mut Section) -> Result<Self, FileError> {
+        header.check(section)?;
+        let size_px = header.environment_size_px;
+        let texels = section.array((size_px as usize).saturating_mul(size_px as usize).saturating_mul(6))?;
+        let segments = header.segments.iter().map(|segment| {
+            let face = Face::ALL.get(usize::from(segment.face)).copied();
+            let face = face.ok_or_else(|| section.damaged("face numbers 0 to 5", segment.face.to_string()))?;
+            read_segment(section, face, segment, header.planes.is_some())
+        });
+        let segments = segments.collect::<Result<_, _>>()?;
+        let planes = match &header.planes {
+            Some(of) => read_pictures(section.array(of.planes)?, section.array(of.tiles)?, section, of)?,
+            None => PlaneSet::default(),
+        };
+        Self::assemble(header, segments, Environment { size_px, texels }, planes, section)
+    }
+
+    fn assemble(
+        header: CubeHeader,
+        segments: Vec<PackedSegment>,
+        environment: Environment,
+        planes: PlaneSet,
+        section: &Section,
+    ) -> Result<Self, FileError> {
+        let CubeHeader { info, face_size_px, layout, .. } = header;
+        let mut cube = Self { info, face_size_px, layout, segments, environment, planes };
+        cube.validate().map_err(|error| section.damaged("a consistent cube LDI", error.to_string()))?;
+        cube.segments.iter_mut().for_each(|segment| segment.blocks = segment.block_index());
+        Ok(cube)
+    }
+}
+
+/// Row offsets, row counts (`in_runs`: as [`runs`]) and depth pixels.
+fn segment_bytes(segment: &PackedSegment, in_runs: bool) -> Vec<u8> {
+    let [offsets, counts] = [&segment.row_offsets, &segment.row_counts].map(|t| bytemuck::cast_slice::<u32, u8>(t));
+    let runs = if in_runs { Some(runs::encode(segment)) } else { None };
+    [offsets, runs.as_deref().unwrap_or(counts), bytemuck::cast_slice(&segment.depth_pixels)].concat()
+}
+
+fn segment_header(segment: &PackedSegment) -> SegmentHeader {
+    SegmentHeader {
+        face: segment.face.index() as u8,
+        near: segment.side == SegmentSide::Near,
+        x0: segment.x0,
+        y0: segment.y0,
+        width: segment.width,
+        height: segment.height,
+        inverse_depth_min: segment.inverse_depth_min,
+        inverse_depth_max: segment.inverse_depth_max,
+        depth_pixels: segment.depth_pixels.len(),
+    }
+}
+
+/// An environment from its section, checked.
+pub fn read_environment(mut section: Section, size_px: u32) -> Result<Environment, FileError> {
+    let texels = section.array((size_px as usize).saturating_mul(size_px as usize).saturating_mul(6))?;
+    section.end()?;
+    let environment = Environment { size_px, texels };
+    environment.validate().map_err(|error| section.damaged("an environment", error.to_string()))?;
+    Ok(environment)
+}
+
+/// The colours of all texels, then the alphas of those that may be open.
+fn texel_bytes(set: &PlaneSet) -> Vec<u8> {
+    let mut bytes: Vec<u8> = set.texels.iter().flat_map(|[r, g, b, _]| [*r, *g, *b]).collect();
+    for tile in set.tiles.iter().filter(|tile| tile.opaque == 0) {
+        bytes.extend(set.texels[tile.texel_range()].iter().map(|texel| texel[3]));
+    }
+    bytes
+}
+
+fn read_planes(file: &Container, header: &PlanesHeader) -> Result<PlaneSet, FileError> {
+    let mut section = file.section("planes")?;
+    let planes: Vec<Plane> = section.array(header.planes)?;
+    section.end()?;
+    let mut section = file.section("tiles")?;
+    let tiles: Vec<PlaneTile> = section.array(header.tiles)?;
+    section.end()?;
+    let mut section = file.section("texels")?;
+    let set = read_pictures(planes, tiles, &mut section, header)?;
+    section.end()?;
+    Ok(set)
+}
+
+/// Planes and their pictures, whose texels come next in a section.
+fn read_pictures(
+    planes: Vec<Plane>,
+    tiles: Vec<PlaneTile>,
+    section: &mut Section,
+    header: &PlanesHeader,
+) -> Result<PlaneSet, FileError> {
+    let colors: Vec<[u8; 3]> = section.array(header.texels)?;
+    let mut texels: Vec<[u8; 4]> = colors.into_iter().map(|[r, g, b]| [r, g, b, 255]).collect();
+    for tile in tiles.iter().filter(|tile| tile.opaque == 0) {
+        let alphas: Vec<u8> = section.array(tile.texel_count())?;
+        let of_tile = texels.get_mut(tile.texel_range());
+        let of_tile = of_tile.ok_or_else(|| section.damaged("tiles within the texels", "one beyond them"))?;
+        of_tile.iter_mut().zip(alphas).for_each(|(texel, alpha)| texel[3] = alpha);
+    }
+    Ok(PlaneSet { error_px: header.error_px, samples: header.samples, planes, tiles, texels, ..PlaneSet::default() })
+}
+
+/// `in_runs`: the row counts are [`runs`].
+fn read_segment(
+    section: &mut Section,
+    face: Face,
+    header: &SegmentHeader,
+    in_runs: bool,
+) -> Result<PackedSegment, FileError> {
+    let (width, height) = (header.width as usize, header.height as usize);
+    let row_offsets = section.array(height.saturating_add(1))?;
+    let row_counts = match in_runs {
+        true => runs::decode(section, header.width, header.height)?,
+        false => section.array(height.saturating_mul(width.saturating_add(1)))?,
+    };
+    let depth_pixels = section.array(header.depth_pixels)?;
+    Ok(PackedSegment {
+        face,
+        side: if header.near { SegmentSide::Near } else { SegmentSide::Far },
+        x0: header.x0,
+        y0: header.y0,
+        width: header.width,
+        height: header.height,
+        inverse_depth_min: header.inverse_depth_min,
+        inverse_depth_max: header.inverse_depth_max,
+        row_offsets,
+        row_counts,
+        depth_pixels,
+        blocks: BlockIndex::default(),
+    })
+}

@@ -1,0 +1,93 @@
+//! Blending by share in linear light, on 8-bit sRGB colours.
+//!
+//! What a pixel holds of a leaf and of the sky behind it adds up as light does. Blended as sRGB values, dark rims over a bright
+//! background come out too dark (docs/decisions.md: blending in linear light).
+
+use crate::render::footprint::splat;
+use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
+use std::sync::LazyLock;
+
+/// The two transfer curves as tables, 12 bits for linear light.
+pub struct LinearLight {
+    linear: [u16; 256],
+    srgb: [u8; LinearLight::MAX as usize + 1],
+}
+
+static RECIPROCALS: [u64; 256] = splat::reciprocals();
+
+static TABLES: LazyLock<LinearLight> = LazyLock::new(|| LinearLight {
+    linear: std::array::from_fn(|c| (linear_from_srgb8(c as u8) * f32::from(LinearLight::MAX) + 0.5) as u16),
+    srgb: std::array::from_fn(|v| srgb8_from_linear(v as f32 / f32::from(LinearLight::MAX))),
+});
+
+impl LinearLight {
+    /// Linear light of white.
+    pub const MAX: u16 = 4095;
+
+    /// The tables.
+    pub fn tables() -> &'static Self {
+        &TABLES
+    }
+
+    /// The sRGB value of linear light up to [`Self::MAX`]; of more, that of white.
+    #[inline(always)]
+    pub fn srgb(&self, linear: u32) -> u8 {
+        self.srgb[(linear as usize).min(usize::from(Self::MAX))]
+    }
+
+    /// The mean of some colours with integer weights, whose sum is 1 to 255.
+    #[inline(always)]
+    pub fn mix<const N: usize>(&self, colors: [[u8; 3]; N], weights: [u32; N]) -> [u8; 3] {
+        let total = weights.iter().sum::<u32>().max(1);
+        let reciprocal = RECIPROCALS[(total as usize).min(RECIPROCALS.len() - 1)];
+        let mut mixed = [0; 3];
+        for (channel, mixed) in mixed.iter_mut().enumerate() {
+            let mut sum = total / 2;
+            for (color, weight) in colors.iter().zip(weights) {
+                sum += u32::from(self.linear[usize::from(color[channel])]) * weight;
+            }
+            // sum / total, as sum is below 2^21.
+            *mixed = self.srgb[((u64::from(sum) * reciprocal) >> 32) as usize & usize::from(Self::MAX)];
+        }
+        mixed
+    }
+
+    /// A straight colour over another, each with the share of 255 that it covers.
+    #[inline(always)]
+    pub fn over(&self, front: [u8; 4], behind: [u8; 4]) -> [u8; 4] {
+        let share = u32::from(front[3]);
+        let rest = ((255 - share) * u32::from(behind[3]) + 127) / 255;
+        let rgb = |[r, g, b, _]: [u8; 4]| [r, g, b];
+        let [r, g, b] = self.mix([rgb(front), rgb(behind)], [share, rest]);
+        [r, g, b, (share + rest) as u8]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_colour_mixed_with_itself_is_itself() {
+        for c in 0..=255 {
+            for shares in [[1, 0], [77, 13], [0, 255], [128, 127]] {
+                assert_eq!(LinearLight::tables().mix([[c; 3], [c; 3]], shares), [c; 3]);
+            }
+        }
+    }
+
+    /// 12 bits of linear light are a step of 0.8 levels in the darkest colours.
+    const MIX_LEVELS: f32 = 1.0;
+
+    #[test]
+    fn mixes_are_those_of_light() {
+        for (a, b, share) in [(0, 255, 128), (30, 210, 51), (200, 90, 204), (4, 9, 100)] {
+            let exact = (linear_from_srgb8(a) * share as f32 + linear_from_srgb8(b) * (255 - share) as f32) / 255.0;
+            let found = LinearLight::tables().mix([[a; 3], [b; 3]], [share, 255 - share])[1];
+            assert!((f32::from(found) - f32::from(srgb8_from_linear(exact))).abs() <= MIX_LEVELS, "{a}, {b}: {found}");
+        }
+        assert_eq!(LinearLight::tables().over([10, 20, 30, 0], [40, 50, 60, 255]), [40, 50, 60, 255]);
+        assert_eq!(LinearLight::tables().over([10, 20, 30, 255], [40, 50, 60, 255]), [10, 20, 30, 255]);
+        assert_eq!(LinearLight::tables().over([0; 4], [0; 4])[3], 0);
+    }
+}

@@ -1,0 +1,357 @@
+//! Each splat over what is there, in 8-bit integers (S21, C12).
+
+use super::linear::LinearLight;
+use crate::render::planes::PlaneCanvas;
+use crate::render::footprint::size::LANES;
+use crate::render::footprint::splat;
+use crate::render::footprint::splat::{Canvas, Splats, ceil_to_i32, covered_lanes, load};
+use crate::render::Spans;
+use fearless_simd::{Level, Simd, SimdCvtTruncate, dispatch, i32x16, prelude::*, u8x16, u16x16};
+use std::ops::Range;
+
+/// An image in which every splat is blended over the ones before it.
+///
+/// A pixel keeps its colour times the share of it that is covered, so that one blend serves all four bytes, and the
+/// environment can be put *under* the finished image, where it shows, instead of being drawn first, everywhere.
+#[derive(Default)]
+pub(crate) struct OverCanvas {
+    width: u32,
+    /// Rows of the frame that it holds.
+    rows: Range<u32>,
+    /// Red, green and blue times coverage, and coverage; rows of `stride` pixels, of which [`MARGIN`] lie to the left of
+    /// the frame and as many to the right, for stamps that reach out of it.
+    pixels: Vec<[u8; 4]>,
+    ground: PlaneCanvas,
+    /// What a splat looks like.
+    pub(crate) shape: Shape,
+}
+
+/// What a splat looks like.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Shape {
+    /// A rectangle of alpha 1.
+    #[default]
+    Rectangle,
+    /// The pixel that holds the sample.
+    Point,
+    /// The pixel that holds the sample, and its neighbours in the row and the column, as far as the rectangle reaches.
+    Plus,
+    /// The paper's squares, which fade toward their rims.
+    Soft,
+}
+
+/// Pixels beside the frame: half of the widest stamp on both sides of the farthest splat that touches the frame, and what a
+/// blend of whole registers adds to it.
+const MARGIN: usize = 16;
+
+/// Pixels that are blended at once.
+const PIXELS: usize = 4;
+
+/// A coverage that is taken for whole: blends by a quarter come to rest at 254.
+const WHOLE: u8 = 252;
+
+/// Weights of the paper's footprints in 1/128, for 1, 3, 5 and 7 pixels, by distance from the middle row, from the left
+/// column on, each four times for the channels. A Gaussian of sigma = width / 4, rounded to 1, 1/2 and 1/4 in the
+/// logarithm (C12); the 3x3 one is the centre 1, edges 1/2, corners 1/4.
+static STAMPS: [[[[u16; 4 * PIXELS]; 2]; 4]; 4] = {
+    const SHIFTS: [[[u8; 4]; 4]; 4] = [
+        [[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
+        [[0, 1, 0, 0], [1, 2, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
+        [[0, 0, 2, 0], [0, 1, 2, 0], [2, 2, 2, 0], [0, 0, 0, 0]],
+        [[0, 0, 1, 2], [0, 0, 1, 2], [1, 1, 2, 2], [2, 2, 2, 2]],
+    ];
+    let mut stamps = [[[[0; 4 * PIXELS]; 2]; 4]; 4];
+    let mut i = 0;
+    while i < 4 * 4 * 2 * PIXELS {
+        let (class, row, column) = (i / 32, i / 8 % 4, i % 8);
+        if row <= class && column <= 2 * class {
+            let from_middle = column.abs_diff(class);
+            let weight = 128 >> SHIFTS[class][row][from_middle];
+            let mut channel = 0;
+            while channel < 4 {
+                stamps[class][row][column / PIXELS][column % PIXELS * 4 + channel] = weight;
+                channel += 1;
+            }
+        }
+        i += 1;
+    }
+    stamps
+};
+
+/// `d + (s - d) * weight / 256`, rounded to the nearest, ties toward `s`. That is the rounding that neither darkens nor
+/// brightens: over many blends, rounding down darkens by 1.6 levels, and ties that go up brighten by 0.5 (see the test).
+#[inline(always)]
+fn blend<S: Simd>(simd: S, pixels: &mut [[u8; 4]; PIXELS], source: u16x16<S>, weight: u16x16<S>) {
+    let (low, high) = u8x16::load_array(simd, bytemuck::cast(*pixels)).widen();
+    let there = simd.combine_u16x8(low, high);
+    let half = source.simd_gt(there).select(u16x16::splat(simd, 128), u16x16::splat(simd, 127));
+    let rest = u16x16::splat(simd, 256) - weight;
+    let (low, high) = simd.split_u16x16((there * rest + source * weight + half) >> 8);
+    *pixels = bytemuck::cast(simd.narrow_u16x8(low, high).to_array());
+}
+
+impl OverCanvas {
+    fn stride(&self) -> usize {
+        self.width as usize + 2 * MARGIN
+    }
+
+    #[inline(always)]
+    fn draw_all<S: Simd>(&mut self, simd: S, splats: &Splats) {
+        match self.shape {
+            Shape::Soft => self.draw_stamps(simd, splats),
+            Shape::Point => self.draw_points(simd, splats),
+            Shape::Rectangle => self.draw_rectangles::<_, false>(simd, splats),
+            Shape::Plus => self.draw_rectangles::<_, true>(simd, splats),
+        }
+    }
+
+    /// Blends a splat over [`PIXELS`] pixels from an index on.
+    #[inline(always)]
+    fn blend_at<S: Simd>(&mut self, simd: S, at: usize, source: u16x16<S>, weight: u16x16<S>) {
+        if let Some(pixels) = self.pixels.get_mut(at..).and_then(|pixels| pixels.first_chunk_mut()) {
+            blend(simd, pixels, source, weight);
+        }
+    }
+
+    /// Single pixels.
+    #[inline(always)]
+    fn draw_points<S: Simd>(&mut self, simd: S, splats: &Splats) {
+        let (stride, rows) = (self.stride() as i32, self.rows.len() as i32);
+        for start in (0..splats.count()).step_by(LANES) {
+            let row = i32x16::truncate_from(load(simd, &splats.y, start).floor()) - self.rows.start as i32;
+            let column = i32x16::truncate_from(load(simd, &splats.x, start).floor());
+            let at = row * stride + column + MARGIN as i32;
+            let inside = row.simd_ge(0) & row.simd_lt(rows);
+            // Nothing is there.
+            let at = inside.select(at, i32x16::splat(simd, -1)).to_array();
+            for (i, at) in (start..splats.count()).zip(at) {
+                let color = splats.color[i].to_ne_bytes();
+                match self.pixels.get_mut(at as usize) {
+                    Some(pixel) if color[3] == 255 => *pixel = color,
+                    Some(_) => {
+                        let (source, alpha) = source_of(simd, splats.color[i]);
+                        self.blend_at(simd, at as usize, source, weights_of(simd, alpha, 1));
+                    }
+                    None => {}
+                }
+            }
+        }
+    }
+
+    /// The paper's squares, centred on the pixels that hold the samples.
+    #[inline(always)]
+    fn draw_stamps<S: Simd>(&mut self, simd: S, splats: &Splats) {
+        let (stride, rows) = (self.stride(), self.rows.start as i32..self.rows.end as i32);
+        let (mut columns, mut middles) = ([0; Splats::ROOM], [0; Splats::ROOM]);
+        for i in 0..splats.count() {
+            // Rounded down.
+            (columns[i], middles[i]) = (-ceil_to_i32(-splats.x[i]), -ceil_to_i32(-splats.y[i]));
+        }
+        for i in 0..splats.count() {
+            let class = (splats.radius_x[i] as usize).min(3);
+            let reach = class as i32;
+            let (source, alpha) = source_of(simd, splats.color[i]);
+            let first = (columns[i] - reach + MARGIN as i32) as usize;
+            let (top, bottom) = ((middles[i] - reach).max(rows.start), (middles[i] + reach + 1).min(rows.end));
+            for row in top..bottom {
+                let start = (row - rows.start) as usize * stride + first;
+                if class == 0 && alpha == 256 {
+                    if let Some(pixel) = self.pixels.get_mut(start) {
+                        *pixel = splats.color[i].to_ne_bytes();
+                    }
+                    continue;
+                }
+                let weights = &STAMPS[class][((row - middles[i]).unsigned_abs() as usize).min(3)];
+                // In 1/256: at most 128 * 256 / 128.
+                self.blend_at(simd, start, source, (u16x16::load_array(simd, weights[0]) * alpha) >> 7);
+                if class > 1 {
+                    self.blend_at(simd, start + PIXELS, source, (u16x16::load_array(simd, weights[1]) * alpha) >> 7);
+                }
+            }
+        }
+    }
+
+    /// Rectangles that cover the pixels whose centres they contain, large ones where the ground does not hide them; with `PLUS`, of each the
+    /// row and the column that hold the sample.
+    #[inline(always)]
+    fn draw_rectangles<S: Simd, const PLUS: bool>(&mut self, simd: S, splats: &Splats) {
+        let (across, down) = ([0.0, self.width as f32], [self.rows.start as f32, self.rows.end as f32]);
+        let has_ground = !self.ground.is_empty();
+        for start in (0..splats.count()).step_by(LANES) {
+            let [left, right] = covered_lanes(simd, [&splats.x, &splats.radius_x], start, across);
+            let [top, bottom] = covered_lanes(simd, [&splats.y, &splats.radius_y], start, down);
+            let (left, right, top, bottom) = (left.to_array(), right.to_array(), top.to_array(), bottom.to_array());
+            for (lane, i) in (start..splats.count().min(start + LANES)).enumerate() {
+                let (columns, rows) = (left[lane]..right[lane], top[lane]..bottom[lane]);
+                let is_small = (1..=2).contains(&columns.len()) && (1..=2).contains(&rows.len());
+                if has_ground && splats.is_large(i) {
+                    self.draw_seen::<_, PLUS>(simd, splats, i, columns, rows);
+                } else if is_small && !PLUS && splats.color[i].to_ne_bytes()[3] == 255 {
+                    self.fill_corners(columns, rows, splats.color[i]);
+                } else {
+                    self.draw_rectangle::<_, PLUS>(simd, splats, i, columns, rows);
+                }
+            }
+        }
+    }
+
+    /// As [`Self::draw_rectangle`], where the ground does not hide the splat.
+    #[inline(always)]
+    fn draw_seen<S: Simd, const PLUS: bool>(
+        &mut self,
+        simd: S,
+        splats: &Splats,
+        i: usize,
+        columns: Range<i32>,
+        rows: Range<i32>,
+    ) {
+        for (row, column) in rows.flat_map(|row| columns.clone().map(move |column| (row, column))) {
+            if !self.ground.hides([column as f32, row as f32], splats.inverse_depth[i]) {
+                self.draw_rectangle::<_, PLUS>(simd, splats, i, column..column + 1, row..row + 1);
+            }
+        }
+    }
+
+    /// Writes the corners of a rectangle, which are all of one that is at most two pixels wide and high: without the loops, whose
+    /// ends no processor foresees (docs/decisions.md: small rectangles by their corners).
+    #[inline(always)]
+    fn fill_corners(&mut self, columns: Range<i32>, rows: Range<i32>, color: u32) {
+        let at = (rows.start - self.rows.start as i32) as usize * self.stride() + columns.start as usize + MARGIN;
+        let (right, below) = (columns.len() - 1, (rows.len() - 1) * self.stride());
+        for at in [at, at + right, at + below, at + below + right] {
+            if let Some(pixel) = self.pixels.get_mut(at) {
+                *pixel = color.to_ne_bytes();
+            }
+        }
+    }
+
+    /// Draws the part of splat `i` that lies in some columns and rows of the frame.
+    #[inline(always)]
+    fn draw_rectangle<S: Simd, const PLUS: bool>(
+        &mut self,
+        simd: S,
+        splats: &Splats,
+        i: usize,
+        columns: Range<i32>,
+        rows: Range<i32>,
+    ) {
+        // Rounded down.
+        let (column, middle) = (-ceil_to_i32(-splats.x[i]), -ceil_to_i32(-splats.y[i]));
+        let (source, alpha) = source_of(simd, splats.color[i]);
+        for row in rows {
+            let [left, right] = match PLUS && row != middle {
+                true => [column.max(columns.start), (column + 1).min(columns.end)],
+                false => [columns.start, columns.end],
+            };
+            let width = (right - left).max(0) as usize;
+            let start = (row - self.rows.start as i32) as usize * self.stride() + left as usize + MARGIN;
+            if alpha == 256 {
+                if let Some(pixels) = self.pixels.get_mut(start..start + width) {
+                    pixels.fill(splats.color[i].to_ne_bytes());
+                }
+                continue;
+            }
+            for at in (0..width).step_by(PIXELS) {
+                self.blend_at(simd, start + at, source, weights_of(simd, alpha, width - at));
+            }
+        }
+    }
+}
+
+/// What a splat of a colour blends in: the colour as if it were opaque, for [`PIXELS`] pixels, and its alpha in 1/256.
+#[inline(always)]
+fn source_of<S: Simd>(simd: S, color: u32) -> (u16x16<S>, u16) {
+    let [r, g, b, alpha] = color.to_ne_bytes().map(u16::from);
+    let source = [r, g, b, 255, r, g, b, 255, r, g, b, 255, r, g, b, 255];
+    (u16x16::load_array(simd, source), alpha + (alpha >> 7))
+}
+
+/// One weight for the first `pixels` of [`PIXELS`], and 0 for the others.
+#[inline(always)]
+fn weights_of<S: Simd>(simd: S, weight: u16, pixels: usize) -> u16x16<S> {
+    let mut weights = [0; 4 * PIXELS];
+    for (i, weights) in weights.as_chunks_mut::<4>().0.iter_mut().enumerate() {
+        *weights = [if i < pixels { weight } else { 0 }; 4];
+    }
+    u16x16::load_array(simd, weights)
+}
+
+/// Writes [`straight`] of each pixel.
+#[inline(always)]
+fn straight_all<S: Simd>(_: S, from: &[[u8; 4]], to: &mut [[u8; 4]]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = straight(*from);
+    }
+}
+
+impl Canvas for OverCanvas {
+    fn clear(&mut self, width: u32, rows: Range<u32>) {
+        (self.width, self.rows) = (width, rows);
+        let pixels = self.stride() * self.rows.len();
+        self.pixels.clear();
+        self.pixels.resize(pixels, [0; 4]);
+    }
+
+    fn clear_spans(&mut self, [width, height]: [u32; 2], spans: &dyn Fn(u32) -> Spans) {
+        if (self.width, &self.rows) != (width, &(0..height)) {
+            self.clear(width, 0..height);
+        }
+        let stride = self.stride();
+        splat::clear_spans(&mut self.pixels, stride, MARGIN, [0; 4], spans);
+    }
+
+    fn ground(&self) -> &PlaneCanvas {
+        &self.ground
+    }
+
+    fn ground_mut(&mut self) -> &mut PlaneCanvas {
+        &mut self.ground
+    }
+
+    fn lay(&mut self) {
+        let stride = self.stride();
+        for (pixels, (colors, _)) in self.pixels.chunks_mut(stride).zip(self.ground.rows()) {
+            for (pixel, color) in pixels[MARGIN..].iter_mut().zip(colors).filter(|(_, color)| color[3] == 255) {
+                *pixel = *color;
+            }
+        }
+    }
+
+    fn add_rims(&mut self, _: Level) {
+        let (light, stride) = (LinearLight::tables(), self.stride());
+        for rim in self.ground.rims() {
+            let [column, row] = rim.pixel.map(|v| v as usize);
+            if let Some(pixel) = self.pixels.get_mut(row * stride + MARGIN + column) {
+                let [r, g, b, share] = light.over(rim.color, straight(*pixel));
+                let covered = |c: u8| ((u16::from(c) * u16::from(share) + 127) / 255) as u8;
+                *pixel = [covered(r), covered(g), covered(b), share];
+            }
+        }
+    }
+
+    fn draw(&mut self, splats: &Splats, level: Level) {
+        dispatch!(level, simd => self.draw_all(simd, splats));
+    }
+
+    fn resolve(&self, row: usize, column: usize, to: &mut [[u8; 4]], level: Level) {
+        let start = row * self.stride() + MARGIN + column;
+        let from = self.pixels.get(start..start + to.len()).unwrap_or(&[]);
+        dispatch!(level, simd => straight_all(simd, from, to));
+    }
+}
+
+static RECIPROCALS: [u64; 256] = splat::reciprocals();
+
+/// From a colour times coverage, and coverage.
+#[inline(always)]
+fn straight([r, g, b, share]: [u8; 4]) -> [u8; 4] {
+    if share == 255 || share == 0 {
+        return [r, g, b, share];
+    }
+    let (half, reciprocal) = (u64::from(share / 2), RECIPROCALS[usize::from(share)]);
+    let [r, g, b] = [r, g, b].map(|c| (((u64::from(c) * 255 + half) * reciprocal) >> 32).min(255) as u8);
+    [r, g, b, if share >= WHOLE { 255 } else { share }]
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,100 @@
+//! From sums of weighted colours to colours: a surface's mean, and what surfaces behind one another show together.
+
+use crate::render::canvas::linear::LinearLight;
+use crate::render::footprint::tent::ONE;
+use fearless_simd::{Simd, SimdCvtFloat, SimdCvtTruncate, f32x8, prelude::*, u32x8};
+
+/// Pixels of a row at a time.
+pub(super) const BLOCK: usize = 8;
+
+/// Weight at which a surface hides wholly what is behind it: inside a surface, rounded weights add up to [`ONE`] less a few.
+pub(crate) const OPAQUE: u32 = 120;
+
+/// The least share of 255 of a pixel that a surface has where it has any.
+pub(crate) const MIN_SHARE: u32 = 13;
+
+const _: () = assert!(OPAQUE < ONE, "a whole surface hides what is behind it");
+
+/// Of each pixel of a block red, green and blue times weight, and weight, added up: whole numbers, so that the order does not matter. There is
+/// room for 131,000 splats of weight 1 in a pixel; where many samples share one, each weighs down to a 28th of that.
+pub(super) type Sums = [[u32; BLOCK]; 4];
+
+/// Nothing.
+pub(super) const NO_SUMS: Sums = [[0; BLOCK]; 4];
+
+/// Of each pixel of a block the mean colour, and the share of 255 of the pixel that it has; 0 where nothing was added.
+#[inline(always)]
+pub(super) fn means<S: Simd>(simd: S, sums: &Sums) -> u32x8<S> {
+    let whole_weight = u32x8::load_array(simd, sums[3]);
+    let weight = f32x8::float_from(whole_weight);
+    let reciprocal = f32x8::splat(simd, 1.0) / weight.max(1.0);
+    let (red, green) = (mean(simd, &sums[0], reciprocal), mean(simd, &sums[1], reciprocal));
+    let blue = mean(simd, &sums[2], reciprocal);
+    let share = u32x8::truncate_from(weight.min(OPAQUE as f32) * (255.0 / OPAQUE as f32)).max(MIN_SHARE);
+    let color = red | (green << 8) | (blue << 16) | (share << 24);
+    whole_weight.simd_eq(0).select(u32x8::splat(simd, 0), color)
+}
+
+#[inline(always)]
+fn mean<S: Simd>(simd: S, sum: &[u32; BLOCK], reciprocal: f32x8<S>) -> u32x8<S> {
+    u32x8::truncate_from((f32x8::float_from(u32x8::load_array(simd, *sum)) * reciprocal + 0.5).min(255.0))
+}
+
+/// What three surfaces show, the nearest first, each with the share of 255 of the pixel that it would hide alone.
+///
+/// The surface behind often ends here only because nobody could see it go on behind the front one, and the weights of
+/// its tents fade toward that border. It is therefore taken to lie in the part of the pixel that the front surface
+/// leaves open: without this the sky shines through every crown of leaves along its branches (docs/decisions.md: surfaces are averaged
+/// before they are blended).
+#[inline(always)]
+pub(super) fn together([front, second, rest]: [[u8; 4]; 3], light: &LinearLight) -> [u8; 4] {
+    let of_front = front[3];
+    let of_second = second[3].min(255 - of_front);
+    let of_rest = rest[3].min(255 - of_front - of_second);
+    let rgb = |[r, g, b, _]: [u8; 4]| [r, g, b];
+    let shares = [of_front, of_second, of_rest];
+    let [r, g, b] = light.mix([front, second, rest].map(rgb), shares.map(u32::from));
+    [r, g, b, of_front + of_second + of_rest]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use headbox_core::simd;
+    use fearless_simd::dispatch;
+
+    #[test]
+    fn means_are_rounded_to_the_nearest_at_every_level() {
+        for weight in [1u32, 2, 7, 119, 120, 128, 257, 9_999] {
+            let reds: [u32; BLOCK] = std::array::from_fn(|i| 255 * weight / 7 * i as u32);
+            let blues = [255 * weight; BLOCK];
+            for level in simd::levels() {
+                let sums = [reds, [weight; BLOCK], blues, [weight; BLOCK]];
+                let colors = dispatch!(level, simd => means(simd, &sums).to_array());
+                for (color, red) in colors.into_iter().zip(reds) {
+                    let [r, g, b, share] = color.to_le_bytes();
+                    // Half a level, and what single precision leaves of one.
+                    assert!(
+                        (f64::from(r) - f64::from(red) / f64::from(weight)).abs() <= 0.5 + 1e-4,
+                        "{red} / {weight}"
+                    );
+                    let expected = (weight.min(OPAQUE) * 255 / OPAQUE).max(MIN_SHARE);
+                    assert_eq!((g, b, u32::from(share)), (1, 255, expected));
+                }
+            }
+        }
+        assert_eq!(dispatch!(simd::level(), simd => means(simd, &NO_SUMS).to_array()), [0; BLOCK]);
+    }
+
+    #[test]
+    fn what_is_behind_takes_the_room_that_is_left() {
+        let light = LinearLight::tables();
+        let [red, green, blue] = [[200, 0, 0], [0, 200, 0], [0, 0, 200]].map(|[r, g, b]| move |share| [r, g, b, share]);
+        assert_eq!(together([red(255), green(255), blue(255)], light), red(255));
+        assert_eq!(together([red(0), green(0), blue(0)], light)[3], 0);
+        let [r, g, b, share] = together([red(100), green(255), blue(255)], light);
+        assert!(share == 255 && r > 0 && g > r && b == 0);
+        let [r, g, b, share] = together([red(100), green(20), blue(50)], light);
+        assert!(share == 170 && r > b && b > g && g > 0);
+    }
+}

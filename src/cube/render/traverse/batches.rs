@@ -1,0 +1,264 @@
+//! The one traversal: every depth pixel of a segment, in drawing order, in batches (S17, S19).
+//!
+//! Kernels (scalar, SIMD, any splat) take the batches; none of them needs to know of order, offsets or layers.
+
+use crate::render::parallel::epipolar::Spans;
+use super::format::Format;
+use crate::render::setup::order::{EyeInFace, LayerOrder, Run};
+use crate::pack::PackedSegment;
+use crate::pack::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
+use std::ops::Range;
+
+/// Depth pixels of a full batch.
+pub(crate) const BATCH_CAPACITY: usize = 256;
+
+/// Columns that are written at once.
+const COLUMNS_ROOM: usize = 8;
+
+/// Depth pixels of one row within one block of columns, in drawing order.
+pub(crate) struct Batch<P> {
+    /// Row on the face.
+    pub(crate) row: u32,
+    /// The block's first column on the face: the anchor.
+    pub(crate) anchor_column: u32,
+    /// Number of entries in use.
+    pub(crate) len: usize,
+    /// Columns from the anchor, 0 to `BLOCK_COLUMNS - 1`.
+    pub(crate) columns: [u8; BATCH_CAPACITY + COLUMNS_ROOM],
+    /// The depth pixels.
+    pub(crate) depth_pixels: [P; BATCH_CAPACITY],
+}
+
+impl<P: Format> Batch<P> {
+    pub(crate) fn new() -> Self {
+        Self {
+            row: 0,
+            anchor_column: 0,
+            len: 0,
+            columns: [0; BATCH_CAPACITY + COLUMNS_ROOM],
+            depth_pixels: [P::NOTHING; BATCH_CAPACITY],
+        }
+    }
+
+    /// Fills the empty batch with the samples of neighbouring pixels, in their order in memory. `counts`: running counts of
+    /// the pixels from `column` on.
+    fn extend(&mut self, column: u8, counts: &[u32], samples: &[P]) {
+        self.depth_pixels[..samples.len()].copy_from_slice(samples);
+        // Counts of a damaged cube need not ascend.
+        let starts = counts.iter().map(|start| (start.saturating_sub(counts[0]) as usize).min(samples.len()));
+        if samples.len() + 1 == counts.len() && starts.clone().zip(0..).all(|(start, i): (usize, usize)| start == i) {
+            // One sample in each pixel, as over most of a simple scene.
+            self.columns[..samples.len()].iter_mut().zip(column..).for_each(|(c, column)| *c = column);
+        } else {
+            // Eight bytes at a time, of which the next pixel overwrites those that it needs.
+            for (column, (start, end)) in (column..).zip(starts.clone().zip(starts.skip(1))) {
+                for eight in (start..end).step_by(COLUMNS_ROOM) {
+                    let room = self.columns.get_mut(eight..eight + COLUMNS_ROOM);
+                    room.into_iter().for_each(|room| room.fill(column));
+                }
+            }
+        }
+        self.len = samples.len();
+    }
+
+    /// Appends a depth pixel; a full batch is drawn first.
+    #[inline(always)]
+    fn push(&mut self, column: u8, depth_pixel: P, draw: &mut impl FnMut(&Self)) {
+        if self.len >= BATCH_CAPACITY {
+            draw(self);
+            self.len = 0;
+        }
+        self.columns[self.len] = column;
+        self.depth_pixels[self.len] = depth_pixel;
+        self.len += 1;
+    }
+}
+
+/// The part of a segment that is traversed: a rectangle of the face, without the blocks that clipping found hidden.
+pub(crate) struct SegmentPart<'a, P> {
+    pub(crate) segment: &'a PackedSegment,
+    /// The segment's, in any form.
+    pub(crate) depth_pixels: &'a [P],
+    pub(crate) columns: Range<u32>,
+    pub(crate) rows: Range<u32>,
+    /// Of each block that the rectangle touches, row-major.
+    pub(crate) visible: &'a [bool],
+}
+
+/// Columns and rows of a whole segment, as far as they lie on the face.
+pub(crate) fn whole(segment: &PackedSegment, size_px: u32) -> [Range<u32>; 2] {
+    let clip = |start: u32, length: u32| start.min(size_px)..start.saturating_add(length).min(size_px);
+    [clip(segment.x0, segment.width), clip(segment.y0, segment.height)]
+}
+
+/// Number of blocks that a rectangle touches.
+pub(crate) fn block_count([columns, rows]: &[Range<u32>; 2]) -> usize {
+    let blocks = |range: &Range<u32>, length: u32| (range.end.div_ceil(length) - range.start / length) as usize;
+    blocks(columns, BLOCK_COLUMNS) * blocks(rows, BLOCK_ROWS)
+}
+
+impl<'a, P> SegmentPart<'a, P> {
+    /// Of a row of blocks, those from the rectangle's first on.
+    fn visible_in(&self, row: u32) -> &'a [bool] {
+        let first = |range: &Range<u32>, length: u32| range.start / length;
+        let blocks = self.columns.end.div_ceil(BLOCK_COLUMNS) - first(&self.columns, BLOCK_COLUMNS);
+        let start = (row / BLOCK_ROWS - first(&self.rows, BLOCK_ROWS)) * blocks;
+        self.visible.get(start as usize..(start + blocks) as usize).unwrap_or(&[])
+    }
+}
+
+/// Which pixels of each row of a part are traversed.
+pub(crate) trait Cut {
+    /// What it knows of a row.
+    type Row;
+
+    /// Spans that may hold pixels, of those that [`Self::within`] gives: the first ones.
+    const SPANS: usize = 3;
+
+    /// What it knows of a row of the face.
+    fn row(&self, row: u32) -> Self::Row;
+
+    /// The pixels in a range of columns of one block, in row `y`.
+    fn within(&self, row: &Self::Row, y: u32, range: &Range<u32>) -> Spans;
+}
+
+/// All pixels.
+pub(crate) struct Uncut;
+
+impl Cut for Uncut {
+    type Row = ();
+
+    const SPANS: usize = 1;
+
+    fn row(&self, _: u32) {}
+
+    #[inline]
+    fn within(&self, (): &(), _: u32, range: &Range<u32>) -> Spans {
+        [range.clone(), range.end..range.end, range.end..range.end]
+    }
+}
+
+/// Passes the depth pixels of a part to `draw`, in drawing order. Rows whose tables point nowhere are left out.
+pub(crate) fn traverse<P: Format, C: Cut>(
+    part: &SegmentPart<P>,
+    cut: &C,
+    eye: &EyeInFace,
+    layers: LayerOrder,
+    batch: &mut Batch<P>,
+    draw: &mut impl FnMut(&Batch<P>),
+) {
+    let segment = part.segment;
+    let columns = eye.column_runs(part.columns.clone());
+    let first_block = part.columns.start / BLOCK_COLUMNS;
+    for row_run in eye.row_runs(part.rows.clone()) {
+        for_each(&row_run, |row| {
+            let visible = part.visible_in(row);
+            let (samples, counts) = segment.row_of(part.depth_pixels, row - segment.y0);
+            if samples.is_empty() || !visible.contains(&true) {
+                return;
+            }
+            let row_cut = cut.row(row);
+            for run in &columns {
+                for_each_block(run, |run| {
+                    let block = run.range.start / BLOCK_COLUMNS;
+                    if !visible.get((block - first_block) as usize).is_some_and(|visible| *visible) {
+                        return;
+                    }
+                    let mut spans = cut.within(&row_cut, row, &run.range);
+                    if run.descending && C::SPANS > 1 {
+                        spans.reverse();
+                    }
+                    for range in spans.into_iter().take(C::SPANS) {
+                        let first = (range.start - segment.x0) as usize;
+                        let counts = &counts[first..=first + range.len()];
+                        if counts[0] == counts[range.len()] {
+                            continue;
+                        }
+                        batch.row = row;
+                        batch.anchor_column = block * BLOCK_COLUMNS;
+                        batch.len = 0;
+                        let run = Run { range, descending: run.descending };
+                        gather(segment, eye, layers, samples, counts, &run, batch, draw);
+                        if batch.len > 0 {
+                            draw(batch);
+                        }
+                    }
+                });
+            }
+        });
+    }
+}
+
+/// Fills a batch with the samples of a run of pixels in one block, in drawing order.
+#[expect(clippy::too_many_arguments, reason = "the inner loop of the traversal, apart only to be read")]
+#[inline(always)]
+fn gather<P: Format>(
+    segment: &PackedSegment,
+    eye: &EyeInFace,
+    layers: LayerOrder,
+    samples: &[P],
+    counts: &[u32],
+    run: &Run,
+    batch: &mut Batch<P>,
+    draw: &mut impl FnMut(&Batch<P>),
+) {
+    let all = samples.get(counts[0] as usize..counts[run.range.len()] as usize).unwrap_or(&[]);
+    if layers == LayerOrder::FarthestFirst && !run.descending && all.len() <= BATCH_CAPACITY {
+        batch.extend((run.range.start - batch.anchor_column) as u8, counts, all);
+        return;
+    }
+    for_each(run, |x| {
+        let i = (x - run.range.start) as usize;
+        let Some(pixel) = samples.get(counts[i] as usize..counts[i + 1] as usize) else { return };
+        let column = (x - batch.anchor_column) as u8;
+        match layers {
+            LayerOrder::FarthestFirst => pixel.iter().for_each(|p| batch.push(column, *p, draw)),
+            LayerOrder::NearestFirst => pixel.iter().rev().for_each(|p| batch.push(column, *p, draw)),
+            LayerOrder::PerPixel => {
+                let foot = eye.foot_on_ray(f64::from(x) + 0.5, f64::from(batch.row) + 0.5);
+                from_both_ends(segment, pixel, foot, |p| batch.push(column, *p, draw));
+            }
+        }
+    });
+}
+
+/// The samples of one pixel by descending distance from the foot of the eye on the pixel's ray (C9). Both ends of the
+/// pixel's list are the farthest on their side of the foot, so that one comparison a sample sorts them.
+fn from_both_ends<P: Format>(segment: &PackedSegment, mut pixel: &[P], foot: f64, mut push: impl FnMut(&P)) {
+    let from_foot = |p: &P| (1.0 / p.inverse_depth(segment) - foot).abs();
+    while let [first, .., last] = pixel {
+        if from_foot(first) >= from_foot(last) {
+            push(first);
+            pixel = &pixel[1..];
+        } else {
+            push(last);
+            pixel = &pixel[..pixel.len() - 1];
+        }
+    }
+    pixel.iter().for_each(push);
+}
+
+/// Calls `visit` for every index of a run, in its order.
+fn for_each(run: &Run, visit: impl FnMut(u32)) {
+    match run.descending {
+        false => run.range.clone().for_each(visit),
+        true => run.range.clone().rev().for_each(visit),
+    }
+}
+
+/// Cuts a run at multiples of [`BLOCK_COLUMNS`].
+fn for_each_block(run: &Run, mut visit: impl FnMut(Run)) {
+    let Range { start, end } = run.range;
+    if start >= end {
+        return;
+    }
+    let blocks = Run { range: start / BLOCK_COLUMNS..end.div_ceil(BLOCK_COLUMNS), descending: run.descending };
+    for_each(&blocks, |block| {
+        let first = block * BLOCK_COLUMNS;
+        let range = start.max(first)..end.min(first + BLOCK_COLUMNS);
+        visit(Run { range, descending: run.descending });
+    });
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,84 @@
+//! The forms in which depth pixels can be kept: packed into 8 bytes, or as they were before that (S17, C10).
+
+use crate::pack::{ExactDepthPixel, INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, PackedSegment};
+use crate::render::footprint::size::{LANES, Normals};
+use fearless_simd::{Simd, SimdCvtFloat, f32x16, prelude::*, u32x16};
+
+/// A form of depth pixels.
+pub(crate) trait Format: Copy {
+    /// Stands where there is none.
+    const NOTHING: Self;
+
+    /// The inverse depth of code 0 and its change from code to code, 1/m.
+    fn scale(segment: &PackedSegment) -> [f64; 2];
+
+    /// Inverse depth, 1/m.
+    fn inverse_depth(&self, segment: &PackedSegment) -> f64;
+
+    /// The first [`LANES`] of some depth pixels; there must be as many.
+    fn load<S: Simd>(simd: S, depth_pixels: &[Self]) -> Unpacked<S>;
+}
+
+/// Depth pixels in registers.
+pub(crate) struct Unpacked<S: Simd> {
+    /// Inverse depth, as [`Format::scale`] counts it.
+    pub(crate) code: f32x16<S>,
+    pub(crate) normals: Normals<S>,
+    /// The four bytes as they lie in memory.
+    pub(crate) color: u32x16<S>,
+}
+
+impl Format for PackedDepthPixel {
+    const NOTHING: Self = Self { geometry: 0, color_srgb: [0; 4] };
+
+    fn scale(segment: &PackedSegment) -> [f64; 2] {
+        [f64::from(segment.inverse_depth_min), segment.inverse_depth_step()]
+    }
+
+    #[inline]
+    fn inverse_depth(&self, segment: &PackedSegment) -> f64 {
+        segment.inverse_depth(self.inverse_depth_code())
+    }
+
+    #[inline(always)]
+    fn load<S: Simd>(simd: S, depth_pixels: &[Self]) -> Unpacked<S> {
+        let words: &[u32] = bytemuck::cast_slice(&depth_pixels[..LANES]);
+        let (first, second) = (u32x16::from_slice(simd, &words[..LANES]), u32x16::from_slice(simd, &words[LANES..]));
+        let (geometry, color) = simd.deinterleave_u32x16(first, second);
+        let code = f32x16::float_from(geometry & INVERSE_DEPTH_CODE_MAX);
+        Unpacked { code, normals: Normals::Index(geometry >> 20), color }
+    }
+}
+
+impl Format for ExactDepthPixel {
+    const NOTHING: Self = Self { inverse_depth: 1.0, normal: [0.0; 3], color_srgb: [0; 4], splat_index: 0 };
+
+    fn scale(_: &PackedSegment) -> [f64; 2] {
+        [0.0, 1.0]
+    }
+
+    #[inline]
+    fn inverse_depth(&self, _: &PackedSegment) -> f64 {
+        f64::from(self.inverse_depth)
+    }
+
+    #[inline(always)]
+    fn load<S: Simd>(simd: S, depth_pixels: &[Self]) -> Unpacked<S> {
+        let (mut code, mut normal) = ([0.0; LANES], [[0.0; LANES]; 3]);
+        let (mut index, mut color) = ([0; LANES], [0; LANES]);
+        for (i, pixel) in depth_pixels[..LANES].iter().enumerate() {
+            code[i] = pixel.inverse_depth;
+            for (lanes, component) in normal.iter_mut().zip(pixel.normal) {
+                lanes[i] = component;
+            }
+            (index[i], color[i]) = (pixel.splat_index, u32::from_ne_bytes(pixel.color_srgb));
+        }
+        let [x, y, z] = normal;
+        let normal = [f32x16::load_array(simd, x), f32x16::load_array(simd, y), f32x16::load_array(simd, z)];
+        Unpacked {
+            code: f32x16::load_array(simd, code),
+            normals: Normals::Exact { normal, index: u32x16::load_array(simd, index) },
+            color: u32x16::load_array(simd, color),
+        }
+    }
+}

@@ -1,0 +1,4 @@
+//! Traversal: the depth pixels of a segment, in drawing order, in batches.
+
+pub(crate) mod batches;
+pub(crate) mod format;

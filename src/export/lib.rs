@@ -1,0 +1,155 @@
+//! To where headbox is not installed: a page, an engine, a splat viewer, a film package.
+
+mod atlas;
+pub mod deep;
+pub mod film;
+pub mod glb;
+pub mod las;
+mod mesh;
+pub mod of_sprites;
+pub mod page;
+pub mod panorama;
+mod pieces;
+pub mod ply;
+mod sheets;
+mod spherical;
+pub mod splats;
+mod stacks;
+pub mod stereo;
+mod surfels;
+
+use headbox_core::image_file::PictureError;
+use headbox_core::camera::{Camera, CameraError};
+use headbox_core::frame::Frame;
+use headbox_cube::pack::{PackError, PackedCube};
+use headbox_cube::render::Renderer;
+use image::codecs::jpeg::JpegEncoder;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder};
+use std::io;
+
+/// Why something could not be exported.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ExportError {
+    /// There is nothing to show.
+    #[error("there is nothing in it to export: no depth pixel, no picture on a plane and no environment")]
+    Empty,
+    /// It would be larger than what its readers can open.
+    #[error(
+        "the export would have at least {} MB, and such files may have {} MB; capture with a smaller --face-size, or with --error-px",
+        bytes >> 20, limit >> 20
+    )]
+    TooLarge {
+        /// Bytes that it would have.
+        bytes: u64,
+        /// Bytes that it may have.
+        limit: u64,
+    },
+    /// Making it would take more memory than most machines have.
+    #[error(
+        "it has {} MB, and only captures of up to {} MB are exported so, which takes up to nine times their memory; capture with a \
+         smaller --face-size, or with --error-px",
+        bytes >> 20, limit >> 20
+    )]
+    CaptureTooLarge {
+        /// Bytes of the capture.
+        bytes: u64,
+        /// Bytes that it may have.
+        limit: u64,
+    },
+    /// Sprites are of no one view.
+    #[error(
+        "its sprites were taken from several places, and only sprites of one eye can be exported; export them one by one"
+    )]
+    Eyes,
+    /// It could not be written.
+    #[error(transparent)]
+    Io(#[from] io::Error),
+    /// There is no camera for a picture of it.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// A picture could not be encoded.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+    /// It could not be packed again.
+    #[error(transparent)]
+    Pack(#[from] PackError),
+}
+
+/// The most bytes of a capture that is exported by what holds all of the export at once. What is written sample by sample has no limit.
+const MAX_HELD_BYTES: u64 = 1 << 30;
+
+/// Refuses a capture that is too large to be held several times.
+fn check_held(cube: &PackedCube) -> Result<(), ExportError> {
+    match cube.bytes() as u64 {
+        bytes if bytes > MAX_HELD_BYTES => Err(ExportError::CaptureTooLarge { bytes, limit: MAX_HELD_BYTES }),
+        _ => Ok(()),
+    }
+}
+
+/// Pixels of a poster.
+pub(crate) const POSTER_PX: [u32; 2] = [800, 500];
+
+/// A JPEG file of what the centre of the headbox sees where there is most to see.
+pub fn poster(cube: &PackedCube) -> Result<Vec<u8>, ExportError> {
+    let ahead = cube.info.ahead.unwrap_or(glam::DVec3::NEG_Z);
+    let up = cube.info.up.unwrap_or(glam::DVec3::Y);
+    let camera = Camera::look_at(cube.center(), cube.center() + ahead, up, 60.0, POSTER_PX)?;
+    jpeg(Renderer::new().render(cube, &camera, &Default::default()))
+}
+
+/// A JPEG file of a frame, for a poster.
+pub(crate) fn jpeg(frame: &Frame) -> Result<Vec<u8>, ExportError> {
+    const QUALITY: u8 = 75;
+    let picture = frame.to_rgb().map_err(io::Error::other)?;
+    let mut file = Vec::new();
+    JpegEncoder::new_with_quality(&mut file, QUALITY).encode_image(&picture).map_err(PictureError::from)?;
+    Ok(file)
+}
+
+/// A PNG file of some texels; each row is predicted from what suits it.
+fn png(texels: &[[u8; 4]], [width, height]: [u32; 2], effort: CompressionType) -> Result<Vec<u8>, ExportError> {
+    let mut file = Vec::new();
+    let encoder = PngEncoder::new_with_quality(&mut file, effort, FilterType::Adaptive);
+    let written = encoder.write_image(texels.as_flattened(), width, height, ExtendedColorType::Rgba8);
+    written.map_err(PictureError::from)?;
+    Ok(file)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use headbox_cube::pack::{PlaneSet, SplatIndexLayout};
+
+    /// Memory that nobody touches is not there.
+    fn of_texels(count: usize) -> PackedCube {
+        PackedCube {
+            info: Default::default(),
+            face_size_px: 8,
+            layout: SplatIndexLayout::Normal,
+            segments: Vec::new(),
+            environment: headbox_core::environment::Environment::default(),
+            planes: PlaneSet { texels: vec![[0; 4]; count], ..PlaneSet::default() },
+        }
+    }
+
+    #[test]
+    fn files_of_gigabytes_are_refused_with_the_limit() {
+        let cube = of_texels((1 << 28) + 1);
+        let mut out = Vec::new();
+        let errors = [
+            glb::write(&cube, 1000, &mut out).map(drop),
+            deep::write(&cube, deep::Faces::All, &mut out).map(drop),
+            deep::write_layers(&cube, deep::Faces::All, 2, &mut out).map(drop),
+        ];
+        for error in errors {
+            assert!(error.unwrap_err().to_string().contains("it has 1024 MB, and only captures of up to 1024 MB"));
+        }
+        let mut cube = of_texels((1 << 30) + 1);
+        // Something is there.
+        cube.planes.tiles.push(bytemuck::Zeroable::zeroed());
+        let error = page::Page::new(&cube, "large").map(drop).unwrap_err().to_string();
+        assert!(error.contains("at least 1024 MB, and such files may have 1024 MB") && out.is_empty(), "{error}");
+    }
+}

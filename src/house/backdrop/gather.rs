@@ -1,0 +1,210 @@
+//! From rays behind a portal to a cube LDI: hits, their pixels, and what becomes of those at similar depth (R11,
+//! P2, D1, D2, C11).
+//!
+//! *Similar depth* is measured in inverse depth, by parallax: two samples of a pixel that part by at most a pixel when the
+//! eye moves by [`BASELINE_M`] from the cube's centre. It needs no tuning per model (D2).
+//!
+//! A depth pixel is drawn from the middle of its pixel, but random rays hit anywhere in it. So a hit counts with the depth that
+//! its surface has in the middle: hits of a slanted surface agree, and lie on it. At most half of what is similar is changed, so
+//! that a surface that the centre sees nearly edge-on keeps several samples a pixel; footprints alone do not close it
+//! (docs/decisions.md: a hit counts with its surface's depth in the middle of its pixel).
+//! Images are taken as they are: the papers' rules compare what their pixels hold.
+
+use super::mend::BackdropMender;
+use headbox_core::cube_face::Face;
+use headbox_trace::bvh::{HitPacket, PACKET, Ray, RayPacket};
+use headbox_core::environment::Environment;
+use headbox_cube::model::depth_bins::DepthBins;
+use headbox_ldi::from_images::layers::LayerCube;
+use headbox_ldi::from_images::piles::{Light, RowSamples, Sample};
+use headbox_cube::model::parameters::MergeRule;
+use headbox_cube::model::parameters::CaptureParameters;
+use headbox_cube::model::info::CaptureInfo;
+use headbox_cube::model::samples::{CubeLdi, EncodedNormal};
+use headbox_cube::pack::{PackError, PackedCube, SplatIndexLayout, Split};
+use crate::house::House;
+use headbox_cube::planes as primitives;
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+/// How far an eye is from the centre of a backdrop's cube for which depths are told apart, metres.
+const BASELINE_M: f64 = 1.5;
+
+/// Half of the edge of the headbox whose corners are so far from its centre, metres.
+const HALF_SIZE_M: f64 = BASELINE_M / 1.732_050_807_568_877_2;
+
+/// What pictures on planes are within, px of the frames that [`primitives::Bound`] names, for eyes within [`BASELINE_M`]. Of faces of 308
+/// pixels these have a focal length of 200 px, and frames of 640x512 have 443: half a pixel there.
+const ERROR_PX: f64 = 0.25;
+
+/// Texels a side of the sky behind a portal.
+const ENVIRONMENT_PX: u32 = 64;
+
+/// A sample with its row: face and row of it, in this order of significance.
+type RowSample = (u32, Sample);
+
+/// Rays that are traced together, in the tracer's local frame.
+#[derive(Default)]
+pub(super) struct RayBatch {
+    /// Which image they belong to; image 0 is pinned (C11).
+    pub(super) image: u8,
+    /// From where surfaces look as large as they were sampled: the eye of an image, or `None` for the rays' own starts.
+    pub(super) eye: Option<Vec3>,
+    /// Starts, on the portal's plane, and directions.
+    pub(super) rays: Vec<(Vec3, Vec3)>,
+}
+
+/// A cube to be filled.
+pub(super) struct CubeJob<'a> {
+    pub(super) house: &'a House,
+    /// World metres.
+    pub(super) centre: DVec3,
+    pub(super) face_px: u32,
+    pub(super) rule: MergeRule,
+    /// Whether gaps are mended ([`BackdropMender`]) and what is flat becomes pictures on planes; images are taken as they are.
+    pub(super) mends: bool,
+}
+
+impl CubeJob<'_> {
+    /// Traces batches `0..count`, which `fill` makes, and packs what they meet.
+    pub(super) fn run(&self, count: u32, fill: impl Fn(u32, &mut RayBatch) + Sync) -> Result<PackedCube, PackError> {
+        let batches = (0..count).into_par_iter().map_init(RayBatch::default, |batch, i| {
+            batch.rays.clear();
+            fill(i, batch);
+            let (samples, misses) = self.trace(batch);
+            ((batch.image, samples), misses)
+        });
+        let (samples, misses): (Vec<_>, Vec<_>) = batches.unzip();
+        let mut reached = vec![false; 6 * (ENVIRONMENT_PX as usize).pow(2)];
+        let missed = misses.iter().any(|misses| !misses.is_empty());
+        misses.into_iter().flatten().for_each(|texel: u32| reached[texel as usize] = true);
+        let environment = match missed {
+            true => self.house.lighting().environment_where(ENVIRONMENT_PX, |texel| reached[texel]),
+            false => Environment::default(),
+        };
+        let mut cube = self.merge(&samples, environment);
+        if !self.mends {
+            return PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto);
+        }
+        let mender = BackdropMender { house: self.house, centre: self.centre, tolerance: self.tolerance() };
+        mender.mend(&mut cube.faces);
+        primitives::pack_in_parts(cube, SplatIndexLayout::Normal, Split::Auto, ERROR_PX)
+    }
+
+    /// The samples of a batch, each with its row, and the environment's texels that its misses reach.
+    fn trace(&self, batch: &RayBatch) -> (Vec<RowSample>, Vec<u32>) {
+        let tracer = self.house.tracer();
+        let from_centre = (tracer.origin() - self.centre).as_vec3();
+        let most = self.tolerance() / 2.0;
+        let (mut samples, mut misses) = (Vec::with_capacity(batch.rays.len()), Vec::new());
+        for rays in batch.rays.chunks(PACKET) {
+            let ray = |&(origin, direction): &(Vec3, Vec3)| Ray { origin, direction, t_min: 0.0, t_max: f32::INFINITY };
+            let rays: Vec<Ray> = rays.iter().map(ray).collect();
+            let hits: HitPacket = tracer.closest_packet(&RayPacket::from_rays(&rays));
+            for (lane, ray) in rays.iter().enumerate() {
+                let Some(hit) = hits.hit(lane) else {
+                    let (face, [right, up, depth]) = Face::locate(ray.direction);
+                    misses.push(texel(face, right / depth, up / depth, ENVIRONMENT_PX));
+                    continue;
+                };
+                let position = ray.origin + ray.direction * hit.t;
+                let (face, [right, up, depth]) = Face::locate(position + from_centre);
+                if depth <= 0.0 {
+                    continue;
+                }
+                let (color, normal) = self.house.surface(ray, &hit);
+                let seen_from = position - batch.eye.unwrap_or(ray.origin);
+                // Z^3 / |n . p|: the area of a pixel's patch, up to the image's focal length (C10).
+                let area = seen_from.abs().max_element().powi(3) / normal.dot(seen_from).abs().max(1e-6);
+                let pixel = texel(face, right / depth, up / depth, self.face_px);
+                let mut inverse_depth = 1.0 / depth;
+                if batch.eye.is_none() {
+                    let [x, y] = middle(pixel, self.face_px);
+                    let shift = slope(face, normal, position + from_centre, [x - right / depth, y - up / depth]);
+                    // Far away half of what is similar can be more than all there is.
+                    let most = most.min(inverse_depth / 2.0);
+                    // `max` and `min` also turn the NaN of a plane through the centre into a number.
+                    inverse_depth += shift.max(-most).min(most);
+                }
+                let normal = EncodedNormal::new(normal);
+                let (column, color) = ((pixel % self.face_px) as u16, Light::new(color));
+                let sample = Sample { column, inverse_depth, normal, color, weight: 1.0, area };
+                samples.push((pixel / self.face_px, sample));
+            }
+        }
+        (samples, misses)
+    }
+
+    /// The difference of inverse depths that counts as similar, 1/m.
+    fn tolerance(&self) -> f32 {
+        DepthBins::new(HALF_SIZE_M, self.face_px).inverse_depth(1.0) as f32
+    }
+
+    /// The cube of samples in the order of their rays, batch by batch, each of an image.
+    fn merge(&self, batches: &[(u8, Vec<RowSample>)], environment: Environment) -> CubeLdi {
+        let pile = |batches: &[(u8, Vec<RowSample>)]| {
+            let mut pile = RowSamples::new(self.face_px, batches[0].0.into());
+            batches.iter().flat_map(|(_, samples)| samples).for_each(|&(row, sample)| pile.push(row, sample));
+            pile
+        };
+        let piles: Vec<RowSamples> = batches.chunk_by(|a, b| a.0 == b.0).map(pile).collect();
+        let mut cube = LayerCube::new(self.face_px, self.rule, self.tolerance());
+        cube.add(&piles);
+        // No strata: what was gathered says where its rays came from.
+        let parameters = CaptureParameters { merge_rule: self.rule, ..CaptureParameters::unlit(0, 0) };
+        let info = CaptureInfo {
+            scene: self.house.scene().name.clone(),
+            centre: self.centre,
+            half_size_m: HALF_SIZE_M,
+            frame: self.house.scene().frame,
+            exposure: self.house.lighting().exposure,
+            parameters,
+            rays_traced: batches.iter().map(|(_, samples)| samples.len() as u64).sum(),
+            ..CaptureInfo::default()
+        };
+        CubeLdi { info, faces: cube.finish(), environment }
+    }
+}
+
+/// Number of a texel: face, row, column; `right` and `up` in -1..1.
+fn texel(face: Face, right: f32, up: f32, size_px: u32) -> u32 {
+    let half = size_px as f32 / 2.0;
+    let at = |c: f32| ((half * (1.0 + c)) as u32).min(size_px - 1);
+    (face.index() as u32 * size_px + at(-up)) * size_px + at(right)
+}
+
+/// The middle of a texel: right and up, in -1..1.
+fn middle(texel: u32, size_px: u32) -> [f32; 2] {
+    let at = |i: u32| (2 * (i % size_px) + 1) as f32 / size_px as f32 - 1.0;
+    [at(texel), -at(texel / size_px)]
+}
+
+/// What a step to the right and up on a face changes the inverse depth by of a plane with some normal through a point
+/// (relative to the cube's centre), 1/m. Infinite or NaN for a plane through the centre.
+fn slope(face: Face, normal: Vec3, point: Vec3, [right, up]: [f32; 2]) -> f32 {
+    let step = face.right().as_vec3() * right + face.up().as_vec3() * up;
+    normal.dot(step) / normal.dot(point)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hit_counts_with_the_depth_of_its_plane_in_the_middle_of_its_pixel() {
+        let (normal, point) = (Vec3::new(0.6, 0.64, 0.48), Vec3::new(0.7, -1.1, 3.0));
+        let (face, [right, up, depth]) = Face::locate(point);
+        let pixel = texel(face, right / depth, up / depth, 8);
+        let [x, y] = middle(pixel, 8);
+        assert_eq!(texel(face, x, y, 8), pixel);
+        assert!((x - right / depth).abs() <= 0.125 && (y - up / depth).abs() <= 0.125, "in one pixel");
+        let (column, row) = (f64::from(pixel % 8) + 0.5, f64::from(pixel / 8 % 8) + 0.5);
+        let direction = face.direction(column, row, 8).as_vec3();
+        let expected = normal.dot(direction) / normal.dot(point);
+        let found = 1.0 / depth + slope(face, normal, point, [x - right / depth, y - up / depth]);
+        assert!(
+            (found - expected).abs() < 1e-6 && (found - 1.0 / depth).abs() > 1e-3,
+            "{found} {expected}: rounding of f32"
+        );
+    }
+}

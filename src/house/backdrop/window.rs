@@ -1,0 +1,54 @@
+//! The portal-window LDI: rays through the whole opening in all directions, kept about any centre.
+//!
+//! Every ray from one cell to the next crosses the portal: nothing else needs to be modelled. The ray domain is the opening's
+//! bounding rectangle, cut into 4-D strata (S15); rays that start outside the polygon are not traced.
+
+use super::BackdropQuality;
+use super::gather::CubeJob;
+use headbox_trace::sampler::{DirectionCell, RayDomain, Sampling, Strata};
+use headbox_trace::bvh::{PACKET, RayPacket};
+use headbox_cube::model::parameters::MergeRule;
+use headbox_cube::pack::{PackError, PackedCube};
+use crate::house::House;
+use crate::opening::Opening;
+use glam::{DVec3, Vec3};
+
+/// The LDI of what is seen through an opening, about a centre (world metres).
+pub(super) fn ldi(
+    house: &House,
+    opening: &Opening,
+    centre: DVec3,
+    face_px: u32,
+    quality: &BackdropQuality,
+) -> Result<PackedCube, PackError> {
+    let origin = house.tracer().origin();
+    let domain = RayDomain {
+        centre: (opening.centre - origin).as_vec3(),
+        half_u: (opening.right * opening.half.x).as_vec3(),
+        half_v: (opening.up * opening.half.y).as_vec3(),
+        normal: -opening.normal.as_vec3(),
+    };
+    let strata = Strata {
+        per_dimension: quality.strata,
+        rays: quality.rays,
+        seed: quality.seed,
+        sampling: Sampling::Stratified,
+    };
+    let job = CubeJob { house, centre, face_px, rule: MergeRule::Average, mends: true };
+    job.run(strata.direction_cells(), |cell, batch| {
+        (batch.image, batch.eye) = (0, None);
+        let directions = DirectionCell { domain, domain_number: 0, strata, cell };
+        let names: Vec<(u32, u32)> =
+            (0..strata.position_cells()).flat_map(|p| (0..strata.rays).map(move |ray| (p, ray))).collect();
+        let mut packet = RayPacket::EMPTY;
+        for names in names.chunks(PACKET) {
+            directions.fill_packet(names, &mut packet);
+            for lane in 0..names.len() {
+                let start = Vec3::from_array(packet.origin.map(|axis| axis[lane]));
+                if opening.contains(start.as_dvec3() + origin) {
+                    batch.rays.push((start, Vec3::from_array(packet.direction.map(|axis| axis[lane]))));
+                }
+            }
+        }
+    })
+}

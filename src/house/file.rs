@@ -1,0 +1,356 @@
+//! The `.house` file: a portal model with what was captured behind its portals.
+//!
+//! Sections: `info` (JSON: a [`HouseHeader`], with a header per capture), the scene's arrays as they lie in memory (`positions`
+//! f64, `normals`, `texcoords` and `colors` f32, `triangles` u32, four each: corners and material), `texels` (RGBA8, texture
+//! after texture), `sky` (f32, three a texel) where the sky is a picture, and a section per capture, `c` and its number: a cube's
+//! environment, segments and pictures on planes, or textures.
+//!
+//! Version 2 is for houses with pictures on planes; one without is written as version 1.
+
+use super::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide, PortalSprite, TextureSet};
+use super::house::{House, HouseError};
+use super::opening::Opening;
+use super::store::{Key, Store};
+use headbox_model::{Cell, Portal, PortalModel, Prism};
+use headbox_core::file_frame::FileFrame;
+use headbox_core::headbox::Headbox;
+use headbox_scene::scene::{Scene, Sky, SkyGradient, SkyPicture, Sun, Triangle};
+use headbox_scene::material::{Cutout, Material, Texture};
+use headbox_core::container::{Container, ContainerWriter, FileError, FileKind, Section};
+use headbox_cube::pack::PackedCube;
+use headbox_cube::pack::file::CubeHeader;
+use headbox_sprite::{SpriteHeader, SpriteWithDepth};
+use glam::{DVec2, DVec3, Vec3};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use std::sync::Arc;
+
+/// A walkable house.
+pub const HOUSE_FILE: FileKind = FileKind::HOUSE;
+
+/// Why a house could not be read.
+#[derive(Debug, thiserror::Error)]
+pub enum HouseFileError {
+    /// The file is not what it must be.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// What it holds cannot be walked.
+    #[error("{}: {source}", path.display())]
+    House {
+        /// The file.
+        path: std::path::PathBuf,
+        /// Why.
+        source: HouseError,
+    },
+}
+
+/// All of a file but its arrays.
+#[derive(Serialize, Deserialize)]
+struct HouseHeader {
+    name: String,
+    #[serde(flatten)]
+    frame: FileFrame,
+    sun: Option<(Vec3, [f32; 3], f32)>,
+    sky: Option<[[f32; 3]; 3]>,
+    /// Columns and rows of a picture in its place, and by how many degrees it is turned.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    sky_picture: Option<([u32; 2], f64)>,
+    headbox: Option<(DVec3, f64)>,
+    notes: Vec<String>,
+    positions: usize,
+    normals: usize,
+    texcoords: usize,
+    colors: usize,
+    triangles: usize,
+    /// Width and height of each texture.
+    textures: Vec<[u32; 2]>,
+    materials: Vec<MaterialRecord>,
+    cells: Vec<CellRecord>,
+    portals: Vec<PortalRecord>,
+    outside: Option<u32>,
+    quality: BackdropQuality,
+    captures: Vec<CaptureRecord>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct MaterialRecord {
+    name: String,
+    albedo: [f32; 3],
+    albedo_texture: Option<u32>,
+    emission: [f32; 3],
+    emission_texture: Option<u32>,
+    cutout: Option<(u32, f32)>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct CellRecord {
+    name: String,
+    /// Corners, floor, ceiling.
+    space: Vec<(Vec<DVec2>, f64, f64)>,
+    triangles: [u32; 2],
+}
+
+#[derive(Serialize, Deserialize)]
+struct PortalRecord {
+    name: String,
+    cells: [u32; 2],
+    polygon: Vec<DVec3>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct CaptureRecord {
+    at: PortalSide,
+    kind: BackdropKind,
+    content: Content,
+}
+
+#[derive(Serialize, Deserialize)]
+enum Content {
+    Cubes(Vec<CubeHeader>),
+    Textures { size: [u32; 2], places: Vec<DVec3> },
+    Sprite(SpriteHeader),
+}
+
+/// Writes a house and the backdrops that a store holds, whole or not at all.
+///
+/// # Errors
+/// [`FileError::Io`].
+pub fn write(path: &Path, house: &House, store: &Store, quality: &BackdropQuality) -> Result<(), FileError> {
+    let captures = store.all();
+    let names: Vec<String> = (0..captures.len()).map(section_name).collect();
+    let scene: &Scene = house.scene();
+    let header = header(house, quality, &captures);
+    let version = if captures.iter().any(|(_, backdrop)| backdrop.has_planes()) { 2 } else { 1 };
+    let mut writer = ContainerWriter::new(FileKind { version, ..HOUSE_FILE });
+    writer.section("info", move || Ok(serde_json::to_vec(&header)?));
+    writer.section("positions", || Ok(bytemuck::cast_slice(&scene.positions).to_vec()));
+    writer.section("normals", || Ok(bytemuck::cast_slice(&scene.normals).to_vec()));
+    writer.section("texcoords", || Ok(bytemuck::cast_slice(&scene.texcoords).to_vec()));
+    writer.section("colors", || Ok(bytemuck::cast_slice(&scene.colors).to_vec()));
+    let triangle = |t: &Triangle| [t.vertices[0], t.vertices[1], t.vertices[2], t.material];
+    writer.section("triangles", || {
+        Ok(bytemuck::cast_slice(&scene.triangles.iter().map(triangle).collect::<Vec<_>>()).to_vec())
+    });
+    writer.section("texels", || {
+        Ok(scene.textures.iter().flat_map(|t| bytemuck::cast_slice::<_, u8>(t.texels())).copied().collect())
+    });
+    if let Some(Sky::Picture(picture)) = &scene.sky {
+        writer.section(SKY, || Ok(bytemuck::cast_slice(picture.texels()).to_vec()));
+    }
+    for (name, (_, backdrop)) in names.iter().zip(&captures) {
+        writer.section(name, || {
+            Ok(match &**backdrop {
+                Backdrop::Cubes(cubes) => cubes.iter().map(PackedCube::arrays).collect::<Vec<_>>().concat(),
+                Backdrop::Textures(set) => bytemuck::cast_slice(&set.texels).to_vec(),
+                Backdrop::Sprite(sprite) => sprite.sprite().arrays(),
+            })
+        });
+    }
+    writer.write(path)
+}
+
+/// Reads a house and its backdrops. Everything is checked, so that what is returned can be walked.
+///
+/// # Errors
+/// See [`HouseFileError`].
+pub fn read(path: &Path, budget_bytes: u64) -> Result<(House, Store, BackdropQuality), HouseFileError> {
+    let file = Container::open(path, HOUSE_FILE)?;
+    let info = file.section("info")?;
+    let mut header: HouseHeader = info.json()?;
+    let captures = std::mem::take(&mut header.captures);
+    let quality = header.quality;
+    let model = model(&file, &info, header)?;
+    let house = House::new(model).map_err(|source| HouseFileError::House { path: path.into(), source })?;
+    let store = Store::new(budget_bytes);
+    for (number, record) in captures.into_iter().enumerate() {
+        let key = (record.at, record.kind);
+        let backdrop = capture(file.section(&section_name(number))?, &info, &house, record)?;
+        store.insert(key, Arc::new(backdrop));
+    }
+    Ok((house, store, quality))
+}
+
+/// The outlines of a house's rooms in plan, (x, z) in metres, as the ends of their sides: read without its scene and backdrops.
+///
+/// # Errors
+/// See [`FileError`].
+pub fn outlines(path: &Path) -> Result<Vec<[DVec2; 2]>, FileError> {
+    let header: HouseHeader = Container::open(path, HOUSE_FILE)?.section("info")?.json()?;
+    let sides = |outline: &Vec<DVec2>| {
+        let next = outline.iter().cycle().skip(1);
+        outline.iter().zip(next).map(|(from, to)| [*from, *to]).collect::<Vec<_>>()
+    };
+    Ok(header.cells.iter().flat_map(|cell| &cell.space).flat_map(|(outline, ..)| sides(outline)).collect())
+}
+
+/// Section of the picture of the sky, where there is one.
+const SKY: &str = "sky";
+
+fn section_name(number: usize) -> String {
+    format!("c{number}")
+}
+
+fn header(house: &House, quality: &BackdropQuality, captures: &[(Key, Arc<Backdrop>)]) -> HouseHeader {
+    let (scene, plan) = (house.scene(), house.plan());
+    let material = |m: &Material| MaterialRecord {
+        name: m.name.clone(),
+        albedo: m.albedo,
+        albedo_texture: m.albedo_texture,
+        emission: m.emission,
+        emission_texture: m.emission_texture,
+        cutout: m.cutout.map(|cutout| (cutout.texture, cutout.threshold)),
+    };
+    let cell = |cell: &Cell| CellRecord {
+        name: cell.name.clone(),
+        space: cell.space.iter().map(|p| (p.outline.clone(), p.floor_y, p.ceiling_y)).collect(),
+        triangles: [cell.triangles.start, cell.triangles.end],
+    };
+    let portal = |p: &Portal| PortalRecord { name: p.name.clone(), cells: p.cells, polygon: p.polygon.clone() };
+    let capture = |((at, kind), backdrop): &(Key, Arc<Backdrop>)| CaptureRecord {
+        at: *at,
+        kind: *kind,
+        content: match &**backdrop {
+            Backdrop::Cubes(cubes) => Content::Cubes(cubes.iter().map(PackedCube::header).collect()),
+            Backdrop::Textures(set) => Content::Textures { size: set.size, places: set.places.clone() },
+            Backdrop::Sprite(sprite) => Content::Sprite(sprite.sprite().header()),
+        },
+    };
+    let (sky, sky_picture) = match &scene.sky {
+        None => (None, None),
+        Some(Sky::Gradient(sky)) => (Some([sky.zenith, sky.horizon, sky.ground]), None),
+        Some(Sky::Picture(picture)) => (None, Some((picture.size(), picture.turn_deg()))),
+    };
+    HouseHeader {
+        name: scene.name.clone(),
+        frame: scene.frame,
+        sun: scene.sun.map(|sun| (sun.direction, sun.irradiance, sun.angular_radius_rad)),
+        sky,
+        sky_picture,
+        headbox: scene.headbox.map(|headbox| (headbox.centre, headbox.half_size_m)),
+        notes: scene.summary.notes.clone(),
+        positions: scene.positions.len(),
+        normals: scene.normals.len(),
+        texcoords: scene.texcoords.len(),
+        colors: scene.colors.len(),
+        triangles: scene.triangles.len(),
+        textures: scene.textures.iter().map(|t| [t.width(), t.height()]).collect(),
+        materials: scene.materials.iter().map(material).collect(),
+        cells: plan.cells.iter().map(cell).collect(),
+        portals: plan.portals.iter().map(portal).collect(),
+        outside: plan.outside,
+        quality: *quality,
+        captures: captures.iter().map(capture).collect(),
+    }
+}
+
+/// A section of one array.
+fn array<T: bytemuck::Pod>(file: &Container, name: &str, count: usize) -> Result<Vec<T>, FileError> {
+    let mut section = file.section(name)?;
+    let values = section.array(count)?;
+    section.end()?;
+    Ok(values)
+}
+
+fn picture_of_sky(file: &Container, info: &Section, (size, turn_deg): ([u32; 2], f64)) -> Result<Sky, FileError> {
+    let texels = array(file, SKY, (size[0] as usize).saturating_mul(size[1] as usize))?;
+    let picture = SkyPicture::new(size, texels, turn_deg);
+    let picture = picture.map_err(|error| info.damaged("a picture of the sky", error.to_string()))?;
+    Ok(Sky::Picture(Arc::new(picture)))
+}
+
+fn model(file: &Container, info: &Section, header: HouseHeader) -> Result<PortalModel, FileError> {
+    if !header.frame.is_sane() {
+        return Err(info.damaged("a unit between 1e-9 and 1e9 m", header.frame.unit_m.to_string()));
+    }
+    let count = header.triangles;
+    let cell_ends = header.cells.iter().map(|cell| cell.triangles);
+    if let Some(run) = cell_ends.into_iter().find(|&[start, end]| start > end || end as usize > count) {
+        return Err(info.damaged(format!("cells with some of {count} triangles"), format!("{run:?}")));
+    }
+    let outside = header.outside.filter(|&outside| (outside as usize) < header.cells.len());
+    if outside != header.outside {
+        return Err(info.damaged("an outside that is a cell", format!("{:?}", header.outside)));
+    }
+    let triangle = |[a, b, c, material]: [u32; 4]| Triangle { vertices: [a, b, c], material };
+    let material = |m: MaterialRecord| Material {
+        name: m.name,
+        albedo: m.albedo,
+        albedo_texture: m.albedo_texture,
+        emission: m.emission,
+        emission_texture: m.emission_texture,
+        gloss: None,
+        cutout: m.cutout.map(|(texture, threshold)| Cutout { texture, threshold }),
+    };
+    let mut texels = file.section("texels")?;
+    let textures = header.textures.iter().map(|&[width, height]| {
+        let texture = Texture::new(width, height, texels.array((width as usize).saturating_mul(height as usize))?);
+        texture.ok_or_else(|| info.damaged("textures of at least one texel", format!("{width}x{height}")))
+    });
+    let textures = textures.collect::<Result<_, _>>()?;
+    texels.end()?;
+    let gradient = header.sky.map(|[zenith, horizon, ground]| Sky::Gradient(SkyGradient { zenith, horizon, ground }));
+    let sky = header.sky_picture.map(|header| picture_of_sky(file, info, header)).transpose()?.or(gradient);
+    let scene = Scene {
+        name: header.name,
+        positions: array(file, "positions", header.positions)?,
+        normals: array(file, "normals", header.normals)?,
+        texcoords: array(file, "texcoords", header.texcoords)?,
+        colors: array(file, "colors", header.colors)?,
+        triangles: array(file, "triangles", count)?.into_iter().map(triangle).collect(),
+        materials: header.materials.into_iter().map(material).collect(),
+        textures,
+        sun: header.sun.map(|(direction, irradiance, angular_radius_rad)| Sun {
+            direction,
+            irradiance,
+            angular_radius_rad,
+        }),
+        sky,
+        frame: header.frame,
+        headbox: header.headbox.map(|(centre, half_size_m)| Headbox { centre, half_size_m }),
+        ..Scene::default()
+    };
+    let prism = |(outline, floor_y, ceiling_y)| Prism { outline, floor_y, ceiling_y };
+    let cell = |cell: CellRecord| Cell {
+        name: cell.name,
+        space: cell.space.into_iter().map(prism).collect(),
+        triangles: cell.triangles[0]..cell.triangles[1],
+    };
+    let portal = |p: PortalRecord| Portal { name: p.name, cells: p.cells, polygon: p.polygon };
+    let mut model = PortalModel {
+        scene,
+        cells: header.cells.into_iter().map(cell).collect(),
+        portals: header.portals.into_iter().map(portal).collect(),
+        outside,
+    };
+    model.scene.summary.notes = header.notes;
+    Ok(model)
+}
+
+fn capture(mut section: Section, info: &Section, house: &House, record: CaptureRecord) -> Result<Backdrop, FileError> {
+    let opening: Option<Opening> = record.at.opening(house);
+    let opening = opening
+        .ok_or_else(|| info.damaged("captures of portals that exist", format!("portal {}", record.at.portal)))?;
+    let backdrop = match record.content {
+        Content::Cubes(headers) => {
+            let cubes = headers.into_iter().map(|header| PackedCube::from_arrays(header, &mut section));
+            Backdrop::Cubes(cubes.collect::<Result<_, _>>()?)
+        }
+        Content::Sprite(header) => {
+            let sprite = SpriteWithDepth::from_arrays(&header, &mut section)?;
+            Backdrop::Sprite(Box::new(PortalSprite::new(sprite)))
+        }
+        Content::Textures { size, places } => {
+            let [width, height] = size;
+            let finite = places.iter().all(|place| place.is_finite());
+            if width == 0 || height == 0 || places.is_empty() || !finite {
+                let found = format!("{} of {width}x{height}", places.len());
+                return Err(section.damaged("textures with texels and finite places", found));
+            }
+            let per_texture = (width as usize).saturating_mul(height as usize);
+            let texels = section.array(per_texture.saturating_mul(places.len()))?;
+            Backdrop::Textures(TextureSet { opening, size, places, texels })
+        }
+    };
+    section.end()?;
+    Ok(backdrop)
+}

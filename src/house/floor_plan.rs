@@ -1,0 +1,286 @@
+//! The plan of a portal model, seen from above: rooms, walls, and numbered portals, as PNG or SVG.
+
+use headbox_model::{Cell, Portal, PortalModel, Prism};
+use headbox_core::drawing::{Anchor, Drawing, Mark, letters};
+use glam::{DVec2, DVec3};
+use image::RgbImage;
+
+/// Width of a drawing, pixels; its height follows from the plan.
+const WIDTH_PX: f64 = 1600.0;
+/// Room around the plan, pixels.
+const MARGIN_PX: f64 = 40.0;
+/// A plan is drawn no higher than this, pixels.
+const HIGHEST_PX: f64 = 2400.0;
+
+/// Half of the side of the square that carries a portal's number, pixels.
+const LABEL_PX: f64 = 9.0;
+
+/// Size of a room's name, pixels, and from line to line.
+const NAME_PX: f64 = 19.0;
+const LINE_PX: f64 = 22.0;
+/// Size of a portal's number, pixels.
+const NUMBER_PX: f64 = 13.0;
+
+/// Surfaces this steep (the cosine of their normal with the vertical below it) are walls and furniture.
+const STEEP: f64 = 0.3;
+
+/// How far below the cut low furniture is cut, metres.
+const LOWER_M: f64 = 0.75;
+/// A portal may begin so far above the cut and still belong to the storey, metres: a high window.
+const HIGH_M: f64 = 0.9;
+/// A portal no thicker than this is a hatch, metres, in the ceiling or in the floor: so far above the cut, and below it.
+const LEVEL_M: f64 = 0.1;
+const HATCH_M: [f64; 2] = [2.0, 1.2];
+/// Colours of the lower cut and of the cut.
+const CUT_COLORS: [[u8; 3]; 2] = [[165; 3], [40; 3]];
+
+/// What is drawn of a portal model; positions are pixels from the upper left corner.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FloorPlan {
+    width: u32,
+    height: u32,
+    rooms: Vec<Room>,
+    /// What a cut at the wished height meets, and before it one lower down, which shows low furniture.
+    cuts: [Vec<[DVec2; 2]>; 2],
+    openings: Vec<Opening>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Room {
+    /// Its name in lines that fit into it.
+    name: Vec<String>,
+    outlines: Vec<Vec<DVec2>>,
+    label: DVec2,
+    color: [u8; 3],
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Opening {
+    number: String,
+    ends: [DVec2; 2],
+    label: DVec2,
+    to_outside: bool,
+}
+
+/// Floors closer to each other than this belong to one storey, metres.
+const STOREY_M: f64 = 1.5;
+
+/// Heights of the floors of a model's storeys, world metres, from below; 0 if it has no rooms.
+pub fn storeys(model: &PortalModel) -> Vec<f64> {
+    // Of each room the lowest part: others are niches of windows.
+    let floor = |cell: &Cell| cell.space.iter().map(|prism| prism.floor_y).filter(|y| y.is_finite()).reduce(f64::min);
+    let mut floors: Vec<f64> = model.cells.iter().filter_map(floor).collect();
+    floors.sort_by(f64::total_cmp);
+    let mut storeys: Vec<f64> = Vec::new();
+    for floor in floors {
+        if storeys.last().is_none_or(|last| floor - last > STOREY_M) {
+            storeys.push(floor);
+        }
+    }
+    if storeys.is_empty() { vec![0.0] } else { storeys }
+}
+
+impl FloorPlan {
+    /// Draws up the plan of the storey that a level plane `cut_y` metres above the world's origin cuts (a metre above the floor
+    /// shows walls, windows and high furniture; low furniture is shown paler): rooms and portals that it passes through.
+    /// Portals carry their index as a number. All plans of a model have one scale and place.
+    pub fn new(model: &PortalModel, cut_y: f64) -> Self {
+        let spaces = || model.cells.iter().flat_map(|cell| cell.space.iter().flat_map(|prism| &prism.outline));
+        let openings = || model.portals.iter().flat_map(|portal| portal.polygon.iter().map(in_plan));
+        let on_storey = |portal: &Portal| {
+            let heights = || portal.polygon.iter().map(|p| p.y);
+            let [low, high] = [heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max)];
+            let [above, below] = if high - low < LEVEL_M { HATCH_M } else { [HIGH_M, LOWER_M] };
+            low <= cut_y + above && high >= cut_y - below
+        };
+        let bounds = |points: &mut dyn Iterator<Item = DVec2>| {
+            points.fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
+        };
+        let mut corners = spaces().copied().chain(openings()).filter(|p| p.is_finite());
+        let [mut low, mut high] = bounds(&mut corners);
+        if !(low.is_finite() && high.is_finite()) {
+            [low, high] = model.scene.bounds().map(|p| in_plan(&p));
+        }
+        let size = (high - low).max(DVec2::splat(0.1));
+        let scale = ((WIDTH_PX - 2.0 * MARGIN_PX) / size.x).min((HIGHEST_PX - 2.0 * MARGIN_PX) / size.y);
+        let to_px = |p: DVec2| (p - low) * scale + MARGIN_PX;
+        let whole = |extent: f64| (extent * scale + 2.0 * MARGIN_PX).ceil().clamp(1.0, WIDTH_PX.max(HIGHEST_PX)) as u32;
+        let [least, most] = [low - 0.5, high + 0.5];
+        let cut = |y: f64| {
+            (0..model.scene.triangles.len() as u32)
+                .filter_map(|triangle| cut_triangle(model.scene.corners(triangle), y))
+                .filter(|ends| ends.iter().all(|p| p.cmpge(least).all() && p.cmple(most).all()))
+                .map(|ends| ends.map(to_px))
+                .collect()
+        };
+        Self {
+            width: whole(size.x),
+            height: whole(size.y),
+            rooms: model
+                .cells
+                .iter()
+                .enumerate()
+                .filter(|(_, cell)| cell.space.iter().any(|p| p.floor_y <= cut_y && cut_y < p.ceiling_y))
+                .filter_map(|(i, cell)| room(i, &cell.name, &cell.space, to_px))
+                .collect(),
+            cuts: [cut(cut_y - LOWER_M), cut(cut_y)],
+            openings: model
+                .portals
+                .iter()
+                .enumerate()
+                .filter(|(_, portal)| on_storey(portal))
+                .map(|(i, portal)| opening(model, i, portal, to_px))
+                .collect(),
+        }
+    }
+
+    /// The plan as an SVG file.
+    pub fn to_svg(&self) -> String {
+        self.drawing().to_svg()
+    }
+
+    /// The plan as an image.
+    pub fn to_image(&self) -> RgbImage {
+        // `Plan::new` keeps both sides between 1 and a few thousand, which is all that a picture asks for.
+        self.drawing().to_image().unwrap_or_default()
+    }
+
+    /// Rooms, what is cut, portals, and on top of them names and numbers.
+    fn drawing(&self) -> Drawing {
+        let mut marks = Vec::new();
+        for Room { outlines, color, .. } in &self.rooms {
+            let outlines = outlines.iter().map(|outline| outline.iter().map(DVec2::to_array).collect()).collect();
+            marks.push(Mark::Area { outlines, color: *color });
+        }
+        for (cut, color) in self.cuts.iter().zip(CUT_COLORS) {
+            marks.push(Mark::Strokes {
+                ends: cut.iter().map(|ends| ends.map(DVec2::into)).collect(),
+                color,
+                width: 0.8,
+            });
+        }
+        for opening in &self.openings {
+            let ends = vec![opening.ends.map(DVec2::into)];
+            marks.push(Mark::Strokes { ends, color: opening.color(), width: 5.0 });
+        }
+        for (name, at) in self.rooms.iter().flat_map(Room::lines) {
+            marks.push(text(name, at, NAME_PX, [20; 3], true));
+        }
+        for opening in &self.openings {
+            let half = DVec2::new((letters::width_px(&opening.number, NUMBER_PX) / 2.0 + 4.0).max(LABEL_PX), LABEL_PX);
+            let (at, size) = ((opening.label - half).into(), (2.0 * half).into());
+            marks.push(Mark::Box { at, size, color: opening.color() });
+            marks.push(text(&opening.number, opening.label, NUMBER_PX, opening.color(), false));
+        }
+        Drawing { width: self.width, height: self.height, fineness: 1.0, marks }
+    }
+}
+
+/// A line of text about a point.
+fn text(text: &str, at: DVec2, size: f64, color: [u8; 3], halo: bool) -> Mark {
+    // Capitals and figures reach 0.69 of a font's size above its baseline.
+    let at = [at.x, at.y + 0.345 * size];
+    Mark::Text { at, size, color, anchor: Anchor::Middle, upright: true, halo, text: text.into() }
+}
+
+impl Room {
+    /// The lines of its name, and the middle of each.
+    fn lines(&self) -> impl Iterator<Item = (&str, DVec2)> {
+        let middle = (self.name.len() as f64 - 1.0) / 2.0;
+        let place = move |line: usize| self.label + DVec2::Y * (line as f64 - middle) * LINE_PX;
+        self.name.iter().enumerate().map(move |(line, name)| (name.as_str(), place(line)))
+    }
+}
+
+impl Opening {
+    fn color(&self) -> [u8; 3] {
+        if self.to_outside { [20, 90, 200] } else { [200, 40, 30] }
+    }
+}
+
+/// The (x, z) of a point of the world.
+fn in_plan(p: &DVec3) -> DVec2 {
+    DVec2::new(p.x, p.z)
+}
+
+fn room(index: usize, name: &str, space: &[Prism], to_px: impl Fn(DVec2) -> DVec2) -> Option<Room> {
+    let outlines: Vec<Vec<DVec2>> =
+        space.iter().map(|prism| prism.outline.iter().map(|&p| to_px(p)).collect()).collect();
+    let label = label_place(outlines.first()?);
+    let [left, right] = [f64::min, f64::max].map(|pick| outlines[0].iter().map(|p| p.x).reduce(pick).unwrap_or(0.0));
+    // Pale colours that differ between neighbours in the list: hues by the golden angle.
+    let hue = index as f64 * 2.399_963;
+    let channel = |shift: f64| (228.0 + 24.0 * (hue + shift).cos()) as u8;
+    Some(Room {
+        name: in_lines(name, right - left),
+        outlines,
+        label,
+        color: [channel(0.0), channel(2.1), channel(4.2)],
+    })
+}
+
+/// A name in as few lines as fit into a width, pixels, broken at spaces.
+fn in_lines(name: &str, width: f64) -> Vec<String> {
+    let fits = |line: &str| letters::width_px(line, NAME_PX) <= width - NAME_PX / 2.0;
+    let mut lines: Vec<String> = Vec::new();
+    for word in name.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if fits(&format!("{line} {word}")) => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
+/// A place for a name: of a lattice of points in an outline, the one farthest from its border.
+fn label_place(outline: &[DVec2]) -> DVec2 {
+    const LATTICE: usize = 24;
+    let low = outline.iter().copied().fold(DVec2::INFINITY, DVec2::min);
+    let high = outline.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max);
+    let prism = Prism { outline: outline.to_vec(), floor_y: 0.0, ceiling_y: 1.0 };
+    let points = (0..LATTICE * LATTICE).map(|i| {
+        let share = (DVec2::new((i % LATTICE) as f64, (i / LATTICE) as f64) + 0.5) / LATTICE as f64;
+        low + (high - low) * share
+    });
+    let inside = points.filter(|p| prism.contains(DVec3::new(p.x, 0.5, p.y)));
+    // Names are wide: distances along x count less. Of places as good as each other, the most central.
+    let middle = (low + high) / 2.0;
+    let room = |p: &DVec2| {
+        let edges = outline.iter().zip(outline.iter().cycle().skip(1));
+        edges.map(|(&a, &b)| distance_to_edge(*p, a, b)).fold(f64::INFINITY, f64::min) - 0.05 * p.distance(middle)
+    };
+    inside.max_by(|a, b| room(a).total_cmp(&room(b))).unwrap_or((low + high) / 2.0)
+}
+
+fn distance_to_edge(p: DVec2, a: DVec2, b: DVec2) -> f64 {
+    const X_COUNTS: DVec2 = DVec2::new(0.4, 1.0);
+    let [p, a, b] = [p, a, b].map(|p| p * X_COUNTS);
+    let along = ((p - a).dot(b - a) / (b - a).length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+    p.distance(a.lerp(b, along))
+}
+
+fn opening(model: &PortalModel, index: usize, portal: &Portal, to_px: impl Fn(DVec2) -> DVec2) -> Opening {
+    let corners: Vec<DVec2> = portal.polygon.iter().map(in_plan).collect();
+    // The two corners that are farthest apart: a level portal is drawn as its diagonal.
+    let pairs = corners.iter().flat_map(|a| corners.iter().map(move |b| [*a, *b]));
+    let ends = pairs.max_by(|a, b| a[0].distance(a[1]).total_cmp(&b[0].distance(b[1]))).unwrap_or_default().map(to_px);
+    let to_outside = portal.cells.iter().any(|&cell| model.outside == Some(cell));
+    Opening { number: index.to_string(), ends, label: (ends[0] + ends[1]) / 2.0, to_outside }
+}
+
+/// Where a steep triangle meets the plane at height `y`.
+fn cut_triangle(corners: [DVec3; 3], y: f64) -> Option<[DVec2; 2]> {
+    let [a, b, c] = corners;
+    let normal = (b - a).cross(c - a).normalize_or_zero();
+    if normal.y.abs() > 1.0 - STEEP {
+        return None;
+    }
+    let mut ends = [[a, b], [b, c], [c, a]].into_iter().filter_map(|[p, q]| {
+        let crosses = (p.y > y) != (q.y > y);
+        crosses.then(|| in_plan(&p.lerp(q, (y - p.y) / (q.y - p.y))))
+    });
+    Some([ends.next()?, ends.next()?])
+}

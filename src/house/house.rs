@@ -1,0 +1,197 @@
+//! A portal model made ready to be walked: its scene in the tracer and in the rasteriser.
+
+use super::opening::Opening;
+use headbox_trace::light::Lighting;
+use headbox_scene::load::LoadError;
+use headbox_model::load::{ModelOptions, load_model};
+use headbox_model::PortalModel;
+use headbox_scene::scene::{Scene, SceneError};
+use headbox_trace::bvh::{Hit, Ray, Tracer};
+use headbox_core::environment::Environment;
+use headbox_raster::RasterMesh;
+use glam::{DVec3, Vec3};
+use std::path::Path;
+use std::sync::Arc;
+
+/// A portal model, its geometry as groups of triangles (group = cell), and the tree over it.
+///
+/// Light is taken as baked: what a surface shows is its albedo, vertex colour included, plus its emission.
+#[derive(Debug)]
+pub struct House {
+    /// Cells and portals; its scene is empty, for it is in the tracer.
+    plan: PortalModel,
+    tracer: Tracer,
+    mesh: RasterMesh,
+    lighting: Lighting,
+    sky: Environment,
+}
+
+/// Why a model cannot be walked.
+#[derive(Debug, thiserror::Error)]
+pub enum HouseError {
+    /// The model cannot be loaded.
+    #[error(transparent)]
+    Load(#[from] LoadError),
+    /// The scene breaks one of its promises.
+    #[error("the model's scene is invalid: {0}")]
+    Scene(#[from] SceneError),
+    /// There is no cell.
+    #[error("the model has no cells: nothing can be walked")]
+    NoCells,
+    /// A portal refers to a cell that does not exist, or twice to one.
+    #[error("portal {portal} joins the cells {cells:?}; it must join two different ones of {count}")]
+    PortalCells {
+        /// Index of the portal.
+        portal: usize,
+        /// What it refers to.
+        cells: [u32; 2],
+        /// Number of cells.
+        count: usize,
+    },
+    /// A portal has fewer than three corners, no area, or a coordinate that is not finite.
+    #[error("portal {0} is not a polygon with an area")]
+    PortalShape(usize),
+}
+
+/// Triangles of `builtin:house`.
+const BUILTIN_TRIANGLES: usize = 60_000;
+
+impl House {
+    /// Opens a portal model, a `.toml` file or a Sweet Home 3D home (`.sh3d`, `Home.xml`), or `builtin:house`, with its colours as
+    /// they are (`headbox_model::bake` puts light into them).
+    ///
+    /// # Errors
+    /// [`HouseError`].
+    pub fn open(name: &str) -> Result<Self, HouseError> {
+        let mut model = if name == "builtin:house" {
+            let mut model = headbox_scenes::house(0, BUILTIN_TRIANGLES);
+            model.mend();
+            model
+        } else {
+            load_model(Path::new(name), &ModelOptions::default())?.model
+        };
+        model.scene.validate()?;
+        model.stitch();
+        Self::new(model)
+    }
+
+    /// Prepares a model.
+    ///
+    /// # Errors
+    /// [`HouseError`]; what else the model's own checks find (non-planar portals, leaks) only makes the picture wrong.
+    pub fn new(mut model: PortalModel) -> Result<Self, HouseError> {
+        model.scene.validate()?;
+        if model.cells.is_empty() {
+            return Err(HouseError::NoCells);
+        }
+        for (portal, p) in model.portals.iter().enumerate() {
+            let count = model.cells.len();
+            if p.cells[0] == p.cells[1] || p.cells.iter().any(|&cell| cell as usize >= count) {
+                return Err(HouseError::PortalCells { portal, cells: p.cells, count });
+            }
+            if Opening::new(p, 0).is_none() {
+                return Err(HouseError::PortalShape(portal));
+            }
+        }
+        let scene = Arc::new(std::mem::take(&mut model.scene));
+        let [low, high] = scene.bounds();
+        let origin = (low + high) / 2.0;
+        let groups: Vec<_> = model.cells.iter().map(|cell| cell.triangles.clone()).collect();
+        let mesh = RasterMesh::new(Arc::clone(&scene), &groups, origin);
+        let tracer = Tracer::new(Arc::clone(&scene), origin);
+        let lighting = Lighting::of_scene(&tracer, 0);
+        let sky = lighting.environment();
+        Ok(Self { plan: model, tracer, mesh, lighting, sky })
+    }
+
+    /// The model without its scene: cells and portals.
+    pub fn plan(&self) -> &PortalModel {
+        &self.plan
+    }
+
+    /// All triangles.
+    pub fn scene(&self) -> &Arc<Scene> {
+        self.tracer.scene()
+    }
+
+    /// The tree over all triangles.
+    pub fn tracer(&self) -> &Tracer {
+        &self.tracer
+    }
+
+    /// The triangles in groups, one for each cell.
+    pub fn mesh(&self) -> &RasterMesh {
+        &self.mesh
+    }
+
+    /// The sky's light, and the exposure (1: baked colours are stored as they are).
+    pub fn lighting(&self) -> &Lighting {
+        &self.lighting
+    }
+
+    /// What is seen where no surface is.
+    pub fn sky(&self) -> &Environment {
+        &self.sky
+    }
+
+    /// What a ray sees of a surface: linear radiance, and the unit normal on the ray's side.
+    pub(crate) fn surface(&self, ray: &Ray, hit: &Hit) -> (Vec3, Vec3) {
+        let scene = self.scene();
+        let normal = scene.geometric_normal(hit.primitive);
+        let albedo = Vec3::from(scene.paint(hit.primitive).albedo(hit.u, hit.v));
+        let emission = Vec3::from(scene.emission(hit.primitive, hit.u, hit.v));
+        let radiance = (albedo + emission) * self.lighting.exposure;
+        (radiance, if normal.dot(ray.direction) > 0.0 { -normal } else { normal })
+    }
+
+    /// The middle of a cell's space, at the height of an eye, world metres; `None` for the outside.
+    pub fn middle_of(&self, cell: u32) -> Option<DVec3> {
+        let space = &self.plan.cells.get(cell as usize)?.space;
+        let corners = || space.iter().flat_map(|prism| prism.outline.iter());
+        let low = corners().copied().reduce(glam::DVec2::min)?;
+        let high = corners().copied().reduce(glam::DVec2::max)?;
+        let floor = space.iter().map(|prism| prism.floor_y).fold(f64::INFINITY, f64::min);
+        let middle = (low + high) / 2.0;
+        Some(DVec3::new(middle.x, floor + EYE_HEIGHT_M, middle.y))
+    }
+
+    /// The cell in which an eye stands (world metres). In the thickness of a wall, between the two sides of a portal, the
+    /// portal's plane decides; elsewhere the cells' space does. `None` in a wall: between the
+    /// backs of two surfaces close together, or in no cell's space.
+    pub fn cell_of_eye(&self, eye: DVec3) -> Option<u32> {
+        let passing = (0..self.plan.portals.len()).find_map(|portal| {
+            let opening = Opening::new(&self.plan.portals[portal], 0)?;
+            let in_front = opening.distance_in_front(eye);
+            let inside = in_front.abs() < REVEAL_M && opening.contains(eye);
+            inside.then(|| self.plan.portals[portal].cells[usize::from(in_front < 0.0)])
+        });
+        passing.or_else(|| self.plan.cell_at(eye).filter(|_| !self.is_in_wall(eye)))
+    }
+
+    /// Whether a point lies between the backs of two surfaces no farther apart than a wall is thick; or, where walls meet, sees
+    /// nothing but backs all around, none farther than a line at this angle can run in the thickest wall: in a room whose
+    /// surfaces are turned the wrong way round all are backs too.
+    fn is_in_wall(&self, p: DVec3) -> bool {
+        let origin = (p - self.tracer.origin()).as_vec3();
+        let to_back = |direction: Vec3, t_max: f32| {
+            let hit = self.tracer.closest(&Ray { origin, direction, t_min: 0.0, t_max })?;
+            (self.scene().geometric_normal(hit.primitive).dot(direction) > 0.0).then_some(hit.t)
+        };
+        let between_two = [Vec3::X, Vec3::Z].into_iter().any(|axis| {
+            let reach = 2.0 * REVEAL_M as f32;
+            let between = to_back(axis, reach).zip(to_back(-axis, reach)).map(|(a, b)| f64::from(a + b));
+            between.is_some_and(|between| between < 2.0 * REVEAL_M)
+        });
+        // None of them along a wall that stands square.
+        let around =
+            [[5.0, 12.0], [12.0, 5.0], [12.0, -5.0], [5.0, -12.0]].map(|[x, z]| Vec3::new(x / 13.0, 0.0, z / 13.0));
+        let longest = (2.0 * REVEAL_M * 13.0 / 5.0) as f32;
+        between_two || around.iter().flat_map(|d| [*d, -*d]).all(|d| to_back(d, longest).is_some())
+    }
+}
+
+/// Half of the thickest wall in which a portal is looked for around the eye, metres.
+pub const REVEAL_M: f64 = 0.3;
+
+/// Height of an eye above the floor, metres.
+pub const EYE_HEIGHT_M: f64 = 1.6;

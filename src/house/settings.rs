@@ -1,0 +1,162 @@
+//! How a frame of a walk is drawn, and what it took.
+
+use super::backdrop::{BackdropKind, BackdropQuality, BackdropStats, PortalSide};
+use super::cull::Limits;
+use headbox_core::camera::Camera;
+use headbox_raster::RasterStats;
+use headbox_cube::render::{Parallel, RenderSettings};
+use serde::Serialize;
+
+/// When a cell behind a portal is drawn as geometry (R3 gives no rule).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Near {
+    /// The eye is nearer to the portal's rectangle than this, metres.
+    Distance(f64),
+    /// The samples of a cube `back_m` in front of the portal's middle, with faces of `face_px`, on a surface
+    /// [`REFERENCE_DEPTH_M`] behind the portal would be farther apart than `spacing_px` in the frame; or the eye is nearer than
+    /// [`LEAST_DISTANCE_M`].
+    ProjectedError {
+        /// Pixels between neighbouring samples that are allowed.
+        spacing_px: f64,
+        /// Pixels a side of the cube's faces.
+        face_px: u32,
+        /// Metres from the portal's middle to the cube's centre.
+        back_m: f64,
+    },
+}
+
+impl Default for Near {
+    /// Of [`BackdropKind::WindowLdi`] as [`BackdropQuality::default`] captures it.
+    fn default() -> Self {
+        let BackdropQuality { window_face_px, window_back_m, .. } = BackdropQuality::default();
+        Self::ProjectedError { spacing_px: 2.77, face_px: window_face_px, back_m: window_back_m }
+    }
+}
+
+/// Where samples of a backdrop are judged: about the middle of a room.
+pub const REFERENCE_DEPTH_M: f64 = 3.0;
+
+/// Nearer than this a portal is always passed: half a wall and a step.
+pub const LEAST_DISTANCE_M: f64 = 0.3;
+
+impl Near {
+    /// The distance from a portal within which the next cell is drawn as geometry, metres.
+    pub fn distance_m(self, camera: &Camera) -> f64 {
+        match self {
+            Self::Distance(distance) => distance,
+            Self::ProjectedError { spacing_px, face_px, back_m } => {
+                // At depth z behind the portal samples are (z + back) / f1 apart, which is f2 / (z + d) as large in the frame.
+                let ratio = camera.focal_px() / (f64::from(face_px) / 2.0 * spacing_px);
+                ((REFERENCE_DEPTH_M + back_m) * ratio - REFERENCE_DEPTH_M).max(LEAST_DISTANCE_M)
+            }
+        }
+    }
+}
+
+/// How threads share the work behind portals, whose backdrops are drawn side by side; all ways give the same frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Division {
+    /// Each backdrop in a band of rows for each thread: a depth pixel near the border of two is warped for both.
+    #[default]
+    Bands,
+    /// Each portal's backdrop, a sheet of R6, by one thread.
+    Portals,
+    /// Each backdrop in the fragments of P5 and P6 for each thread.
+    Fragments,
+}
+
+impl Division {
+    /// Of the settings for one backdrop of so many rows.
+    pub(super) fn settings(self, warp: &RenderSettings, rows: u32) -> RenderSettings {
+        let threads = rayon::current_num_threads() as u32;
+        match self {
+            Self::Bands if warp.band_rows > 0 => *warp,
+            Self::Bands => RenderSettings { band_rows: rows / threads + 1, ..*warp },
+            Self::Portals => RenderSettings { band_rows: rows, ..*warp },
+            Self::Fragments => RenderSettings { parallel: Parallel::Fragments(threads), ..*warp },
+        }
+    }
+}
+
+/// How a walk is drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WalkSettings {
+    /// The backdrops behind portals; `None` for geometry alone.
+    pub backdrops: Option<BackdropKind>,
+    /// When a cell behind a portal is drawn as geometry.
+    pub near: Near,
+    /// How layered depth images are drawn.
+    pub warp: RenderSettings,
+    /// How threads share that.
+    pub division: Division,
+    /// Holes show what the last frame had there (R8).
+    pub persistence: bool,
+    /// Bounds of the visit.
+    pub limits: Limits,
+}
+
+/// What a frame took.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct WalkStats {
+    /// The cell in which the eye stands; `None` inside a wall: then all cells are drawn as geometry.
+    pub cell: Option<u32>,
+    /// Cells drawn as geometry.
+    pub geometry_cells: u32,
+    /// Portals that show a backdrop.
+    pub portals: u32,
+    /// Portals passed for want of a backdrop.
+    pub missing: Vec<PortalSide>,
+    /// Pixels of the frame.
+    pub pixels: u64,
+    /// Pixels that show a backdrop.
+    pub backdrop_pixels: u64,
+    /// Of these, pixels of which the backdrop knows nothing.
+    pub hole_pixels: u64,
+    /// Of the rasteriser.
+    pub raster: RasterStats,
+    /// Sums over all backdrops.
+    pub backdrop: BackdropStats,
+    /// Whole frame, by the clock, ms.
+    pub frame_ms: f64,
+    /// Culling and geometry, ms.
+    pub geometry_ms: f64,
+    /// Backdrops, ms.
+    pub backdrop_ms: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use headbox_core::cube_face::Face;
+    use glam::{DVec3, dvec3};
+
+    /// The tilt of a line of sight half a sample off the axis: (1/2 / f1)^2.
+    const TILT: f64 = 1e-4;
+
+    #[test]
+    fn doors_open_where_the_default_backdrops_samples_come_apart() {
+        let Near::ProjectedError { spacing_px, face_px, back_m } = Near::default() else { panic!("a rule of samples") };
+        let quality = BackdropQuality::default();
+        assert_eq!(
+            (face_px, back_m),
+            (quality.window_face_px, quality.window_back_m),
+            "what the default kind captures"
+        );
+        for (fov_y_deg, size) in [(60.0, [640, 512]), (60.0, [1280, 1024]), (40.0, [800, 600])] {
+            // A portal about the origin, the eye before it on +z, and the wall behind it.
+            let camera = |z: f64| Camera::look_at(DVec3::Z * z, DVec3::ZERO, DVec3::Y, fov_y_deg, [size[0], size[1]]);
+            let distance = Near::default().distance_m(&camera(1.0).expect("valid"));
+            let camera = camera(distance).expect("valid");
+            let middle = f64::from(face_px) / 2.0;
+            let sample = |column: f64| {
+                let toward = Face::NegZ.direction(middle + column, middle, face_px);
+                camera.project(dvec3(0.0, 0.0, back_m) + toward * (REFERENCE_DEPTH_M + back_m)).expect("in front")[0]
+            };
+            let spacing = sample(0.5) - sample(-0.5);
+            assert!((spacing / spacing_px - 1.0).abs() < TILT, "{spacing} px at {distance} m");
+        }
+        let tiny = Camera::look_at(DVec3::Z, DVec3::ZERO, DVec3::Y, 60.0, [8, 8]).expect("valid");
+        assert_eq!(Near::default().distance_m(&tiny), LEAST_DISTANCE_M);
+        assert_eq!(Near::Distance(7.0).distance_m(&tiny), 7.0);
+    }
+}

@@ -1,0 +1,104 @@
+//! Cube LDIs: the renderer, and the slow one in f64.
+
+use super::{Draw, JudgedFrame};
+use headbox_core::camera::Camera;
+use headbox_cube::model::samples::CubeLdi;
+use headbox_cube::pack::{ExactCube, PackedCube};
+use headbox_cube::render::reference::oracle::render_oracle;
+use headbox_cube::render::{RenderSettings, Renderer};
+use std::sync::Arc;
+
+/// Depth pixels that clipping against the whole frame leaves: R-N6 counts each once. [`FrameStats::depth_pixels_in`] counts it
+/// in each band that it reaches.
+///
+/// [`FrameStats::depth_pixels_in`]: headbox_cube::render::FrameStats::depth_pixels_in
+fn left_by_clipping(renderer: &mut Renderer, cube: &PackedCube, camera: &Camera, settings: &RenderSettings) -> u64 {
+    if settings.unclipped { cube.depth_pixel_count() as u64 } else { renderer.clip_counts(cube, camera, settings).kept }
+}
+
+/// A packed cube LDI under one setting of the renderer.
+pub struct LdiDraw {
+    cube: Arc<PackedCube>,
+    settings: RenderSettings,
+    renderer: Renderer,
+}
+
+impl LdiDraw {
+    /// Draws `cube`.
+    pub fn new(cube: Arc<PackedCube>, settings: RenderSettings) -> Self {
+        Self { cube, settings, renderer: Renderer::new() }
+    }
+}
+
+impl Draw for LdiDraw {
+    fn draw(&mut self, camera: &Camera) {
+        self.renderer.render_with_stats(&self.cube, camera, &self.settings);
+    }
+
+    fn depth_pixels(&mut self, camera: &Camera) -> u64 {
+        left_by_clipping(&mut self.renderer, &self.cube, camera, &self.settings)
+    }
+
+    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
+        JudgedFrame::of_frame(self.renderer.render(&self.cube, camera, &self.settings))
+    }
+}
+
+/// A cube LDI of which no depth pixel is quantised, by the same renderer.
+pub struct ExactDraw {
+    exact: ExactCube,
+    settings: RenderSettings,
+    renderer: Renderer,
+}
+
+impl ExactDraw {
+    /// Draws `exact`.
+    pub fn new(exact: ExactCube, settings: RenderSettings) -> Self {
+        Self { exact, settings, renderer: Renderer::new() }
+    }
+}
+
+impl Draw for ExactDraw {
+    fn draw(&mut self, camera: &Camera) {
+        self.renderer.render_exact(&self.exact, camera, &self.settings);
+    }
+
+    fn depth_pixels(&mut self, camera: &Camera) -> u64 {
+        left_by_clipping(&mut self.renderer, &self.exact.cube, camera, &self.settings)
+    }
+
+    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
+        JudgedFrame::of_frame(self.renderer.render_exact(&self.exact, camera, &self.settings).0)
+    }
+}
+
+/// A cube LDI by the slow renderer: direct warp in f64, exact footprints, nothing quantised that the LDI has not.
+pub struct OracleDraw {
+    ldi: CubeLdi,
+    last: Option<(Camera, JudgedFrame)>,
+}
+
+impl OracleDraw {
+    /// Draws `ldi`, which must be valid.
+    pub fn new(ldi: CubeLdi) -> Self {
+        Self { ldi, last: None }
+    }
+}
+
+impl Draw for OracleDraw {
+    fn draw(&mut self, camera: &Camera) {
+        let frame = render_oracle(&self.ldi, camera);
+        self.last = Some((*camera, JudgedFrame::of_frame(&frame)));
+    }
+
+    fn depth_pixels(&mut self, _: &Camera) -> u64 {
+        self.ldi.faces.iter().map(|face| face.samples.len() as u64).sum()
+    }
+
+    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
+        match self.last.take() {
+            Some((drawn, picture)) if drawn == *camera => picture,
+            _ => JudgedFrame::of_frame(&render_oracle(&self.ldi, camera)),
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! What a report compares: anything that turns a camera into a picture.
+//!
+//! To add a representation, implement [`Draw`] (two functions, three where there are depth pixels) and push a [`Contender`] in `measure::report::field`.
+
+mod baked;
+mod ldi;
+mod lumigraph;
+mod points;
+mod raster;
+mod sprites;
+mod traced;
+mod warp_only;
+
+pub use baked::{BakedLight, BakedRays};
+pub use ldi::{ExactDraw, LdiDraw, OracleDraw};
+pub use lumigraph::LumigraphDraw;
+pub use points::PointCloud;
+pub use raster::RasterDraw;
+pub use sprites::{SpriteDraw, bytes_of as sprite_bytes};
+pub use traced::{CubeMapDraw, PathTraced};
+pub use warp_only::{WarpArithmetic, WarpOnly};
+
+use headbox_core::camera::Camera;
+use headbox_core::frame::{Coverage, Frame};
+use crate::plan::EyeSet;
+use image::RgbImage;
+use rayon::ThreadPool;
+use std::sync::Arc;
+
+/// Where a pixel's colour is from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shown {
+    /// Geometry, at least in part.
+    Surface,
+    /// The far surroundings alone.
+    Environment,
+    /// Nothing is known of the pixel.
+    Nothing,
+}
+
+/// A frame as it is judged.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct JudgedFrame {
+    /// Its colours.
+    pub color: RgbImage,
+    /// What each pixel shows, row-major; empty if the renderer does not tell.
+    pub shown: Vec<Shown>,
+}
+
+impl JudgedFrame {
+    /// A frame of the LDI renderer.
+    pub fn of_frame(frame: &Frame) -> Self {
+        let shown = frame.coverage.iter().map(|coverage| {
+            if coverage.splat_share() > 0 {
+                Shown::Surface
+            } else if coverage.is_hole() {
+                Shown::Nothing
+            } else {
+                Shown::Environment
+            }
+        });
+        let pixel = |x: u32, y: u32| {
+            let [r, g, b, _] = frame.color[y as usize * frame.width as usize + x as usize];
+            image::Rgb([r, g, b])
+        };
+        Self { shown: shown.collect(), color: RgbImage::from_fn(frame.width, frame.height, pixel) }
+    }
+
+    /// Share of pixels that show nothing, or the environment where truth shows geometry alone. `truth`: its coverages.
+    /// `None` if the renderer does not tell.
+    pub fn hole_fraction(&self, truth: &[Coverage]) -> Option<f64> {
+        let is_hole = |(shown, truth): &(&Shown, &Coverage)| match shown {
+            Shown::Surface => false,
+            Shown::Environment => **truth == Coverage::FULL,
+            Shown::Nothing => true,
+        };
+        let holes = self.shown.iter().zip(truth).filter(is_hole).count();
+        (!self.shown.is_empty()).then(|| holes as f64 / self.shown.len() as f64)
+    }
+}
+
+/// Turns cameras into pictures.
+pub trait Draw {
+    /// Draws what `camera` sees: the work that is timed, and nothing else.
+    fn draw(&mut self, camera: &Camera);
+
+    /// Depth pixels that a frame has to look at, each counted once however often it is warped: bands of a frame overlap.
+    /// 0 if there are no such things. Not timed.
+    fn depth_pixels(&mut self, _camera: &Camera) -> u64 {
+        0
+    }
+
+    /// What [`Self::draw`] draws, as a picture. Not timed.
+    fn picture(&mut self, camera: &Camera) -> JudgedFrame;
+}
+
+/// One row to be: a renderer with its setting, and what is known of it beforehand.
+pub struct Contender {
+    /// Group, name in the group, and whether it is the group's baseline; one measurement may serve several groups.
+    pub roles: Vec<Role>,
+    /// Which eyes it is judged by.
+    pub eyes: EyeSet,
+    /// True if it traces the scene itself: truth need not be better than it.
+    pub traces: bool,
+    /// Where it draws.
+    pub pool: Arc<ThreadPool>,
+    /// Bytes in memory that drawing needs.
+    pub bytes: u64,
+    /// Depth pixels in all, or 0.
+    pub depth_pixels: u64,
+    /// Seconds to make it.
+    pub capture_s: Option<f64>,
+    /// Rays traced to make it.
+    pub rays: Option<u64>,
+    /// The renderer.
+    pub draw: Box<dyn Draw + Send>,
+}
+
+/// What a contender is compared for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Role {
+    /// The group.
+    pub group: &'static str,
+    /// The setting's name.
+    pub variant: String,
+    /// Whether the others of the group are compared with it.
+    pub baseline: bool,
+}
+
+impl Role {
+    /// The row that others are compared with.
+    pub fn baseline(group: &'static str, variant: impl Into<String>) -> Self {
+        Self { group, variant: variant.into(), baseline: true }
+    }
+
+    /// Another row.
+    pub fn other(group: &'static str, variant: impl Into<String>) -> Self {
+        Self { group, variant: variant.into(), baseline: false }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn holes_are_what_shows_nothing_or_the_sky_before_geometry() {
+        let color = RgbImage::new(2, 2);
+        let shown = vec![Shown::Surface, Shown::Environment, Shown::Environment, Shown::Nothing];
+        let picture = JudgedFrame { color: color.clone(), shown };
+        assert_eq!(
+            picture.hole_fraction(&[Coverage::FULL, Coverage::FULL, Coverage::of_splats(254), Coverage::ENVIRONMENT]),
+            Some(0.5)
+        );
+        assert_eq!(JudgedFrame { color, shown: vec![] }.hole_fraction(&[Coverage::FULL; 4]), None);
+    }
+}

@@ -1,0 +1,233 @@
+//! The warp alone, by three arithmetics (S18, C8): what it gains to add where one could multiply.
+//!
+//! Every depth pixel becomes one frame pixel in a depth buffer: no footprints, no order, no clipping, no SIMD, one thread.
+//! What differs is how its position is found.
+
+use super::points::NearestColors;
+use super::{Draw, JudgedFrame};
+use headbox_core::camera::Camera;
+use headbox_core::cube_face::Face;
+use headbox_cube::pack::blocks::BLOCK_COLUMNS;
+use headbox_cube::pack::{PackedCube, PackedSegment};
+use headbox_cube::render::setup::transfer::{RowTransfer, Transfer};
+use glam::{DMat4, DVec3, Vec3};
+use std::sync::Arc;
+
+/// How positions are found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WarpArithmetic {
+    /// Each depth pixel to a point of the world, and that by the camera's matrix, in f64.
+    Direct,
+    /// The paper's: a running sum along the whole row, in f32.
+    RunningSum,
+    /// Ours: multiples of a step from an anchor every [`BLOCK_COLUMNS`] columns, in f32.
+    Anchored,
+}
+
+/// Draws the depth pixels of a cube as single pixels.
+pub struct WarpOnly {
+    cube: Arc<PackedCube>,
+    arithmetic: WarpArithmetic,
+    nearest: NearestColors,
+}
+
+/// Positions of the depth pixels of a row.
+trait RowWarp {
+    /// Begins with the pixel at `column` of a row.
+    fn start(&mut self, column: u32, row: u32);
+    /// Goes on to `column`, the next.
+    fn advance(&mut self, column: u32);
+    /// Position in the frame from its top left corner, px, and w = Z2 / Z1, of a sample of the pixel, all three times w.
+    fn homogeneous(&self, code: u32) -> Vec3;
+}
+
+/// What the incremental warps have in common.
+struct Incremental {
+    transfer: Transfer,
+    inverse_depth_min: f64,
+    inverse_depth_step: f64,
+}
+
+impl Incremental {
+    fn new(camera: &Camera, cube: &PackedCube, segment: &PackedSegment) -> Self {
+        let eye = camera.eye() - cube.info.centre;
+        let mut transfer = Transfer::new(camera, eye, segment.face, cube.face_size_px);
+        // From the corner instead of the principal point, as the direct warp counts.
+        let corner = DVec3::new(f64::from(camera.width()), f64::from(camera.height()), 0.0) / 2.0;
+        for column in [&mut transfer.one, &mut transfer.x_step, &mut transfer.y_step, &mut transfer.inverse_depth] {
+            *column += corner * column.z;
+        }
+        let (inverse_depth_min, inverse_depth_step) =
+            (f64::from(segment.inverse_depth_min), segment.inverse_depth_step());
+        Self { transfer, inverse_depth_min, inverse_depth_step }
+    }
+
+    fn anchored(&self, column: u32, row: u32) -> RowTransfer {
+        self.transfer.anchored(column, row, self.inverse_depth_min, self.inverse_depth_step)
+    }
+}
+
+struct RunningSum {
+    shared: Incremental,
+    at: RowTransfer,
+}
+
+impl RowWarp for RunningSum {
+    fn start(&mut self, column: u32, row: u32) {
+        self.at = self.shared.anchored(column, row);
+    }
+
+    #[inline]
+    fn advance(&mut self, _: u32) {
+        self.at.anchor += self.at.step;
+    }
+
+    #[inline]
+    fn homogeneous(&self, code: u32) -> Vec3 {
+        self.at.anchor + self.at.per_code * code as f32
+    }
+}
+
+struct Anchored {
+    shared: Incremental,
+    at: RowTransfer,
+    row: u32,
+    here: Vec3,
+}
+
+impl RowWarp for Anchored {
+    fn start(&mut self, column: u32, row: u32) {
+        self.row = row;
+        self.at = self.shared.anchored(column - column % BLOCK_COLUMNS, row);
+        self.here = self.at.anchor + self.at.step * (column % BLOCK_COLUMNS) as f32;
+    }
+
+    #[inline]
+    fn advance(&mut self, column: u32) {
+        let from_anchor = column % BLOCK_COLUMNS;
+        if from_anchor == 0 {
+            self.at = self.shared.anchored(column, self.row);
+        }
+        self.here = self.at.anchor + self.at.step * from_anchor as f32;
+    }
+
+    #[inline]
+    fn homogeneous(&self, code: u32) -> Vec3 {
+        self.here + self.at.per_code * code as f32
+    }
+}
+
+struct Direct<'a> {
+    segment: &'a PackedSegment,
+    face: Face,
+    face_px: u32,
+    image_from_centre: DMat4,
+    at: [f64; 2],
+}
+
+impl RowWarp for Direct<'_> {
+    fn start(&mut self, column: u32, row: u32) {
+        self.at = [column, row].map(|c| f64::from(c) + 0.5);
+    }
+
+    #[inline]
+    fn advance(&mut self, column: u32) {
+        self.at[0] = f64::from(column) + 0.5;
+    }
+
+    #[inline]
+    fn homogeneous(&self, code: u32) -> Vec3 {
+        let inverse_depth = self.segment.inverse_depth(code);
+        let point = self.face.direction(self.at[0], self.at[1], self.face_px) / inverse_depth;
+        let h = self.image_from_centre * point.extend(1.0);
+        (DVec3::new(h.x, h.y, h.w) * inverse_depth).as_vec3()
+    }
+}
+
+impl WarpOnly {
+    /// Draws `cube`.
+    pub fn new(cube: Arc<PackedCube>, arithmetic: WarpArithmetic) -> Self {
+        Self { cube, arithmetic, nearest: NearestColors::default() }
+    }
+
+    fn warp(&mut self, camera: &Camera) {
+        self.nearest.reset(camera);
+        let cube = Arc::clone(&self.cube);
+        let at = RowTransfer { anchor: Vec3::ZERO, step: Vec3::ZERO, per_code: Vec3::ZERO };
+        let (face_px, image_from_centre) =
+            (cube.face_size_px, camera.with_eye(camera.eye() - cube.info.centre).image_from_world());
+        for segment in &cube.segments {
+            let shared = || Incremental::new(camera, &cube, segment);
+            match self.arithmetic {
+                WarpArithmetic::Direct => {
+                    self.segment(
+                        segment,
+                        Direct { segment, face: segment.face, face_px, image_from_centre, at: [0.0; 2] },
+                    );
+                }
+                WarpArithmetic::RunningSum => self.segment(segment, RunningSum { shared: shared(), at }),
+                WarpArithmetic::Anchored => {
+                    self.segment(segment, Anchored { shared: shared(), at, row: 0, here: Vec3::ZERO });
+                }
+            }
+        }
+    }
+
+    fn segment(&mut self, segment: &PackedSegment, mut warp: impl RowWarp) {
+        let (min, step) = (segment.inverse_depth_min, segment.inverse_depth_step() as f32);
+        for y in 0..segment.height {
+            let (samples, counts) = segment.row(y);
+            warp.start(segment.x0, segment.y0 + y);
+            for (x, ends) in counts.windows(2).enumerate() {
+                if x > 0 {
+                    warp.advance(segment.x0 + x as u32);
+                }
+                for pixel in samples.get(ends[0] as usize..ends[1] as usize).unwrap_or(&[]) {
+                    let code = pixel.inverse_depth_code();
+                    let h = warp.homogeneous(code);
+                    if h.z > 1e-6 && pixel.color_srgb[3] >= 128 {
+                        let inverse_depth = (min + step * code as f32) / h.z;
+                        self.nearest.put(h.x / h.z, h.y / h.z, inverse_depth, pixel.color_srgb);
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl Draw for WarpOnly {
+    fn draw(&mut self, camera: &Camera) {
+        self.warp(camera);
+    }
+
+    fn depth_pixels(&mut self, _: &Camera) -> u64 {
+        self.cube.depth_pixel_count() as u64
+    }
+
+    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
+        self.warp(camera);
+        self.nearest.picture(camera, &self.cube.environment)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::contender::PointCloud;
+    use crate::stability::room;
+
+    #[test]
+    fn three_arithmetics_draw_the_points_of_the_cloud() {
+        let cube = Arc::new(room().expect("captured").clone());
+        let eye = cube.info.centre + DVec3::new(0.1, -0.05, 0.08);
+        let camera = Camera::look_at(eye, eye + DVec3::new(0.3, 0.1, -1.0), DVec3::Y, 75.0, [80, 60]).expect("valid");
+        let cloud = PointCloud::new(&cube, 1).picture(&camera);
+        for arithmetic in [WarpArithmetic::Direct, WarpArithmetic::RunningSum, WarpArithmetic::Anchored] {
+            let found = WarpOnly::new(Arc::clone(&cube), arithmetic).picture(&camera);
+            let pixels = cloud.color.pixels().zip(found.color.pixels());
+            let differ = pixels.filter(|(a, b)| a != b).count();
+            // Points within rounding of a pixel's border fall to either side: 1e-4 px of 4,800 pixels' borders.
+            assert!(differ < 24, "{arithmetic:?}: {differ} of 4800");
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! What is compared in a scene: the scene itself, and what is given instead of made.
+
+use headbox_trace::light::Lighting;
+use headbox_trace::bvh::Tracer;
+use headbox_cube::pack::PackedCube;
+use headbox_sprite::SpriteSet;
+use std::sync::Arc;
+
+/// Why a report could not be made.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// Threads could not be started.
+    #[error("threads could not be started: {0}")]
+    Threads(#[from] rayon::ThreadPoolBuildError),
+    /// A camera could not be made.
+    #[error(transparent)]
+    Camera(#[from] headbox_core::camera::CameraError),
+    /// A capture failed.
+    #[error("a capture failed: {0}")]
+    Capture(#[from] std::io::Error),
+    /// A capture could not be packed.
+    #[error(transparent)]
+    Pack(#[from] headbox_cube::pack::PackError),
+    /// Sprites could not be made.
+    #[error(transparent)]
+    Sprite(#[from] headbox_sprite::SpriteError),
+    /// A lumigraph could not be made.
+    #[error(transparent)]
+    Lumigraph(#[from] headbox_lumigraph::LumigraphError),
+    /// A frame is no picture.
+    #[error(transparent)]
+    Frame(#[from] headbox_core::frame::FrameError),
+    /// The rival was asked for and failed.
+    #[error("the program that HEADBOX_EMBREE names: {0}")]
+    Rival(#[source] std::io::Error),
+    /// Pictures could not be compared.
+    #[error(transparent)]
+    Metric(#[from] headbox_core::metrics::MetricError),
+}
+
+/// What is compared in a scene.
+pub struct Subject {
+    /// How rows call it.
+    pub name: String,
+    /// The scene, its origin at the centre of the headbox.
+    pub tracer: Arc<Tracer>,
+    /// Its light.
+    pub lighting: Lighting,
+    /// Whether truth is lit.
+    pub lit: bool,
+    /// A capture that is given instead of made.
+    pub cube: Option<PackedCube>,
+    /// Sprites that are given instead of made.
+    pub sprites: Option<SpriteSet>,
+}
+
+/// Bytes of vertices, triangles and texels.
+pub(super) fn scene_bytes(scene: &headbox_scene::scene::Scene) -> u64 {
+    let arrays = [
+        size_of_val(&scene.positions[..]),
+        size_of_val(&scene.normals[..]),
+        size_of_val(&scene.texcoords[..]),
+        size_of_val(&scene.colors[..]),
+        size_of_val(&scene.triangles[..]),
+    ];
+    let texels: usize = scene.textures.iter().map(|texture| size_of_val(texture.texels())).sum();
+    (arrays.iter().sum::<usize>() + texels) as u64
+}

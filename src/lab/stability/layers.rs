@@ -1,0 +1,312 @@
+//! Surfaces and layers (hard cases 2, 4, 5; C9, D1).
+
+use super::Case;
+use super::bed::{Dice, draw, kernel, largest, ldi_of, look, pack, sample, sample_with_normal};
+use headbox_trace::light::Lighting;
+use headbox_core::cube_face::Face;
+use headbox_scene::scene::{Scene, Triangle};
+use headbox_trace::bvh::Tracer;
+use headbox_core::camera::Camera;
+use headbox_scene::material::Material;
+use headbox_ldi::job::CaptureJob;
+use headbox_cube::model::parameters::MergeRule;
+use headbox_cube::model::parameters::CaptureParameters;
+use headbox_ldi::settings::Resources;
+use headbox_cube::model::samples::{CubeLdi, DepthPixel};
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_core::progress::Silent;
+use headbox_cube::render::RenderSettings;
+use headbox_cube::render::footprint::splat::SplatKernel;
+use headbox_ldi::scene_source::SceneSource;
+use glam::{DVec3, dvec3};
+use std::sync::Arc;
+
+const WALL: [u8; 3] = [200, 100, 50];
+/// Levels by which colour times coverage may be off in the kernels that blend it in 8 bits: half a level for each of the last
+/// few blends.
+const BLENDED_LEVELS: f64 = 2.0;
+
+pub(super) fn cases() -> Vec<Case> {
+    vec![
+        Case {
+            name: "samples behind, on and just before the eye's plane",
+            what: "A wall of one colour, eyes from 1 m behind it to 1e-9 m before it: how far any pixel that is not a hole is from the wall's colour, times its coverage, all kernels.",
+            unit: "levels",
+            bound: BLENDED_LEVELS,
+            reason: "w = Z2 / Z1 below 1/1024 is not drawn, and what is drawn is of one colour: what remains is half a level for each of the last few 8-bit blends of the paper's and the opaque kernel.",
+            measure: |seed| {
+                let mut dice = Dice::new(seed, 51);
+                let cube = pack(&wall(|dice| -Face::NegZ.normal() + dice.in_cube(0.0), seed))?;
+                largest((0..12).map(|i| {
+                    let gap = [1e-9, 1e-6, 1e-3, 2e-3, 0.01, 0.1, 1.0, 0.0, -1e-9, -1e-3, -0.1, -1.0][i];
+                    let eye = dvec3(dice.between(-0.2, 0.2), dice.between(-0.2, 0.2), gap - 1.0);
+                    foreign_levels(&cube, &look(eye, DVec3::NEG_Z, 40.0, [50, 40]).ok()?)
+                }))
+            },
+        },
+        Case {
+            name: "grazing, back-facing and random normals",
+            what: "The same wall with normals along the ray, away from it, anywhere: the same.",
+            unit: "levels",
+            bound: BLENDED_LEVELS,
+            reason: "A normal that says nothing makes a footprint too large or too small, never another colour.",
+            measure: |seed| {
+                let mut dice = Dice::new(seed, 52);
+                largest((0..3).map(|kind| {
+                    let cube = pack(&wall(
+                        |dice| match kind {
+                            0 => DVec3::X,
+                            1 => Face::NegZ.normal(),
+                            _ => dice.direction(),
+                        },
+                        seed,
+                    ))?;
+                    foreign_levels(&cube, &look(dice.in_cube(0.4), DVec3::NEG_Z, 50.0, [50, 40]).ok()?)
+                }))
+            },
+        },
+        Case {
+            name: "holes of a wall with random normals",
+            what: "Share of a wall's pixels that stay empty when its normals are random.",
+            unit: "%",
+            bound: 1.0,
+            reason: "The least radius and the largest slope bound the damage.",
+            measure: |seed| {
+                let mut dice = Dice::new(seed, 53);
+                let cube = pack(&wall(Dice::direction, seed))?;
+                let eye = dice.in_cube(0.4);
+                let camera = look(eye, dvec3(-eye.x * 0.5, -eye.y * 0.5, -1.0).normalize(), 40.0, [50, 40]).ok()?;
+                let frame = draw(&cube, &camera, &RenderSettings::default());
+                Some(100.0 * frame.hole_count() as f64 / frame.color.len() as f64)
+            },
+        },
+        Case {
+            name: "twenty layers in every pixel",
+            what: "Twenty walls behind each other from 0.65 to 1,400 m, the nearest of another colour: pixels that do not show the nearest, eyes before them.",
+            unit: "px",
+            bound: 0.0,
+            reason: "Layers have no limit, and opaque nearest ones hide the rest whatever their number.",
+            measure: |seed| {
+                let mut dice = Dice::new(seed, 54);
+                let ldi = ldi_of(40, &[Face::NegZ], |face, _, _| {
+                    (0..20)
+                        .map(|i| sample(face, 7e-4 * 1.5f64.powi(i), if i == 19 { WALL } else { [0, 0, 250] }))
+                        .collect()
+                });
+                let cube = pack(&ldi)?;
+                let eye = dice.in_cube(0.2);
+                let frame = draw(&cube, &look(eye, DVec3::NEG_Z, 40.0, [50, 40]).ok()?, &RenderSettings::default());
+                Some(frame.color.iter().filter(|c| c[..3] != WALL).count() as f64)
+            },
+        },
+        Case {
+            name: "empty pixels, rows and segments",
+            what: "Sparse random LDIs, packed in both layouts, with all splits, and read back: samples that are missing or at another place.",
+            unit: "samples",
+            bound: 0.0,
+            reason: "Offset tables say where every sample is, also across runs of empty pixels.",
+            measure: sparse_round_trip,
+        },
+        Case {
+            name: "an LDI without samples",
+            what: "Pixels of a frame of an empty cube that are not holes.",
+            unit: "px",
+            bound: 0.0,
+            reason: "Nothing is drawn, and nothing fails.",
+            measure: |seed| {
+                let cube = pack(&ldi_of(16, &[], |_, _, _| vec![]))?;
+                let camera = look(DVec3::ZERO, Dice::new(seed, 56).direction(), 60.0, [20, 10]).ok()?;
+                Some((200 - draw(&cube, &camera, &RenderSettings::default()).hole_count()) as f64)
+            },
+        },
+        Case {
+            name: "surfaces closer than a depth bin",
+            what: "Two planes a hundredth of a bin apart and of different colours, captured on 1 and 3 threads under all three rules of D1: samples that differ between the runs.",
+            unit: "samples",
+            bound: 0.0,
+            reason: "Which sample wins is decided by bins, areas and ray keys, not by arrival.",
+            measure: |seed| {
+                largest(RULES.map(|rule| {
+                    let [once, again] = [1, 3].map(|threads| {
+                        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().ok()?;
+                        pool.install(|| planes(seed, &[(2.0, [0.8, 0.1, 0.1]), (2.000_2, [0.1, 0.1, 0.8])], rule))
+                    });
+                    let (a, b) = (once?, again?);
+                    let differ = |(x, y): &(&DepthPixel, &DepthPixel)| x != y;
+                    let pairs = a.faces.iter().zip(&b.faces).flat_map(|(f, g)| f.samples.iter().zip(&g.samples));
+                    let counts = a.faces.iter().zip(&b.faces).map(|(f, g)| f.samples.len().abs_diff(g.samples.len()));
+                    Some((pairs.filter(differ).count() + counts.sum::<usize>()) as f64)
+                }))
+            },
+        },
+        Case {
+            name: "two colours closer than a bin, by rule",
+            what: "Stripes a sixth of a pixel wide, red and blue in turns and a two-thousandth of a depth bin apart, captured by the three rules of D1: share of pixels that do not hold what the rule says (one sample of both colours; one sample of one; a sample of each).",
+            unit: "%",
+            bound: 4.0,
+            reason: "Each pixel gets some thirty hits, half of them red: a few pixels of a hundred have too few of one colour. A rule that is not kept shows in all of them.",
+            measure: |seed| largest(RULES.map(|rule| against_rule(seed, rule))),
+        },
+        Case {
+            name: "one surface with noise in its depth",
+            what: "The same stripes of one colour, each at a depth of its own, off by up to a tenth of a depth bin at random: mean number of samples per occupied pixel, less one.",
+            unit: "",
+            bound: 0.05,
+            reason: "A cluster reaches across a bin's border once; noise far below a bin must not make layers.",
+            measure: |seed| {
+                let mut dice = Dice::new(seed, 59);
+                let noise = |_| (2.0 + dice.between(-0.038, 0.038), [0.5; 3]);
+                let ldi = captured(seed, stripes(noise), MergeRule::Average)?;
+                let face = &ldi.faces[Face::NegZ.index()];
+                let occupied = face.offsets.windows(2).filter(|ends| ends[1] > ends[0]).count();
+                Some(face.samples.len() as f64 / occupied.max(1) as f64 - 1.0)
+            },
+        },
+    ]
+}
+
+/// A wall of one colour, 1 m before the centre.
+fn wall(normal: impl Fn(&mut Dice) -> DVec3, seed: u64) -> CubeLdi {
+    let mut dice = Dice::new(seed, 50);
+    ldi_of(40, &[Face::NegZ], |_, _, _| vec![sample_with_normal(normal(&mut dice).as_vec3(), 1.0, WALL)])
+}
+
+/// How far pixels are from the wall's colour, times their coverage, of all kernels; holes, kept open, must be black.
+fn foreign_levels(cube: &PackedCube, camera: &Camera) -> Option<f64> {
+    largest(SplatKernel::ALL.map(|(_, splats)| {
+        let frame = draw(cube, camera, &RenderSettings { keep_holes: true, ..kernel(splats) });
+        largest(frame.color.iter().zip(&frame.coverage).map(|(color, coverage)| {
+            let (expected, share) = match coverage.is_hole() {
+                true => ([0; 3], 1.0),
+                false => (WALL, f64::from(coverage.splat_share()) / 255.0),
+            };
+            let off = (0..3).map(|c| f64::from(color[c].abs_diff(expected[c])));
+            Some(off.fold(0.0, f64::max) * share)
+        }))
+    }))
+}
+
+fn sparse_round_trip(seed: u64) -> Option<f64> {
+    let mut dice = Dice::new(seed, 55);
+    let density = [2, 20, 400][dice.below(3) as usize];
+    let ldi = ldi_of(23, &[Face::PosX, Face::NegY, Face::NegZ], |face, _, _| {
+        let layers = if dice.below(density) == 0 { dice.below(4) } else { 0 };
+        let mut depths: Vec<f64> = (0..layers).map(|_| dice.between(0.05, 1.9)).collect();
+        depths.sort_by(f64::total_cmp);
+        depths.into_iter().map(|q| sample(face, q, [dice.bits() as u8, 1, 2])).collect()
+    });
+    let mut wrong = 0;
+    for layout in [SplatIndexLayout::Normal, SplatIndexLayout::Paper] {
+        for split in [Split::Auto, Split::None, Split::AtDepth(1.5)] {
+            let cube = PackedCube::pack(&ldi, layout, split).ok()?;
+            cube.validate().ok()?;
+            for face in &ldi.faces {
+                for (x, y) in (0..23u32).flat_map(|y| (0..23u32).map(move |x| (x, y))) {
+                    let segments = cube.segments.iter().filter(|s| s.face == face.face);
+                    let packed: Vec<_> = segments
+                        .flat_map(|s| match (x.checked_sub(s.x0), y.checked_sub(s.y0)) {
+                            (Some(x), Some(y)) => s.pixel(x, y),
+                            _ => &[],
+                        })
+                        .map(|pixel| pixel.color_srgb)
+                        .collect();
+                    let expected: Vec<_> = face.pixel(x, y).iter().map(|s| s.color_srgb).collect();
+                    wrong += usize::from(packed != expected);
+                }
+            }
+        }
+    }
+    Some(wrong as f64)
+}
+
+/// The rules of D1.
+const RULES: [MergeRule; 3] = [MergeRule::Average, MergeRule::SmallerArea, MergeRule::ColorsApart];
+
+/// Pixels of a captured face.
+const FACE_PX: u32 = 24;
+
+/// Squares across -Z at the given depths and colours, tilted at random by a tenth of a depth bin, captured.
+fn planes(seed: u64, planes: &[(f64, [f32; 3])], merge_rule: MergeRule) -> Option<CubeLdi> {
+    let mut dice = Dice::new(seed, 57);
+    let mut scene = Scene::default();
+    for &(depth, albedo) in planes {
+        // A bin is 1 / (half * sqrt(3) * 12) of inverse depth wide: at 2 m, 0.38 m.
+        let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+        let corners = corners.map(|(x, y)| dvec3(x * depth, y * depth, -depth + dice.between(-0.02, 0.02)));
+        push_square(&mut scene, corners, albedo);
+    }
+    captured(seed, scene, merge_rule)
+}
+
+/// Upright stripes that fill the -Z face at 2 m, six to a pixel, each at a depth and of a colour of its own.
+fn stripes(mut look: impl FnMut(u32) -> (f64, [f32; 3])) -> Scene {
+    const STRIPES: u32 = 6 * FACE_PX;
+    let mut scene = Scene::default();
+    for i in 0..STRIPES {
+        let (depth, albedo) = look(i);
+        let [left, right] = [i, i + 1].map(|i| (f64::from(2 * i) / f64::from(STRIPES) - 1.0) * 2.0);
+        let corners = [(left, -2.0), (right, -2.0), (right, 2.0), (left, 2.0)].map(|(x, y)| dvec3(x, y, -depth));
+        push_square(&mut scene, corners, albedo);
+    }
+    scene
+}
+
+fn push_square(scene: &mut Scene, corners: [DVec3; 4], albedo: [f32; 3]) {
+    let (first, material) = (scene.positions.len() as u32, scene.materials.len() as u32);
+    scene.materials.push(Material { albedo, ..Material::default() });
+    scene.positions.extend(corners);
+    for vertices in [[0, 1, 2], [0, 2, 3]] {
+        scene.triangles.push(Triangle { vertices: vertices.map(|v: u32| first + v), material });
+    }
+}
+
+/// Share of the pixels within the -Z face, in percent, that do not hold what a rule says of two colours in one bin.
+fn against_rule(seed: u64, rule: MergeRule) -> Option<f64> {
+    let red_and_blue = |i: u32| if i.is_multiple_of(2) { (2.0, [0.8, 0.1, 0.1]) } else { (2.000_2, [0.1, 0.1, 0.8]) };
+    let ldi = captured(seed, stripes(red_and_blue), rule)?;
+    let face = &ldi.faces[Face::NegZ.index()];
+    // 0.8 and 0.1 are 230 and 89 in sRGB; their mean 181.
+    let kind = |s: &DepthPixel| match (s.color_srgb[0], s.color_srgb[2]) {
+        (220.., ..=110) => "red",
+        (..=110, 220..) => "blue",
+        (130..=215, 130..=215) => "both",
+        _ => "neither",
+    };
+    let inner = || (1..FACE_PX - 1).flat_map(|y| (1..FACE_PX - 1).map(move |x| (x, y)));
+    let wrong = inner().filter(|&(x, y)| {
+        let mut kinds: Vec<&str> = face.pixel(x, y).iter().map(kind).collect();
+        kinds.sort_unstable();
+        match rule {
+            MergeRule::Average => kinds != ["both"],
+            MergeRule::SmallerArea => kinds != ["red"] && kinds != ["blue"],
+            MergeRule::ColorsApart => kinds != ["blue", "red"],
+        }
+    });
+    Some(100.0 * wrong.count() as f64 / inner().count() as f64)
+}
+
+fn captured(seed: u64, scene: Scene, merge_rule: MergeRule) -> Option<CubeLdi> {
+    let job = CaptureJob {
+        face_size_px: FACE_PX,
+        parameters: CaptureParameters { seed, merge_rule, ..CaptureParameters::unlit(6, 8) },
+        ..CaptureJob::new(SceneSource::new("stability"), DVec3::ZERO, 0.5)
+    };
+    let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
+    let lighting = Lighting::of_scene(&tracer, 0);
+    Some(job.run(&tracer, &lighting, &Resources::default(), &Silent).ok()?.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_foreign_colour_would_be_found() {
+        let cube = pack(&ldi_of(8, &[Face::NegZ], |face, x, _| {
+            vec![sample(face, 1.0, if x < 4.0 { WALL } else { [1, 2, 3] })]
+        }))
+        .expect("packs");
+        let camera = look(DVec3::ZERO, DVec3::NEG_Z, 40.0, [20, 20]).expect("valid");
+        assert!(foreign_levels(&cube, &camera).expect("drawn") > 100.0);
+    }
+}

@@ -1,0 +1,230 @@
+//! Exposure errors: pixels whose backdrop shows nothing, or a surface that is not there.
+//!
+//! Surfaces are told apart by colour, in a house without textures and light whose materials have colours far apart. A mixture
+//! of the surfaces that are there is no error, and what is only coarse does not count: frames are [`SMALLER`] times
+//! smaller than those of the walk, so that a pixel is no smaller than the samples of the coarsest backdrop, and a silhouette
+//! may be off by [`OFF_PX`].
+//!
+//! What is there is what a frame of the walk's own size shows. A truth as small as the frames, of one point a pixel, lacks what is
+//! thinner than its pixels, the reveals and trims of doors farther away, which a backdrop shows rightly. By that measure a perfect
+//! frame, each pixel the mean of those of the large truth, is wrong too; both are reported beside the other.
+
+use super::{MeasureError, MeasureSettings, has_depth, share};
+use headbox_model::PortalModel;
+use headbox_trace::sampler::random4;
+use headbox_core::camera::{Camera, CameraError};
+use headbox_core::color::linear_from_srgb8;
+use headbox_core::frame::{Coverage, Frame};
+use headbox_house::backdrop::BackdropKind;
+use headbox_house::house::{House, HouseError};
+use headbox_house::settings::{Near, WalkSettings};
+use headbox_house::store::Store;
+use headbox_house::variant::HouseVariant;
+use headbox_house::walk::Walker;
+use headbox_core::progress::Progress;
+use headbox_raster::Seen;
+use headbox_cube::render::RenderSettings;
+use headbox_cube::render::footprint::splat::SplatKernel;
+use serde::{Deserialize, Serialize};
+
+/// A pixel whose colour differs by more than this (sRGB levels) in a channel shows another surface: materials are 60 apart.
+const WRONG_LEVELS: u8 = 24;
+
+/// Times by which frames are smaller than those of the walk.
+const SMALLER: u32 = 4;
+
+/// How far a surface may be from its place, pixels.
+const OFF_PX: i64 = 1;
+
+/// Exposure errors of one way to draw.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ExposureRow {
+    /// Name of the kind of backdrop.
+    pub name: String,
+    /// Share of the pixels behind portals that show nothing or a wrong surface.
+    pub wrong_share: f64,
+    /// The same by a truth of one point a pixel, which lacks surfaces thinner than that.
+    pub wrong_by_points_share: f64,
+    /// What that measure says of a perfect frame.
+    pub perfect_by_points_share: f64,
+    /// Of [`Self::wrong_share`], those that show nothing, as a share of the pixels behind portals.
+    pub hole_share: f64,
+    /// The largest share of wrong pixels of one pose.
+    pub worst_share: f64,
+    /// Samples of one backdrop, mean.
+    pub samples: f64,
+}
+
+/// Exposure errors at some poses, of every kind of backdrop with depth among the variants.
+pub(super) fn errors(
+    house: &House,
+    cameras: &[Camera],
+    settings: &MeasureSettings,
+    progress: &dyn Progress,
+) -> Result<Vec<ExposureRow>, MeasureError> {
+    let house = false_colors(house)?;
+    let kinds: Vec<BackdropKind> =
+        settings.variants.iter().filter_map(|v| v.kind).filter(|kind| has_depth(*kind)).collect();
+    progress.begin("exposure errors", "kinds", kinds.len() as u64);
+    let mut rows: Vec<ExposureRow> = Vec::new();
+    for kind in kinds {
+        if rows.iter().all(|known| known.name != kind.name()) {
+            rows.push(row(&house, cameras, settings, kind)?);
+        }
+        progress.advance(1);
+    }
+    Ok(rows)
+}
+
+fn row(
+    house: &House,
+    cameras: &[Camera],
+    settings: &MeasureSettings,
+    kind: BackdropKind,
+) -> Result<ExposureRow, MeasureError> {
+    let store = Store::new(u64::MAX);
+    let warp = RenderSettings { kernel: SplatKernel::Opaque, ..RenderSettings::default() };
+    let drawn = WalkSettings { backdrops: Some(kind), warp, ..HouseVariant::ALL[0].settings() };
+    let (mut geometry, mut walker) = (Walker::new(), Walker::new());
+    let (mut wrong, mut holes, mut pixels, mut worst) = (0, 0, 0, 0.0f64);
+    let (mut by_points, mut perfect_by_points) = (0, 0);
+    for of_walk in cameras {
+        // The same portals show backdrops as in the walk.
+        let drawn = WalkSettings { near: Near::Distance(drawn.near.distance_m(of_walk)), ..drawn };
+        let camera = &smaller(of_walk)?;
+        Walker::prepare(house, &store, camera, &drawn, &settings.quality)?;
+        let points = geometry.frame(house, &store, camera, &WalkSettings::default()).0.clone();
+        let truth = geometry.frame(house, &store, &larger(camera)?, &WalkSettings::default()).0;
+        let stats = walker.frame(house, &store, camera, &drawn).1.clone();
+        let shown = walker.last();
+        let behind = |pixel: usize| matches!(shown.seen(pixel), Seen::Marker(_));
+        let of_pose = wrong_pixels(&shown.frame, truth, behind);
+        by_points += wrong_pixels(&shown.frame, &points, behind);
+        perfect_by_points += wrong_pixels(&averaged(truth), &points, behind);
+        // Of a sliver of a portal nothing is learned.
+        if stats.backdrop_pixels * 100 > stats.pixels {
+            worst = worst.max(share(of_pose as f64, stats.backdrop_pixels as f64));
+        }
+        (wrong, holes, pixels) = (wrong + of_pose, holes + stats.hole_pixels, pixels + stats.backdrop_pixels);
+    }
+    let all = store.all();
+    let samples: u64 = all.iter().map(|(_, backdrop)| backdrop.sample_count()).sum();
+    Ok(ExposureRow {
+        name: kind.name().into(),
+        wrong_share: share(wrong as f64, pixels as f64),
+        wrong_by_points_share: share(by_points as f64, pixels as f64),
+        perfect_by_points_share: share(perfect_by_points as f64, pixels as f64),
+        hole_share: share(holes as f64, pixels as f64),
+        worst_share: worst,
+        samples: share(samples as f64, all.len() as f64),
+    })
+}
+
+/// The same view in a smaller frame.
+fn smaller(camera: &Camera) -> Result<Camera, CameraError> {
+    let [width, height] = [camera.width(), camera.height()].map(|pixels| (pixels / SMALLER).max(1));
+    let focal_px = camera.focal_px() / f64::from(SMALLER);
+    Camera::from_parts(camera.eye(), camera.world_from_eye(), focal_px, width, height)
+}
+
+/// The same view in a frame [`SMALLER`] times larger.
+fn larger(camera: &Camera) -> Result<Camera, CameraError> {
+    let [width, height] = [camera.width(), camera.height()].map(|pixels| pixels * SMALLER);
+    let focal_px = camera.focal_px() * f64::from(SMALLER);
+    Camera::from_parts(camera.eye(), camera.world_from_eye(), focal_px, width, height)
+}
+
+/// A frame [`SMALLER`] times smaller whose pixels are means of the large one's.
+fn averaged(large: &Frame) -> Frame {
+    let side = SMALLER as usize;
+    let (width, height) = (large.width as usize / side, large.height as usize / side);
+    let mut small = Frame::default();
+    small.reset(width as u32, height as u32, [0; 3]);
+    small.coverage.fill(Coverage::FULL);
+    for (i, mean) in small.color.iter_mut().enumerate() {
+        let first = i / width * side * large.width as usize + i % width * side;
+        let pixel = |k: usize| large.color[first + k / side * large.width as usize + k % side];
+        let sum = |c: usize| (0..side * side).map(|k| u32::from(pixel(k)[c])).sum::<u32>();
+        *mean = [0, 1, 2, 3].map(|c| (sum(c) / (SMALLER * SMALLER)) as u8);
+    }
+    small
+}
+
+/// The same house with a colour for each material, and no light.
+fn false_colors(house: &House) -> Result<House, HouseError> {
+    let mut model = PortalModel { scene: (**house.scene()).clone(), ..house.plan().clone() };
+    for (i, material) in (0u32..).zip(&mut model.scene.materials) {
+        let hash = random4([i, 1, 2, 3]);
+        // Four levels for each channel.
+        material.albedo = [0, 1, 2].map(|c| linear_from_srgb8(60 * (hash[c] >> 30) as u8 + 20));
+        (material.albedo_texture, material.emission, material.emission_texture) = (None, [0.0; 3], None);
+    }
+    model.scene.colors.clear();
+    House::new(model)
+}
+
+/// Pixels that count and show nothing, or a colour that no mixture of true pixels nearby can have: in a channel it lies beyond
+/// all of them. The truth may be a whole number of times larger than the frame.
+fn wrong_pixels(frame: &Frame, truth: &Frame, counts: impl Fn(usize) -> bool) -> u64 {
+    let width = i64::from(frame.width);
+    let times = (i64::from(truth.width) / width.max(1)).max(1);
+    let around = |at: i64, end: u32| ((at - OFF_PX) * times).max(0)..((at + OFF_PX + 1) * times).min(i64::from(end));
+    let is_wrong = |pixel: usize| {
+        let color = frame.color[pixel];
+        let (mut least, mut most) = ([255; 3], [0; 3]);
+        for y in around(pixel as i64 / width, truth.height) {
+            for x in around(pixel as i64 % width, truth.width) {
+                let other = truth.color[(y * i64::from(truth.width) + x) as usize];
+                (0..3).for_each(|c| (least[c], most[c]) = (other[c].min(least[c]), other[c].max(most[c])));
+            }
+        }
+        let beyond = |c: usize| {
+            color[c] < u8::saturating_sub(least[c], WRONG_LEVELS)
+                || color[c] > u8::saturating_add(most[c], WRONG_LEVELS)
+        };
+        frame.coverage[pixel].is_hole() || (0..3).any(beyond)
+    };
+    (0..frame.color.len()).filter(|&pixel| counts(pixel) && is_wrong(pixel)).count() as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mixtures_of_neighbours_are_right_and_other_colours_and_holes_are_wrong() {
+        let mut truth = Frame::default();
+        truth.reset(8, 3, [20, 20, 20]);
+        truth.color.iter_mut().skip(4).step_by(8).for_each(|color| *color = [200, 20, 20, 255]);
+        let mut frame = truth.clone();
+        frame.coverage.fill(Coverage::FULL);
+        assert_eq!(wrong_pixels(&frame, &truth, |_| true), 0);
+        frame.color[8 + 3] = [110, 30, 20, 255];
+        assert_eq!(wrong_pixels(&frame, &truth, |_| true), 0, "between its neighbours");
+        frame.color[8 + 1] = [110, 30, 20, 255];
+        frame.color[8 + 4] = [200, 80, 20, 255];
+        frame.coverage[0] = Coverage::HOLE;
+        assert_eq!(wrong_pixels(&frame, &truth, |_| true), 3);
+        assert_eq!(wrong_pixels(&frame, &truth, |pixel| pixel > 0), 2);
+    }
+
+    #[test]
+    fn a_surface_thinner_than_a_pixel_is_there() {
+        let mut truth = Frame::default();
+        truth.reset(8 * SMALLER, 4 * SMALLER, [20, 20, 20]);
+        let width = truth.width as usize;
+        // A line between the points of a truth of one point a pixel, in column 4.
+        truth.color.iter_mut().skip(4 * SMALLER as usize).step_by(width).for_each(|color| *color = [200, 20, 20, 255]);
+        let mut points = Frame::default();
+        points.reset(8, 4, [20, 20, 20]);
+        let mut frame = points.clone();
+        frame.coverage.fill(Coverage::FULL);
+        frame.color[8 + 4] = [200, 20, 20, 255];
+        assert_eq!([wrong_pixels(&frame, &truth, |_| true), wrong_pixels(&frame, &points, |_| true)], [0, 1]);
+        frame.color[8 + 6] = [200, 20, 20, 255];
+        assert_eq!(wrong_pixels(&frame, &truth, |_| true), 1, "two pixels from its place");
+        let perfect = averaged(&truth);
+        assert_eq!(perfect.color[8 + 4], [20 + 180 / SMALLER as u8, 20, 20, 255]);
+        assert_eq!([wrong_pixels(&perfect, &truth, |_| true), wrong_pixels(&perfect, &points, |_| true)], [0, 4]);
+    }
+}

@@ -1,0 +1,65 @@
+//! How many samples lie in which layer (R-N2: 72/19/6/3 %, P-N1: 79/20/1 %).
+
+use headbox_cube::pack::PackedSegment;
+use headbox_house::backdrop::{Backdrop, BackdropKind};
+use headbox_house::store::Store;
+use serde::{Deserialize, Serialize};
+
+/// The layers of all layered depth images of one kind.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LayerRow {
+    /// Name of the kind.
+    pub name: String,
+    /// How many images.
+    pub images: usize,
+    /// Samples of one, mean.
+    pub samples: f64,
+    /// Shares of the samples that lie in layers 1, 2, 3, and beyond.
+    pub shares: [f64; 4],
+    /// Samples for each pixel that has any.
+    pub depth_complexity: f64,
+}
+
+/// A row for each kind that has layers and is in the store.
+pub(super) fn layers(store: &Store) -> Vec<LayerRow> {
+    let kinds = [
+        BackdropKind::Ldi,
+        BackdropKind::LdiColorsApart,
+        BackdropKind::LdiAverage,
+        BackdropKind::WindowLdi,
+        BackdropKind::CellLdi,
+    ];
+    kinds.into_iter().filter_map(|kind| row(store, kind)).collect()
+}
+
+fn row(store: &Store, kind: BackdropKind) -> Option<LayerRow> {
+    let all = store.all();
+    let of_kind = all.iter().filter(|((_, of), _)| *of == kind);
+    let cubes: Vec<_> = of_kind
+        .filter_map(|(_, backdrop)| match &**backdrop {
+            Backdrop::Cubes(cubes) => Some(cubes),
+            _ => None,
+        })
+        .flatten()
+        .collect();
+    let mut layers = [0u64; 4];
+    cubes.iter().flat_map(|cube| &cube.segments).for_each(|segment| count(segment, &mut layers));
+    let total: u64 = layers.iter().sum();
+    (total > 0).then(|| LayerRow {
+        name: kind.name().into(),
+        images: cubes.len(),
+        samples: total as f64 / cubes.len() as f64,
+        shares: layers.map(|n| n as f64 / total as f64),
+        depth_complexity: total as f64 / layers[0] as f64,
+    })
+}
+
+fn count(segment: &PackedSegment, layers: &mut [u64; 4]) {
+    for row in segment.row_counts.chunks(segment.width as usize + 1) {
+        for ends in row.windows(2) {
+            let samples = ends[1] - ends[0];
+            (0..samples.min(3) as usize).for_each(|layer| layers[layer] += 1);
+            layers[3] += u64::from(samples.saturating_sub(3));
+        }
+    }
+}

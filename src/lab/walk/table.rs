@@ -1,0 +1,130 @@
+//! What was found, as a page in Markdown.
+
+use super::{VariantRow, WalkReport};
+use crate::stats::Spread;
+use crate::table::{Table, percent};
+use std::fmt::Write;
+
+impl WalkReport {
+    /// Tables of times and errors, exposure errors, layers and threads.
+    pub fn to_markdown(&self) -> String {
+        let mut page = String::new();
+        // Writing to a string cannot fail.
+        let _ = self.write_to(&mut page);
+        page
+    }
+
+    /// The same as a part of another page, a level below its chapters.
+    pub fn to_chapter(&self) -> String {
+        self.to_markdown().replace("\n## ", "\n### ").replacen("# ", "## ", 1)
+    }
+
+    fn write_to(&self, page: &mut String) -> std::fmt::Result {
+        let [width, height] = self.size;
+        writeln!(page, "# Walk through {}\n", self.scene)?;
+        writeln!(
+            page,
+            "{} cells, {} portals, {} triangles; {} poses at {width}x{height}, {} of them compared with truth; {} threads.\n",
+            self.cells, self.portals, self.triangles, self.poses, self.truth_poses, self.threads
+        )?;
+        writeln!(page, "Commit {}, {} ({}).\n", self.commit, self.machine.processor, self.machine.simd)?;
+        writeln!(page, "Times in ms: median (95 %, worst). Primary rays: {}.\n", spread(self.primary_rays_ms))?;
+        self.times(page)?;
+        self.errors(page)?;
+        self.captures(page)?;
+        self.exposure(page)?;
+        self.layers(page)?;
+        self.threads(page)
+    }
+
+    fn times(&self, page: &mut String) -> std::fmt::Result {
+        writeln!(page, "## Frames\n")?;
+        writeln!(
+            page,
+            "`behind`: time of culled geometry for what the backdrops show, over theirs. `lost`: poses at which primary rays \
+             are faster. `clipped`: samples that clipping removes.\n"
+        )?;
+        let mut table =
+            Table::new(["drawn as", "frame", "geometry", "backdrops", "behind", "lost", "portals", "clipped"]);
+        for row in &self.rows {
+            let (behind, clipped) = match row.portals > 0.0 {
+                true => (format!("{:.1}x", row.behind_speedup), percent(row.clipped_share)),
+                false => Default::default(),
+            };
+            let VariantRow { name, frame_ms, geometry_ms, backdrop_ms, lost_to_rays, portals, .. } = row;
+            let [frame, geometry, backdrops] = [frame_ms, geometry_ms, backdrop_ms].map(|ms| spread(*ms));
+            let (lost, portals) = (percent(*lost_to_rays), format!("{portals:.2}"));
+            table.row([name.as_str(), &frame, &geometry, &backdrops, &behind, &lost, &portals, &clipped]);
+        }
+        writeln!(page, "{table}")
+    }
+
+    fn errors(&self, page: &mut String) -> std::fmt::Result {
+        writeln!(page, "## Errors against truth\n")?;
+        writeln!(
+            page,
+            "PSNR in dB. Backdrops fill {}.\n",
+            percent(self.rows.iter().map(|r| r.backdrop_share).fold(0.0, f64::max))
+        )?;
+        let mut table =
+            Table::new(["drawn as", "frame, median", "frame, worst", "behind portals", "holes behind portals"]);
+        for row in &self.rows {
+            let [median, worst, behind] =
+                [row.psnr_db, row.least_psnr_db, row.behind_psnr_db].map(|db| format!("{db:.2}"));
+            table.row([row.name.as_str(), &median, &worst, &behind, &percent(row.hole_share)]);
+        }
+        writeln!(page, "{table}")
+    }
+
+    fn captures(&self, page: &mut String) -> std::fmt::Result {
+        writeln!(page, "## Captures\n\nOne side of one portal.\n")?;
+        let mut table = Table::new(["backdrop", "captured", "seconds", "samples", "KiB"]);
+        for row in self.rows.iter().filter(|row| row.captures > 0) {
+            let (samples, kib) = (format!("{:.0}", row.samples), format!("{:.0}", row.bytes / 1024.0));
+            table.row([row.name.as_str(), &row.captures.to_string(), &spread(row.capture_s), &samples, &kib]);
+        }
+        writeln!(page, "{table}")
+    }
+
+    fn exposure(&self, page: &mut String) -> std::fmt::Result {
+        writeln!(page, "## Exposure errors\n\nPixels behind portals that show nothing or a wrong surface.")?;
+        let perfect = self.exposure.iter().map(|row| row.perfect_by_points_share).fold(0.0, f64::max);
+        writeln!(
+            page,
+            "`by points`: against a truth of one point a pixel, which lacks what is thinner; a perfect frame has {} by it.\n",
+            percent(perfect)
+        )?;
+        let mut table = Table::new(["backdrop", "wrong", "nothing at all", "worst pose", "wrong by points", "samples"]);
+        for row in &self.exposure {
+            let [wrong, holes, worst, by_points] =
+                [row.wrong_share, row.hole_share, row.worst_share, row.wrong_by_points_share].map(percent);
+            table.row([row.name.as_str(), &wrong, &holes, &worst, &by_points, &format!("{:.0}", row.samples)]);
+        }
+        writeln!(page, "{table}")
+    }
+
+    fn layers(&self, page: &mut String) -> std::fmt::Result {
+        writeln!(page, "## Layers\n\nThe papers': 72 / 19 / 6 / 3 % and 79 / 20 (layers 2 and 3) / 1 %.\n")?;
+        let mut table = Table::new(["backdrop", "samples", "1", "2", "3", "4+", "samples a pixel"]);
+        for row in &self.layers {
+            let [a, b, c, d] = row.shares.map(percent);
+            let (samples, complexity) = (format!("{:.0}", row.samples), format!("{:.2}", row.depth_complexity));
+            table.row([row.name.as_str(), &samples, &a, &b, &c, &d, &complexity]);
+        }
+        writeln!(page, "{table}")
+    }
+
+    fn threads(&self, page: &mut String) -> std::fmt::Result {
+        writeln!(page, "## Threads\n")?;
+        let mut table = Table::new(["divided into", "processors", "times faster", ""]);
+        for row in &self.parallel {
+            let how = if row.by_the_clock { "by the clock" } else { "by samples, bound" };
+            table.row([row.division.as_str(), &row.processors.to_string(), &format!("{:.2}", row.speedup), how]);
+        }
+        write!(page, "{table}")
+    }
+}
+
+fn spread(of: Spread) -> String {
+    format!("{:.2} ({:.2}, {:.2})", of.median, of.p95, of.worst)
+}

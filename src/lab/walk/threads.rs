@@ -1,0 +1,191 @@
+//! What threads gain against one thread that draws in bands: by the clock, in each [`Division`]; and the sheets of R6 and the
+//! fragments of R14 and P5 by how evenly they would divide the samples among more processors (nothing is lost to anything but
+//! imbalance there).
+
+use super::{MeasureError, share};
+use headbox_core::camera::Camera;
+use crate::turns::in_turns;
+use headbox_cube::pack::{PackedCube, PackedSegment};
+use headbox_house::backdrop::{Backdrop, BackdropKind};
+use headbox_house::house::House;
+use headbox_house::settings::{Division, WalkSettings};
+use headbox_house::store::Store;
+use headbox_house::variant::HouseVariant;
+use headbox_house::walk::Walker;
+use glam::DVec3;
+use rayon::ThreadPool;
+use serde::{Deserialize, Serialize};
+
+/// Poses at most: a gain is a ratio of sums, which a few poses tell.
+const POSES: usize = 24;
+
+/// Frames of each pose, of which the fastest counts.
+const REPEATS: u32 = 3;
+
+/// What is measured by the clock: names of the gain behind portals, and of that of the whole frame.
+const DIVISIONS: [(Division, &str, Option<&str>); 3] = [
+    (Division::Portals, "portals: each portal's backdrop on a thread", None),
+    (Division::Fragments, "fragments of each backdrop", None),
+    (Division::Bands, "tiles: bands of each backdrop", Some("whole frame, backdrops in bands")),
+];
+
+/// A way to divide the work.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ThreadRow {
+    /// What is divided how.
+    pub division: String,
+    /// Whether the gain was measured by the clock, or follows from the samples that each processor gets.
+    pub by_the_clock: bool,
+    /// Processors.
+    pub processors: usize,
+    /// Times faster than one.
+    pub speedup: f64,
+}
+
+/// Gains for one kind of layered depth image among the variants, [`BackdropKind::WindowLdi`] if it is one of them; none without.
+pub(super) fn gains(
+    house: &House,
+    store: &Store,
+    cameras: &[Camera],
+    variants: &[HouseVariant],
+) -> Result<Vec<ThreadRow>, MeasureError> {
+    let has = |kind: &BackdropKind| variants.iter().any(|variant| variant.kind == Some(*kind));
+    let Some(kind) = [BackdropKind::WindowLdi, BackdropKind::Ldi, BackdropKind::CellLdi].into_iter().find(has) else {
+        return Ok(Vec::new());
+    };
+    let settings = WalkSettings { backdrops: Some(kind), ..WalkSettings::default() };
+    let cameras: Vec<Camera> = cameras.iter().step_by(cameras.len().div_ceil(POSES).max(1)).copied().collect();
+    let threads = rayon::current_num_threads();
+    let [alone, together] = [pool(1)?, pool(threads)?];
+    let all = DIVISIONS.map(|(division, ..)| (&together, WalkSettings { division, ..settings }));
+    let times = times(house, store, &cameras, &[[(&alone, settings)].as_slice(), &all].concat());
+    let clock = |division: &str, speedup| ThreadRow {
+        division: division.into(),
+        by_the_clock: true,
+        processors: threads,
+        speedup,
+    };
+    let mut rows = Vec::new();
+    if let [one, divided @ ..] = times.as_slice() {
+        for (&(_, name, of_frame), all) in DIVISIONS.iter().zip(divided) {
+            rows.push(clock(name, share(one[0], all[0])));
+            rows.extend(of_frame.map(|name| clock(name, share(one[1], all[1]))));
+        }
+    }
+    for processors in [2, 4] {
+        let mut sheets = Balance::default();
+        let mut fragments = Balance::default();
+        for camera in &cameras {
+            for backdrop in Walker::shown(house, store, camera, &settings) {
+                let Backdrop::Cubes(cubes) = &*backdrop else { continue };
+                for cube in cubes {
+                    divide(cube, camera.eye(), processors, &mut sheets, &mut fragments);
+                }
+            }
+        }
+        for (division, balance) in [("sheets about the epipole", sheets), ("fragments", fragments)] {
+            let speedup = share(balance.all as f64, balance.slowest as f64);
+            rows.push(ThreadRow { division: division.into(), by_the_clock: false, processors, speedup });
+        }
+    }
+    Ok(rows)
+}
+
+fn pool(threads: usize) -> Result<ThreadPool, rayon::ThreadPoolBuildError> {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build()
+}
+
+/// Backdrops and whole frames of all poses in each of several ways, ms: the best of a pose's in turns, summed.
+fn times(house: &House, store: &Store, cameras: &[Camera], ways: &[(&ThreadPool, WalkSettings)]) -> Vec<[f64; 2]> {
+    let mut walker = Walker::new();
+    let mut ways = ways.to_vec();
+    let mut sums = vec![[0.0; 2]; ways.len()];
+    for camera in cameras {
+        let times = in_turns(&mut ways, REPEATS, |_, (pool, settings)| {
+            Some(pool.install(|| {
+                let stats = walker.frame(house, store, camera, settings).1;
+                [stats.backdrop_ms, stats.frame_ms]
+            }))
+        });
+        for (sum, times) in sums.iter_mut().zip(times) {
+            for (i, sum) in sum.iter_mut().enumerate() {
+                *sum += times.iter().map(|time| time[i]).fold(f64::INFINITY, f64::min);
+            }
+        }
+    }
+    sums
+}
+
+/// Samples in all, and those that the slowest processor gets, summed over segments: these come one after the other.
+#[derive(Default)]
+struct Balance {
+    all: u64,
+    slowest: u64,
+}
+
+impl Balance {
+    /// Adds a segment whose parts go, the largest first, to the processor that has least.
+    fn add(&mut self, mut parts: Vec<u64>, processors: usize) {
+        parts.sort_unstable_by(|a, b| b.cmp(a));
+        let mut loads = vec![0; processors.max(1)];
+        for part in parts {
+            self.all += part;
+            if let Some(least) = loads.iter_mut().min() {
+                *least += part;
+            }
+        }
+        self.slowest += loads.into_iter().max().unwrap_or(0);
+    }
+}
+
+/// Divides each segment of a cube at its epipole into sheets, and each of these into as many fragments of equal area as there
+/// are processors, along lines through the epipole.
+fn divide(cube: &PackedCube, eye: DVec3, processors: usize, sheets: &mut Balance, fragments: &mut Balance) {
+    for segment in &cube.segments {
+        let face = segment.face;
+        let from_centre = eye - cube.info.centre;
+        let depth = face.normal().dot(from_centre);
+        // At infinity or as good as that: so far that lines through it are parallel.
+        let depth = if depth.abs() > 1e-9 { depth } else { 1e-9 };
+        let half = f64::from(cube.face_size_px) / 2.0;
+        let epipole =
+            [half * (1.0 + face.right().dot(from_centre) / depth), half * (1.0 - face.up().dot(from_centre) / depth)];
+        // Angle about the epipole and samples of each pixel, by sheet.
+        let mut pixels: [Vec<(f64, u64)>; 4] = Default::default();
+        for_each_pixel(segment, |x, y, samples| {
+            let (dx, dy) = (f64::from(x) + 0.5 - epipole[0], f64::from(y) + 0.5 - epipole[1]);
+            let sheet = usize::from(dx >= 0.0) + 2 * usize::from(dy >= 0.0);
+            pixels[sheet].push((dy.abs().atan2(dx.abs()), samples));
+        });
+        let sum = |pixels: &[(f64, u64)]| pixels.iter().map(|pixel| pixel.1).sum::<u64>();
+        sheets.add(pixels.iter().map(|pixels| sum(pixels)).collect(), processors);
+        let mut parts = Vec::new();
+        for sheet in &mut pixels {
+            sheet.sort_by(|a, b| a.0.total_cmp(&b.0));
+            parts.extend(sheet.chunks(sheet.len().div_ceil(processors).max(1)).map(sum));
+        }
+        fragments.add(parts, processors);
+    }
+}
+
+fn for_each_pixel(segment: &PackedSegment, mut visit: impl FnMut(u32, u32, u64)) {
+    for (y, row) in (segment.y0..).zip(segment.row_counts.chunks(segment.width as usize + 1)) {
+        for (x, ends) in (segment.x0..).zip(row.windows(2)) {
+            visit(x, y, u64::from(ends[1] - ends[0]));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_largest_part_decides() {
+        let mut balance = Balance::default();
+        balance.add(vec![1, 7, 2, 2], 2);
+        assert_eq!((balance.all, balance.slowest), (12, 7));
+        balance.add(vec![3, 3, 3, 3], 2);
+        assert_eq!((balance.all, balance.slowest), (24, 13));
+    }
+}

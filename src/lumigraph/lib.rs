@@ -1,0 +1,182 @@
+//! Layered lumigraphs (*Layered Lumigraph with LOD Control*; L1 to L11, corrected by C18 to C22): images from a grid of cameras on a
+//! plane, whose pixels know a layer of disparity. Images and layers stand for each other, and an eye far behind the plane needs few
+//! layers. They serve views from outside: of a stage, through a window, of an object.
+//!
+//! | paper | here |
+//! |---|---|
+//! | sampling curve, best disparity, error for an eye off the plane (Eq. 1 to 8) | `bounds` |
+//! | layers, uniform in disparity or placed where surfaces are | `layers` |
+//! | data structure (table 1) | [`Lumigraph`], `grid`; `file` |
+//! | construction: by rays, from pictures with depth | `capture`; `from_images`, `find_grid`, `reproject`; `raw` |
+//! | optimization for a platform | `optimum` |
+//! | hierarchical representation | `pyramid` |
+//! | merging layers for a frame (table 3); where images are plain | `merge`; `contrast` |
+//! | several light slabs, which the paper leaves open | `slabs`, `slabs_render` |
+//! | rendering (table 2): what a frame needs, rectangles with ranges of layers, the loop over pixels | `plan`, `cells`, `render`, `kernel`, `rays`, `pending`, `taps`; `oracle`; overlays: `show` |
+
+mod bounds;
+mod contrast;
+mod error;
+mod file;
+mod grid;
+mod make;
+mod optimum;
+mod oracle;
+pub mod render;
+mod settings;
+#[cfg(test)]
+mod tests;
+
+
+pub use bounds::{ErrorBound, detail, max_spacing, min_cameras, min_layers, optimal_disparity};
+pub use crate::make::capture::{LumigraphCapture, middle_disparity};
+pub use error::LumigraphError;
+pub use file::LUMI_FILE;
+pub use crate::make::from_images::FromImages;
+pub use crate::make::from_images_error::FromImagesError;
+pub use grid::{CameraGrid, GridParts};
+pub use crate::make::layers::{DisparityLayer, Placement, classify, place, uniform};
+pub use crate::render::merge::{Merger, merge};
+pub use optimum::CurvePoint;
+pub use oracle::render as render_by_rays;
+pub use crate::make::raw::RawLumigraph;
+pub use crate::render::render::LumigraphRenderer;
+pub use settings::{Blend, LumigraphSettings, LumigraphStats};
+pub use crate::render::show::Show;
+pub use crate::make::slabs::{MAX_SLABS, SlabShare, Slabs};
+pub use crate::render::slabs_render::{SlabsRenderer, render_slabs_by_rays};
+
+use headbox_core::file_frame::FileFrame;
+use headbox_core::environment::Environment;
+use crate::render::cells::{Buckets, Cells};
+use crate::render::pyramid::Pyramid;
+use serde::{Deserialize, Serialize};
+
+/// Pixels of all images together, at most: indices of texels have 32 bits, and levels of detail add a third.
+pub const MAX_PIXELS: u64 = 3 << 30;
+
+/// Layers that an index of two bytes tells apart, beside what was not seen.
+pub const MAX_LAYERS: usize = 65_535;
+
+/// Where a lumigraph comes from; travels in the `.lumi` file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LumigraphInfo {
+    /// The scene or the pictures, as given on the command line; empty if there is no telling.
+    pub source: String,
+    /// Axes and unit of the source.
+    #[serde(flatten)]
+    pub frame: FileFrame,
+    /// How the layers were placed.
+    pub placement: Placement,
+    /// The points of the sampling curve that were timed, if this is the fastest of them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub curve: Vec<CurvePoint>,
+}
+
+/// What one camera sees (L4).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Picture {
+    /// 8-bit sRGB, row-major, row 0 on top.
+    pub color: Vec<[u8; 3]>,
+    /// The layer of each pixel, counted from 1 for the farthest; 0 where no surface is: at infinity. One more than there are layers
+    /// where nothing is known: such a pixel shows nothing, and hides nothing from other cameras.
+    pub index: Vec<u16>,
+}
+
+/// Images of a grid of cameras, with a layer for each pixel (L4).
+///
+/// Invariants: a picture of the grid's size for each camera, row by row from the lowest; layers positive, finite, ascending and
+/// apart; no index beyond the layers and what is not known.
+#[derive(Clone, Debug)]
+pub struct Lumigraph {
+    /// Where it comes from.
+    pub info: LumigraphInfo,
+    /// What lies behind all that the images show; of size 0 if that is not known.
+    pub environment: Environment,
+    grid: CameraGrid,
+    layers: Vec<DisparityLayer>,
+    pictures: Vec<Picture>,
+    unknown_pixels: u64,
+    /// Of each layer, levels for each pixel.
+    contrasts: Vec<f64>,
+    pyramid: Pyramid,
+    buckets: Buckets,
+    cells: Cells,
+}
+
+impl Lumigraph {
+    /// Puts a lumigraph together, and makes what frames need of it.
+    ///
+    /// # Errors
+    /// [`LumigraphError`] if an invariant does not hold.
+    pub fn new(grid: CameraGrid, layers: Vec<DisparityLayer>, pictures: Vec<Picture>) -> Result<Self, LumigraphError> {
+        if layers.len() > MAX_LAYERS {
+            return Err(LumigraphError::TooManyLayers(layers.len()));
+        }
+        let is_sane = |layer: &DisparityLayer| layer.min > 0.0 && layer.max >= layer.min && layer.max.is_finite();
+        if !layers.iter().all(is_sane) || !layers.windows(2).all(|pair| pair[0].max < pair[1].min) {
+            return Err(LumigraphError::Layers);
+        }
+        let pixels = grid.picture_pixels();
+        let fits = |picture: &Picture| {
+            let in_range = |index: &u16| usize::from(*index) <= layers.len() + 1;
+            picture.color.len() == pixels && picture.index.len() == pixels && picture.index.iter().all(in_range)
+        };
+        if let Some(bad) = pictures.iter().position(|picture| !fits(picture)) {
+            return Err(LumigraphError::Picture(bad));
+        }
+        if pictures.len() != grid.camera_count() {
+            return Err(LumigraphError::Picture(pictures.len().min(grid.camera_count())));
+        }
+        let unknown =
+            |picture: &Picture| picture.index.iter().filter(|i| usize::from(**i) > layers.len()).count() as u64;
+        let unknown_pixels = pictures.iter().map(unknown).sum();
+        let contrasts = contrast::contrasts(&grid, &pictures, layers.len());
+        let pyramid = Pyramid::new(&grid, &pictures);
+        let buckets = Buckets::new(layers.len());
+        let cells = Cells::new(&pyramid, buckets);
+        let (info, environment) = (LumigraphInfo::default(), Environment::default());
+        Ok(Self { info, environment, grid, layers, pictures, unknown_pixels, contrasts, pyramid, buckets, cells })
+    }
+
+    /// The cameras.
+    pub fn grid(&self) -> &CameraGrid {
+        &self.grid
+    }
+
+    /// The layers, far ones first.
+    pub fn layers(&self) -> &[DisparityLayer] {
+        &self.layers
+    }
+
+    /// What the cameras see, row by row from the lowest.
+    pub fn pictures(&self) -> &[Picture] {
+        &self.pictures
+    }
+
+    /// Pixels of all pictures of which nothing is known.
+    pub fn unknown_pixels(&self) -> u64 {
+        self.unknown_pixels
+    }
+
+    /// Bytes in memory that frames need: texels of all levels, sets of layers, and the environment.
+    pub fn bytes(&self) -> u64 {
+        let own = self.pyramid.bytes() + self.cells.bytes();
+        (own + size_of_val(&self.environment.texels[..])) as u64
+    }
+
+    /// Bytes that an index takes in a file.
+    pub fn index_bytes(&self) -> usize {
+        file::index_bytes(self.layers.len(), self.unknown_pixels > 0)
+    }
+
+    /// The range of disparity of all surfaces, 1/m; `None` if there are none.
+    pub fn range(&self) -> Option<[f64; 2]> {
+        Some([self.layers.first()?.min, self.layers.last()?.max])
+    }
+
+    /// As [`CameraGrid::clear_fov_deg`], of the surfaces that the images show.
+    pub fn clear_fov_deg(&self, size_px: [u32; 2]) -> f64 {
+        self.grid.clear_fov_deg(self.range().unwrap_or_default(), size_px)
+    }
+}

@@ -1,0 +1,192 @@
+//! Layers of disparity: where they lie, and which of them a surface belongs to (L2, L4, L5; C22).
+
+use crate::bounds::optimal_disparity;
+use serde::{Deserialize, Serialize};
+
+/// Surfaces of some range of disparity (1 / depth behind the camera plane, 1/m).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DisparityLayer {
+    /// Of the farthest surface.
+    pub min: f64,
+    /// Of the nearest.
+    pub max: f64,
+}
+
+impl DisparityLayer {
+    /// Where it is drawn.
+    pub fn drawn(&self) -> f64 {
+        optimal_disparity(self.range())
+    }
+
+    /// Both ends.
+    pub fn range(&self) -> [f64; 2] {
+        [self.min, self.max]
+    }
+
+    /// From the farthest of one layer to the nearest of another.
+    pub fn through(&self, nearer: &Self) -> Self {
+        Self { min: self.min, max: nearer.max }
+    }
+}
+
+/// Where layers are put.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Placement {
+    /// Equal shares of the range of disparity (Eq. 6).
+    Uniform,
+    /// Where disparities are: the widest layer is as narrow as so many layers allow.
+    #[default]
+    Histogram,
+}
+
+/// `count` equal shares of a range of disparity, far ones first (Eq. 6).
+pub fn uniform([min, max]: [f64; 2], count: usize) -> Vec<DisparityLayer> {
+    let end = |i: usize| if i == count { max } else { min + (max - min) * i as f64 / count as f64 };
+    (0..count).map(|i| DisparityLayer { min: end(i), max: end(i + 1) }).collect()
+}
+
+/// At most `count` layers that hold all of some disparities, far ones first, each no wider than its surfaces: layers that would
+/// hold nothing are left out. No layers for no disparities.
+pub fn place(disparities: &[f32], count: usize, placement: Placement) -> Vec<DisparityLayer> {
+    let mut sorted: Vec<f32> = disparities.iter().copied().filter(|d| *d > 0.0 && d.is_finite()).collect();
+    sorted.sort_unstable_by(f32::total_cmp);
+    sorted.dedup();
+    let (Some(&first), Some(&last)) = (sorted.first(), sorted.last()) else { return Vec::new() };
+    let count = count.max(1);
+    match placement {
+        Placement::Uniform => {
+            let shares = uniform([f64::from(first), f64::from(last)], count);
+            let mut rest = sorted.as_slice();
+            let held = shares.iter().enumerate().filter_map(|(i, share)| {
+                let own = if i + 1 == count { rest.len() } else { rest.partition_point(|d| f64::from(*d) < share.max) };
+                let (own, others) = rest.split_at(own);
+                rest = others;
+                around(own)
+            });
+            held.collect()
+        }
+        Placement::Histogram => of_width(&sorted, least_width(&sorted, count)),
+    }
+}
+
+/// The layer of some ascending disparities.
+fn around(sorted: &[f32]) -> Option<DisparityLayer> {
+    Some(DisparityLayer { min: f64::from(*sorted.first()?), max: f64::from(*sorted.last()?) })
+}
+
+/// The fewest layers of at most some width that hold ascending disparities: each begins at the farthest that is left.
+fn of_width(sorted: &[f32], width: f64) -> Vec<DisparityLayer> {
+    let mut layers = Vec::new();
+    let mut rest = sorted;
+    while let Some(&first) = rest.first() {
+        let (own, others) = rest.split_at(rest.partition_point(|d| f64::from(*d) - f64::from(first) <= width).max(1));
+        layers.extend(around(own));
+        rest = others;
+    }
+    layers
+}
+
+/// The least width at which `count` layers hold ascending disparities.
+fn least_width(sorted: &[f32], count: usize) -> f64 {
+    let fits = |width: f64| {
+        let (mut rest, mut used) = (sorted, 0);
+        while let Some(&first) = rest.first() {
+            used += 1;
+            rest = &rest[rest.partition_point(|d| f64::from(*d) - f64::from(first) <= width).max(1)..];
+        }
+        used <= count
+    };
+    if fits(0.0) {
+        return 0.0;
+    }
+    let whole = around(sorted).map_or(0.0, |layer| layer.max - layer.min);
+    let (mut too_narrow, mut wide_enough) = (0.0, whole);
+    // As fine as f32 disparities are.
+    for _ in 0..40 {
+        let middle = 0.5 * (too_narrow + wide_enough);
+        if fits(middle) { wide_enough = middle } else { too_narrow = middle }
+    }
+    wide_enough
+}
+
+/// Which layer a disparity belongs to, counted from 1 for the farthest; 0 where nothing was seen. What lies between two layers
+/// belongs to the nearer end.
+pub fn classify(layers: &[DisparityLayer], disparity: f32) -> u16 {
+    if disparity.is_nan() || disparity <= 0.0 || layers.is_empty() {
+        return 0;
+    }
+    let disparity = f64::from(disparity);
+    let nearer = layers.partition_point(|layer| layer.max < disparity);
+    let index = match nearer {
+        0 => 0,
+        end if end == layers.len() => end - 1,
+        i if disparity >= layers[i].min || layers[i].min - disparity <= disparity - layers[i - 1].max => i,
+        i => i - 1,
+    };
+    (index + 1) as u16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn widest(layers: &[DisparityLayer]) -> f64 {
+        layers.iter().map(|layer| layer.max - layer.min).fold(0.0, f64::max)
+    }
+
+    proptest! {
+        #[test]
+        fn every_disparity_lies_in_its_layer_and_layers_follow_each_other(
+            disparities in proptest::collection::vec(0.01f32..5.0, 1..60), count in 1usize..20,
+        ) {
+            for placement in [Placement::Uniform, Placement::Histogram] {
+                let layers = place(&disparities, count, placement);
+                prop_assert!(layers.len() <= count && !layers.is_empty());
+                prop_assert!(layers.windows(2).all(|pair| pair[0].max < pair[1].min));
+                for &d in &disparities {
+                    let layer = layers[usize::from(classify(&layers, d)) - 1];
+                    prop_assert!((layer.min..=layer.max).contains(&f64::from(d)), "{d} in {layer:?}");
+                }
+            }
+        }
+
+        /// Against all ways to cut a few disparities into groups.
+        #[test]
+        fn no_other_layers_are_narrower(
+            disparities in proptest::collection::vec(0.01f32..5.0, 1..9), count in 1usize..5,
+        ) {
+            let layers = place(&disparities, count, Placement::Histogram);
+            let mut sorted = disparities;
+            sorted.sort_by(f32::total_cmp);
+            let gaps = sorted.len() - 1;
+            let best = (0u32..1 << gaps).filter(|cuts| (cuts.count_ones() as usize) < count).map(|cuts| {
+                let mut first = 0;
+                let mut width = 0.0f64;
+                for i in 0..sorted.len() {
+                    if i == gaps || cuts >> i & 1 == 1 {
+                        width = width.max(f64::from(sorted[i]) - f64::from(sorted[first]));
+                        first = i + 1;
+                    }
+                }
+                width
+            }).fold(f64::INFINITY, f64::min);
+            prop_assert!((widest(&layers) - best).abs() < 1e-6, "{} and {best}", widest(&layers));
+            prop_assert!(widest(&layers) <= widest(&place(&sorted, count, Placement::Uniform)) + 1e-9);
+        }
+    }
+
+    #[test]
+    fn nothing_one_depth_and_what_lies_between_layers() {
+        assert!(place(&[], 4, Placement::Histogram).is_empty());
+        assert!(place(&[0.0, f32::NAN, -1.0], 4, Placement::Uniform).is_empty());
+        for placement in [Placement::Uniform, Placement::Histogram] {
+            assert_eq!(place(&[0.5; 9], 4, placement), [DisparityLayer { min: 0.5, max: 0.5 }], "no range at all");
+        }
+        let layers = [DisparityLayer { min: 0.1, max: 0.2 }, DisparityLayer { min: 0.4, max: 0.5 }];
+        let found = [0.0, -1.0, f32::NAN, 0.05, 0.15, 0.29, 0.31, 0.45, 9.0].map(|d| classify(&layers, d));
+        assert_eq!(found, [0, 0, 0, 1, 1, 1, 2, 2, 2]);
+        assert_eq!(classify(&[], 0.3), 0);
+    }
+}

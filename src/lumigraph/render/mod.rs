@@ -1,0 +1,16 @@
+//! A frame of a lumigraph, in the order of work: `plan` (layers and cameras that the frame needs), `merge` and `cells` (which
+//! layers show where), `rays`, `taps` and `pending` (sixteen rays at a time), `kernel` (their blend), `render` (threads and the
+//! whole frame). `pyramid` has the levels of detail.
+
+pub(crate) mod cells;
+mod kernel;
+pub(crate) mod layer_in_view;
+pub(crate) mod merge;
+mod pending;
+pub mod plan;
+pub(crate) mod pyramid;
+pub(crate) mod rays;
+pub(crate) mod render;
+pub(crate) mod show;
+pub(crate) mod slabs_render;
+mod taps;

@@ -1,0 +1,102 @@
+//! What is kept between runs because it costs time to make: files in the user's cache folder, named by what they are made of.
+//!
+//! What was kept of an image set is found again by [`of_views`], which is the one place that says when a set is still the same. A file
+//! that is damaged is made anew, with a word ([`read`]); the files used longest ago make room ([`make_room`]).
+
+mod refinement;
+mod registration;
+mod room;
+
+pub use refinement::refine_poses;
+pub use registration::register;
+pub use room::{InUse, MOST_BYTES, make_room};
+
+use headbox_images::View;
+use headbox_core::container::FileError;
+use std::hash::{DefaultHasher, Hasher};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// The folder of what is kept of image sets.
+pub const IMAGES: &str = "images";
+
+/// A folder in the user's cache folder, `headbox/NAME`, or `None` if the system has none.
+pub fn folder(name: &str) -> Option<PathBuf> {
+    let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let caches = absolute("XDG_CACHE_HOME").or_else(|| Some(absolute("HOME")?.join(".cache")))?;
+    Some(caches.join("headbox").join(name))
+}
+
+/// The name of a file: a digest of all that `feed` writes, 128 bits of it, and an ending.
+pub fn file_name(ending: &str, feed: impl Fn(&mut DefaultHasher)) -> String {
+    let [first, second] = digest(feed);
+    format!("{first:016x}{second:016x}.{ending}")
+}
+
+/// 128 bits of what `feed` writes.
+pub fn digest(feed: impl Fn(&mut DefaultHasher)) -> [u64; 2] {
+    [0, 1].map(|lane| {
+        let mut hash = DefaultHasher::new();
+        hash.write_u8(lane);
+        feed(&mut hash);
+        hash.finish()
+    })
+}
+
+/// The name of a file that is made of views: of how the set describes them, of the sizes and times of their files, and of `how` it is made; `None` if
+/// one of the views has no file any more.
+pub fn of_views(ending: &str, how: &str, views: &[View]) -> Option<String> {
+    let mut parts = vec![how.to_owned()];
+    for view in views {
+        parts.push(format!("{view:?}"));
+        let depth = view.depth.as_ref().map(|depth| &depth.path);
+        for file in [Some(&view.color), depth, view.mask.as_ref()].into_iter().flatten() {
+            let metadata = std::fs::metadata(file).ok()?;
+            parts.push(format!("{} {:?}", metadata.len(), metadata.modified().ok()?));
+        }
+    }
+    Some(file_name(ending, |hash| parts.iter().for_each(|part| hash.write(part.as_bytes()))))
+}
+
+/// How something came that may be kept.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Was {
+    /// Whether it was known from an earlier time.
+    pub kept: bool,
+    /// Why what was kept could not be used: a sentence.
+    pub note: Option<String>,
+}
+
+/// What a file of a folder holds by `open`; if there is none that holds, what `make` makes, which is then written to it.
+fn kept_or_made<T, E>(
+    folder: Option<&Path>,
+    name: Option<String>,
+    open: impl FnOnce(&Path) -> Result<T, FileError>,
+    make: impl FnOnce() -> Result<T, E>,
+    write: impl FnOnce(&Path, &T) -> Result<(), FileError>,
+) -> Result<(T, Was), E> {
+    let file = folder.zip(name).map(|(folder, name)| folder.join(name));
+    let (kept, note) = file.as_deref().map_or((None, None), |file| read(file, open));
+    if let Some(kept) = kept {
+        // It was read: that it cannot be marked as used does no harm.
+        let _ = file.as_deref().map(InUse::of);
+        return Ok((kept, Was { kept: true, note }));
+    }
+    let made = make()?;
+    // A cache that cannot be written costs time, and no more.
+    if let Some((file, folder)) = file.as_deref().zip(folder)
+        && write(file, &made).is_ok()
+    {
+        make_room(folder, MOST_BYTES);
+    }
+    Ok((made, Was { kept: false, note }))
+}
+
+/// What a kept file holds, if it is there; of one that cannot be read, why, in a sentence.
+pub fn read<T>(path: &Path, read: impl FnOnce(&Path) -> Result<T, FileError>) -> (Option<T>, Option<String>) {
+    match read(path) {
+        Ok(kept) => (Some(kept), None),
+        Err(FileError::Io { source, .. }) if source.kind() == io::ErrorKind::NotFound => (None, None),
+        Err(error) => (None, Some(format!("{error}; it is made anew"))),
+    }
+}

@@ -1,0 +1,129 @@
+//! Refined poses of a set's views, kept so that they are found once.
+
+use super::{Was, kept_or_made, of_views};
+use headbox_images::{ImageSet, ImagesError, Pose, RefinementReport, RefinementStep};
+use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
+use glam::{DMat3, DVec3};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// What refinement does to views; it changes with what finds it.
+const HOW: &str = "poses by points and planes, if colours agree better";
+
+/// Numbers of a pose.
+const NUMBERS: usize = 12;
+
+/// What a file says of itself.
+#[derive(Serialize, Deserialize)]
+struct Header {
+    views: usize,
+    report: Option<Report>,
+}
+
+/// A [`RefinementReport`], as it is written.
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "RefinementReport")]
+struct OfReport {
+    apart: [f64; 2],
+    levels: [f64; 2],
+    is_kept: bool,
+    moved: [f64; 2],
+    pairs: usize,
+    views: usize,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Report(#[serde(with = "OfReport")] RefinementReport);
+
+/// What was found of a set, or `None`, and the pose of each of its views.
+type Found = (Option<RefinementReport>, Vec<Pose>);
+
+/// Refines the poses of a set's views, as [`ImageSet::refine_poses`] does, or as was found when it was last done, which is kept in `folder`.
+///
+/// # Errors
+/// [`ImagesError`] of the first view that cannot be loaded.
+pub fn refine_poses(
+    set: &mut ImageSet,
+    folder: Option<&Path>,
+    look: &(dyn Fn(RefinementStep) + Sync),
+) -> Result<(Option<RefinementReport>, Was), ImagesError> {
+    let name = of_views("poses", HOW, &set.views);
+    let views = set.views.len();
+    let make = || {
+        let report = set.refine_poses(look)?;
+        Ok((report, set.views.iter().map(|view| view.pose).collect()))
+    };
+    let ((report, poses), was) = kept_or_made(folder, name, |file| open(file, views), make, write)?;
+    set.views.iter_mut().zip(poses).for_each(|(view, pose)| view.pose = pose);
+    Ok((report, was))
+}
+
+fn write(path: &Path, (report, poses): &Found) -> Result<(), FileError> {
+    let header = Header { views: poses.len(), report: report.clone().map(Report) };
+    let numbers: Vec<f64> = poses.iter().flat_map(numbers).collect();
+    let mut writer = ContainerWriter::new(FileKind::POSES);
+    writer.section("info", move || Ok(serde_json::to_vec(&header)?));
+    writer.section("poses", || Ok(bytemuck::cast_slice(&numbers).to_vec()));
+    writer.write(path)
+}
+
+/// What a file says of so many views.
+fn open(path: &Path, views: usize) -> Result<Found, FileError> {
+    let file = Container::open(path, FileKind::POSES)?;
+    let info = file.section("info")?;
+    let header: Header = info.json()?;
+    if header.views != views {
+        return Err(info.damaged(format!("{views} views"), header.views.to_string()));
+    }
+    let numbers: Vec<[f64; NUMBERS]> = file.section("poses")?.array(views)?;
+    Ok((header.report.map(|Report(report)| report), numbers.iter().map(pose).collect()))
+}
+
+fn numbers(pose: &Pose) -> [f64; NUMBERS] {
+    let mut numbers = [0.0; NUMBERS];
+    numbers[..3].copy_from_slice(&pose.eye.to_array());
+    numbers[3..].copy_from_slice(&pose.world_from_eye.to_cols_array());
+    numbers
+}
+
+fn pose(&[x, y, z, ref turn @ ..]: &[f64; NUMBERS]) -> Pose {
+    Pose { eye: DVec3::new(x, y, z), world_from_eye: DMat3::from_cols_array(turn) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    pub(crate) use crate::view_geometry::tests::{plane_view, saved, set_of};
+
+    #[test]
+    fn poses_are_refined_once_as_long_as_the_files_are_the_same() {
+        let (pictures, cache) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let view = |i: usize| {
+            let eye = DVec3::new(0.1 * i as f64, 0.0, 0.0);
+            let mut view = saved(&plane_view(eye, 3.0, [96, 72]), pictures.path(), &format!("{i}"));
+            view.pose.eye.z += if i == 2 { 0.05 } else { 0.0 };
+            view
+        };
+        let views: Vec<_> = (0..5).map(view).collect();
+        let refine = |views: &[_]| {
+            let mut set = set_of(pictures.path(), views);
+            let (report, was) = refine_poses(&mut set, Some(cache.path()), &|_| {}).expect("refines");
+            (report, was, set.views)
+        };
+        let (report, first, refined) = refine(&views);
+        assert!(
+            report.as_ref().is_some_and(|report| report.is_kept) && first == Was::default(),
+            "{report:?} {first:?}"
+        );
+        assert!((refined[2].pose.eye.z - refined[1].pose.eye.z).abs() < 0.005, "{refined:?}");
+        let (again, second, same) = refine(&views);
+        assert!(second.kept && again == report && same == refined, "{second:?}");
+        assert!(!refine(&views[1..]).1.kept, "other views");
+        for file in std::fs::read_dir(cache.path()).expect("read").flatten() {
+            let whole = std::fs::read(file.path()).expect("read");
+            std::fs::write(file.path(), &whole[..whole.len() - 1]).expect("written");
+        }
+        let (_, anew, same) = refine(&views);
+        assert!(!anew.kept && anew.note.is_some_and(|note| note.contains("made anew")) && same == refined);
+    }
+}

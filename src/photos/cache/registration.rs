@@ -1,0 +1,206 @@
+//! How a set's views are registered, kept so that it is found out once.
+
+use super::{Was, kept_or_made, of_views};
+use headbox_images::{Distortion, ImageSet, ImagesError, Kept, Pinhole, Pose, Registration, RegistrationReport, RegistrationStep};
+use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
+use glam::{DMat3, DVec3};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// What registration does to views; it changes with what finds it.
+const HOW: &str = "registration by parts";
+
+/// Numbers of a view: whether it is registered, its lens, its pose, its gains.
+const NUMBERS: usize = 1 + 4 + 8 + 12 + 3;
+
+/// Numbers of a report.
+const REPORT: usize = 12;
+
+/// What a file says of itself.
+#[derive(Serialize, Deserialize)]
+struct Header {
+    views: usize,
+    /// Whether anything was found.
+    is_found: bool,
+}
+
+/// What was found of a set, or `None`, and the registration of each of its views.
+type Found = (Option<RegistrationReport>, Vec<Option<Registration>>);
+
+/// Registers a set's views, as [`ImageSet::register`] does, or as was found when it was last done, which is kept in `folder`.
+///
+/// # Errors
+/// [`ImagesError`] of the first view that cannot be loaded.
+pub fn register(
+    set: &mut ImageSet,
+    folder: Option<&Path>,
+    look: &(dyn Fn(RegistrationStep) + Sync),
+) -> Result<(Option<RegistrationReport>, Was), ImagesError> {
+    let name = of_views("registration", HOW, &set.views);
+    let views = set.views.len();
+    let make = || {
+        let report = set.register(look)?;
+        Ok((report, set.views.iter().map(|view| view.registration).collect()))
+    };
+    let ((report, registrations), was) = kept_or_made(folder, name, |file| open(file, views), make, write)?;
+    set.views.iter_mut().zip(registrations).for_each(|(view, registration)| view.registration = registration);
+    Ok((report, was))
+}
+
+fn write(path: &Path, (report, registrations): &Found) -> Result<(), FileError> {
+    let header = Header { views: registrations.len(), is_found: report.is_some() };
+    let numbers: Vec<f64> = registrations.iter().flat_map(numbers).collect();
+    let report: Vec<f64> = report.iter().flat_map(report_numbers).collect();
+    let mut writer = ContainerWriter::new(FileKind::REGISTRATION);
+    writer.section("info", move || Ok(serde_json::to_vec(&header)?));
+    writer.section("report", || Ok(bytemuck::cast_slice(&report).to_vec()));
+    writer.section("views", || Ok(bytemuck::cast_slice(&numbers).to_vec()));
+    writer.write(path)
+}
+
+/// What a file says of so many views.
+fn open(path: &Path, views: usize) -> Result<Found, FileError> {
+    let file = Container::open(path, FileKind::REGISTRATION)?;
+    let info = file.section("info")?;
+    let header: Header = info.json()?;
+    if header.views != views {
+        return Err(info.damaged(format!("{views} views"), header.views.to_string()));
+    }
+    let mut section = file.section("report")?;
+    let report = match header.is_found {
+        true => Some(report_of(section.values()?).ok_or_else(|| section.damaged("what is applied", "another number"))?),
+        false => None,
+    };
+    let numbers: Vec<[f64; NUMBERS]> = file.section("views")?.array(views)?;
+    Ok((report, numbers.iter().map(registration).collect()))
+}
+
+fn numbers(registration: &Option<Registration>) -> [f64; NUMBERS] {
+    let mut numbers = [0.0; NUMBERS];
+    if let Some(Registration { lens, pose, gain }) = registration {
+        let Pinhole { focal_px, principal_px, distortion: Distortion { radial, tangential } } = lens;
+        let lens = focal_px.iter().chain(principal_px).chain(radial).chain(tangential).copied();
+        let pose = pose.eye.to_array().into_iter().chain(pose.world_from_eye.to_cols_array());
+        let all = std::iter::once(1.0).chain(lens).chain(pose).chain(gain.map(f64::from));
+        numbers.iter_mut().zip(all).for_each(|(to, from)| *to = from);
+    }
+    numbers
+}
+
+fn registration(numbers: &[f64; NUMBERS]) -> Option<Registration> {
+    let [is_registered, fx, fy, px, py, r1, r2, r3, r4, r5, r6, t1, t2, x, y, z, turn @ .., red, green, blue] =
+        *numbers;
+    let turn: [f64; 9] = turn;
+    let distortion = Distortion { radial: [r1, r2, r3, r4, r5, r6], tangential: [t1, t2] };
+    let lens = Pinhole { focal_px: [fx, fy], principal_px: [px, py], distortion };
+    let pose = Pose { eye: DVec3::new(x, y, z), world_from_eye: DMat3::from_cols_array(&turn) };
+    (is_registered > 0.0).then_some(Registration { lens, pose, gain: [red, green, blue].map(|gain| gain as f32) })
+}
+
+fn report_numbers(report: &RegistrationReport) -> [f64; REPORT] {
+    let RegistrationReport { levels: [given, one, each], kept, focal_px: [said, found], moved, gain, judged, views } =
+        *report;
+    let kept = match kept {
+        Kept::AsGiven => 0.0,
+        Kept::OneForAll => 1.0,
+        Kept::EachView => 2.0,
+    };
+    let [turned, stepped] = moved;
+    let [low, high] = gain.map(f64::from);
+    [given, one, each, kept, said, found, turned, stepped, low, high, judged as f64, views as f64]
+}
+
+fn report_of(numbers: [f64; REPORT]) -> Option<RegistrationReport> {
+    let [given, one, each, kept, said, found, turned, stepped, low, high, judged, views] = numbers;
+    let kept = match kept {
+        0.0 => Kept::AsGiven,
+        1.0 => Kept::OneForAll,
+        2.0 => Kept::EachView,
+        _ => return None,
+    };
+    Some(RegistrationReport {
+        levels: [given, one, each],
+        kept,
+        focal_px: [said, found],
+        moved: [turned, stepped],
+        gain: [low, high].map(|gain| gain as f32),
+        judged: judged as usize,
+        views: views as usize,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    pub(crate) use crate::view_geometry::tests::{plane_view, saved, set_of};
+
+    fn some(i: usize) -> Registration {
+        let part = |k: usize| ((i * 31 + k) as f64 * 0.7).sin() / 3.0;
+        let distortion = Distortion { radial: [1, 2, 3, 4, 5, 6].map(part), tangential: [7, 8].map(part) };
+        Registration {
+            lens: Pinhole { focal_px: [9, 10].map(part), principal_px: [11, 12].map(part), distortion },
+            pose: Pose {
+                eye: DVec3::from_array([13, 14, 15].map(part)),
+                world_from_eye: DMat3::from_cols_array(&std::array::from_fn(|k| part(16 + k))),
+            },
+            gain: [25, 26, 27].map(|k| part(k) as f32),
+        }
+    }
+
+    #[test]
+    fn what_was_found_comes_back_to_the_last_bit_and_damage_is_told() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("file");
+        let report = RegistrationReport {
+            levels: [1.0, 0.1, f64::INFINITY],
+            kept: Kept::EachView,
+            focal_px: [585.0, 511.1],
+            moved: [0.1, 0.2],
+            gain: [0.8, 1.3],
+            judged: 48,
+            views: 50,
+        };
+        let found: Found = (Some(report), vec![Some(some(0)), None, Some(some(2))]);
+        write(&path, &found).expect("written");
+        assert_eq!(open(&path, 3).expect("read"), found);
+        assert!(open(&path, 4).is_err(), "of other views");
+        let nothing: Found = (None, vec![None; 3]);
+        write(&path, &nothing).expect("written");
+        assert_eq!(open(&path, 3).expect("read"), nothing);
+        write(&path, &found).expect("written");
+        let whole = std::fs::read(&path).expect("read");
+        for at in [whole.len() - 1, whole.len() / 2, 30] {
+            std::fs::write(&path, &whole[..at]).expect("written");
+            assert!(open(&path, 3).is_err(), "{at} bytes");
+            let mut broken = whole.clone();
+            broken[at] ^= 0x55;
+            std::fs::write(&path, broken).expect("written");
+            assert!(open(&path, 3).is_err(), "byte {at}");
+        }
+    }
+
+    #[test]
+    fn a_set_is_registered_once_as_long_as_its_files_are_the_same() {
+        let (pictures, cache) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+        let place = |i: usize| DVec3::new(0.02 * i as f64, 0.01 * (i % 2) as f64, 0.0);
+        let view = |i: usize| saved(&plane_view(place(i), 3.0, [96, 72]), pictures.path(), &format!("{i}"));
+        let views: Vec<_> = (0..6).map(view).collect();
+        let register = |views: &[_]| {
+            let mut set = set_of(pictures.path(), views);
+            let (report, was) = register(&mut set, Some(cache.path()), &|_| {}).expect("registers");
+            (report, was, set.views)
+        };
+        let (report, first, registered) = register(&views);
+        assert!(report.is_some() && first == Was::default(), "{first:?}");
+        assert!(registered.iter().all(|view| view.registration.is_some()));
+        let (again, second, same) = register(&views);
+        assert!(second == Was { kept: true, note: None } && again == report && same == registered);
+        assert!(!register(&views[1..]).1.kept, "other views");
+        let file = std::fs::read_dir(cache.path()).expect("read").flatten().map(|entry| entry.path());
+        file.for_each(|file| std::fs::write(file, b"HEADBOX").expect("written"));
+        let (_, anew, same) = register(&views);
+        assert!(!anew.kept && anew.note.is_some_and(|note| note.contains("made anew")) && same == registered);
+        saved(&plane_view(place(0), 2.0, [96, 72]), pictures.path(), "0");
+        assert!(!register(&views).1.kept, "another picture");
+    }
+}

@@ -1,0 +1,35 @@
+//! Where the nodes of a frame's grid lie, and the parts of a pixel in which that is said.
+
+/// Parts of a pixel that positions of nodes are multiples of.
+pub(crate) const SUBPIXELS: i32 = 256;
+
+/// Where the nodes of a frame's grid lie. They reach one cell beyond the frame on every side.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Lattice {
+    pub(crate) columns: u32,
+    pub(crate) rows: u32,
+    /// Between nodes, in parts of a pixel.
+    pub(crate) spacing: i32,
+}
+
+impl Lattice {
+    /// For a frame of this size.
+    pub(crate) fn new(width: u32, height: u32, spacing_px: f32) -> Self {
+        // A wider grid than the frame is no grid; a finer one than pixels shows nothing more.
+        let spacing = (spacing_px.clamp(1.0, 256.0) * SUBPIXELS as f32) as i32;
+        let nodes = |side: u32| (i64::from(side) * i64::from(SUBPIXELS) / i64::from(spacing)) as u32 + 4;
+        Self { columns: nodes(width), rows: nodes(height), spacing }
+    }
+
+    /// Nodes in a pixel, along an axis.
+    #[inline]
+    pub(crate) fn per_spacing_px(&self) -> f32 {
+        SUBPIXELS as f32 / self.spacing as f32
+    }
+
+    /// The middle of a node's cell.
+    #[inline]
+    pub(crate) fn middle(&self, column: usize, row: usize) -> [i32; 2] {
+        [column, row].map(|number| (number as i32 - 1) * self.spacing)
+    }
+}

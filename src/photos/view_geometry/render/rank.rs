@@ -1,0 +1,206 @@
+//! Which cameras serve a view best (E6): near to its line of sight, looking its way, seeing what it sees.
+//!
+//! Each is a penalty from 0 to 1, and their weighted sum orders the cameras (C26: the paper's text lost the operators; visibility
+//! enters as what is *not* seen). Distances are over the largest of a valid camera, so that a long sequence does not flatten them.
+//!
+//! The paper rules out cameras that look more than the field of view away: seen from one place, two such pictures share nothing. Cameras
+//! around an object share it at any angle, and long lenses have fields of view narrower than the steps between them. So
+//! cameras may look as far away as one sees the same surfaces from, if that is more; that they see them their probes tell.
+
+use crate::view_geometry::RealCamera;
+use crate::view_geometry::cameras::samples::{MAX_PROBES, Probes};
+use headbox_core::camera::Camera;
+use glam::{DVec3, Vec3};
+
+/// How much each penalty counts; only their ratios matter.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct RankWeights {
+    /// Of the distance to the line of sight.
+    pub distance: f64,
+    /// Of the angle between viewing directions.
+    pub angle: f64,
+    /// Of what the camera's samples miss of the frame.
+    pub visibility: f64,
+}
+
+impl Default for RankWeights {
+    fn default() -> Self {
+        Self { distance: 1.0, angle: 1.0, visibility: 1.0 }
+    }
+}
+
+/// A valid camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Ranked {
+    /// Its index.
+    pub camera: u32,
+    /// Its penalty: less is better.
+    pub penalty: f64,
+}
+
+/// How far a camera may look away although the frame's field of view is narrower, radians: what one of two cameras sees head-on the
+/// other still sees at a cosine of a half.
+const SAME_SURFACES_RAD: f64 = std::f64::consts::FRAC_PI_3;
+
+/// Ranks the cameras that are valid for a frame, the best first; of equals the one with the lower index. A camera is not valid if it looks more than
+/// the frame's field of view, or [`SAME_SURFACES_RAD`], away from the frame's direction, if none of its probes falls into the frame, or if it is left out.
+pub(super) fn rank(cameras: &[RealCamera], frame: &Camera, origin: DVec3, weights: &RankWeights, to: &mut Vec<Ranked>) {
+    to.clear();
+    let view = Probing::new(frame, origin);
+    let (forward, widest) = (frame.forward(), view.widest_rad);
+    let mut terms = Vec::with_capacity(cameras.len());
+    for (camera, index) in cameras.iter().zip(0..) {
+        let cosine = camera.forward().dot(forward).clamp(-1.0, 1.0);
+        if camera.left_out || cosine < view.least_cosine {
+            continue;
+        }
+        let probes = camera.samples.probes();
+        let seen = view.count(probes);
+        if seen == 0 {
+            continue;
+        }
+        let distance = (camera.pose.eye - frame.eye()).cross(forward).length();
+        terms.push((index, distance, cosine.acos() / widest, 1.0 - f64::from(seen) / f64::from(probes.count)));
+    }
+    let farthest = terms.iter().map(|(_, distance, ..)| *distance).fold(0.0, f64::max);
+    // All on the line of sight: 0 / 0 is 0.
+    let per = if farthest > 0.0 { 1.0 / farthest } else { 0.0 };
+    to.extend(terms.into_iter().map(|(camera, distance, angle, missed)| Ranked {
+        camera,
+        penalty: weights.distance * distance * per + weights.angle * angle + weights.visibility * missed,
+    }));
+    to.sort_by(|a, b| a.penalty.total_cmp(&b.penalty).then(a.camera.cmp(&b.camera)));
+}
+
+/// Counts points that fall into a frame.
+struct Probing {
+    eye: Vec3,
+    /// Right, down and ahead, pixels over eye depth, from the frame's middle.
+    axes: [Vec3; 3],
+    /// From the principal point to the edges of the frame: left, right, up, down.
+    edges: [f32; 4],
+    /// The largest angle between the directions of the frame and a valid camera, and its cosine.
+    widest_rad: f64,
+    least_cosine: f64,
+}
+
+impl Probing {
+    fn new(frame: &Camera, origin: DVec3) -> Self {
+        let turn = frame.world_from_eye();
+        let focal = frame.focal_px();
+        let axes = [turn.x_axis * focal, -turn.y_axis * focal, -turn.z_axis].map(|axis| axis.as_vec3());
+        let [x, y] = frame.principal_px();
+        let [width, height] = [frame.width(), frame.height()].map(f64::from);
+        // Between opposite corners.
+        let field_rad = 2.0 * (width.hypot(height) / 2.0 / focal).atan();
+        let widest_rad = field_rad.max(SAME_SURFACES_RAD);
+        Self {
+            eye: (frame.eye() - origin).as_vec3(),
+            axes,
+            edges: [-x, width - x, -y, height - y].map(|edge| edge as f32),
+            widest_rad,
+            least_cosine: widest_rad.cos(),
+        }
+    }
+
+    fn count(&self, probes: &Probes) -> u32 {
+        let [left, right, up, down] = self.edges;
+        let [across, below, ahead] = self.axes;
+        let [px, py, pz] = &probes.axes;
+        let mut count = 0;
+        for i in 0..MAX_PROBES {
+            let (dx, dy, dz) = (px[i] - self.eye.x, py[i] - self.eye.y, pz[i] - self.eye.z);
+            let along = |axis: Vec3| (axis.x * dx + axis.y * dy) + axis.z * dz;
+            let (x, y, depth) = (along(across), along(below), along(ahead));
+            // All false for NaN.
+            let inside =
+                (depth > 0.0) & (x >= left * depth) & (x < right * depth) & (y >= up * depth) & (y < down * depth);
+            count += u32::from(inside);
+        }
+        count
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    pub(crate) use crate::view_geometry::tests::{frame_at, plane_view};
+    use crate::view_geometry::{RealCamera, SampleGrid};
+    use super::*;
+
+    fn ranked(eyes: &[DVec3], frame: &Camera) -> Vec<Ranked> {
+        let cameras: Vec<RealCamera> = eyes
+            .iter()
+            .map(|eye| RealCamera::of_loaded(&plane_view(*eye, 2.0, [64, 48]), &SampleGrid::default(), DVec3::ZERO))
+            .map(|camera| camera.expect("a pinhole"))
+            .collect();
+        let mut ranked = Vec::new();
+        rank(&cameras, frame, DVec3::ZERO, &RankWeights::default(), &mut ranked);
+        ranked
+    }
+
+    /// The formulas once more, as the paper and its corrections have them.
+    fn oracle(camera: &RealCamera, frame: &Camera, farthest: f64) -> Option<f64> {
+        let ahead = frame.forward();
+        let distance = (camera.pose.eye - frame.eye()).cross(ahead).length() / ahead.length();
+        let half = f64::from(frame.width()).hypot(f64::from(frame.height())) / 2.0;
+        let widest = (2.0 * (half / frame.focal_px()).atan()).max(60f64.to_radians());
+        let angle = camera.forward().dot(ahead).clamp(-1.0, 1.0).acos() / widest;
+        let probes = camera.samples.probes();
+        let probe = |i: usize| Vec3::from_array([0, 1, 2].map(|axis| probes.axes[axis][i]));
+        let inside = |p: &Vec3| {
+            frame.project(p.as_dvec3()).is_some_and(|[x, y, _]| {
+                (0.0..f64::from(frame.width())).contains(&x) && (0.0..f64::from(frame.height())).contains(&y)
+            })
+        };
+        let seen = (0..probes.count as usize).map(probe).filter(inside).count();
+        let missed = 1.0 - seen as f64 / f64::from(probes.count);
+        (angle <= 1.0 && seen > 0).then(|| if farthest > 0.0 { distance / farthest } else { 0.0 } + angle + missed)
+    }
+
+    /// Penalties are made of positions in f32: a probe on the frame's edge may fall to either side, none does here.
+    const TOLERANCE: f64 = 1e-9;
+
+    #[test]
+    fn ranking_is_that_of_the_formulas() {
+        let eyes: Vec<DVec3> = (0..40u32)
+            .map(|i| {
+                let [a, b] = [i * 7 % 13, i * 5 % 11].map(|n| f64::from(n) / 10.0 - 0.6);
+                DVec3::new(a, b * 0.7, 0.03 * f64::from(i % 3))
+            })
+            .collect();
+        let frame = frame_at(DVec3::new(0.11, 0.07, 0.2), [80, 60]);
+        let cameras: Vec<RealCamera> = eyes
+            .iter()
+            .filter_map(|eye| {
+                RealCamera::of_loaded(&plane_view(*eye, 2.0, [64, 48]), &SampleGrid::default(), DVec3::ZERO)
+            })
+            .collect();
+        let distance = |camera: &RealCamera| (camera.pose.eye - frame.eye()).cross(frame.forward()).length();
+        let valid = |camera: &&RealCamera| oracle(camera, &frame, 1.0).is_some();
+        let farthest = cameras.iter().filter(valid).map(distance).fold(0.0, f64::max);
+        let found = ranked(&eyes, &frame);
+        assert_eq!(found.len(), cameras.iter().filter(valid).count());
+        assert!(found.windows(2).all(|pair| pair[0].penalty <= pair[1].penalty));
+        for Ranked { camera, penalty } in found {
+            let expected = oracle(&cameras[camera as usize], &frame, farthest).expect("valid");
+            assert!((penalty - expected).abs() < TOLERANCE, "{camera}: {penalty} {expected}");
+        }
+    }
+
+    #[test]
+    fn cameras_that_look_away_or_see_nothing_of_the_frame_are_not_valid() {
+        let frame = frame_at(DVec3::ZERO, [64, 48]);
+        assert!(ranked(&[DVec3::new(100.0, 0.0, 0.0)], &frame).is_empty(), "far to the side");
+        let back = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::Y, 60.0, [64, 48]).expect("a camera");
+        assert!(ranked(&[DVec3::ZERO], &back).is_empty(), "looking away");
+        assert!(ranked(&[DVec3::new(0.0, 0.0, 50.0)], &frame_at(DVec3::new(0.0, 0.0, 1e3), [64, 48])).len() == 1);
+        assert!(ranked(&[], &frame).is_empty());
+    }
+
+    #[test]
+    fn identical_poses_keep_their_order_and_have_no_nan() {
+        let found = ranked(&[DVec3::ZERO; 3], &frame_at(DVec3::ZERO, [64, 48]));
+        assert_eq!(found.iter().map(|ranked| ranked.camera).collect::<Vec<_>>(), [0, 1, 2]);
+        assert!(found.iter().all(|ranked| ranked.penalty.abs() < 1e-6), "{found:?}");
+    }
+}

@@ -1,0 +1,332 @@
+//! From the mesh to what each pixel shows (E9): how near it is, and whose pictures may colour it by which weights.
+//!
+//! Triangles tile the frame: no two overlap, so there is no depth test, and with exact integer edge functions no crack. They come small
+//! (a few pixels each), so what they leave is laid out for `texture`, which colours [`LANES`] neighbours at a time whatever triangles they
+//! are of.
+//!
+//! Where a triangle's corners belong to different surfaces, no skin spans them: each pixel belongs to the near or to
+//! the far one, as the picture of the near one's camera says.
+
+use crate::view_geometry::EdgeRule;
+use super::fuse::Grid;
+use crate::view_geometry::cameras::lattice::SUBPIXELS;
+use super::texture_camera::TextureCamera;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Neighbours in a row that are coloured together.
+pub(crate) const LANES: usize = 16;
+
+/// Rows of a band: what its pixels are described by stays in a core's cache.
+pub(crate) const BAND_ROWS: u32 = 16;
+
+/// Bits for the rank of an owner.
+pub(crate) const OWNER_BITS: u32 = 10;
+
+/// Cameras that a frame can be made of.
+pub(crate) const MOST_CAMERAS: usize = (1 << OWNER_BITS) - 1;
+
+/// The owners of a pixel that no triangle covers.
+pub(crate) const UNCOVERED: u32 = u32::MAX;
+
+/// Neighbours in a row.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Pixels {
+    /// 1/m.
+    pub(crate) inverse_depth: [f32; LANES],
+    /// Ranks of the cameras of the triangle's corners, [`OWNER_BITS`] each, the first lowest; or [`UNCOVERED`].
+    pub(crate) owners: [u32; LANES],
+    /// Weights of these where they are not all the same, in any unit; 0 for corners of the surface that does not show.
+    pub(crate) weights: [[f32; LANES]; 3],
+    /// Numbers of the triangles.
+    pub(crate) triangles: [u32; LANES],
+}
+
+/// Rows of a frame, described.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Described {
+    /// Row by row, each filled up to whole [`LANES`].
+    pub(crate) pixels: Vec<Pixels>,
+    /// Of a row.
+    pub(crate) per_row: usize,
+}
+
+impl Described {
+    /// As if nothing covered these rows.
+    fn reset(&mut self, width: u32, rows: u32) {
+        const NOTHING: Pixels = Pixels {
+            inverse_depth: [0.0; LANES],
+            owners: [UNCOVERED; LANES],
+            weights: [[0.0; LANES]; 3],
+            triangles: [0; LANES],
+        };
+        self.per_row = (width as usize).div_ceil(LANES);
+        for pixels in &mut self.pixels {
+            pixels.owners = NOTHING.owners;
+        }
+        self.pixels.resize(self.per_row * rows as usize, NOTHING);
+    }
+
+    /// As if the best camera owned all of these rows, infinitely far away.
+    pub(super) fn fill(&mut self, width: u32, rows: u32) {
+        self.reset(width, rows);
+        for pixels in &mut self.pixels {
+            (pixels.owners, pixels.inverse_depth) = ([0; LANES], [0.0; LANES]);
+        }
+    }
+}
+
+/// Which triangles show in which band.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Bins {
+    /// The first band of each triangle, and the one after its last.
+    bands: Vec<[u16; 2]>,
+    /// Where the numbers of each band begin, and end.
+    starts: Vec<u32>,
+    numbers: Vec<u32>,
+}
+
+impl Bins {
+    /// As if there were no triangles.
+    pub(super) fn clear(&mut self) {
+        self.starts.clear();
+    }
+
+    /// Sorts triangles of which all corners hold a sample by bands of a frame of so many rows; returns how many they are.
+    pub(super) fn sort(&mut self, grid: &Grid, triangles: &[[u32; 3]], height: u32) -> u64 {
+        const NOWHERE: [u16; 2] = [0; 2];
+        let count = height.div_ceil(BAND_ROWS) as i32;
+        let band_of = |y: i32| y.div_euclid(BAND_ROWS as i32 * SUBPIXELS);
+        let bands = |corners: &[u32; 3]| {
+            if !grid.holds(corners) {
+                return NOWHERE;
+            }
+            let [a, b, c] = corners.map(|node| grid.y[node as usize]);
+            let (first, last) = (band_of(a.min(b).min(c)), band_of(a.max(b).max(c)));
+            // A frame's side is below 2^16.
+            [first.clamp(0, count) as u16, (last + 1).clamp(0, count) as u16]
+        };
+        triangles.par_iter().map(bands).collect_into_vec(&mut self.bands);
+        self.starts.clear();
+        self.starts.resize(count as usize + 2, 0);
+        let mut shown = 0;
+        // One place further on, so that filling moves each start to where it belongs.
+        for &[first, end] in &self.bands {
+            shown += u64::from(first < end);
+            (first..end).for_each(|band| self.starts[usize::from(band) + 2] += 1);
+        }
+        for band in 2..self.starts.len() {
+            self.starts[band] += self.starts[band - 1];
+        }
+        self.numbers.clear();
+        self.numbers.resize(self.starts.last().map_or(0, |sum| *sum as usize), 0);
+        for (&[first, end], number) in self.bands.iter().zip(0..) {
+            for band in first..end {
+                let next = &mut self.starts[usize::from(band) + 1];
+                self.numbers[*next as usize] = number;
+                *next += 1;
+            }
+        }
+        shown
+    }
+
+    /// Numbers of the triangles of a band, in ascending order.
+    fn of(&self, band: u32) -> &[u32] {
+        let bounds = self.starts.get(band as usize..).and_then(<[u32]>::first_chunk::<2>);
+        bounds.and_then(|[from, to]| self.numbers.get(*from as usize..*to as usize)).unwrap_or_default()
+    }
+}
+
+/// A frame's mesh.
+pub(crate) struct Scanner<'a> {
+    pub(crate) grid: &'a Grid,
+    pub(crate) triangles: &'a [[u32; 3]],
+    pub(crate) bins: &'a Bins,
+    /// By rank.
+    pub(crate) cameras: &'a [TextureCamera],
+    pub(crate) edge: &'a EdgeRule,
+}
+
+/// A place on a triangle.
+pub(super) struct Spot<'a> {
+    pub(super) triangle: &'a Triangle,
+    /// Of the corners, on the surface; 0 for those of the surface that does not show.
+    pub(super) weights: [f32; 3],
+    /// 1/m.
+    pub(super) inverse_depth: f32,
+}
+
+/// A triangle in the frame.
+pub(super) struct Triangle {
+    /// Columns and rows that it may show in.
+    columns: Range<u32>,
+    rows: Range<u32>,
+    /// Edge functions opposite each corner at the first of these pixels, for a column, for a row.
+    edges: [[i64; 3]; 3],
+    /// Inverse depths of the corners over the sum of the edge functions, which is the same at all pixels.
+    inverse_per_area: [f32; 3],
+    /// Of the corners: position, pixels; inverse depth, 1/m; rank of the camera.
+    pub(super) at: [[f32; 2]; 3],
+    pub(super) inverse_depth: [f32; 3],
+    pub(super) owners: [u16; 3],
+    /// Which corners belong to the nearer of two surfaces, if there are two.
+    cut: Option<[bool; 3]>,
+}
+
+impl Triangle {
+    /// What the corners weigh on the surface by edge functions: weights in the frame times inverse depths, so that they add up to the
+    /// inverse depth there.
+    #[inline(always)]
+    fn weighed(&self, edges: [i64; 3]) -> [f32; 3] {
+        [0, 1, 2].map(|k| edges[k] as f32 * self.inverse_per_area[k])
+    }
+
+    /// Edge functions at the first pixel of a row.
+    #[inline]
+    fn edges_in(&self, row: u32) -> [i64; 3] {
+        let down = i64::from(row - self.rows.start);
+        self.edges.map(|[start, _, row]| start + row * down)
+    }
+}
+
+impl Scanner<'_> {
+    /// Describes the rows of a band of a frame that is so wide.
+    pub(crate) fn describe(&self, band: u32, width: u32, rows: &Range<u32>, to: &mut Described) {
+        to.reset(width, rows.len() as u32);
+        for &number in self.bins.of(band) {
+            let Some(triangle) = self.set_up(number, width, rows) else { continue };
+            let [a, b, c] = triangle.owners;
+            let owners = u32::from(a) | u32::from(b) << OWNER_BITS | u32::from(c) << (2 * OWNER_BITS);
+            let is_plain = triangle.cut.is_none() && a == b && b == c;
+            let per_column = sum(triangle.weighed(triangle.edges.map(|[_, column, _]| column)));
+            for y in triangle.rows.clone() {
+                let row = (y - rows.start) as usize * to.per_row;
+                let Some(pixels) = to.pixels.get_mut(row..row + to.per_row) else { continue };
+                let mut edges = triangle.edges_in(y);
+                let first = sum(triangle.weighed(edges));
+                let mut was_inside = false;
+                for (x, step) in triangle.columns.clone().zip(0u16..) {
+                    if edges[0] | edges[1] | edges[2] >= 0 {
+                        was_inside = true;
+                        let (pixels, lane) = (&mut pixels[x as usize / LANES], x as usize % LANES);
+                        pixels.owners[lane] = owners;
+                        pixels.triangles[lane] = number;
+                        pixels.inverse_depth[lane] = if is_plain {
+                            first + per_column * f32::from(step)
+                        } else {
+                            let spot = self.spot(&triangle, edges, [x, y]);
+                            (0..3).for_each(|k| pixels.weights[k][lane] = spot.weights[k]);
+                            spot.inverse_depth
+                        };
+                    } else if was_inside {
+                        break;
+                    }
+                    for (at, [_, column, _]) in edges.iter_mut().zip(&triangle.edges) {
+                        *at += column;
+                    }
+                }
+            }
+        }
+    }
+
+    /// The place that a pixel shows of the triangle that it was found to show.
+    pub(super) fn look_up<T>(&self, number: u32, [x, y]: [u32; 2], then: impl FnOnce(Spot) -> Option<T>) -> Option<T> {
+        let triangle = self.set_up(number, x + 1, &(y..y + 1))?;
+        let across = i64::from(x - triangle.columns.start);
+        let mut edges = triangle.edges_in(y);
+        (0..3).for_each(|k| edges[k] += triangle.edges[k][1] * across);
+        then(self.spot(&triangle, edges, [x, y]))
+    }
+
+    #[inline]
+    fn set_up(&self, number: u32, width: u32, rows: &Range<u32>) -> Option<Triangle> {
+        let corners = self.triangles.get(number as usize)?.map(|node| node as usize);
+        let at = corners.map(|node| [self.grid.x[node], self.grid.y[node]]);
+        // The pixels whose centres lie within the box.
+        let range = |axis: usize, low: u32, high: u32| {
+            let [a, b, c] = at.map(|p| p[axis]);
+            let half = SUBPIXELS / 2;
+            let first = (a.min(b).min(c) + half - 1).div_euclid(SUBPIXELS).max(low as i32);
+            let end = (a.max(b).max(c) - half).div_euclid(SUBPIXELS).saturating_add(1).min(high as i32);
+            (first < end).then_some(first as u32..end as u32)
+        };
+        let rows = range(1, rows.start, rows.end)?;
+        let columns = range(0, 0, width)?;
+        let inverse_depth = corners.map(|node| self.grid.inverse_depth[node]);
+        let cut = self.cut(at, inverse_depth);
+        let at = at.map(|p| p.map(i64::from));
+        let centre =
+            [columns.start, rows.start].map(|pixel| i64::from(pixel) * i64::from(SUBPIXELS) + i64::from(SUBPIXELS / 2));
+        let edge = |from: [i64; 2], to: [i64; 2]| {
+            let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
+            // A centre on an edge belongs to the triangle whose upper or left edge it is.
+            let is_theirs = !(dy < 0 || (dy == 0 && dx > 0));
+            let value = dx * (centre[1] - from[1]) - dy * (centre[0] - from[0]) - i64::from(is_theirs);
+            [value, -dy * i64::from(SUBPIXELS), dx * i64::from(SUBPIXELS)]
+        };
+        let [a, b, c] = at;
+        let edges = [edge(b, c), edge(c, a), edge(a, b)];
+        let per_area = 1.0 / edges.iter().map(|[start, ..]| start).sum::<i64>() as f32;
+        Some(Triangle {
+            columns,
+            rows,
+            edges,
+            inverse_per_area: inverse_depth.map(|inverse| inverse * per_area),
+            at: at.map(|p| p.map(|part| part as f32 / SUBPIXELS as f32)),
+            inverse_depth,
+            owners: corners.map(|node| self.grid.owner[node]),
+            cut,
+        })
+    }
+
+    /// Which of three corners belong to the nearer of two surfaces; `None` if they are of one.
+    #[inline]
+    fn cut(&self, at: [[i32; 2]; 3], inverse: [f32; 3]) -> Option<[bool; 3]> {
+        let (near, far) = (inverse[0].max(inverse[1]).max(inverse[2]), inverse[0].min(inverse[1]).min(inverse[2]));
+        if near - far <= self.edge.least() {
+            return None;
+        }
+        let parts = |i: usize, j: usize| {
+            let [dx, dy] = [0, 1].map(|axis| (at[i][axis] - at[j][axis]) as f32);
+            self.edge.parts(inverse[i], inverse[j], (dx * dx + dy * dy).sqrt() / SUBPIXELS as f32)
+        };
+        // Of three corners the one in the middle goes with the nearer of the others.
+        let middle = (near + far) * 0.5;
+        (parts(0, 1) || parts(1, 2) || parts(2, 0)).then(|| inverse.map(|depth| depth > middle))
+    }
+
+    /// The place on a triangle that a pixel shows, by the edge functions there.
+    #[inline]
+    fn spot<'t>(&self, triangle: &'t Triangle, edges: [i64; 3], pixel: [u32; 2]) -> Spot<'t> {
+        let weights = triangle.weighed(edges);
+        match triangle.cut {
+            Some(near) => self.side(triangle, near, weights, pixel.map(|at| at as f32 + 0.5)),
+            None => Spot { triangle, weights, inverse_depth: sum(weights) },
+        }
+    }
+
+    /// The place on the surface that shows in a pixel of a triangle across a depth edge.
+    fn side<'t>(&self, triangle: &'t Triangle, is_near: [bool; 3], weights: [f32; 3], [x, y]: [f32; 2]) -> Spot<'t> {
+        let of_side = |near: bool| {
+            let in_frame = [0, 1, 2].map(|k| match is_near[k] == near {
+                true => (weights[k] / triangle.inverse_depth[k]).max(1e-6),
+                false => 0.0,
+            });
+            let weights = [0, 1, 2].map(|k| in_frame[k] * triangle.inverse_depth[k]);
+            (Spot { triangle, weights, inverse_depth: sum(weights) / sum(in_frame) }, sum(in_frame))
+        };
+        let ((near, near_share), (far, far_share)) = (of_side(true), of_side(false));
+        let owner = (0..3).filter(|k| is_near[*k]).map(|k| triangle.owners[k]).min();
+        let camera = owner.and_then(|owner| self.cameras.get(owner as usize));
+        let shows_near = match camera.and_then(|camera| camera.depths_at([x, y], near.inverse_depth)) {
+            Some([shown, there]) => shown > there * 0.5 * (1.0 + far.inverse_depth / near.inverse_depth),
+            None => near_share > far_share,
+        };
+        if shows_near { near } else { far }
+    }
+}
+
+#[inline(always)]
+fn sum([a, b, c]: [f32; 3]) -> f32 {
+    a + b + c
+}

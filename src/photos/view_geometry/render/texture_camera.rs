@@ -1,0 +1,90 @@
+//! How a frame's places are found in a camera's picture.
+
+use crate::view_geometry::cameras::picture::Picture;
+use crate::view_geometry::{EdgeRule, RealCamera};
+use headbox_core::camera::Camera;
+use glam::{DMat3, DVec3, Vec3};
+use std::sync::Arc;
+
+/// A camera shows another surface than a point if what it shows is nearer by more than this share of inverse depth, beyond what
+/// a texel of a steep surface spans.
+const HIDDEN: f32 = 0.02;
+
+/// A camera that textures a frame.
+pub(crate) struct TextureCamera {
+    pub(super) picture: Arc<Picture>,
+    /// Homogeneous position in the picture, pixels, of what the frame's upper left corner shows at infinity; for a pixel right and
+    /// down; and for an inverse depth of 1/m.
+    pub(super) start: Vec3,
+    pub(super) right: Vec3,
+    pub(super) down: Vec3,
+    pub(super) shift: Vec3,
+    /// Its focal length over the frame's: texels for a pixel are this over the ratio of depths.
+    pub(super) scale: f32,
+    /// Share of inverse depth by which what it shows is nearer than a point that it does not see.
+    pub(super) hidden: f32,
+    /// Inverse depth by which it must be nearer beyond that, 1/m.
+    pub(super) slack: f32,
+}
+
+impl TextureCamera {
+    pub(crate) fn new(camera: &RealCamera, picture: Arc<Picture>, frame: &Camera, edge: &EdgeRule) -> Self {
+        let eye_from_world = camera.pose.world_from_eye.transpose();
+        let shift = camera.homogeneous(eye_from_world * (frame.eye() - camera.pose.eye));
+        let turned = Self::turned(camera, picture, frame, eye_from_world * frame.world_from_eye());
+        // What the picture shows is known to a step.
+        let slack = edge.least() + turned.picture.inverse_depth_step;
+        Self { shift: shift.as_vec3(), slack, ..turned }
+    }
+
+    /// As if the camera stood where the frame's does, and looked the same way: the picture alone, without depth.
+    pub(super) fn pasted(camera: &RealCamera, picture: Arc<Picture>, frame: &Camera) -> Self {
+        Self::turned(camera, picture, frame, DMat3::IDENTITY)
+    }
+
+    fn turned(camera: &RealCamera, picture: Arc<Picture>, frame: &Camera, turn: DMat3) -> Self {
+        let [x, y] = frame.principal_px();
+        let focal = frame.focal_px();
+        let along = |direction: DVec3| camera.homogeneous(turn * direction).as_vec3();
+        Self {
+            picture,
+            start: along(DVec3::new(-x / focal, y / focal, -1.0)),
+            right: along(DVec3::X / focal),
+            down: along(DVec3::NEG_Y / focal),
+            shift: Vec3::ZERO,
+            scale: (camera.lens.focal_px[1] / focal) as f32,
+            hidden: 1.0 + HIDDEN + EdgeRule::STEEPEST / camera.lens.focal_px[1] as f32,
+            slack: f32::INFINITY,
+        }
+    }
+
+    /// Position in the picture, pixels, of what the frame shows at (x, y), pixels, the inverse depth there, and the ratio of
+    /// depths; `None` behind the camera.
+    #[inline]
+    pub(super) fn locate(&self, [x, y]: [f32; 2], inverse_depth: f32) -> Option<[f32; 4]> {
+        let h = (self.start + self.down * y) + self.right * x + self.shift * inverse_depth;
+        let per = 1.0 / h.z;
+        (h.z > 0.0).then_some([h.x * per, h.y * per, inverse_depth * per, h.z])
+    }
+
+    /// What the camera shows where it would show a place of the frame, if it knows, and how near to it that place is, 1/m.
+    pub(super) fn depths_at(&self, at: [f32; 2], inverse_depth: f32) -> Option<[f32; 2]> {
+        let [u, v, there, _] = self.locate(at, inverse_depth)?;
+        let (_, shown) = self.picture.sample(0, u, v)?;
+        (shown > 0.0).then_some([shown, there])
+    }
+
+    /// Whether the camera shows a place of the frame: what it shows there is neither nearer nor farther.
+    pub(crate) fn agrees(&self, at: [f32; 2], inverse_depth: f32) -> bool {
+        self.depths_at(at, inverse_depth).is_some_and(|[shown, there]| {
+            shown <= there * self.hidden + self.slack && there <= shown * self.hidden + self.slack
+        })
+    }
+
+    /// Linear colour, up to the largest of a texel, of a place of the frame in its picture, whatever it shows there.
+    pub(super) fn color_at(&self, at: [f32; 2], inverse_depth: f32) -> Option<[f32; 3]> {
+        let [u, v, _, ratio] = self.locate(at, inverse_depth)?;
+        let (color, _) = self.picture.sample(self.picture.level_for(self.scale / ratio), u, v)?;
+        Some(color)
+    }
+}

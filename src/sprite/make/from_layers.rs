@@ -1,0 +1,28 @@
+//! Sprites of the layers of a sequence of photographs (S10).
+
+use crate::{DepthImport, DisplacementFormat, SpriteError, SpritePlane, SpriteWithDepth};
+use headbox_core::depth_kind::DepthKind;
+use headbox_images::planar_layers::{PlanarLayer, PlanarLayers};
+
+/// A sprite for each layer, with what lies off its plane as displacement.
+///
+/// # Errors
+/// Those of [`DepthImport::build`].
+pub fn sprites_of_layers(
+    layers: &PlanarLayers,
+    format: DisplacementFormat,
+) -> Result<Vec<SpriteWithDepth>, SpriteError> {
+    let sprite = |layer: &PlanarLayer| {
+        let import = DepthImport {
+            color: layer.color.clone(),
+            camera: layers.camera,
+            depth: &layer.depth,
+            depth_kind: DepthKind::EyeDepth,
+            window_range_m: (0.0, 0.0),
+            plane: Some(SpritePlane { normal: layer.normal, offset: layer.offset }),
+            format,
+        };
+        import.build()
+    };
+    layers.layers.iter().map(sprite).collect()
+}

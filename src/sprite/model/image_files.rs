@@ -1,0 +1,62 @@
+//! Depth pictures in files, and sprites back to pictures: PNG for colour, EXR for depth.
+
+use crate::SpriteWithDepth;
+use headbox_core::files::write_whole;
+use headbox_images as images;
+use headbox_images::DepthPicture;
+use headbox_core::image_file as picture;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// Why a picture could not be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum ImageFileError {
+    /// Reading or writing failed.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What was wrong.
+        source: io::Error,
+    },
+    /// Not a picture of the kind that was expected.
+    #[error("{}: {message}", path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What was wrong.
+        message: String,
+    },
+}
+
+/// Writes depth as an EXR file with the single 32-bit channel `Z`.
+///
+/// # Errors
+/// [`ImageFileError::Io`].
+pub fn write_depth_exr(depth: &DepthPicture, path: &Path) -> Result<(), ImageFileError> {
+    images::write_depth_exr(depth, path).map_err(|source| ImageFileError::Io { path: path.into(), source })
+}
+
+impl SpriteWithDepth {
+    /// Eye depth per pixel of the displacement grid, metres; NaN where it is not in front of the eye.
+    pub fn depth_picture(&self) -> DepthPicture {
+        let (width, height) = self.displacement().size();
+        let depth = |(x, y)| self.eye_depth(x, y).map_or(f32::NAN, |depth| depth as f32);
+        let values = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(depth).collect();
+        DepthPicture { width, height, values }
+    }
+
+    /// Writes colour (PNG, straight alpha) and eye depth (EXR, metres): what [`crate::DepthImport`] takes back.
+    ///
+    /// # Errors
+    /// [`ImageFileError::Io`].
+    pub fn export(&self, color_png: &Path, depth_exr: &Path) -> Result<(), ImageFileError> {
+        let color = self.sprite().color();
+        let png = picture::png(color.as_raw(), color.width(), color.height(), image::ExtendedColorType::Rgba8);
+        let write = |bytes: Vec<u8>| write_whole(color_png, |writer| writer.write_all(&bytes));
+        png.map_err(io::Error::other)
+            .and_then(write)
+            .map_err(|source| ImageFileError::Io { path: color_png.into(), source })?;
+        write_depth_exr(&self.depth_picture(), depth_exr)
+    }
+}

@@ -1,0 +1,124 @@
+//! The picture as the renderer samples it: premultiplied, with a transparent border, in levels of halving resolution.
+
+use image::RgbaImage;
+
+/// One level of a [`Texture`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct MipLevel {
+    /// Index of texel (0, 0) in [`Texture::texels`].
+    pub origin: u32,
+    /// Texels from one row to the next.
+    pub stride: u32,
+    /// Columns, the border not counted.
+    pub width: u32,
+    /// Rows, the border not counted.
+    pub height: u32,
+}
+
+/// A picture in premultiplied RGBA8 (red in the lowest byte) with all its smaller versions.
+///
+/// Around each level lies a border of transparent texels: one at the left and the top, two at the right and the bottom,
+/// so that a bilinear footprint that starts anywhere from -1 to width (height) stays inside. Worked example, a level
+/// of 2 x 1 texels `a b`, `.` transparent; its stride is 5, its origin 6:
+///
+/// ```text
+/// . . . . .
+/// . a b . .
+/// . . . . .
+/// . . . . .
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Texture {
+    /// Each texel with the one below it, so that a bilinear footprint is one piece of memory.
+    pub texels: Vec<[u32; 2]>,
+    pub levels: Vec<MipLevel>,
+}
+
+/// Transparent columns (rows) beside a level: one before, two after.
+const BORDER: u32 = 3;
+
+impl Texture {
+    /// Premultiplies a picture with straight alpha and halves it until one texel is left.
+    pub(crate) fn new(color: &RgbaImage) -> Self {
+        let (mut width, mut height) = color.dimensions();
+        let mut pixels: Vec<[u8; 4]> = color.pixels().map(|p| premultiplied(p.0)).collect();
+        let mut texture = Self { texels: Vec::new(), levels: Vec::new() };
+        texture.push_level(&pixels, width, height);
+        while width > 1 || height > 1 {
+            (pixels, width, height) = halved(&pixels, width, height);
+            texture.push_level(&pixels, width, height);
+        }
+        texture
+    }
+
+    fn push_level(&mut self, pixels: &[[u8; 4]], width: u32, height: u32) {
+        let stride = width + BORDER;
+        let start = self.texels.len();
+        let origin = start + stride as usize + 1;
+        self.texels.resize(start + stride as usize * (height + BORDER) as usize, [0; 2]);
+        for (y, row) in pixels.chunks_exact(width as usize).enumerate() {
+            let first = origin + y * stride as usize;
+            for (x, &pixel) in row.iter().enumerate() {
+                let pixel = u32::from_le_bytes(pixel);
+                self.texels[first + x][0] = pixel;
+                self.texels[first + x - stride as usize][1] = pixel;
+            }
+        }
+        self.levels.push(MipLevel { origin: origin as u32, stride, width, height });
+    }
+}
+
+/// Premultiplied by alpha, rounded to nearest.
+pub(super) fn premultiplied([r, g, b, a]: [u8; 4]) -> [u8; 4] {
+    let scaled = |c: u8| ((u32::from(c) * u32::from(a) * 2 + 255) / 510) as u8;
+    [scaled(r), scaled(g), scaled(b), a]
+}
+
+/// Means of 2 x 2 pixels; beyond an odd edge everything is transparent.
+fn halved(pixels: &[[u8; 4]], width: u32, height: u32) -> (Vec<[u8; 4]>, u32, u32) {
+    let (half_width, half_height) = (width.div_ceil(2), height.div_ceil(2));
+    let at = |x: u32, y: u32| {
+        if x < width && y < height { pixels[y as usize * width as usize + x as usize] } else { [0; 4] }
+    };
+    let mean = |i: u32| {
+        let (x, y) = (i % half_width * 2, i / half_width * 2);
+        let four = [at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1)];
+        [0, 1, 2, 3].map(|c| ((four.iter().map(|p| u32::from(p[c])).sum::<u32>() + 2) / 4) as u8)
+    };
+    ((0..half_width * half_height).map(mean).collect(), half_width, half_height)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::Rgba;
+
+    #[test]
+    fn levels_have_transparent_borders() {
+        let texture = Texture::new(&RgbaImage::from_pixel(5, 3, Rgba([255, 128, 0, 255])));
+        let sizes: Vec<_> = texture.levels.iter().map(|l| (l.width, l.height)).collect();
+        assert_eq!(sizes, [(5, 3), (3, 2), (2, 1), (1, 1)]);
+        for level in &texture.levels {
+            let at = |x: i64, y: i64| {
+                texture.texels[(i64::from(level.origin) + y * i64::from(level.stride) + x) as usize][0]
+            };
+            let (w, h) = (i64::from(level.width), i64::from(level.height));
+            for y in -1..h + 2 {
+                assert_eq!([at(-1, y), at(w, y), at(w + 1, y)], [0; 3]);
+            }
+            for x in -1..w + 2 {
+                assert_eq!([at(x, -1), at(x, h), at(x, h + 1)], [0; 3]);
+            }
+            assert_ne!(at(0, 0), 0);
+        }
+        assert_eq!(texture.texels[texture.levels[0].origin as usize][0], u32::from_le_bytes([255, 128, 0, 255]));
+    }
+
+    #[test]
+    fn premultiplying_rounds_to_nearest() {
+        for (c, a) in (0..=255u8).flat_map(|c| (0..=255u8).map(move |a| (c, a))) {
+            let want = (f64::from(c) * f64::from(a) / 255.0).round() as u8;
+            assert_eq!(premultiplied([c, 0, 0, a]), [want, 0, 0, a]);
+        }
+    }
+}

@@ -1,0 +1,480 @@
+//! Second pass: one walk over the output (Eq. 7, 8; corrected by C5), for every variant that samples backwards.
+
+use super::cell::Coding;
+use super::field::Field;
+use super::sampling::{BLOCK, Footprints, LANE_NUMBERS, LANES, TexelMap, address, sample};
+use crate::model::shift::ShiftField;
+use crate::model::texture::Texture;
+use super::transfer::SpriteTransfer;
+use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, mask32x16, prelude::*, u32x16};
+use glam::{DVec3, dvec3};
+use rayon::prelude::*;
+
+/// Where a position on the plane finds its way into the picture.
+#[derive(Clone, Copy)]
+pub(super) enum Parallax<'a> {
+    /// It is there: homography only (Eq. 3).
+    None,
+    /// By a displacement: `(x3, y3, 1) + d3 e21` (Eq. 8 with C5).
+    Displacement(&'a Field),
+    /// The same with the first term not divided by its third component, as printed.
+    AsPrinted(&'a Field),
+    /// The same with the epipole at infinity (S8): no division.
+    Affine(&'a Field),
+    /// By a stored shift (S7, Eq. 9).
+    Shift(&'a ShiftField),
+}
+
+/// Everything that stays the same over a frame.
+pub(super) struct BackwardPlan<'a> {
+    pub texture: &'a Texture,
+    pub transfer: &'a SpriteTransfer,
+    /// Pixels of the picture per displacement cell.
+    pub cell_px: [f64; 2],
+    pub parallax: Parallax<'a>,
+}
+
+/// Cells and how they lie, whichever they are.
+#[derive(Clone, Copy)]
+struct Cells<'a> {
+    cells: &'a [u32],
+    origin: [i32; 2],
+    size: [u32; 2],
+    /// No displacement is larger; 0 where cells hold none.
+    largest: f32,
+}
+
+impl<'a> Cells<'a> {
+    fn of(parallax: Parallax<'a>) -> Option<Self> {
+        match parallax {
+            Parallax::None => None,
+            Parallax::Displacement(f) | Parallax::AsPrinted(f) | Parallax::Affine(f) => {
+                let largest = f.coding.largest();
+                Some(Self { cells: &f.cells, origin: [f.x0, f.y0], size: [f.width, f.height], largest })
+            }
+            Parallax::Shift(f) => {
+                Some(Self { cells: &f.cells, origin: [f.x0, f.y0], size: [f.width, f.height], largest: 0.0 })
+            }
+        }
+    }
+}
+
+/// Draws every pixel of a frame of `width` columns.
+pub(super) fn backward(level: Level, view: &BackwardPlan, nearest: bool, width: u32, pixels: &mut [u32]) {
+    const BAND_ROWS: usize = 16;
+    if width == 0 || Cells::of(view.parallax).is_some_and(|c| c.cells.is_empty()) {
+        pixels.fill(0);
+        return;
+    }
+    let draw = |(band, pixels): (usize, &mut [u32])| {
+        let first = band * BAND_ROWS;
+        if nearest {
+            dispatch!(level, simd => rows::<_, true>(simd, view, width as usize, first, pixels));
+        } else {
+            dispatch!(level, simd => rows::<_, false>(simd, view, width as usize, first, pixels));
+        }
+    };
+    let bands = pixels.par_chunks_mut(width as usize * BAND_ROWS).enumerate();
+    if rayon::current_num_threads() == 1 {
+        pixels.chunks_mut(width as usize * BAND_ROWS).enumerate().for_each(draw);
+    } else {
+        bands.for_each(draw);
+    }
+}
+
+#[inline(always)]
+fn rows<S: Simd, const NEAREST: bool>(simd: S, view: &BackwardPlan, width: usize, first: usize, pixels: &mut [u32]) {
+    let cells = Cells::of(view.parallax);
+    let mut footprints = Footprints::new();
+    let mut found = Found::new();
+    let mut drawn = [0; BLOCK];
+    // Tile by tile: what a row reads the next reads again, from the nearest cache while rows are short.
+    for left in (0..width).step_by(BLOCK) {
+        let right = width.min(left + BLOCK);
+        for (y, row) in pixels.chunks_mut(width).enumerate() {
+            let y = first + y;
+            let mut x = left;
+            while x < right {
+                let pixels = one_level(view, [x, y], right - x);
+                let out = &mut row[x..x + pixels];
+                let place = Block::new(view, cells, [x, y], pixels);
+                x += pixels;
+                let Some(place) = place else {
+                    out.fill(0);
+                    continue;
+                };
+                let count = pixels.next_multiple_of(LANES);
+                match view.parallax {
+                    Parallax::None => straight::<S, NEAREST>(simd, &place, count, &mut footprints),
+                    _ => displaced::<S, NEAREST>(simd, view.parallax, &place, count, &mut found, &mut footprints),
+                }
+                sample::<S, NEAREST>(simd, view.texture, &mut footprints, count, &mut drawn);
+                out.copy_from_slice(&drawn[..pixels]);
+            }
+        }
+    }
+}
+
+/// How many of the next `pixels` pixels of a row are drawn as one block: all where the same level serves at both ends,
+/// else one vector of them.
+#[inline(always)]
+fn one_level(view: &BackwardPlan, [x, y]: [usize; 2], pixels: usize) -> usize {
+    let h = &view.transfer.sprite_from_target;
+    let level = |x: f64| {
+        let at = h.x_axis * x + (h.y_axis * (y as f64 + 0.5) + h.z_axis);
+        let share = 1.0 / at.z;
+        let levels = view.texture.levels.len();
+        (at.z > 0.0).then(|| mip_level(view.transfer, share, [at.x * share, at.y * share], levels))
+    };
+    let (first, last) = (level(x as f64 + 0.5), level((x + pixels) as f64 - 0.5));
+    if first == last { pixels } else { pixels.min(LANES) }
+}
+
+/// What is computed once per block, in f64: positions are then relative to a whole pixel of the picture near the
+/// block (the *anchor*), so small that f32 places them to 1e-5 px.
+struct Block<'a> {
+    /// (x3 w, y3 w, w) relative to the anchor at the first pixel, over `normalizer`.
+    start: [f32; 3],
+    /// Its change from pixel to pixel.
+    step: [f32; 3],
+    normalizer: f32,
+    texels: TexelMap,
+    /// All pixels of the block are in front, and on the plane lie over texels.
+    over_texels: bool,
+    lookup: Option<Lookup<'a>>,
+}
+
+/// How a block finds its cells.
+struct Lookup<'a> {
+    cells: &'a [u32],
+    stride: i32,
+    cells_per_px: [f32; 2],
+    /// Cell position of the anchor: what is left after `base`.
+    rest: [f32; 2],
+    base: [i32; 2],
+    size: [i32; 2],
+    /// Positions relative to the anchor beyond which nothing shows.
+    low: [f32; 2],
+    high: [f32; 2],
+    /// e21, its first two components relative to the anchor.
+    epipole: [f32; 3],
+    /// All pixels of the block are in front and over cells.
+    inside: bool,
+    /// Displacements are so small that [`reciprocal_near_one`] serves.
+    gentle: bool,
+}
+
+/// Anchors further out than this serve no precision; they keep integers small.
+const FARTHEST_ANCHOR: f64 = 131_072.0;
+
+impl<'a> Block<'a> {
+    /// `None` if no pixel of the block shows anything.
+    #[inline(always)]
+    fn new(view: &BackwardPlan<'a>, cells: Option<Cells<'a>>, [x, y]: [usize; 2], pixels: usize) -> Option<Self> {
+        let h = &view.transfer.sprite_from_target;
+        let y = y as f64 + 0.5;
+        let at = |x: f64| h.x_axis * x + (h.y_axis * y + h.z_axis);
+        let x = x as f64;
+        // Of what is drawn alone: beyond a narrow frame a plane may be seen at quite another scale.
+        let length = pixels as f64;
+        let (first, middle, last) = (at(x + 0.5), at(x + 0.5 * length), at(x + length - 0.5));
+        if first.z <= 0.0 && last.z <= 0.0 {
+            return None; // the plane is behind the target eye all along
+        }
+        let share = 1.0 / middle.z;
+        let center = [middle.x * share, middle.y * share];
+        let level = mip_level(view.transfer, share, center, view.texture.levels.len());
+        // Pixels this far outside the picture can still touch its border's texels.
+        let rim = f64::from(1u32 << level) + 1.0;
+        let (low, high) = bounds(view, cells, rim);
+        if first.z > 0.0 && last.z > 0.0 && outside([first, last], low, high) {
+            return None;
+        }
+        let anchor = [whole(center[0]), whole(center[1])];
+        let normalizer = if middle.z > 0.0 { middle.z } else { first.z.max(last.z) };
+        let to_anchor = dvec3(anchor[0], anchor[1], 0.0);
+        let share = if middle.z > 0.0 { share } else { 1.0 / normalizer };
+        let start = (first - to_anchor * first.z) * share;
+        let step = (h.x_axis - to_anchor * h.x_axis.z) * share;
+        Some(Self {
+            start: start.as_vec3().to_array(),
+            step: step.as_vec3().to_array(),
+            normalizer: normalizer as f32,
+            texels: TexelMap::new(view.texture, level, anchor),
+            over_texels: over(
+                [first, last],
+                [0.0; 2],
+                [f64::from(view.texture.levels[0].width), f64::from(view.texture.levels[0].height)],
+            ),
+            lookup: cells.map(|cells| Lookup::new(view, cells, anchor, low, high, [first, last])),
+        })
+    }
+}
+
+/// The whole pixel before a position; none at all counts as 0.
+#[inline(always)]
+fn whole(position: f64) -> f64 {
+    if position.is_finite() { position.floor().clamp(-FARTHEST_ANCHOR, FARTHEST_ANCHOR) } else { 0.0 }
+}
+
+/// The level at which the picture's pixels are about as large as the frame's: both are compared along the frame's rows
+/// and columns at the block's middle, by the homography; `share` is 1 / w there.
+#[inline(always)]
+fn mip_level(transfer: &SpriteTransfer, share: f64, center: [f64; 2], levels: usize) -> usize {
+    let h = &transfer.sprite_from_target;
+    let squared = |column: DVec3| {
+        let (x, y) = (column.x - center[0] * column.z, column.y - center[1] * column.z);
+        (x * x + y * y) * (share * share)
+    };
+    let stretch = squared(h.x_axis).max(squared(h.y_axis));
+    // floor(log2(stretch^1/2) + 1/2) = floor(log2(2 stretch) / 2), read off the exponent.
+    let exponent = ((2.0 * stretch).to_bits() >> 52 & 0x7ff) as i64 - 1023;
+    if stretch.is_finite() { (exponent.max(0) / 2) as usize } else { 0 }.min(levels - 1)
+}
+
+/// The rectangle of plane positions, in pixels of the picture, outside of which nothing shows.
+#[inline(always)]
+fn bounds(view: &BackwardPlan, cells: Option<Cells>, rim: f64) -> ([f64; 2], [f64; 2]) {
+    match cells {
+        None => {
+            let level = &view.texture.levels[0];
+            ([-rim; 2], [f64::from(level.width) + rim, f64::from(level.height) + rim])
+        }
+        Some(Cells { origin, size, .. }) => {
+            let [px, py] = view.cell_px;
+            let (x, y) = (f64::from(origin[0]), f64::from(origin[1]));
+            let high = [(x + f64::from(size[0])) * px + rim, (y + f64::from(size[1])) * py + rim];
+            ([x * px - rim, y * py - rim], high)
+        }
+    }
+}
+
+/// Whether both ends of a line segment are in front and inside a rectangle.
+#[inline(always)]
+fn over(ends: [DVec3; 2], low: [f64; 2], high: [f64; 2]) -> bool {
+    let inside =
+        |p: &DVec3| p.z > 0.0 && p.x > low[0] * p.z && p.x < high[0] * p.z && p.y > low[1] * p.z && p.y < high[1] * p.z;
+    ends.iter().all(inside)
+}
+
+/// Whether both ends of a line segment (w > 0) are beyond one side of a rectangle.
+#[inline(always)]
+fn outside(ends: [DVec3; 2], low: [f64; 2], high: [f64; 2]) -> bool {
+    ends.iter().all(|p| p.x < low[0] * p.z)
+        || ends.iter().all(|p| p.x > high[0] * p.z)
+        || ends.iter().all(|p| p.y < low[1] * p.z)
+        || ends.iter().all(|p| p.y > high[1] * p.z)
+}
+
+impl<'a> Lookup<'a> {
+    #[inline(always)]
+    fn new(
+        view: &BackwardPlan,
+        cells: Cells<'a>,
+        anchor: [f64; 2],
+        low: [f64; 2],
+        high: [f64; 2],
+        ends: [DVec3; 2],
+    ) -> Self {
+        let [px, py] = view.cell_px;
+        let x = anchor[0] / px - f64::from(cells.origin[0]);
+        let y = anchor[1] / py - f64::from(cells.origin[1]);
+        let (column, row) = (x.floor(), y.floor());
+        let e = -view.transfer.epipole_in_sprite;
+        let e = match view.parallax {
+            Parallax::Affine(_) => dvec3(e.x, e.y, 0.0),
+            _ => e - dvec3(anchor[0], anchor[1], 0.0) * e.z,
+        };
+        // A line between two positions over the field stays over it; the rest of a cell is for rounding.
+        let [left, top] = [px, py].map(|side| 0.125 * side);
+        let [left, top] = [left + f64::from(cells.origin[0]) * px, top + f64::from(cells.origin[1]) * py];
+        let right = left + (f64::from(cells.size[0]) - 0.25) * px;
+        let bottom = top + (f64::from(cells.size[1]) - 0.25) * py;
+        let over_cells =
+            |p: DVec3| p.z > 0.0 && p.x > left * p.z && p.x < right * p.z && p.y > top * p.z && p.y < bottom * p.z;
+        Self {
+            inside: ends.into_iter().all(over_cells),
+            gentle: f64::from(cells.largest) * e.z.abs() < GENTLE,
+            cells: cells.cells,
+            stride: cells.size[0] as i32,
+            cells_per_px: [(1.0 / px) as f32, (1.0 / py) as f32],
+            rest: [(x - column) as f32, (y - row) as f32],
+            base: [column as i32, row as i32],
+            size: [cells.size[0] as i32, cells.size[1] as i32],
+            low: [(low[0] - anchor[0]) as f32, (low[1] - anchor[1]) as f32],
+            high: [(high[0] - anchor[0]) as f32, (high[1] - anchor[1]) as f32],
+            epipole: e.as_vec3().to_array(),
+        }
+    }
+}
+
+/// Position on the plane of sixteen pixels relative to the anchor, whether it is in front, and 1 / w.
+#[inline(always)]
+fn on_plane<S: Simd>(simd: S, place: &Block, first: usize) -> ([f32x16<S>; 2], mask32x16<S>, f32x16<S>) {
+    let lanes = f32x16::load_array_ref(simd, &LANE_NUMBERS) + first as f32;
+    let x = lanes * place.step[0] + place.start[0];
+    let y = lanes * place.step[1] + place.start[1];
+    let w = lanes * place.step[2] + place.start[2];
+    let share = f32x16::splat(simd, 1.0) / w;
+    ([x * share, y * share], w.simd_gt(0.0), share)
+}
+
+/// Footprints of a block without parallax.
+#[inline(always)]
+fn straight<S: Simd, const NEAREST: bool>(simd: S, place: &Block, count: usize, footprints: &mut Footprints) {
+    for first in (0..count).step_by(LANES) {
+        let (position, valid, _) = on_plane(simd, place, first);
+        if place.over_texels {
+            address::<S, NEAREST, true>(simd, &place.texels, position, valid, first, footprints);
+        } else {
+            address::<S, NEAREST, false>(simd, &place.texels, position, valid, first, footprints);
+        }
+    }
+}
+
+/// A block's positions on the plane and the cells found there; aligned as cache lines are.
+#[repr(align(64))]
+struct Found {
+    x: [f32; BLOCK],
+    y: [f32; BLOCK],
+    share: [f32; BLOCK],
+    /// Offsets from the centre of the cell, cells.
+    dx: [f32; BLOCK],
+    dy: [f32; BLOCK],
+    index: [u32; BLOCK],
+    cell: [u32; BLOCK],
+}
+
+impl Found {
+    fn new() -> Self {
+        let zero = [0.0; BLOCK];
+        Self { x: zero, y: zero, share: zero, dx: zero, dy: zero, index: [0; BLOCK], cell: [0; BLOCK] }
+    }
+}
+
+/// Footprints of a block with parallax.
+#[inline(always)]
+fn displaced<S: Simd, const NEAREST: bool>(
+    simd: S,
+    parallax: Parallax,
+    place: &Block,
+    count: usize,
+    found: &mut Found,
+    footprints: &mut Footprints,
+) {
+    let Some(lookup) = &place.lookup else { return };
+    let empty = if matches!(parallax, Parallax::Shift(_)) { ShiftField::EMPTY } else { 0 };
+    for first in (0..count).step_by(LANES) {
+        match lookup.inside {
+            true => find_cells::<S, true>(simd, place, lookup, first, found),
+            false => find_cells::<S, false>(simd, place, lookup, first, found),
+        }
+    }
+    fetch_cells(lookup.cells, &found.index, empty, &mut found.cell, count);
+    for first in (0..count).step_by(LANES) {
+        let cells = u32x16::from_slice(simd, &found.cell[first..first + LANES]);
+        let plane = [load(simd, &found.x, first), load(simd, &found.y, first)];
+        let offset = [load(simd, &found.dx, first), load(simd, &found.dy, first)];
+        let known = cells.simd_ne(empty);
+        let (position, in_front) = match parallax {
+            Parallax::None => (plane, known),
+            Parallax::Shift(field) => (shifted(field.scale, cells, plane), known),
+            Parallax::Affine(field) => {
+                let d = displacement(&field.coding, cells, offset);
+                ([plane[0] + d * lookup.epipole[0], plane[1] + d * lookup.epipole[1]], known)
+            }
+            Parallax::Displacement(field) => along_epipole(lookup, plane, displacement(&field.coding, cells, offset)),
+            Parallax::AsPrinted(field) => {
+                let share = load(simd, &found.share, first) * (1.0 / place.normalizer);
+                along_epipole(lookup, plane, displacement(&field.coding, cells, offset) * share)
+            }
+        };
+        address::<S, NEAREST, false>(simd, &place.texels, position, known & in_front, first, footprints);
+    }
+}
+
+/// The cells of indices; `empty` where there is none. A function of its own, so that what it needs stays in registers.
+#[inline(never)]
+fn fetch_cells(cells: &[u32], indices: &[u32; BLOCK], empty: u32, out: &mut [u32; BLOCK], count: usize) {
+    let (out, indices) = (out.as_chunks_mut::<4>().0, indices.as_chunks::<4>().0);
+    for (out, indices) in out.iter_mut().zip(indices).take(count / 4) {
+        for i in 0..4 {
+            out[i] = cells.get(indices[i] as usize).copied().unwrap_or(empty);
+        }
+    }
+}
+
+#[inline(always)]
+fn load<S: Simd>(simd: S, values: &[f32; BLOCK], first: usize) -> f32x16<S> {
+    f32x16::from_slice(simd, &values[first..first + LANES])
+}
+
+/// Eq. 8: `(x3, y3, 1) + d e21`, and whether it is in front.
+#[inline(always)]
+fn along_epipole<S: Simd>(lookup: &Lookup, plane: [f32x16<S>; 2], d: f32x16<S>) -> ([f32x16<S>; 2], mask32x16<S>) {
+    let w = d * lookup.epipole[2] + 1.0;
+    let share = if lookup.gentle { reciprocal_near_one(d * lookup.epipole[2]) } else { f32x16::splat(d.simd, 1.0) / w };
+    let x = (plane[0] + d * lookup.epipole[0]) * share;
+    let y = (plane[1] + d * lookup.epipole[1]) * share;
+    ([x, y], w.simd_gt(0.0))
+}
+
+/// Below this a series to the third power is right to 2^-26, half a last bit of 1.
+const GENTLE: f64 = 1.0 / 96.0;
+
+/// 1 / (1 + t) for |t| < [`GENTLE`]: 1 - t + t^2 - t^3. A division takes as long as all else that is done with a displacement.
+#[inline(always)]
+fn reciprocal_near_one<S: Simd>(t: f32x16<S>) -> f32x16<S> {
+    let one = f32x16::splat(t.simd, 1.0);
+    (one - t) * (t * t + 1.0)
+}
+
+/// Eq. 9.
+#[inline(always)]
+fn shifted<S: Simd>(scale: f32, cells: u32x16<S>, plane: [f32x16<S>; 2]) -> [f32x16<S>; 2] {
+    let cells = cells.bitcast::<i32x16<S>>();
+    let x = ((cells << 16) >> 16).to_float::<f32x16<S>>() * scale;
+    let y = (cells >> 16).to_float::<f32x16<S>>() * scale;
+    [plane[0] + x, plane[1] + y]
+}
+
+/// [`Coding::displacement`].
+#[inline(always)]
+fn displacement<S: Simd>(coding: &Coding, cells: u32x16<S>, offset: [f32x16<S>; 2]) -> f32x16<S> {
+    let value = ((cells >> 16) & 0x7fff).to_float::<f32x16<S>>();
+    let cells = cells.bitcast::<i32x16<S>>();
+    let slope_x = ((cells << 16) >> 24).to_float::<f32x16<S>>();
+    let slope_y = ((cells << 24) >> 24).to_float::<f32x16<S>>();
+    (value - coding.zero) * coding.scale + (slope_x * offset[0] + slope_y * offset[1]) * coding.slope_scale
+}
+
+/// Positions on the plane and the indices of their cells; beyond the field the border's cells go on, beyond the rim
+/// there is no cell.
+#[inline(always)]
+fn find_cells<S: Simd, const INSIDE: bool>(simd: S, place: &Block, lookup: &Lookup, first: usize, found: &mut Found) {
+    let (position, in_front, share) = on_plane(simd, place, first);
+    let mut inside = in_front;
+    let mut cell = [i32x16::splat(simd, 0); 2];
+    let mut offset = position;
+    for axis in 0..2 {
+        let at = position[axis] * lookup.cells_per_px[axis] + lookup.rest[axis];
+        let column = if INSIDE {
+            at.floor()
+        } else {
+            inside = inside & position[axis].simd_ge(lookup.low[axis]) & position[axis].simd_le(lookup.high[axis]);
+            let low = f32x16::splat(simd, -lookup.base[axis] as f32);
+            let high = (lookup.size[axis] - 1 - lookup.base[axis]) as f32;
+            inside.select(at, low).floor().max(low).min(high)
+        };
+        offset[axis] = at - column - 0.5;
+        cell[axis] = column.to_int::<i32x16<S>>() + lookup.base[axis];
+    }
+    let index = cell[1] * lookup.stride + cell[0];
+    let index = if INSIDE { index } else { inside.select(index, i32x16::splat(simd, -1)) };
+    index.bitcast::<u32x16<S>>().store_slice(&mut found.index[first..first + LANES]);
+    position[0].store_slice(&mut found.x[first..first + LANES]);
+    position[1].store_slice(&mut found.y[first..first + LANES]);
+    share.store_slice(&mut found.share[first..first + LANES]);
+    offset[0].store_slice(&mut found.dx[first..first + LANES]);
+    offset[1].store_slice(&mut found.dy[first..first + LANES]);
+}

@@ -1,0 +1,125 @@
+//! Pure parallax in cells, as the first pass needs it: where displacements go, and how they are packed there (Eq. 6, C5).
+
+use super::cell::Coding;
+use super::field::Field;
+use super::transfer::SpriteTransfer;
+
+/// A surface point whose depth from the target eye is less than this share of its plane's is not drawn: it would be
+/// magnified beyond use, and at 0 it is behind the eye.
+pub const NEAREST_DEPTH_SHARE: f32 = 1.0 / 16.0;
+
+/// What the first pass stores.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Stored {
+    /// d1 / w3: right with a first term of the second pass that is divided by its third component (C5).
+    Corrected,
+    /// d1: as equation (7) and (8) are printed.
+    AsPrinted,
+}
+
+/// The first pass as it is to be done.
+#[derive(Clone, Copy)]
+pub(super) struct FirstPass {
+    /// The size of a cell in pixels.
+    pub cell_px: [f64; 2],
+    pub stored: Stored,
+    /// Cells by which gaps are filled.
+    pub fill_steps: u32,
+}
+
+/// Pure parallax in units of displacement cells.
+pub(super) struct PureParallax {
+    pub(super) epipole: [f32; 3],
+    pub(super) stored: Stored,
+    /// Added to the column (row) of a cell in the source to find it in the output.
+    pub(super) origin: [f32; 2],
+    pub(super) width: f32,
+    pub(super) height: f32,
+    /// By how much displacements leave their patches' planes.
+    pub(super) tolerance: f32,
+    pub(super) source_coding: Coding,
+    pub(super) encoding: Encoding,
+}
+
+impl PureParallax {
+    /// For a pass, and the displacements that stay in front of the target eye. `out` takes its place, size and coding.
+    pub(super) fn new(source: &Field, transfer: &SpriteTransfer, pass: FirstPass, out: &mut Field) -> (Self, [f32; 2]) {
+        let e = transfer.epipole_in_sprite;
+        let epipole = [(e.x / pass.cell_px[0]) as f32, (e.y / pass.cell_px[1]) as f32, e.z as f32];
+        let range = in_front(source.range, epipole[2]);
+        let [x0, x1] = reach(source.width, range, epipole[0], epipole[2]);
+        let [y0, y1] = reach(source.height, range, epipole[1], epipole[2]);
+        (out.x0, out.y0) = (x0, y0);
+        (out.width, out.height) = ((x1 - x0) as u32, (y1 - y0) as u32);
+        let share = |d: f32| if pass.stored == Stored::Corrected { d / (1.0 + d * epipole[2]) } else { d };
+        let [a, b] = range.map(share);
+        let shallowest = range.map(|d| 1.0 + d * epipole[2]).into_iter().fold(1.0, f32::min);
+        let steepest = 127.0 * source.coding.slope_scale / shallowest * 1.25;
+        out.coding = Coding::new(a.min(b), a.max(b), steepest, transfer.side as f32);
+        let parallax = Self {
+            epipole,
+            stored: pass.stored,
+            origin: [-x0 as f32, -y0 as f32],
+            width: out.width as f32,
+            height: out.height as f32,
+            tolerance: source.patches.tolerance,
+            source_coding: source.coding,
+            encoding: Encoding::of(&out.coding),
+        };
+        (parallax, range)
+    }
+}
+
+/// A [`Coding`] as reciprocals, for packing.
+pub(super) struct Encoding {
+    pub(super) steps_per_unit: f32,
+    /// Value of zero, and the half that makes truncation round to nearest.
+    pub(super) rounded_zero: f32,
+    pub(super) slopes_per_unit: f32,
+}
+
+impl Encoding {
+    fn of(coding: &Coding) -> Self {
+        Self {
+            steps_per_unit: 1.0 / coding.scale,
+            rounded_zero: coding.zero + 0.5,
+            slopes_per_unit: 1.0 / coding.slope_scale,
+        }
+    }
+}
+
+/// Displacements between which w3 = 1 + d * epipole_z stays at least [`NEAREST_DEPTH_SHARE`].
+fn in_front([low, high]: [f32; 2], epipole_z: f32) -> [f32; 2] {
+    let limit = (NEAREST_DEPTH_SHARE - 1.0) / epipole_z;
+    if epipole_z > 0.0 {
+        [low.max(limit), high.max(limit)]
+    } else if epipole_z < 0.0 {
+        [low.min(limit), high.min(limit)]
+    } else {
+        [low, high]
+    }
+}
+
+/// Where position `x` goes at displacement `d`.
+pub(super) fn moved(x: f32, d: f32, epipole: f32, epipole_z: f32) -> f32 {
+    (x + d * epipole) / (1.0 + d * epipole_z)
+}
+
+/// First and last cell that positions 0 to `length` can reach, at most one `length` beyond either end.
+fn reach(length: u32, range: [f32; 2], epipole: f32, epipole_z: f32) -> [i32; 2] {
+    let length = length as f32;
+    let ends = [0.0, length].into_iter().flat_map(|x| range.map(|d| moved(x, d, epipole, epipole_z)));
+    let [low, high] = ends.fold([0.0, length], |[low, high]: [f32; 2], x| [low.min(x), high.max(x)]);
+    [low.max(-length).floor() as i32, high.min(2.0 * length).ceil() as i32]
+}
+
+/// The part of the output that a thread writes.
+pub(super) struct CellBand<'a> {
+    pub(super) cells: &'a mut [u32],
+    /// First row.
+    pub(super) first: i32,
+    /// Rows.
+    pub(super) rows: i32,
+    /// Columns.
+    pub(super) width: i32,
+}

@@ -1,0 +1,304 @@
+//! How a frame was made, painted: sizes of footprints, how often pixels were drawn, and what clipping left out.
+
+use headbox_core::cube_face::Face;
+use headbox_core::frame::Frame;
+use headbox_cube::pack::{PackedCube, PackedSegment, SegmentSide};
+use headbox_cube::render::reference::inspect::{Fate, Kept};
+use headbox_cube::render::canvas::touched::Touched;
+use headbox_viewer::{Figure, Swatch};
+
+/// Colours of seven classes: the "viridis" map by van der Walt and Smith (2015), whose lightness
+/// grows evenly, and white.
+const CLASSES: [[u8; 3]; 7] =
+    [[68, 1, 84], [65, 68, 135], [42, 120, 142], [34, 168, 132], [122, 209, 81], [253, 231, 37], [255, 255, 255]];
+
+/// Where there are no samples.
+pub(super) const NOTHING: [u8; 3] = [20, 20, 20];
+
+/// The largest number of each class but the last.
+pub(super) type Tops = [f32; CLASSES.len() - 1];
+
+/// Widths of footprints, px: most are between that of a pixel and that of three.
+const WIDTHS_PX: Tops = [1.5, 2.0, 2.5, 3.0, 4.0, 6.0];
+
+/// How often a pixel is drawn.
+const TIMES: Tops = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
+
+/// The colour of the class of a number that is more than 0.
+pub(super) fn class_color(value: f32, tops: &Tops) -> [u8; 3] {
+    CLASSES[tops.iter().position(|top| value <= *top).unwrap_or(tops.len())]
+}
+
+/// The legend of classes: what each ends at, in `unit`.
+pub(super) fn class_legend(nothing: &str, tops: &Tops, unit: &str) -> Vec<Swatch> {
+    let up_to = tops.iter().map(|top| format!("up to {top} {unit}"));
+    let labels = up_to.chain(tops.last().map(|top| format!("more than {top} {unit}")));
+    // Of classes that end alike, all but the first are empty.
+    let is_empty = |i: usize| i > 0 && tops.get(i) == tops.get(i - 1);
+    let classes = CLASSES.into_iter().zip(labels).enumerate().filter(|(i, _)| !is_empty(*i));
+    let classes = classes.map(|(_, (color, label))| Swatch { color, label });
+    std::iter::once(swatch(NOTHING, nothing)).chain(classes).collect()
+}
+
+pub(crate) fn swatch(color: [u8; 3], label: &str) -> Swatch {
+    Swatch { color, label: label.into() }
+}
+
+pub(super) fn opaque([r, g, b]: [u8; 3]) -> [u8; 4] {
+    [r, g, b, 255]
+}
+
+fn figure(name: &'static str, value: f64, unit: &'static str) -> Figure {
+    Figure { name, value, unit }
+}
+
+/// Paints the width of the footprint in front of each pixel, by classes; returns how wide they are on the mean.
+pub(crate) fn paint_footprints(touched: &[Touched], pixels: &mut [[u8; 4]]) -> Vec<Figure> {
+    let (mut sum_px, mut count) = (0.0, 0.0_f64);
+    for (pixel, touched) in pixels.iter_mut().zip(touched) {
+        let width_px = touched.width_px;
+        *pixel = opaque(if width_px > 0.0 { class_color(width_px, &WIDTHS_PX) } else { NOTHING });
+        sum_px += f64::from(width_px);
+        count += f64::from(u8::from(width_px > 0.0));
+    }
+    vec![figure("width of footprints", sum_px / count.max(1.0), "px")]
+}
+
+pub(super) fn footprint_legend() -> Vec<Swatch> {
+    class_legend("no footprint", &WIDTHS_PX, "px wide")
+}
+
+/// Paints how many footprints were drawn on each pixel, by classes; returns how many that are.
+pub(crate) fn paint_overdraw(touched: &[Touched], pixels: &mut [[u8; 4]]) -> Vec<Figure> {
+    let (mut sum, mut drawn, mut most) = (0_u64, 0_u64, 0);
+    for (pixel, touched) in pixels.iter_mut().zip(touched) {
+        let times = touched.footprints;
+        *pixel = opaque(if times > 0 { class_color(times as f32, &TIMES) } else { NOTHING });
+        sum += u64::from(times);
+        drawn += u64::from(times > 0);
+        most = most.max(times);
+    }
+    vec![
+        figure("draws a pixel, mean", sum as f64 / drawn.max(1) as f64, ""),
+        figure("draws a pixel, most", f64::from(most), ""),
+    ]
+}
+
+pub(super) fn overdraw_legend() -> Vec<Swatch> {
+    class_legend("never drawn", &TIMES, "x")
+}
+
+/// Where each face lies in the unfolded cube, in faces from the left and from above: the sides in a row, +Y above -Z.
+const UNFOLDED: [(Face, [usize; 2]); 6] = [
+    (Face::PosY, [1, 0]),
+    (Face::NegX, [0, 1]),
+    (Face::NegZ, [1, 1]),
+    (Face::PosX, [2, 1]),
+    (Face::PosZ, [3, 1]),
+    (Face::NegY, [1, 2]),
+];
+
+const OUTSIDE_COLOR: [u8; 3] = [213, 94, 0];
+const HIDDEN_COLOR: [u8; 3] = [86, 180, 233];
+
+/// Paints the faces of a cube unfolded over the dimmed frame: what is drawn in its own colours, the rest in the colour of the
+/// test that left it out.
+pub(crate) fn paint_clipping(cube: &PackedCube, kept: &[Kept], frame: &Frame, pixels: &mut [[u8; 4]]) -> Vec<Figure> {
+    for (pixel, &[r, g, b, _]) in pixels.iter_mut().zip(&frame.color) {
+        *pixel = opaque([r, g, b].map(|c| c / 4));
+    }
+    let (width, height) = (frame.width as usize, frame.height as usize);
+    let side = (width / 4).min(height / 3);
+    let corner = [(width - 4 * side) / 2, (height - 3 * side) / 2];
+    for (face, place) in UNFOLDED {
+        // Near segments hide far ones.
+        let mut segments: Vec<_> = kept
+            .iter()
+            .filter_map(|k| Some((k, cube.segments.get(k.segment)?)))
+            .filter(|(_, s)| s.face == face)
+            .collect();
+        segments.sort_by_key(|(_, segment)| segment.side == SegmentSide::Far);
+        let [left, top] = [0, 1].map(|axis| corner[axis] + place[axis] * side);
+        let on_face = |i: usize| ((i as u64 * 2 + 1) * u64::from(cube.face_size_px) / (2 * side as u64)) as u32;
+        for (row, y) in (0..side).map(|i| (i, on_face(i))) {
+            let row = &mut pixels[(top + row) * width + left..][..side];
+            for (i, pixel) in row.iter_mut().enumerate() {
+                *pixel = opaque(fate_color(&segments, on_face(i), y));
+            }
+        }
+    }
+    clipping_figures(cube, kept)
+}
+
+/// The colour of a face pixel: of the first segment that has samples there.
+fn fate_color(segments: &[(&Kept, &PackedSegment)], x: u32, y: u32) -> [u8; 3] {
+    let seen = segments.iter().find_map(|(kept, segment)| {
+        let [column, row] = [x.checked_sub(segment.x0)?, y.checked_sub(segment.y0)?];
+        let inside = column < segment.width && row < segment.height;
+        let nearest = inside.then(|| segment.pixel(column, row).last())??;
+        Some((kept.fate(x, y), nearest.color_srgb))
+    });
+    let Some((fate, [r, g, b, _])) = seen else { return NOTHING };
+    let tint = match fate {
+        Fate::Drawn => return [r, g, b],
+        Fate::OutsideRectangle => OUTSIDE_COLOR,
+        Fate::HiddenBlock => HIDDEN_COLOR,
+    };
+    tinted(tint, [r, g, b])
+}
+
+/// A tint under which shapes stay visible.
+pub(super) fn tinted(tint: [u8; 3], [r, g, b]: [u8; 3]) -> [u8; 3] {
+    let light = (u16::from(r) + 2 * u16::from(g) + u16::from(b)) / 4;
+    tint.map(|c| (u16::from(c) * (80 + light / 2) / 255) as u8)
+}
+
+/// Depth pixels by what becomes of them.
+fn clipping_figures(cube: &PackedCube, kept: &[Kept]) -> Vec<Figure> {
+    let [mut drawn, mut outside, mut hidden] = [0_u64; 3];
+    for (kept, segment) in kept.iter().filter_map(|k| Some((k, cube.segments.get(k.segment)?))) {
+        for row in 0..segment.height {
+            let (_, counts) = segment.row(row);
+            kept.for_each_run(segment, segment.y0 + row, |fate, columns| {
+                let at = |column: u32| counts.get(column as usize).copied().unwrap_or(0);
+                let count = u64::from(at(columns.end).saturating_sub(at(columns.start)));
+                match fate {
+                    Fate::Drawn => drawn += count,
+                    Fate::OutsideRectangle => outside += count,
+                    Fate::HiddenBlock => hidden += count,
+                }
+            });
+        }
+    }
+    vec![
+        figure("depth pixels kept", drawn as f64, ""),
+        figure("outside of rectangles", outside as f64, ""),
+        figure("in hidden blocks", hidden as f64, ""),
+    ]
+}
+
+pub(super) fn clipping_legend() -> Vec<Swatch> {
+    let own = swatch([200, 200, 200], "in its own colours: drawn");
+    vec![
+        own,
+        swatch(OUTSIDE_COLOR, "outside of the view's rectangle on the face"),
+        swatch(HIDDEN_COLOR, "in a block that the view cannot see"),
+        swatch(NOTHING, "no depth pixels"),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::variation::tests::cube;
+    use super::*;
+    use headbox_core::camera::Camera;
+    use headbox_cube::render::footprint::splat::SplatKernel;
+    use headbox_cube::render::{RenderSettings, Renderer};
+    use glam::{DVec3, dvec3};
+
+    /// Views from off the centre: along the axes of the room, and askew.
+    fn views(cube: &PackedCube) -> Vec<Camera> {
+        let eye = cube.info.centre + dvec3(0.3, -0.2, 0.25) * cube.info.half_size_m;
+        let ahead = [DVec3::NEG_Z, DVec3::X, dvec3(0.4, -0.7, 0.6)];
+        ahead.map(|ahead| Camera::look_at(eye, eye + ahead, DVec3::Y, 55.0, [90, 70]).unwrap()).to_vec()
+    }
+
+    #[test]
+    fn what_clipping_leaves_out_is_not_on_the_frame() {
+        const MARK: [u8; 4] = [255, 0, 220, 255];
+        let cube = cube();
+        let (mut renderer, settings) = (Renderer::new(), RenderSettings::default());
+        for camera in views(&cube) {
+            let kept = renderer.kept(&cube, &camera, &settings);
+            let mut marked = (*cube).clone();
+            let (mut left_out, mut all) = (0, 0);
+            for kept in &kept {
+                let segment = &mut marked.segments[kept.segment];
+                for (x, y) in (0..segment.height).flat_map(|y| (0..segment.width).map(move |x| (x, y))) {
+                    let row = y as usize * (segment.width as usize + 1) + x as usize;
+                    let [start, end] =
+                        [0, 1].map(|i| (segment.row_offsets[y as usize] + segment.row_counts[row + i]) as usize);
+                    all += end - start;
+                    if kept.fate(segment.x0 + x, segment.y0 + y) != Fate::Drawn {
+                        left_out += end - start;
+                        segment.depth_pixels[start..end].iter_mut().for_each(|p| p.color_srgb = MARK);
+                    }
+                }
+            }
+            let counted: f64 = clipping_figures(&cube, &kept)[1..].iter().map(|figure| figure.value).sum();
+            assert!(left_out > all / 4 && left_out < all, "{left_out} of {all}");
+            assert_eq!(counted, left_out as f64);
+            let expected = renderer.render(&cube, &camera, &settings).color.clone();
+            assert!(renderer.render(&marked, &camera, &settings).color == expected);
+        }
+        let unclipped = RenderSettings { unclipped: true, ..settings };
+        let kept = renderer.kept(&cube, &views(&cube)[0], &unclipped);
+        assert_eq!(clipping_figures(&cube, &kept)[0].value, cube.depth_pixel_count() as f64);
+    }
+
+    #[test]
+    fn pixels_are_touched_where_the_frame_shows_footprints() {
+        let cube = cube();
+        let mut renderer = Renderer::new();
+        for (camera, (name, kernel)) in views(&cube).into_iter().zip(SplatKernel::ALL) {
+            let settings = RenderSettings { kernel, ..RenderSettings::default() };
+            let touched = renderer.touched(&cube, &camera, &settings);
+            let unclipped = RenderSettings { unclipped: true, ..settings };
+            assert!(touched == renderer.touched(&cube, &camera, &unclipped), "{name}: clipping changes nothing");
+            let frame = renderer.render(&cube, &camera, &settings);
+            for (i, (touched, coverage)) in touched.iter().zip(&frame.coverage).enumerate() {
+                assert_eq!(touched.footprints > 0, touched.width_px > 0.0);
+                // The paper's squares lie about the pixel of a sample rather than about the sample.
+                let shows = coverage.splat_share() > 0;
+                assert!(kernel == SplatKernel::Paper || !shows || touched.footprints > 0, "{name}: pixel {i}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_unfolded_faces_show_what_is_kept() {
+        let cube = cube();
+        let (mut renderer, settings) = (Renderer::new(), RenderSettings::default());
+        for size in [(320, 240), (7, 5), (1, 1)] {
+            let eye = cube.info.centre;
+            let camera = Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 55.0, [size.0, size.1]).unwrap();
+            let kept = renderer.kept(&cube, &camera, &settings);
+            let frame = renderer.render(&cube, &camera, &settings).clone();
+            let mut pixels = vec![[0; 4]; frame.color.len()];
+            paint_clipping(&cube, &kept, &frame, &mut pixels);
+            assert!(pixels.iter().all(|p| p[3] == 255), "{size:?}");
+        }
+    }
+
+    #[test]
+    fn classes_end_where_the_legend_says() {
+        let of = |value| CLASSES.iter().position(|class| *class == class_color(value, &TIMES)).unwrap();
+        assert_eq!([1.0, 2.0, 3.0, 4.0, 5.0, 32.0, 33.0, 1e9].map(of), [0, 1, 2, 2, 3, 5, 6, 6]);
+        let labels: Vec<_> = class_legend("none", &TIMES, "x").into_iter().map(|line| line.label).collect();
+        let some = [0, 1, 6, 7].map(|i| labels[i].as_str());
+        assert_eq!(some, ["none", "up to 1 x", "up to 32 x", "more than 32 x"]);
+    }
+
+    #[test]
+    fn the_unfolded_faces_meet_at_their_edges() {
+        // Neighbours in the picture see the same direction along their common edge.
+        let place = |wanted: Face| UNFOLDED.iter().find(|(face, _)| *face == wanted).unwrap().1;
+        let size = 8;
+        for (a, at_a) in UNFOLDED {
+            for (b, at_b) in UNFOLDED {
+                let right = at_b == [at_a[0] + 1, at_a[1]];
+                let below = at_b == [at_a[0], at_a[1] + 1];
+                for i in 0..=size {
+                    let (t, end) = (f64::from(i), f64::from(size));
+                    if right {
+                        assert!(a.direction(end, t, size as u32).distance(b.direction(0.0, t, size as u32)) < 1e-12);
+                    }
+                    if below {
+                        assert!(a.direction(t, end, size as u32).distance(b.direction(t, 0.0, size as u32)) < 1e-12);
+                    }
+                }
+            }
+        }
+        assert_eq!(place(Face::PosY), [1, 0]);
+    }
+}

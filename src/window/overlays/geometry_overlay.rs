@@ -1,0 +1,103 @@
+//! Overlays of view-dependent geometry: whose pictures show, the mesh, how many cameras see a place, and how long pictures have been at hand.
+
+use super::effort::{NOTHING, Tops, class_color, class_legend, opaque, swatch, tinted};
+use super::overlay::{HOLE_COLOR, Overlay, paint_holes};
+use super::variation::distinct_color;
+use headbox_photos::view_geometry::{GeometryRenderer, Shown, ViewGeometry};
+use headbox_viewer::Swatch;
+
+/// What the pixels show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum GeometryOverlay {
+    None,
+    Holes,
+    Coverage,
+    Camera,
+    Owners,
+    Mesh,
+    Age,
+}
+
+impl GeometryOverlay {
+    /// All, with the names under which the panel and scripts know them.
+    pub(crate) const ALL: [(&'static str, Self); 7] = [
+        ("none", Self::None),
+        ("holes", Self::Holes),
+        ("coverage", Self::Coverage),
+        ("camera", Self::Camera),
+        ("owners", Self::Owners),
+        ("mesh", Self::Mesh),
+        ("age", Self::Age),
+    ];
+
+    /// Paints what the last frame of a renderer was made of; returns what the colours mean.
+    pub(crate) fn paint(
+        self,
+        geometry: &ViewGeometry,
+        renderer: &GeometryRenderer,
+        pixels: &mut [[u8; 4]],
+    ) -> Vec<Swatch> {
+        let frame = &renderer.frame().color;
+        let color_of = |i: usize| frame[i].first_chunk::<3>().copied().unwrap_or_default();
+        match self {
+            Self::None => {
+                pixels.copy_from_slice(frame);
+                Vec::new()
+            }
+            Self::Holes => {
+                paint_holes(renderer.frame(), pixels);
+                Overlay::Holes.legend()
+            }
+            Self::Coverage => {
+                let seen = renderer.seen_by(geometry).into_iter().zip(&renderer.frame().coverage);
+                for (pixel, (seen, coverage)) in pixels.iter_mut().zip(seen) {
+                    *pixel = match seen.unwrap_or(0) {
+                        _ if coverage.is_hole() => HOLE_COLOR,
+                        0 => opaque(NOTHING),
+                        cameras => opaque(class_color(cameras as f32, &CAMERAS)),
+                    };
+                }
+                let classes = class_legend("no camera shows it there", &CAMERAS, "cameras see it");
+                [Overlay::Holes.legend(), classes].concat()
+            }
+            Self::Camera => {
+                let cameras = renderer.used().iter();
+                let legend = cameras.map(|camera| swatch(distinct_color(*camera), &geometry.name(*camera))).collect();
+                paint(renderer, pixels, |i, shown| tinted(distinct_color(shown.camera), color_of(i)));
+                legend
+            }
+            Self::Owners => {
+                paint(renderer, pixels, |_, shown| class_color(shown.owners as f32, &OWNERS));
+                class_legend("no triangle", &OWNERS, "cameras in a triangle")
+            }
+            Self::Mesh => {
+                paint(renderer, pixels, |i, shown| if shown.on_rim { RIM } else { tinted([128; 3], color_of(i)) });
+                vec![swatch(RIM, "where triangles meet")]
+            }
+            Self::Age => {
+                paint(renderer, pixels, |_, shown| {
+                    geometry.age_s(shown.camera).map_or([0; 3], |age| class_color(age.max(f32::MIN_POSITIVE), &AGES_S))
+                });
+                class_legend("no picture", &AGES_S, "s since it was read")
+            }
+        }
+    }
+}
+
+const RIM: [u8; 3] = [255, 230, 60];
+
+/// Cameras that own corners of a triangle: three at most.
+const OWNERS: Tops = [1.0, 2.0, 3.0, 3.0, 3.0, 3.0];
+
+/// Cameras that see a place.
+const CAMERAS: Tops = [1.0, 2.0, 3.0, 4.0, 6.0, 9.0];
+
+/// Seconds since pictures were read.
+const AGES_S: Tops = [0.1, 0.5, 2.0, 10.0, 60.0, 600.0];
+
+/// Paints pixels that show a triangle, the others black.
+fn paint(renderer: &GeometryRenderer, pixels: &mut [[u8; 4]], color: impl Fn(usize, Shown) -> [u8; 3]) {
+    for (i, (pixel, shown)) in pixels.iter_mut().zip(renderer.shown()).enumerate() {
+        *pixel = opaque(shown.map_or([0; 3], |shown| color(i, shown)));
+    }
+}

@@ -1,0 +1,279 @@
+//! Which source opens what; the start page.
+
+use super::cube::CubeSource;
+use crate::file_name::file_name;
+use super::geometry::GeometrySource;
+use super::house::HouseSource;
+use super::live::LiveSource;
+use super::lumigraph::LumigraphSource;
+use crate::overlays::marks::{Marked, Marks};
+use super::photographs::PhotographsSource;
+use super::sprite::SpriteSource;
+use headbox_images::deep_exr::DeepImage;
+use headbox_images::ImageSet;
+use headbox_trace::light::Lighting;
+use headbox_core::container::HOMES;
+use headbox_trace::bvh::Tracer;
+use headbox_trace::viewpoint::{place_headbox, suggest_view};
+use headbox_core::camera::Camera;
+use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
+use headbox_core::container::FileError;
+use headbox_ldi::from_deep::{DeepPlace, FromDeepError, cube as cube_of_deep};
+use headbox_ldi::from_images::NearImages;
+use headbox_lumigraph::Slabs;
+use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
+use headbox_house::file::HouseFileError;
+use headbox_core::progress::Silent;
+use headbox_ldi::scene_source::SceneSource;
+use headbox_sprite::SpriteSet;
+use headbox_photos::view_geometry::{GeometrySettings, ViewGeometry};
+use headbox_scenes as scenes;
+use headbox_trace::truth;
+use glam::{DVec3, Vec3};
+use headbox_viewer::{Entry, FrameSource, Library, Thumbnail};
+use image::{Rgb, RgbImage};
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Extensions of scene files.
+const SCENES: [&str; 3] = ["obj", "gltf", "glb"];
+
+/// Why something cannot be shown.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// It is no file of a kind that can be shown.
+    #[error(
+        "{name}: only cube LDIs (.ldi), deep pictures (.exr), sprites (.sprite), lumigraphs (.lumi), houses (.house), homes (Home.xml, \
+         .sh3d, .toml), scenes (.obj, .gltf, .glb) and builtin:NAME can be shown"
+    )]
+    Kind {
+        /// What was to be opened.
+        name: String,
+    },
+    /// The file cannot be read.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// The house cannot be read or walked.
+    #[error(transparent)]
+    House(#[from] HouseFileError),
+    /// There are no sprites in the file.
+    #[error("{}: there are no sprites in it", path.display())]
+    NoSprites {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The scene cannot be opened or captured.
+    #[error("{0}")]
+    Scene(String),
+}
+
+/// The built-in scene that is walked rather than captured.
+const HOUSE: &str = "builtin:house";
+
+/// Opens a file of any kind, or `builtin:NAME`. The built-in house is walked. Other scenes are captured while they are looked at, and saved in `output_dir` on
+/// request.
+///
+/// # Errors
+/// See [`OpenError`].
+pub fn open(name: &str, output_dir: &Path) -> Result<Box<dyn FrameSource>, OpenError> {
+    open_source(SceneSource::new(name), output_dir)
+}
+
+/// As [`open`], where axes and unit of a scene's file may be said.
+///
+/// # Errors
+/// See [`OpenError`].
+pub fn open_source(source: SceneSource, output_dir: &Path) -> Result<Box<dyn FrameSource>, OpenError> {
+    let name = source.name.as_str();
+    let path = Path::new(name);
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    let source: Box<dyn FrameSource> = match extension.as_deref() {
+        _ if name == HOUSE => Box::new(HouseSource::builtin().map_err(OpenError::Scene)?),
+        _ if name.starts_with("builtin:") => Box::new(capture(source, output_dir)?),
+        Some("ldi") => Box::new(CubeSource::from_file(PackedCube::read(path)?, path)),
+        Some("exr") => show_cube(deep_picture(path).map_err(OpenError::Scene)?, path),
+        Some("sprite") => {
+            let source = SpriteSource::new(SpriteSet::read(path)?, path);
+            Box::new(source.ok_or_else(|| OpenError::NoSprites { path: path.into() })?)
+        }
+        Some("lumi") => Box::new(LumigraphSource::new(Slabs::read(path)?, path)),
+        Some("house") => Box::new(HouseSource::read(path)?),
+        Some(extension) if HOMES.contains(&extension) => Box::new(HouseSource::load(path).map_err(OpenError::Scene)?),
+        Some(extension) if SCENES.contains(&extension) => Box::new(capture(source, output_dir)?),
+        _ => return Err(OpenError::Kind { name: name.to_owned() }),
+    };
+    Ok(source)
+}
+
+/// A cube LDI that was made from `origin`.
+pub fn show_cube(cube: PackedCube, origin: &Path) -> Box<dyn FrameSource> {
+    Box::new(CubeSource::from_file(cube, origin))
+}
+
+/// The cube of a deep picture whose header tells its camera.
+fn deep_picture(path: &Path) -> Result<PackedCube, String> {
+    let image = DeepImage::read(path).map_err(|error| error.to_string())?;
+    let of_file = |error: &dyn Display| format!("{}: {error}", path.display());
+    let cube = cube_of_deep(&image, DeepPlace::default()).map_err(|error| match error {
+        FromDeepError::View => of_file(&format!("{error} (headbox capture {} --fov DEG -o F.ldi)", path.display())),
+        error => of_file(&error),
+    })?;
+    PackedCube::pack(&cube, SplatIndexLayout::Normal, Split::Auto).map_err(|error| of_file(&error))
+}
+
+/// View-dependent geometry of the folder `origin`, from where `start` stands.
+pub fn show_geometry(
+    geometry: ViewGeometry,
+    origin: &Path,
+    start: &Camera,
+    initial: GeometrySettings,
+) -> Box<dyn FrameSource> {
+    let title = format!("{} (images)", file_name(origin));
+    Box::new(GeometrySource::new(title, geometry, start, initial))
+}
+
+/// The images of the folder `origin` nearest to where one looks from, at first from `start`.
+///
+/// # Errors
+/// [`OpenError::Scene`] if an image cannot be read, or no thread started.
+pub fn show_live(near: NearImages, origin: &Path, start: &Camera) -> Result<Box<dyn FrameSource>, OpenError> {
+    let title = format!("{} (nearest images)", file_name(origin));
+    Ok(Box::new(LiveSource::new(title, near, origin, start).map_err(OpenError::Scene)?))
+}
+
+/// Photographs of the folder `origin` without depth, coloured into a cube LDI while they are looked at.
+///
+/// # Errors
+/// [`OpenError::Scene`] if the first photograph cannot be read, or no thread started.
+pub fn show_photographs(set: ImageSet, origin: &Path) -> Result<Box<dyn FrameSource>, OpenError> {
+    Ok(Box::new(PhotographsSource::new(set, origin).map_err(OpenError::Scene)?))
+}
+
+/// What is made of pictures, where the window can draw marks over it: where they were taken.
+pub fn show_marks(source: Box<dyn FrameSource>, marks: Marks) -> Box<dyn FrameSource> {
+    Box::new(Marked::new(source, marks))
+}
+
+fn capture(source: SceneSource, output_dir: &Path) -> Result<CubeSource, OpenError> {
+    CubeSource::capture(source, output_dir).map_err(OpenError::Scene)
+}
+
+/// The built-in scenes, and every kind of file.
+pub struct SceneLibrary {
+    /// Where captures are saved on request.
+    pub output_dir: PathBuf,
+}
+
+impl SceneLibrary {
+    /// Size of a thumbnail, pixels.
+    const THUMBNAIL_PX: (u32, u32) = (200, 150);
+    /// Triangles of the built-in house in its thumbnail, at most.
+    const THUMBNAIL_TRIANGLES: usize = 60_000;
+    /// Rays per pixel of a thumbnail.
+    const THUMBNAIL_SAMPLES: u32 = 16;
+}
+
+/// A picture without the grain of few rays. What surfaces are without light has no grain: light is their lit picture divided by it,
+/// averaged over pixels around that look alike without light.
+fn calmed(lit: &RgbImage, unlit: &RgbImage) -> RgbImage {
+    /// Pixels to each side.
+    const REACH: i64 = 6;
+    /// Unlit surfaces that differ by this much count by half.
+    const ALIKE: f32 = 0.05;
+    let (width, height) = lit.dimensions();
+    let linear = |image: &RgbImage, x: i64, y: i64| {
+        let at = |v: i64, end: u32| v.clamp(0, i64::from(end) - 1) as u32;
+        Vec3::from(image.get_pixel(at(x, width), at(y, height)).0.map(linear_from_srgb8))
+    };
+    RgbImage::from_fn(width, height, |x, y| {
+        let (x, y) = (i64::from(x), i64::from(y));
+        let around = (-REACH..=REACH).flat_map(|dy| (-REACH..=REACH).map(move |dx| (dx, dy)));
+        let here = linear(unlit, x, y);
+        // A grain keeps the division from zero where a surface is black.
+        let (mut light, mut surface) = (Vec3::ZERO, Vec3::splat(1e-3));
+        for (dx, dy) in around {
+            let there = linear(unlit, x + dx, y + dy);
+            let apart = 2.0 * (dx * dx + dy * dy) as f32 / (REACH * REACH) as f32;
+            let weight = (-apart - (there - here).length_squared() / (ALIKE * ALIKE)).exp2();
+            light += linear(lit, x + dx, y + dy) * weight;
+            surface += there * weight;
+        }
+        Rgb((here * light / surface).to_array().map(srgb8_from_linear))
+    })
+}
+
+impl Library for SceneLibrary {
+    fn entries(&self) -> Vec<Entry> {
+        let entry = |scene: &scenes::BuiltinScene| Entry {
+            id: format!("builtin:{}", scene.name),
+            name: scene.name.into(),
+            description: scene.description.into(),
+        };
+        let mut entries: Vec<_> = scenes::all().iter().map(entry).collect();
+        entries.iter_mut().filter(|entry| entry.id == HOUSE).for_each(|house| house.description += ", to be walked");
+        entries
+    }
+
+    fn thumbnail(&mut self, entry: &Entry) -> Option<Thumbnail> {
+        let scene = match entry.id.as_str() {
+            HOUSE => scenes::house(0, Self::THUMBNAIL_TRIANGLES).scene,
+            id => SceneSource::new(id).open().ok()?,
+        };
+        let scene = Arc::new(scene);
+        let eye = place_headbox(&scene, None, None).ok()?.centre;
+        let tracer = Tracer::new(scene, eye);
+        let lighting = Lighting::measure(&tracer, 1);
+        let (width, height) = Self::THUMBNAIL_PX;
+        let camera = Camera::look_at(eye, eye + suggest_view(&tracer, eye), DVec3::Y, 60.0, [width, height]).ok()?;
+        let [lit, unlit] = [true, false].map(|lit| {
+            let lighting = if lit { &lighting } else { &Lighting::of_scene(&tracer, 0) };
+            truth::render(&tracer, lighting, lit, &camera, Self::THUMBNAIL_SAMPLES, &Silent).rgb()
+        });
+        let pixels = calmed(&lit, &unlit).pixels().map(|&Rgb([r, g, b])| [r, g, b, 255]).collect();
+        Some(Thumbnail { width, height, pixels })
+    }
+
+    fn extensions(&self) -> Vec<String> {
+        ["ldi", "exr", "sprite", "lumi", "house"].into_iter().chain(HOMES).chain(SCENES).map(str::to_owned).collect()
+    }
+
+    fn open_entry(&mut self, id: &str) -> Result<Box<dyn FrameSource>, String> {
+        open(id, &self.output_dir).map_err(|error| error.to_string())
+    }
+
+    fn open_file(&mut self, path: &Path) -> Result<Box<dyn FrameSource>, String> {
+        let name = path.to_str().ok_or_else(|| format!("{}: the name is not valid Unicode.", path.display()))?;
+        open(name, &self.output_dir).map_err(|error| error.to_string())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_cannot_be_shown_is_said() {
+        let here = Path::new(".");
+        let message = |name: &str| open(name, here).err().unwrap().to_string();
+        assert!(message("notes.txt").contains("notes.txt: only"), "{}", message("notes.txt"));
+        assert!(message("no/such.ldi").contains("no/such.ldi"));
+        assert!(message("no/such.exr").contains("no/such.exr"));
+        assert!(message("no/such.sprite").contains("no/such.sprite"));
+        assert!(message("no/such.lumi").contains("no/such.lumi"));
+        assert!(message("no/such.house").contains("no/such.house"));
+        assert!(message("no/such.obj").contains("no/such.obj"));
+        assert!(message("no/Home.xml").contains("no/Home.xml"));
+        assert!(message("builtin:nonsense").contains("nonsense"));
+    }
+
+    #[test]
+    fn every_entry_has_a_picture_with_something_in_it() {
+        let mut library = SceneLibrary { output_dir: ".".into() };
+        for entry in library.entries() {
+            let picture = library.thumbnail(&entry).unwrap();
+            assert_eq!(picture.pixels.len(), (picture.width * picture.height) as usize);
+            assert!(picture.pixels.iter().any(|p| *p != picture.pixels[0]), "{}", entry.name);
+        }
+    }
+}

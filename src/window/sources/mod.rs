@@ -1,0 +1,14 @@
+//! Frame sources: one for each kind of file that the window shows.
+
+mod cube;
+mod geometry;
+pub(crate) mod growth;
+mod house;
+pub(crate) mod library;
+mod live;
+mod lumigraph;
+mod photographs;
+mod points;
+pub(crate) mod reference;
+pub mod sketch;
+mod sprite;

@@ -1,0 +1,158 @@
+//! Keys and what they do: one table that both the program and the list on F1 read.
+
+use crate::thread::exchange::Location;
+use crate::input::motion::Steering;
+use egui::{InputState, Key};
+use glam::DVec3;
+use std::path::PathBuf;
+
+/// What a key, a button or a script asks of the window.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Command {
+    Centre,
+    ToggleKeys,
+    TogglePanels,
+    ToggleCompare,
+    NextStereo,
+    SaveFrame,
+    SaveCamera,
+    SaveWindow,
+    ToggleRecording,
+    TogglePlayback,
+    SavePath,
+    LoadPath(PathBuf),
+    ExportPath,
+    CancelExport,
+    ShowOpen,
+    Start,
+    Open(Location),
+    Act(&'static str),
+    FullScreen,
+    Dismiss,
+}
+
+/// What a key does.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Effect {
+    /// While held, moves the eye: right, up, forward.
+    Drive([i8; 3]),
+    /// While held, turns the head: left, up.
+    Turn([i8; 2]),
+    /// Once per press.
+    Command(Command),
+}
+
+/// A row of the table; any of the keys will do.
+pub(crate) struct Binding {
+    pub keys: &'static [Key],
+    pub effect: Effect,
+    pub help: &'static str,
+}
+
+const fn drive(keys: &'static [Key], axes: [i8; 3], help: &'static str) -> Binding {
+    Binding { keys, effect: Effect::Drive(axes), help }
+}
+
+const fn turn(keys: &'static [Key], axes: [i8; 2], help: &'static str) -> Binding {
+    Binding { keys, effect: Effect::Turn(axes), help }
+}
+
+const fn press(keys: &'static [Key], command: Command, help: &'static str) -> Binding {
+    Binding { keys, effect: Effect::Command(command), help }
+}
+
+/// The keys, in the order of the list on F1.
+pub(crate) const BINDINGS: &[Binding] = &[
+    drive(&[Key::W], [0, 0, 1], "Forward"),
+    drive(&[Key::S], [0, 0, -1], "Back"),
+    drive(&[Key::A], [-1, 0, 0], "Left"),
+    drive(&[Key::D], [1, 0, 0], "Right"),
+    drive(&[Key::E], [0, 1, 0], "Up"),
+    drive(&[Key::Q], [0, -1, 0], "Down"),
+    turn(&[Key::ArrowLeft], [1, 0], "Turn left"),
+    turn(&[Key::ArrowRight], [-1, 0], "Turn right"),
+    turn(&[Key::ArrowUp], [0, 1], "Look up"),
+    turn(&[Key::ArrowDown], [0, -1], "Look down"),
+    press(&[Key::Home, Key::C], Command::Centre, "Back to the centre"),
+    press(&[Key::B], Command::ToggleCompare, "Compare A with B"),
+    press(&[Key::X], Command::NextStereo, "Stereo: off, cross-eyed, parallel"),
+    press(&[Key::P], Command::SaveFrame, "Save the frame (PNG)"),
+    press(&[Key::K], Command::SaveCamera, "Save the camera (JSON)"),
+    press(&[Key::R], Command::ToggleRecording, "Record a path, or stop"),
+    press(&[Key::Space], Command::TogglePlayback, "Replay the path, or stop"),
+    press(&[Key::O], Command::ShowOpen, "Open a file"),
+    press(&[Key::Backspace], Command::Start, "Back to the start page"),
+    press(&[Key::H, Key::F2], Command::TogglePanels, "Hide or show the panels"),
+    press(&[Key::F11], Command::FullScreen, "Full screen"),
+    press(&[Key::F12], Command::SaveWindow, "Save a picture of the window (PNG)"),
+    press(&[Key::Escape], Command::Dismiss, "Close messages and lists"),
+    press(&[Key::F1], Command::ToggleKeys, "This list"),
+];
+
+/// What the mouse and the modifiers do, for the same list.
+pub(crate) const MOUSE_HELP: &[(&str, &str)] = &[
+    ("Drag", "Look around; circle a sprite"),
+    ("Wheel", "Field of view"),
+    ("Shift", "4 times as fast"),
+    ("Alt", "4 times as slow"),
+    ("Double click", "Back to the centre"),
+];
+
+const SHIFT_FACTOR: f64 = 4.0;
+
+/// The held keys. With `listening` off (a text field has the keyboard) nothing is held.
+pub(crate) fn steering(input: &InputState, listening: bool) -> Steering {
+    let (mut drive, mut turn) = (DVec3::ZERO, [0.0; 2]);
+    // Command shortcuts (Ctrl+C and the like) are not movement.
+    if listening && !input.modifiers.command && !input.modifiers.ctrl {
+        for binding in BINDINGS.iter().filter(|b| b.keys.iter().any(|key| input.key_down(*key))) {
+            match binding.effect {
+                Effect::Drive(axes) => drive += DVec3::from(axes.map(f64::from)),
+                Effect::Turn(axes) => (0..2).for_each(|i| turn[i] += f64::from(axes[i])),
+                Effect::Command(_) => {}
+            }
+        }
+    }
+    let factor = |held: bool, factor: f64| if held { factor } else { 1.0 };
+    let speed_factor = factor(input.modifiers.shift, SHIFT_FACTOR) / factor(input.modifiers.alt, SHIFT_FACTOR);
+    Steering { drive, turn, speed_factor, ..Steering::default() }
+}
+
+/// The commands whose keys were pressed since the last frame (held keys do not repeat).
+pub(crate) fn commands(input: &InputState) -> Vec<Command> {
+    let pressed = |key: &Key| {
+        let wanted = *key;
+        input.events.iter().any(|event| {
+            matches!(event, egui::Event::Key { key, pressed: true, repeat: false, modifiers, .. }
+                if *key == wanted && !modifiers.command && !modifiers.ctrl)
+        })
+    };
+    let commands = BINDINGS.iter().filter(|b| b.keys.iter().any(pressed));
+    commands.filter_map(|b| if let Effect::Command(c) = &b.effect { Some(c.clone()) } else { None }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::HashSet;
+
+    #[test]
+    fn every_key_has_one_meaning() {
+        let mut seen = HashSet::new();
+        for binding in BINDINGS {
+            assert!(!binding.help.is_empty() && !binding.keys.is_empty());
+            for key in binding.keys {
+                assert!(seen.insert(key), "{key:?} is bound twice");
+            }
+        }
+    }
+
+    #[test]
+    fn opposite_keys_cancel() {
+        let sum = |pick: fn(&Effect) -> Option<[i8; 3]>| {
+            BINDINGS.iter().filter_map(|b| pick(&b.effect)).fold([0; 3], |s, a| [s[0] + a[0], s[1] + a[1], s[2] + a[2]])
+        };
+        assert_eq!(sum(|e| if let Effect::Drive(a) = e { Some(*a) } else { None }), [0; 3]);
+        assert_eq!(sum(|e| if let Effect::Turn([a, b]) = e { Some([*a, *b, 0]) } else { None }), [0; 3]);
+    }
+}

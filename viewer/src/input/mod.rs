@@ -1,0 +1,9 @@
+//! From keys, mouse and wheel to poses and commands.
+
+pub(crate) mod bounds;
+mod commands;
+pub(crate) mod keymap;
+mod looking;
+pub(crate) mod motion;
+pub(crate) mod pose;
+pub(crate) mod steering;

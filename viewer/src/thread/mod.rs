@@ -1,0 +1,8 @@
+//! The render thread, and the exchange between it and the window.
+
+pub(crate) mod exchange;
+pub(crate) mod history;
+pub(crate) mod resolution;
+pub(crate) mod session;
+mod slot;
+mod worker;

@@ -1,0 +1,366 @@
+//! The window's state and its course through one pass: news, keys, panels, the frame.
+
+use crate::playback::automation::{Automation, Outcome, Progress};
+use crate::playback::camera_file;
+use crate::thread::exchange::{Event, Finished, SourceInfo};
+use crate::thread::history::{FrameTimes, History, add_stages};
+use crate::input::keymap;
+use crate::input::keymap::Command;
+use crate::window::messages::{Kind, Messages};
+use crate::input::motion::Motion;
+use crate::window::options::ViewerOptions;
+use crate::panels;
+use crate::panels::display::Display;
+use crate::panels::open::OpenList;
+use crate::panels::start::StartPage;
+use crate::input::pose::Pose;
+use crate::playback::recent::Recent;
+use crate::thread::resolution::ResolutionPolicy;
+use crate::thread::session::{Opening, Session};
+use crate::setting::SettingValues;
+use crate::source::Refinement;
+use crate::input::steering::{Eye, Sets};
+use crate::playback::tape::Tape;
+use crate::window::views::Stereo;
+use egui::{CentralPanel, Context, Frame, TextureHandle, Ui, ViewportCommand};
+use headbox_core::statistics::median;
+use std::{
+    path::PathBuf,
+    sync::{Arc, Mutex, PoisonError},
+    time::{Duration, Instant},
+};
+
+/// Everything the window knows.
+pub(crate) struct Viewer {
+    pub session: Session,
+    pub options: ViewerOptions,
+    /// What is shown; `None` is the start page.
+    pub info: Option<SourceInfo>,
+    /// What is being opened.
+    pub opening: Option<Opening>,
+    /// Files opened last, newest first.
+    pub recent: Recent,
+    /// The file among them that what is being opened will be.
+    pub opening_file: Option<PathBuf>,
+    pub eye: Eye,
+    pub display: Display,
+    pub sets: Sets,
+    pub tape: Tape,
+    /// Whether a replay ran to its end.
+    pub path_ended: bool,
+    /// Frames written and frames in all of a running export.
+    pub exporting: Option<[usize; 2]>,
+    pub messages: Messages,
+    pub history: History,
+    pub shown: Option<Finished>,
+    pub textures: Vec<TextureHandle>,
+    pub policy: ResolutionPolicy,
+    pub wish: Option<Wish>,
+    pub jobs_issued: u64,
+    pub show_panels: bool,
+    /// Whether the panel lies over the frame, where the window is too narrow for both.
+    pub unfolded: bool,
+    pub show_keys: bool,
+    pub full_screen: bool,
+    pub open_list: OpenList,
+    pub start_page: StartPage,
+    /// What panels and keys asked for in this pass.
+    pub commands: Vec<Command>,
+    /// Pictures of the window on their way to a file.
+    pub pending_shots: Vec<PendingShot>,
+    pub automation: Automation,
+    pub outcome: Arc<Mutex<Outcome>>,
+    clock: Clock,
+}
+
+/// A file and the result of writing it, once there is one.
+pub(crate) type PendingShot = (PathBuf, Arc<Mutex<Option<Result<(), String>>>>);
+
+/// A view as it was last asked for.
+#[derive(Clone, PartialEq)]
+pub(crate) struct Wish {
+    pub pose: Pose,
+    pub size_px: [u32; 2],
+    pub scale: f64,
+    pub moving: bool,
+    pub stereo: Stereo,
+    pub separation: f64,
+    pub sets: Vec<Arc<SettingValues>>,
+}
+
+/// When what was shown, for the summary.
+#[derive(Default)]
+struct Clock {
+    /// Whether a pass came before this one.
+    passed: bool,
+    frames_shown: u64,
+    first: Option<Instant>,
+    last: Option<Instant>,
+    pass_ms: Vec<f64>,
+    /// Sum of the scales of the frames shown.
+    scales: f64,
+}
+
+/// Passes over which the window's own time is averaged.
+const PASSES_KEPT: usize = 256;
+
+impl Viewer {
+    pub(crate) fn new(session: Session, options: ViewerOptions, can_open: bool, outcome: Arc<Mutex<Outcome>>) -> Self {
+        let display = Display::new(options.stereo, options.moving_limit_ms);
+        let pose = Pose::looking_at(glam::DVec3::ZERO, glam::DVec3::NEG_Z, 60.0);
+        let eye = Eye { pose, motion: Motion::default(), speed_m_per_s: 1.0, grab_scene: false, moved_s: f64::MIN };
+        Self {
+            session,
+            info: None,
+            opening: None,
+            recent: Recent::read(options.recent_file.clone()),
+            opening_file: options.file.clone(),
+            eye,
+            display,
+            sets: Sets::default(),
+            tape: Tape::new(options.replay),
+            path_ended: false,
+            exporting: None,
+            messages: Messages::default(),
+            history: History::default(),
+            shown: None,
+            textures: Vec::new(),
+            policy: ResolutionPolicy::default(),
+            wish: None,
+            jobs_issued: 0,
+            show_panels: options.panels,
+            unfolded: false,
+            show_keys: false,
+            full_screen: false,
+            open_list: OpenList::default(),
+            start_page: StartPage::new(can_open),
+            commands: Vec::new(),
+            pending_shots: Vec::new(),
+            automation: Automation::new(options.exit, options.screenshot.clone()),
+            outcome,
+            clock: Clock::default(),
+            options,
+        }
+    }
+
+    /// One pass of the window. `last_pass_ms` is the time that the previous one took, drawing included.
+    pub(crate) fn pass(&mut self, ui: &mut Ui, last_pass_ms: Option<f64>) {
+        let ctx = ui.ctx().clone();
+        let now_s = ui.input(|i| i.time);
+        if let Some(ms) = last_pass_ms {
+            self.clock.pass_ms.truncate(PASSES_KEPT - 1);
+            self.clock.pass_ms.insert(0, ms);
+        }
+        while let Some(event) = self.session.news() {
+            self.learn(&ctx, event, now_s);
+        }
+        // A pass that is laid out anew is not drawn: a frame taken in each would be lost between them.
+        if ctx.current_pass_index() == 0
+            && let Some(finished) = self.session.latest()
+        {
+            self.show_frame(&ctx, finished, now_s);
+        }
+        self.collect_shots(now_s);
+        if !ctx.text_edit_focused() {
+            self.commands.extend(ui.input(keymap::commands));
+        }
+        let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
+        self.commands.extend(dropped.map(|path| Command::Open(crate::thread::exchange::Location::File(path))));
+        self.panels(ui, now_s);
+        CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
+            if self.info.is_some() {
+                self.look(ui, now_s);
+            } else {
+                panels::start::show(ui, &mut self.start_page, self.opening.as_ref(), &self.recent, &mut self.commands);
+            }
+        });
+        panels::messages::show(&ctx, &mut self.messages);
+        panels::keys::show(&ctx, &mut self.show_keys);
+        panels::open::show(&ctx, &mut self.open_list, &self.recent, &mut self.commands);
+        for command in std::mem::take(&mut self.commands) {
+            self.execute(&ctx, command, now_s);
+        }
+        if let Some(left_s) = self.messages.expire(now_s) {
+            ctx.request_repaint_after(Duration::from_secs_f64(left_s.max(0.0)));
+        }
+        self.automate(&ctx);
+    }
+
+    /// Takes in one piece of news from the render thread.
+    fn learn(&mut self, ctx: &Context, event: Event, now_s: f64) {
+        match event {
+            Event::Opened(info) => self.opened(ctx, *info, now_s),
+            Event::OpenFailed(error) => {
+                (self.opening, self.opening_file) = (None, None);
+                self.messages.add(Kind::Error, error, now_s);
+            }
+            Event::Lost(error) => {
+                (self.info, self.exporting) = (None, None);
+                self.messages.add(Kind::Error, error, now_s);
+            }
+            Event::Error(error) => self.messages.add(Kind::Error, error, now_s),
+            Event::Done(text) => self.messages.add(Kind::Done, text, now_s),
+            Event::Offers { entries, extensions } => {
+                self.start_page.set_entries(entries);
+                self.open_list.set_extensions(extensions);
+            }
+            Event::Thumbnail { id, thumbnail } => self.start_page.set_thumbnail(ctx, &id, &thumbnail),
+            Event::Sketch { what, sketch } => {
+                if let Some(opening) = self.opening.as_mut().filter(|opening| opening.what == what) {
+                    opening.sketch = sketch.texture(ctx, "sketch");
+                }
+            }
+            Event::Exported(progress) => self.exporting = progress,
+        }
+    }
+
+    fn opened(&mut self, ctx: &Context, info: SourceInfo, now_s: f64) {
+        ctx.send_viewport_cmd(ViewportCommand::Title(format!("{} - headbox", info.title)));
+        let mut values = SettingValues::initial(&info.settings);
+        let set = |values: &mut SettingValues, texts: Vec<(String, String)>, messages: &mut Messages| {
+            for (id, text) in texts {
+                if let Err(error) = values.set_text(&info.settings, &id, &text) {
+                    messages.add(Kind::Error, error, now_s);
+                }
+            }
+        };
+        set(&mut values, std::mem::take(&mut self.options.settings), &mut self.messages);
+        let a = Arc::new(values);
+        let b = self.options.compare.take().map(|texts| {
+            let mut values = (*a).clone();
+            set(&mut values, texts, &mut self.messages);
+            Arc::new(values)
+        });
+        self.display.compare = b.is_some();
+        self.sets = Sets { b: b.unwrap_or_else(|| Arc::clone(&a)), a, edits_b: false };
+        self.eye.pose = self.options.pose.take().unwrap_or(info.start_pose);
+        self.eye.motion.stop();
+        self.eye.speed_m_per_s = info.speed_m_per_s;
+        self.tape = Tape::new(self.tape.mode);
+        (self.opening, self.wish, self.exporting) = (None, None, None);
+        if let Some(file) = self.opening_file.take() {
+            self.recent.add(&file);
+        }
+        if let Some(old) = self.shown.take() {
+            self.session.recycle(old.pictures);
+        }
+        self.policy.reset();
+        self.history.clear();
+        self.open_list.close();
+        for note in &info.notes {
+            self.messages.add(Kind::Done, note, now_s);
+        }
+        self.info = Some(info);
+        self.replay_given_path(now_s);
+    }
+
+    /// Replays the path that the window was started with.
+    fn replay_given_path(&mut self, now_s: f64) {
+        let (Some(file), Some(info)) = (self.options.path.take(), &self.info) else { return };
+        match camera_file::read_path(&file, &info.file_frame, info.start_pose.up) {
+            Ok(path) => {
+                self.take_path(path, now_s);
+                self.commands.push(Command::TogglePlayback);
+            }
+            Err(error) => self.messages.add(Kind::Error, error.to_string(), now_s),
+        }
+    }
+
+    /// Takes over a finished frame: its pictures become textures, its times go into the history.
+    fn show_frame(&mut self, ctx: &Context, finished: Finished, now_s: f64) {
+        let Some(info) = self.info.as_ref().filter(|info| info.id == finished.job.source_id) else { return };
+        // Pixel for pixel at rest; smooth where fewer pixels are stretched over the window.
+        let exact = finished.job.scale == 1.0;
+        let filter = if exact { egui::TextureOptions::NEAREST } else { egui::TextureOptions::LINEAR };
+        for (i, picture) in finished.pictures.iter().enumerate() {
+            match self.textures.get_mut(i) {
+                // Of the same size, it is written over: a new texture would first have to be made.
+                Some(texture) if texture.size() == picture.image.size => {
+                    texture.set_partial([0, 0], Arc::clone(&picture.image), filter);
+                }
+                Some(texture) => texture.set(Arc::clone(&picture.image), filter),
+                None => {
+                    let name = format!("{} {i}", info.title);
+                    self.textures.push(ctx.load_texture(name, Arc::clone(&picture.image), filter));
+                }
+            }
+        }
+        let mut stages = Vec::new();
+        finished.pictures.iter().for_each(|p| add_stages(&mut stages, &p.report.stages));
+        if finished.job.moving {
+            self.policy.observe(finished.job.scale, finished.render_ms, self.display.target_ms);
+        }
+        if finished.job.round == 0 {
+            let latency_ms = finished.job.issued.elapsed().as_secs_f64() * 1e3;
+            let render_ms = finished.render_ms;
+            self.history.push(FrameTimes { shown_s: now_s, render_ms, latency_ms, stages });
+        }
+        if let Some(index) = finished.job.replayed {
+            self.tape.shown(index);
+        }
+        self.clock.scales += finished.job.scale;
+        self.count_frame(ctx);
+        if let Some(old) = self.shown.replace(finished) {
+            self.session.recycle(old.pictures);
+        }
+    }
+
+    fn count_frame(&mut self, ctx: &Context) {
+        self.clock.frames_shown += 1;
+        self.clock.last = Some(Instant::now());
+        if self.clock.first.is_none() {
+            self.clock.first = self.clock.last;
+            // The first image counts when it is on the screen, which the next pass knows.
+            ctx.request_repaint();
+        }
+    }
+
+    fn automate(&mut self, ctx: &Context) {
+        let first_image = self.clock.frames_shown > 0;
+        {
+            let mut outcome = self.outcome.lock().unwrap_or_else(PoisonError::into_inner);
+            if self.clock.passed {
+                let elapsed_s = self.options.started.elapsed().as_secs_f64();
+                outcome.summary.window_s.get_or_insert(elapsed_s);
+            } else {
+                // That the first pass is on the screen, the next one knows.
+                self.clock.passed = true;
+                ctx.request_repaint();
+            }
+            // `shown` was painted in an earlier pass if a frame was counted before this one.
+            if first_image && outcome.summary.first_image_s.is_none() && outcome.summary.frames_shown > 0 {
+                outcome.summary.first_image_s = Some(self.options.started.elapsed().as_secs_f64());
+            }
+            outcome.summary.frames_shown = self.clock.frames_shown;
+        }
+        let settled = self.shown.as_ref().is_some_and(|s| s.job.number == self.jobs_issued && !s.job.moving);
+        let error = self.messages.iter().find(|m| m.kind == Kind::Error).map(|m| m.text.as_str());
+        let path_done = self.path_ended && settled && !self.tape.is_playing();
+        let done = |shown: &Finished| shown.pictures.iter().all(|p| p.report.refinement == Refinement::Done);
+        let refined = settled && self.shown.as_ref().is_some_and(done);
+        let thumbnails_done = self.start_page.is_pictured();
+        let progress = Progress { frames_shown: self.clock.frames_shown, path_done, refined, thumbnails_done, error };
+        if let Some(error) = self.automation.step(ctx, &progress) {
+            self.outcome.lock().unwrap_or_else(PoisonError::into_inner).error = Some(error);
+        }
+        if self.automation.is_closing() {
+            self.sum_up();
+        }
+    }
+
+    /// Writes down what was measured.
+    pub(crate) fn sum_up(&self) {
+        let mut outcome = self.outcome.lock().unwrap_or_else(PoisonError::into_inner);
+        let summary = &mut outcome.summary;
+        if let (Some(first), Some(last)) = (self.clock.first, self.clock.last)
+            && last > first
+        {
+            summary.shown_per_s = (self.clock.frames_shown - 1) as f64 / (last - first).as_secs_f64();
+        }
+        summary.render_ms_median = self.history.median(|f| f.render_ms).unwrap_or(0.0);
+        summary.latency_ms_median = self.history.median(|f| f.latency_ms).unwrap_or(0.0);
+        summary.pass_ms_median = median(self.clock.pass_ms.iter().copied()).unwrap_or(0.0);
+        summary.scale_mean = self.clock.scales / self.clock.frames_shown.max(1) as f64;
+        summary.frame_size_px = self.wish.as_ref().map_or([0; 2], |wish| wish.size_px);
+    }
+}
