@@ -1,5 +1,7 @@
-//! Every id of a paper's algorithm in the sources resolves in `docs/papers.md`, and every file named there cites its id; every
-//! decision that a comment names has its entry in `docs/decisions.md`.
+//! Ids of the papers' algorithms in the sources resolve in `docs/papers.md`, and the files named there cite them. Decisions
+//! that comments name have an entry in `docs/decisions.md`, and the files that entries name exist.
+//!
+//! Documents name a source file by the end of its path (`peel.rs`, `render/mod.rs`), so that a file can move.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -11,18 +13,27 @@ fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// The Rust files under a folder.
-fn sources(folder: &Path, to: &mut Vec<PathBuf>) {
+/// Collects the Rust files under a folder.
+fn collect_sources(folder: &Path, files: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path()) {
         if entry.is_dir() {
-            sources(&entry, to);
+            collect_sources(&entry, files);
         } else if entry.extension().is_some_and(|extension| extension == "rs") {
-            to.push(entry);
+            files.push(entry);
         }
     }
 }
 
-/// Whether a word is an id: `S17`, `C3b`, `P-N10`.
+/// Returns the Rust files of the workspace.
+fn sources() -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    for folder in ["src", "capture", "scenes", "viewer", "tests", "benches", "examples"] {
+        collect_sources(&root().join(folder), &mut files);
+    }
+    files
+}
+
+/// Returns true if a word is an id: `S17`, `C3b`, `P-N10`.
 fn is_id(word: &str) -> bool {
     let Some(rest) = word.strip_prefix(['R', 'S', 'P', 'L', 'E', 'C', 'D']) else { return false };
     let number = rest.strip_prefix("-N").or(rest.strip_suffix(['a', 'b'])).unwrap_or(rest);
@@ -39,40 +50,50 @@ fn ids(text: &str) -> BTreeSet<&str> {
 }
 
 #[test]
-fn every_citation_resolves_and_every_file_cites_what_it_holds() {
+fn papers_page_matches_citations() {
     let page = std::fs::read_to_string(root().join("docs/papers.md")).expect("the page");
     let known = ids_of_page(&page);
-    let mut files = Vec::new();
-    ["src", "capture", "scenes/src", "viewer/src", "tests"]
-        .iter()
-        .for_each(|folder| sources(&root().join(folder), &mut files));
-    let mut cited: BTreeMap<PathBuf, BTreeSet<String>> = BTreeMap::new();
-    for file in files {
-        let text = std::fs::read_to_string(&file).expect("text");
-        let name = file.strip_prefix(root()).expect("inside").to_path_buf();
+    let files = sources();
+    let mut cited: BTreeMap<&Path, BTreeSet<String>> = BTreeMap::new();
+    for file in &files {
+        let text = std::fs::read_to_string(file).expect("text");
         for id in ids(&text) {
-            // A variant of one thing (R2b) is where the thing is.
+            // A variant of an algorithm (R2b) is listed with the algorithm.
             let resolves = known.contains(id) || known.contains(id.trim_end_matches(['a', 'b']));
-            assert!(resolves, "{} cites {id}, of which docs/papers.md knows nothing", name.display());
-            cited.entry(name.clone()).or_default().insert(id.to_string());
+            assert!(resolves, "{} cites {id}, which docs/papers.md does not list", file.display());
+            cited.entry(file).or_default().insert(id.to_string());
         }
     }
     let mut rows = 0;
-    for line in page.lines().filter(|line| line.starts_with("| ") && !line.contains("not built")) {
-        let Some(id) = line.split('|').nth(1).map(str::trim).filter(|id| is_id(id)) else { continue };
-        for file in line.split('`').filter(|word| word.ends_with(".rs")) {
-            let cites = cited.get(Path::new(file)).is_some_and(|ids| ids.contains(id));
-            // A disagreement is settled where its parts are cited.
-            assert!(cites || id == "D15", "{file} does not cite {id}");
+    for line in page.lines().filter(|line| line.starts_with("| ")) {
+        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+        let Some(id) = cells.get(1).filter(|id| is_id(id)) else { continue };
+        // Tables with tests have one column more than the table of disagreements.
+        let tests = if cells.len() > 5 { cells[cells.len() - 2] } else { "" };
+        let implementation = line.strip_suffix(&format!("{tests} |")).unwrap_or(line);
+        let aliases = implementation.split("(as ").skip(1).filter_map(|after| after.split(')').next());
+        let accepted: Vec<&str> = aliases.chain([*id]).collect();
+        for name in rust_files(implementation) {
+            let cites = |ids: &BTreeSet<String>| accepted.iter().any(|id| ids.contains(*id));
+            let found = cited.iter().any(|(file, ids)| file.ends_with(name) && cites(ids));
+            assert!(found, "docs/papers.md: no file {name} cites {id}");
             rows += 1;
         }
+        for name in rust_files(tests) {
+            assert!(files.iter().any(|file| file.ends_with(name)), "docs/papers.md: no test file {name}");
+        }
     }
-    assert!(rows > 55, "{rows} rows with files");
+    assert!(rows > 70, "{rows} files in rows");
 }
 
 /// The ids that have a row, or are named in the prose about numbers.
 fn ids_of_page(page: &str) -> BTreeSet<&str> {
     page.split(|c: char| !c.is_alphanumeric() && c != '-').filter(|word| is_id(word)).collect()
+}
+
+/// Ends of paths of Rust files in backticks.
+fn rust_files(text: &str) -> impl Iterator<Item = &str> {
+    text.split('`').filter(|word| word.ends_with(".rs") && !word.contains(' '))
 }
 
 /// The words of a file's comments, in one line.
@@ -86,12 +107,8 @@ fn every_decision_that_a_comment_names_has_an_entry() {
     let page = std::fs::read_to_string(root().join("docs/decisions.md")).expect("the page");
     let entries: Vec<String> =
         page.lines().filter_map(|line| line.strip_prefix("### ")).map(str::to_lowercase).collect();
-    let mut files = Vec::new();
-    ["src", "capture/src", "scenes/src", "viewer/src"]
-        .iter()
-        .for_each(|folder| sources(&root().join(folder), &mut files));
     let mut named = BTreeSet::new();
-    for file in files {
+    for file in sources().into_iter().filter(|file| !file.ends_with("tests/library/citations.rs")) {
         let comments = comments(&std::fs::read_to_string(&file).expect("text")).to_lowercase();
         for after in comments.split("docs/decisions.md").skip(1) {
             let title = after.trim_start_matches([':', ',']).trim_start();
@@ -107,7 +124,7 @@ fn every_decision_that_a_comment_names_has_an_entry() {
 }
 
 #[test]
-fn an_id_is_told_from_other_words() {
+fn id_recognised_among_words() {
     assert!(["S1", "R16", "C3b", "R2a", "P-N10", "D22"].iter().all(|id| is_id(id)));
     assert!(["S", "S100", "D65", "X1", "Sb", "C3bb", "P-10", "S1c"].iter().all(|word| !is_id(word)));
 }
