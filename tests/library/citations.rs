@@ -1,5 +1,5 @@
 //! Ids of the papers' algorithms in the sources resolve in `docs/papers.md`, and the files named there cite them. Decisions
-//! that comments name have an entry in `docs/decisions.md`, and the files that entries name exist.
+//! that comments cite exist in `docs/decisions/`, and the files that decisions name exist.
 //!
 //! Documents name a source file by the end of its path (`peel.rs`, `render/mod.rs`), so that a file can move.
 
@@ -96,31 +96,38 @@ fn rust_files(text: &str) -> impl Iterator<Item = &str> {
     text.split('`').filter(|word| word.ends_with(".rs") && !word.contains(' '))
 }
 
-/// The words of a file's comments, in one line.
-fn comments(text: &str) -> String {
-    let lines = text.lines().map(str::trim_start).filter(|line| line.starts_with("//"));
-    lines.map(|line| line.trim_start_matches(['/', '!']).trim()).collect::<Vec<_>>().join(" ")
-}
-
 #[test]
-fn every_decision_that_a_comment_names_has_an_entry() {
-    let page = std::fs::read_to_string(root().join("docs/decisions.md")).expect("the page");
-    let entries: Vec<String> =
-        page.lines().filter_map(|line| line.strip_prefix("### ")).map(str::to_lowercase).collect();
-    let mut named = BTreeSet::new();
-    for file in sources().into_iter().filter(|file| !file.ends_with("tests/library/citations.rs")) {
-        let comments = comments(&std::fs::read_to_string(&file).expect("text")).to_lowercase();
-        for after in comments.split("docs/decisions.md").skip(1) {
-            let title = after.trim_start_matches([':', ',']).trim_start();
-            let entry = entries.iter().find(|entry| title.starts_with(entry.as_str()));
-            named.insert(entry.unwrap_or_else(|| panic!("{}: no decision {title:.60}", file.display())).clone());
+fn decisions_exist_and_are_indexed() {
+    let folder = root().join("docs/decisions");
+    let index = std::fs::read_to_string(folder.join("README.md")).expect("the index");
+    let files = sources();
+    let mut numbers = BTreeSet::new();
+    for entry in std::fs::read_dir(&folder).expect("a folder").map(|entry| entry.expect("an entry")) {
+        let name = entry.file_name().into_string().expect("UTF-8");
+        if name == "README.md" {
+            continue;
+        }
+        let text = std::fs::read_to_string(entry.path()).expect("text");
+        let title = text.lines().next().and_then(|line| line.split_once(". ")).expect("a title").1;
+        assert!(index.contains(&format!("[{}]({name}) | {title} |", &name[..4])), "{name} is not in the index");
+        for heading in ["Context", "Decision", "Measured", "Rejected"] {
+            assert_eq!(text.matches(&format!("\n## {heading}\n")).count(), 1, "{name}: {heading}");
+        }
+        for path in rust_files(&text) {
+            assert!(files.iter().any(|file| file.ends_with(path)), "{name} names {path}, which does not exist");
+        }
+        assert!(numbers.insert(name[..4].to_string()), "two decisions have the number of {name}");
+    }
+    let mut cited = BTreeSet::new();
+    for file in files.iter().filter(|file| !file.ends_with("tests/library/citations.rs")) {
+        let text = std::fs::read_to_string(file).expect("text");
+        for after in text.split("docs/decisions").skip(1) {
+            let number = after.strip_prefix('/').and_then(|number| number.get(..4)).unwrap_or_default();
+            assert!(numbers.contains(number), "{}: no decision docs/decisions{after:.9}", file.display());
+            cited.insert(number.to_string());
         }
     }
-    assert!(named.len() > 10, "{named:?}");
-    // A file that an entry names is there.
-    for path in page.split('`').filter(|word| word.ends_with(".rs")) {
-        assert!(root().join(path).is_file(), "docs/decisions.md names {path}, which is not there");
-    }
+    assert!(cited.len() > 10, "{cited:?}");
 }
 
 #[test]
