@@ -2,7 +2,7 @@
 //!
 //! Scenes are full of corners that lie on somebody else's edge: a wall's foot on a floor, a panel around a door, a triangle cut at the
 //! border of a cell beside one that was not. A rasteriser snaps corners to its grid, and what is left open beside a long edge that knows
-//! nothing of them shows what lies behind it, in single pixels. Here such edges are split (docs/decisions.md: homes are stitched).
+//! nothing of them shows what lies behind it, in single pixels. Here such edges are split (docs/decisions/0023).
 
 use crate::scene::{Scene, Triangle};
 use glam::{DVec3, Vec3};

@@ -9,7 +9,7 @@ pub const LANES: usize = 16;
 /// these. Indices beyond the last that has all four count as that one; `None` if no index has.
 ///
 /// Registers are put together from registers of two pairs: put together from pairs, they become a chain of sixteen steps
-/// (docs/decisions.md: texels by two pairs).
+/// (docs/decisions/0005).
 #[inline(always)]
 pub fn fours<S: Simd>(simd: S, texels: &[[u8; 4]], index: u32x16<S>, stride: usize) -> Option<[u32x16<S>; 4]> {
     let count = texels.len().checked_sub(stride)?;

@@ -3,7 +3,7 @@
 //! A frame is drawn in bands of rows, each by one thread from its first triangle to its last pixel:
 //!
 //! 1. `mesh`: triangles in clusters of at most 128, each with a box; clusters outside the window are dropped (`cull`; not
-//!    those that nearer ones hide, see docs/decisions.md: no occlusion culling of clusters);
+//!    those that nearer ones hide, see docs/decisions/0025);
 //! 2. `view`: the vertices of a cluster to the frame, 16 at a time, snapped to 1/256 px; triangles that reach behind the eye
 //!    or far outside the frame are clipped in `clip`;
 //! 3. `scan`: exact integer edge functions, so that no crack is left between neighbours;

@@ -4,8 +4,7 @@
 //! that still show it are collected, and coloured [`LANES`] at a time; only texels and sRGB levels are looked up one by one.
 //! A colour depends on nothing but triangle and pixel, so that neither bands nor lanes can be told from it.
 //!
-//! Each run of a row's pixels by itself would leave most lanes idle in rooms (docs/decisions.md: pixels are coloured triangle
-//! after triangle).
+//! Each run of a row's pixels by itself would leave most lanes idle in rooms (docs/decisions/0025).
 
 use super::mesh::{MeshMaterial, RasterMesh, Vertex};
 use super::mip::MipTexture;

@@ -36,8 +36,7 @@ pub struct TileStore {
 /// of their pixel full.
 ///
 /// Lists alone are not enough: a plane through the centre of the headbox puts all of itself into one row of pixels,
-/// hundreds of bins in each. A table alone needs more of the cache. (docs/decisions.md: lists of accumulators, and a table
-/// beyond.)
+/// hundreds of bins in each. A table alone needs more of the cache. (docs/decisions/0006.)
 #[derive(Default)]
 struct Tile {
     /// First accumulator of each pixel; empty until the first sample.

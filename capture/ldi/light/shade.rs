@@ -6,7 +6,7 @@
 //! depth pixel gives each the same error, and can be pooled over a surface ([`super::pool`]).
 //!
 //! Albedo is averaged over all rays, and, where a triangle has a texture, over a grid of points in its part of the pixel.
-//! Without the grid an LDI with half of the rays aliases (docs/decisions.md: light for each depth pixel, not for each ray).
+//! Without the grid an LDI with half of the rays aliases (docs/decisions/0007).
 
 use crate::accumulate::accumulator::{Accumulator, sixteen_bits};
 use headbox_scene::material::Texture;

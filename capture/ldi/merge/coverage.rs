@@ -9,7 +9,7 @@
 //!
 //! Only where none of a surface was found in some neighbouring pixel has it a rim; everything else hides its whole pixel.
 //!
-//! Cheaper estimates cannot tell a rim from a surface that few rays met (docs/decisions.md: alpha by rays from the centre).
+//! Cheaper estimates cannot tell a rim from a surface that few rays met (docs/decisions/0020).
 
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::model::samples::{DepthPixel, LayeredDepthImage};

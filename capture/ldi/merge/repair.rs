@@ -1,7 +1,7 @@
 //! Gaps of one pixel in a surface, mended: rays that are aimed where a depth pixel is missing for certain.
 //!
 //! Rays are random. What a thousand of them would find anyway, the last few depth pixels of a wall, they find late, and each that
-//! is missing is a speck through which the background shows (docs/decisions.md: gaps of one pixel are mended by aimed rays).
+//! is missing is a speck through which the background shows (docs/decisions/0017).
 //! Where both neighbours of a pixel lie on one surface and the pixel itself has nothing of it, one ray from the centre
 //! that looks for it there, and only there, decides. What it meets becomes a depth pixel like any other.
 

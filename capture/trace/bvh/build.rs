@@ -12,7 +12,7 @@ use obvhs::{BvhBuildParams, triangle::Triangle};
 use rayon::prelude::*;
 use std::time::Duration;
 
-/// How the binary tree is built (docs/decisions.md: the tree of the tracer). `pre_split` would put a triangle into several
+/// How the binary tree is built (docs/decisions/0021). `pre_split` would put a triangle into several
 /// leaves; a hit would then depend on which of them is visited first (rule 3 of [`super`]).
 const PARAMS: BvhBuildParams = BvhBuildParams {
     pre_split: false,

@@ -87,6 +87,6 @@ impl CaptureParameters {
         Self { strata, rays_per_stratum, novelty: 0.0, holes: 1.0, bounces: 0, light_samples: 0, ..Self::DEFAULT }
     }
 
-    /// Default of [`Self::novelty`]: half of the rays for less than 0.1 dB (docs/decisions.md: novelty 0.18).
+    /// Default of [`Self::novelty`]: half of the rays for less than 0.1 dB (docs/decisions/0018).
     pub const DEFAULT_NOVELTY: f64 = 0.18;
 }

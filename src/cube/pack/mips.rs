@@ -6,7 +6,7 @@
 //! level is the one before it, softened by 1, 10, 1 (twelfths), an even one every second texel of the one two before it, of which
 //! each is a mean with its neighbours by -1, 4, 10, 4, -1 (sixteenths). That neither blurs (its variance is 0) nor keeps what
 //! half as many texels cannot show (0 at the highest frequency). The outermost lines of texels are taken as they are, so that
-//! tiles that share one still meet. What that brings: docs/decisions.md: what half a pixel costs.
+//! tiles that share one still meet. What that brings: docs/decisions/0051.
 
 use std::sync::OnceLock;
 

@@ -25,7 +25,7 @@ use regions::{Grower, NOBODY};
 pub const MAX_ERROR_PX: f64 = 1e6;
 
 /// The error that captures allow where nothing is said, px: smooth walls lose up to half a decibel, where captures without
-/// noise have 50 dB and more (docs/decisions.md: what half a pixel costs).
+/// noise have 50 dB and more (docs/decisions/0051).
 pub const DEFAULT_ERROR_PX: f64 = 0.5;
 
 /// Packs a cube LDI that frames show all around. What of it is flat becomes pictures on planes ([`choose`]), if these together are

@@ -150,7 +150,7 @@ impl FrameStats {
 }
 
 /// Rows of a band unless the settings say otherwise: so many that each thread has [`BANDS_A_THREAD`] to even out, but at most
-/// 192. What reaches into two bands is warped twice (docs/decisions.md: bands of at most 192 rows).
+/// 192. What reaches into two bands is warped twice (docs/decisions/0053).
 fn default_band_rows(height: u32, threads: usize) -> u32 {
     let bands = BANDS_A_THREAD.saturating_mul(u32::try_from(threads).unwrap_or(u32::MAX)).max(1);
     height.div_ceil(bands).next_multiple_of(16).min(192)
@@ -433,6 +433,6 @@ impl FramePlan {
     }
 }
 
-/// The least radius of a tent, px; less and more are both worse (docs/decisions.md: sizes from the tangent plane).
+/// The least radius of a tent, px; less and more are both worse (docs/decisions/0048).
 pub(crate) const TENT_MIN_RADIUS_PX: f32 = 0.75;
 

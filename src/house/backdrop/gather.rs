@@ -7,7 +7,7 @@
 //! A depth pixel is drawn from the middle of its pixel, but random rays hit anywhere in it. So a hit counts with the depth that
 //! its surface has in the middle: hits of a slanted surface agree, and lie on it. At most half of what is similar is changed, so
 //! that a surface that the centre sees nearly edge-on keeps several samples a pixel; footprints alone do not close it
-//! (docs/decisions.md: a hit counts with its surface's depth in the middle of its pixel).
+//! (docs/decisions/0022).
 //! Images are taken as they are: the papers' rules compare what their pixels hold.
 
 use super::mend::BackdropMender;

@@ -5,7 +5,7 @@
 //! nothing of it, one ray from the centre that looks for it there, and only there, decides (as [`headbox_ldi::merge::repair`] does for
 //! cube LDIs). The centre may be in front of the opening, or not see the surface at all: what lies between two samples that show
 //! through the opening shows through it too, or hides behind them.
-//! What that brings: docs/decisions.md, specks in windows are mended.
+//! What that brings: docs/decisions/0022.
 
 use headbox_core::color::srgb8_from_linear;
 use headbox_trace::bvh::Ray;

@@ -25,7 +25,7 @@ const LEAST_TOLERANCE_PX: f64 = 1e-6;
 const LEAST_AHEAD: f64 = 1e-6;
 
 /// A coarser level serves from this share of an octave later on: between two levels the coarser one, which is smoothed twice, errs
-/// more (docs/decisions.md: when a coarser level serves).
+/// more (docs/decisions/0040).
 const SHARPER: f64 = 0.25;
 
 /// The layers of a frame, near ones first; what is at infinity comes last.

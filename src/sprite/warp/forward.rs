@@ -2,7 +2,7 @@
 //!
 //! Tiles that lie on planes ([`super::patches`]) are drawn whole, as the parallelograms that they become
 //! ([`super::planes`]); the cells of all others go one by one. There are no more bands of rows than threads: neighbours
-//! draw the same tiles (docs/decisions.md: tiles on planes are drawn whole).
+//! draw the same tiles (docs/decisions/0044).
 
 use super::cell::{Coding, VISIBLE, slopes};
 use super::field::Field;

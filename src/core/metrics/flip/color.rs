@@ -39,7 +39,7 @@ type Triple<V> = [V; 3];
 /// The conversions between sRGB, linear RGB, opponent color and XYZ relative to white; rows of matrices.
 ///
 /// Vector code below has no closures and no `array::map`: those are compiled for the baseline instruction set unless
-/// they happen to be inlined (docs/decisions.md: no closures in FLIP's vector code).
+/// they happen to be inlined (docs/decisions/0004).
 pub(super) struct ColorSpace {
     /// Linear light of the 8-bit sRGB values.
     pub(super) linear_from_srgb8: [f32; 256],

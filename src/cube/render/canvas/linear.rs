@@ -1,7 +1,7 @@
 //! Blending by share in linear light, on 8-bit sRGB colours.
 //!
 //! What a pixel holds of a leaf and of the sky behind it adds up as light does. Blended as sRGB values, dark rims over a bright
-//! background come out too dark (docs/decisions.md: blending in linear light).
+//! background come out too dark (docs/decisions/0046).
 
 use crate::render::footprint::splat;
 use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};

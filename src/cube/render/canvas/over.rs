@@ -213,7 +213,7 @@ impl OverCanvas {
     }
 
     /// Writes the corners of a rectangle, which are all of one that is at most two pixels wide and high: without the loops, whose
-    /// ends no processor foresees (docs/decisions.md: small rectangles by their corners).
+    /// ends no processor foresees (docs/decisions/0050).
     #[inline(always)]
     fn fill_corners(&mut self, columns: Range<i32>, rows: Range<i32>, color: u32) {
         let at = (rows.start - self.rows.start as i32) as usize * self.stride() + columns.start as usize + MARGIN;

@@ -174,7 +174,7 @@ impl Size for FixedSize {
 /// rows of this 2x2 Jacobian, which do not change when the face's grid is rotated in the frame.
 ///
 /// The angles of [`PaperSize`] say nothing of a floor seen through a side face (both cosines are 0). What that brings:
-/// docs/decisions.md: sizes from the tangent plane.
+/// docs/decisions/0048.
 pub(crate) struct TangentSize<'a> {
     table: &'a TangentTable,
     x_step: Vec3,

@@ -10,8 +10,8 @@ use std::ops::Range;
 
 /// Which footprints are drawn.
 ///
-/// How near to truth each comes, what its table of sizes costs `Paper`, and what else was tried: docs/decisions.md: tents, averaged
-/// per surface. `tests/library/splat_quality.rs` measures it anew.
+/// How near to truth each comes, what its table of sizes costs `Paper`, and what else was tried: docs/decisions/0047.
+/// `tests/library/splat_quality.rs` measures it anew.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SplatKernel {

@@ -20,7 +20,7 @@
 //! kernel and the number of fragments. What it costs: a whole frame's canvas for each fragment and each boundary (twice
 //! the number of fragments times 4 or 16 bytes a pixel), which no cache holds and another thread than the painter's may
 //! read, clipping on one thread, and the depth pixels that are drawn twice. So
-//! bands are the default (docs/decisions.md: bands, and not fragments, by default).
+//! bands are the default (docs/decisions/0053).
 
 use super::assemble::Owners;
 use super::band::{Clipped, ForSegment, Scope, Worker};

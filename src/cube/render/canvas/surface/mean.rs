@@ -44,8 +44,7 @@ fn mean<S: Simd>(simd: S, sum: &[u32; BLOCK], reciprocal: f32x8<S>) -> u32x8<S> 
 ///
 /// The surface behind often ends here only because nobody could see it go on behind the front one, and the weights of
 /// its tents fade toward that border. It is therefore taken to lie in the part of the pixel that the front surface
-/// leaves open: without this the sky shines through every crown of leaves along its branches (docs/decisions.md: surfaces are averaged
-/// before they are blended).
+/// leaves open: without this the sky shines through every crown of leaves along its branches (docs/decisions/0049).
 #[inline(always)]
 pub(super) fn together([front, second, rest]: [[u8; 4]; 3], light: &LinearLight) -> [u8; 4] {
     let of_front = front[3];

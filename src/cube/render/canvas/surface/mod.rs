@@ -4,7 +4,7 @@
 //! where it is a hidden far layer of the next pixel: backgrounds bleed through (C12). So of each pixel the nearest surface is found
 //! first; the splats on it are a weighted mean, as bilinear interpolation is. Where that leaves a part of the pixel open, the next surface
 //! behind it shows, and behind that all that is left. Splats wait in tiles of the frame until all have come (`piece`), then each
-//! tile is peeled at once (`peel`): docs/decisions.md: surfaces are peeled tile by tile.
+//! tile is peeled at once (`peel`): docs/decisions/0049.
 
 mod mean;
 mod peel;
@@ -51,7 +51,7 @@ pub struct SurfaceCanvas {
 impl SurfaceCanvas {
     /// The tolerance for faces of `face_px` pixels: 1.5 % for what a capture merges, and the change of depth over one face pixel
     /// of a surface at 74 degrees to the line of sight (2 / `face_px` is a face pixel's angle, tan 74 = 3.6). Other tolerances:
-    /// docs/decisions.md: surfaces are averaged before they are blended.
+    /// docs/decisions/0049.
     pub fn tolerance(face_px: u32) -> f32 {
         0.015 + 3.6 * 2.0 / face_px as f32
     }

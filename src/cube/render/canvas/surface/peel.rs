@@ -14,7 +14,7 @@ use fearless_simd::{Simd, f32x8, i32x8, mask32x8, prelude::*, u32x8};
 const NOWHERE: f32 = -1.0;
 
 /// What lies under splats and hides a pixel wholly is as far away as it says there, where a splat is as far away as its middle: so much of
-/// the relative tolerance is left (docs/decisions.md: pictures are sharpened, and end where their samples do).
+/// the relative tolerance is left (docs/decisions/0051).
 pub(in crate::render) const GROUND_PART: f32 = 0.25;
 
 /// Two splats are of one surface up to this difference of inverse depth.

@@ -286,8 +286,7 @@ fn tolerances_grow_with_a_face_pixels_angle() {
     }
 }
 
-/// The samples of four LDI pixels, in some of which a curtain is in front of the wall, and hides it for good (docs/decisions.md: three
-/// surfaces in a pixel).
+/// The samples of four LDI pixels, in some of which a curtain is in front of the wall, and hides it for good (docs/decisions/0049).
 #[test]
 fn what_is_behind_a_whole_surface_is_hidden_whoever_else_is_in_front() {
     let (curtain, wall, tree) = ([250, 0, 0], [0, 0, 250], [0, 250, 0]);
