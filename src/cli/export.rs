@@ -150,6 +150,6 @@ impl ExportCommand {
 }
 
 /// The name of a file without folder and ending.
-pub(super) fn name_of(path: &Path) -> String {
+fn name_of(path: &Path) -> String {
     path.file_stem().map_or_else(|| "headbox".into(), |stem| stem.to_string_lossy().into_owned())
 }

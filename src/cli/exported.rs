@@ -1,10 +1,10 @@
-//! Files that `headbox export` and `headbox serve` take, by what they hold.
+//! Input files of `headbox export`, by kind.
 
 use super::house_file::first_view;
 use crate::capture::Camera;
 use crate::container::{Container, FileKind};
-use crate::export::page::{Page, house_poster, lumigraph_poster, sprite_poster};
-use crate::export::{ExportError, of_sprites, poster};
+use crate::export::page::Page;
+use crate::export::{ExportError, of_sprites};
 use crate::lumigraph::{LUMI_FILE, Lumigraph, Slabs};
 use crate::packed::PackedCube;
 use crate::portal::file::{self, HOUSE_FILE};
@@ -80,16 +80,6 @@ impl Exported {
         }
     }
 
-    /// A JPEG file of the first view.
-    pub(super) fn poster(&self) -> Result<Vec<u8>, ExportError> {
-        match self {
-            Self::Cube(cube) => poster(cube),
-            Self::Sprites(set) => sprite_poster(set),
-            Self::House(house, first) => house_poster(house, first),
-            Self::Lumigraph(lumigraph) => lumigraph_poster(lumigraph),
-        }
-    }
-
     /// How much there is to see.
     pub(super) fn amount(&self) -> (u64, &'static str) {
         match self {
@@ -97,16 +87,6 @@ impl Exported {
             Self::Sprites(set) => (set.sprites().len() as u64, "sprites"),
             Self::House(house, _) => (house.scene().triangles.len() as u64, "triangles"),
             Self::Lumigraph(lumigraph) => (lumigraph.pictures().len() as u64, "images"),
-        }
-    }
-
-    /// How the name of such a file ends.
-    pub(super) fn ending(&self) -> &'static str {
-        match self {
-            Self::Cube(_) => "ldi",
-            Self::Sprites(_) => "sprite",
-            Self::House(..) => "house",
-            Self::Lumigraph(_) => "lumi",
         }
     }
 }

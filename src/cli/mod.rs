@@ -45,7 +45,6 @@ mod radiance;
 mod render;
 mod report;
 mod scenes;
-mod serve;
 mod sprite;
 mod sprite_sequence;
 mod truth;
@@ -94,8 +93,6 @@ enum Command {
     Render(render::RenderCommand),
     /// Take a capture to where headbox is not installed: a page to look around in, engines, splat viewers
     Export(export::ExportCommand),
-    /// Show captures to browsers, over HTTP: a list, and a page for each
-    Serve(serve::ServeCommand),
     /// Measure a walk through a .house file (to just walk, use view): time and error of every way to draw it, against truth and primary rays
     Walk(walk::WalkCommand),
     /// Ray-trace a reference frame of a scene
@@ -150,7 +147,6 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Info(command) => command.run(),
         Command::Render(command) => command.run(),
         Command::Export(command) => command.run(),
-        Command::Serve(command) => command.run(),
         Command::Walk(command) => command.run(),
         Command::Truth(command) => command.run(),
         Command::Compare(command) => command.run(),

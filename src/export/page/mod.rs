@@ -10,13 +10,6 @@ mod sprite;
 mod texels;
 mod text;
 
-#[cfg(feature = "cli")]
-pub(crate) use house::poster as house_poster;
-#[cfg(feature = "cli")]
-pub(crate) use lumigraph::poster as lumigraph_poster;
-#[cfg(feature = "cli")]
-pub(crate) use sprite::poster as sprite_poster;
-
 use super::{ExportError, poster};
 use crate::capture::Camera;
 use crate::environment::Environment;
@@ -158,7 +151,7 @@ fn script(modules: &[&str]) -> String {
 }
 
 /// Text in HTML.
-pub(crate) fn escape(text: &str) -> String {
+fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
