@@ -6,7 +6,7 @@ use super::words::UsageError;
 use crate::capture::files;
 use crate::capture::rig::Face;
 use crate::export::deep::{self, DeepSummary, Faces};
-use crate::export::{ExportError, glb, las, ply, splats};
+use crate::export::{ExportError, glb, ply, splats};
 use crate::packed::PackedCube;
 use anyhow::Context;
 use clap::Args;
@@ -19,9 +19,8 @@ pub(super) struct ExportCommand {
     /// A .ldi, .sprite, .house or .lumi file; the latter two as pages alone
     file: PathBuf,
     /// What to write; its ending decides the format: .html, a page to look around in that works offline, of a house to walk
-    /// through; .glb for engines; .ply, flat
-    /// Gaussians as of 3D Gaussian splatting, or plain points with --points; .splat, the same Gaussians in 32 bytes each; .las, points;
-    /// .exr for compositing, deep or with --layers flat
+    /// through; .glb for engines; .ply, flat Gaussians as of 3D Gaussian splatting, or plain points with --points; .exr for
+    /// compositing, deep or with --layers flat
     #[arg(short, long)]
     output: PathBuf,
     /// What the page is called; the name of the file if absent
@@ -84,7 +83,7 @@ impl ExportCommand {
 
     fn write_as(&self, ending: Option<&str>, exported: Exported, told: &mut Value) -> anyhow::Result<()> {
         let of_file = || self.file.display().to_string();
-        if !matches!(ending, Some("glb" | "ply" | "splat" | "las" | "exr")) {
+        if !matches!(ending, Some("glb" | "ply" | "exr")) {
             let name = self.title.clone().unwrap_or_else(|| name_of(&self.file));
             let page = exported.page(&name).with_context(of_file)?;
             return self.write(|to| Ok(page.write(to)?));
@@ -96,8 +95,6 @@ impl ExportCommand {
                 true => ply::write_points(&cube, to),
                 false => splats::write_ply(&cube, to),
             }),
-            Some("splat") => self.write(|to| splats::write_splat(&cube, to)),
-            Some("las") => self.write(|to| las::write(&cube, to)),
             _ => self.exr(&cube, told).with_context(of_file),
         }
     }
