@@ -8,16 +8,14 @@
 //! | layers, uniform in disparity or placed where surfaces are | `layers` |
 //! | data structure (table 1) | [`Lumigraph`], `grid`; `file` |
 //! | construction: by rays, from pictures with depth | `capture`; `from_images`, `find_grid`, `reproject`; `raw` |
-//! | optimization for a platform | `optimum` |
 //! | hierarchical representation | `pyramid` |
-//! | merging layers for a frame (table 3); where images are plain | `merge`; `contrast` |
+//! | merging layers for a frame (table 3) | `merge` |
 //! | several light slabs, which the paper leaves open | `slabs`, `slabs_render` |
 //! | rendering (table 2): what a frame needs, rectangles with ranges of layers, the loop over pixels | `plan`, `cells`, `render`, `kernel`, `rays`, `pending`, `taps`; `oracle`; overlays: `show` |
 
 mod bounds;
 mod capture;
 mod cells;
-mod contrast;
 mod error;
 mod file;
 mod find_grid;
@@ -28,7 +26,6 @@ mod kernel;
 mod layer_in_view;
 mod layers;
 mod merge;
-mod optimum;
 mod oracle;
 mod pending;
 mod plan;
@@ -55,7 +52,6 @@ pub use from_images_error::FromImagesError;
 pub use grid::{CameraGrid, GridParts};
 pub use layers::{DisparityLayer, Placement, classify, place, uniform};
 pub use merge::{Merger, merge};
-pub use optimum::CurvePoint;
 pub use oracle::render as render_by_rays;
 pub use raw::RawLumigraph;
 pub use render::LumigraphRenderer;
@@ -86,9 +82,6 @@ pub struct LumigraphInfo {
     pub frame: FileFrame,
     /// How the layers were placed.
     pub placement: Placement,
-    /// The points of the sampling curve that were timed, if this is the fastest of them.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub curve: Vec<CurvePoint>,
 }
 
 /// What one camera sees (L4).
@@ -115,8 +108,6 @@ pub struct Lumigraph {
     layers: Vec<DisparityLayer>,
     pictures: Vec<Picture>,
     unknown_pixels: u64,
-    /// Of each layer, levels for each pixel.
-    contrasts: Vec<f64>,
     pyramid: Pyramid,
     buckets: Buckets,
     cells: Cells,
@@ -149,12 +140,11 @@ impl Lumigraph {
         let unknown =
             |picture: &Picture| picture.index.iter().filter(|i| usize::from(**i) > layers.len()).count() as u64;
         let unknown_pixels = pictures.iter().map(unknown).sum();
-        let contrasts = contrast::contrasts(&grid, &pictures, layers.len());
         let pyramid = Pyramid::new(&grid, &pictures);
         let buckets = Buckets::new(layers.len());
         let cells = Cells::new(&pyramid, buckets);
         let (info, environment) = (LumigraphInfo::default(), Environment::default());
-        Ok(Self { info, environment, grid, layers, pictures, unknown_pixels, contrasts, pyramid, buckets, cells })
+        Ok(Self { info, environment, grid, layers, pictures, unknown_pixels, pyramid, buckets, cells })
     }
 
     /// The cameras.
