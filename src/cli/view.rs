@@ -12,7 +12,7 @@ use crate::capture::images::{ImageSet, View, sparse_points};
 use crate::ldi::from_images::{ImagesJob, NearImages};
 use crate::scene_source::SceneSource;
 use crate::view::{
-    Marks, SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_marks, show_photographs, sketch,
+    Marks, SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_marks, show_photographs,
 };
 use crate::view_geometry::{GeometrySettings, Texturing};
 use anyhow::Context;
@@ -191,7 +191,6 @@ impl ViewCommand {
             path: self.path.clone(),
             replay: if self.every_pose { ReplayMode::EveryPose } else { ReplayMode::InTime },
             output_dir: self.out.clone(),
-            sketch: Some(sketch),
             screenshot: self.screenshot.clone(),
             exit,
             ..ViewerOptions::default()
@@ -288,7 +287,7 @@ pub(super) fn show(file: &Path) -> anyhow::Result<()> {
     let library = Some(Box::new(SceneLibrary { output_dir: folder.into() }) as Box<dyn headbox_viewer::Library>);
     headbox_viewer::run(
         Some(source),
-        ViewerOptions { library, output_dir: folder.into(), sketch: Some(sketch), ..ViewerOptions::default() },
+        ViewerOptions { library, output_dir: folder.into(), ..ViewerOptions::default() },
     )?;
     Ok(())
 }

@@ -39,7 +39,6 @@ mod overlay;
 mod photographs;
 mod points;
 mod reference;
-mod sketch;
 mod sprite;
 mod terms;
 #[cfg(test)]
@@ -50,8 +49,6 @@ pub use library::{
     OpenError, SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_marks, show_photographs,
 };
 pub use marks::Marks;
-
-pub use sketch::sketch;
 
 use crate::capture::Camera;
 use crate::capture::viewpoint::level_up;

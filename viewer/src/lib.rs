@@ -90,7 +90,7 @@ mod tests;
 
 pub use bounds::EyeBounds;
 pub use eye_path::{CameraPath, PathError, TimedPose};
-pub use options::{Exit, Sketch, Summary, ViewerError, ViewerOptions};
+pub use options::{Exit, Summary, ViewerError, ViewerOptions};
 pub use pose::Pose;
 pub use setting::{Control, Setting, SettingError, SettingValue, SettingValues};
 pub use source::{

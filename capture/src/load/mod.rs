@@ -21,8 +21,8 @@ mod standing;
 mod textures;
 
 pub use builder::{Group, GroupedScene};
-pub use gltf::{HEADBOX_HALF_SIZE, gltf_boxes};
-pub use model::{HOMES, LoadedModel, ModelOptions, home_lines, load_model};
+pub use gltf::HEADBOX_HALF_SIZE;
+pub use model::{HOMES, LoadedModel, ModelOptions, load_model};
 
 use crate::scene::{FileFrame, Scene, SceneError, UpAxis};
 use std::path::{Path, PathBuf};

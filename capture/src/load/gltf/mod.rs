@@ -6,7 +6,6 @@
 
 mod accessor;
 mod attributes;
-mod boxes;
 pub(crate) mod cameras;
 mod instances;
 mod lights;
@@ -23,7 +22,6 @@ use super::{LoadError, LoadOptions, folder_of};
 use crate::scene::FileFrame;
 use ::gltf::json::{Node, Root};
 use accessor::Buffers;
-pub use boxes::gltf_boxes;
 use glam::DAffine3;
 use material::GltfMaterials;
 use pose::Pose;

@@ -16,7 +16,6 @@ mod xml;
 use super::{LoadError, extension_of};
 use crate::portal_model::{Finding, PortalModel};
 use crate::trace::Tracer;
-use glam::DVec2;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -34,15 +33,6 @@ pub struct LoadedModel {
     pub model: PortalModel,
     /// What is, or was, wrong with its cells and portals; those that were left out are numbered on from the last portal.
     pub findings: Vec<Finding>,
-}
-
-/// A home in plan, y down, as the ends of lines in the file's unit: the middle lines of the walls of a Sweet Home 3D home, the outlines of
-/// the cells of a TOML model. It can be told long before furniture or a scene is read.
-///
-/// # Errors
-/// See [`LoadError`].
-pub fn home_lines(path: &Path) -> Result<Vec<[DVec2; 2]>, LoadError> {
-    if extension_of(path) == "toml" { toml::outlines(path) } else { sweethome::walls(path) }
 }
 
 /// Adds portals where no wall stands between cells ([`PortalModel::open_borders`]), before triangles are dealt out to them.
