@@ -47,7 +47,6 @@ pub mod simd;
 pub mod statistics;
 pub mod trace;
 pub mod viewpoint;
-pub mod words;
 
 pub use camera::{Camera, CameraError};
 pub use depth_image::DepthKind;

@@ -168,7 +168,7 @@ fn what_cannot_be_exported_is_told() {
     #[cfg(target_os = "linux")]
     for name in ["x.html", "x.glb", "x.exr", "x.ply"] {
         std::os::unix::fs::symlink("/dev/full", dir.path().join(name)).unwrap();
-        fails(dir.path(), 1, &["export", "a.ldi", "-o", name], "the disk is full");
+        fails(dir.path(), 1, &["export", "a.ldi", "-o", name], "No space left on device");
     }
 }
 
