@@ -25,18 +25,15 @@ headbox=target/release/headbox
 most=0.08
 
 "$headbox" capture builtin:interior -o "$out/room.ldi" --face-size 192 --strata 16 --rays 4 --light-samples 2 >"$out/room.txt"
-for ending in glb ply splat; do "$headbox" export "$out/room.ldi" -o "$out/room.$ending"; done
+for ending in glb ply; do "$headbox" export "$out/room.ldi" -o "$out/room.$ending"; done
 
 node .ci/outside/validate.mjs "$out/npm" "$out/room.glb"
 echo "outside: the Khronos validator finds no error and nothing to warn of in room.glb"
 
-# Splats from either file are as many as in the other.
 splats() { head -c 500 "$1" | sed -n 's/^element vertex //p'; }
-for ending in ply splat; do
-    node "$out/npm/node_modules/@playcanvas/splat-transform/bin/cli.mjs" -w "$out/room.$ending" "$out/from-$ending.ply" >/dev/null 2>&1
-    [ "$(splats "$out/from-$ending.ply")" = "$(splats "$out/room.ply")" ]
-done
-echo "outside: splat-transform reads $(splats "$out/room.ply") splats from room.ply and room.splat"
+node "$out/npm/node_modules/@playcanvas/splat-transform/bin/cli.mjs" -w "$out/room.ply" "$out/rewritten.ply" >/dev/null 2>&1
+[ "$(splats "$out/rewritten.ply")" = "$(splats "$out/room.ply")" ]
+echo "outside: splat-transform reads $(splats "$out/room.ply") splats from room.ply"
 
 cp .ci/outside/*.html "$out"
 rm -f "$out/port"

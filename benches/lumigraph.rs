@@ -1,5 +1,4 @@
-//! What the layered lumigraph's paper measured, on three scenes of its kind: table 5 (2x2, 4x4 and 8x8 images along the sampling curve),
-//! whether the optimum that [`RawLumigraph::fastest`] finds is that of a sweep with many rounds, and what merging saves by distance.
+//! Layers and times of merged frames over unmerged ones by distance, on three scenes like those of the layered lumigraph's paper.
 //!
 //! `cargo bench --bench lumigraph`. Images of 256x256, frames of 400x400, as in the paper. `HEADBOX_SIMD` sets the level. Compare figures
 //! of one run only: frames of one table are drawn in turns.
@@ -10,15 +9,12 @@ use headbox_trace::light::Lighting;
 use headbox_core::headbox::Headbox;
 use headbox_core::statistics::median;
 use headbox_trace::bvh::Tracer;
-use headbox_lumigraph::{CameraGrid, CurvePoint, GridParts, Lumigraph, LumigraphCapture, LumigraphRenderer, LumigraphSettings, Placement, RawLumigraph, middle_disparity};
+use headbox_lumigraph::{CameraGrid, GridParts, Lumigraph, LumigraphCapture, LumigraphRenderer, LumigraphSettings, Placement, RawLumigraph, middle_disparity};
 use headbox_core::progress::Silent;
 use std::sync::Arc;
 
 const FRAME_PX: [u32; 2] = [400, 400];
 const IMAGE_PX: u32 = 256;
-
-/// Cameras a side of the finest grid: the curve then has 17, 9, 5, 3 and 2.
-const CAMERAS: usize = 17;
 
 /// Rounds of the sweep; frames of a point in each are three.
 const ROUNDS: usize = 25;
@@ -84,27 +80,6 @@ fn medians(drawn: &[(&Lumigraph, LumigraphSettings)], frames: &[Camera]) -> Vec<
     times.into_iter().map(|times| median(times).expect("frames")).collect()
 }
 
-/// All points of the curve, and where what is called the fastest stands among them.
-fn curve(wall: &Wall, raw: &RawLumigraph) {
-    let frames = [[0.0, 0.0], [-0.6, -0.4], [0.4, 0.8]].map(|at| wall.frame(at, 0.0));
-    let points: Vec<CurvePoint> = raw.curve(frames[0].focal_px());
-    let lumigraphs: Vec<Lumigraph> =
-        points.iter().map(|point| raw.at(point, Placement::Histogram).expect("on the curve")).collect();
-    let unmerged = LumigraphSettings { merge: false, ..LumigraphSettings::default() };
-    let drawn: Vec<_> = lumigraphs.iter().map(|lumigraph| (lumigraph, unmerged)).collect();
-    let sweep = medians(&drawn, &frames);
-    for (point, ms) in points.iter().zip(&sweep) {
-        println!("  {}x{} images, {} layers: {ms:.2} ms", point.cameras[0], point.cameras[1], point.layers);
-    }
-    let least = sweep.iter().copied().fold(f64::INFINITY, f64::min);
-    for _ in 0..3 {
-        let fastest = raw.fastest(&frames, Placement::Histogram, &Silent).expect("points");
-        let columns = fastest.grid().columns().len();
-        let chosen = points.iter().zip(&sweep).find(|(point, _)| point.cameras[0] == columns).expect("one of them");
-        println!("  the optimum found: {columns}x{columns} images, {:.3} of the sweep's least", chosen.1 / least);
-    }
-}
-
 /// Layers and times of merged frames over unmerged ones, by distance.
 fn merging(wall: &Wall) {
     let lumigraph = wall.raw(4).layered(255, Placement::Uniform).expect("something is seen");
@@ -125,7 +100,6 @@ fn main() {
     for scene in SCENES {
         println!("{}", scene.0);
         let wall = Wall::new(scene);
-        curve(&wall, &wall.raw(CAMERAS));
         merging(&wall);
     }
 }

@@ -6,7 +6,6 @@ use super::exr_layer::ExrLayer;
 use headbox_core::color::srgb8_from_linear;
 use headbox_core::image_file as picture;
 use headbox_core::image_file::MAX_PIXELS;
-use headbox_core::words::{of_exr, of_picture};
 use exr::meta::MetaData;
 use std::path::Path;
 
@@ -95,12 +94,12 @@ fn from_shares(shares: [f32; 4]) -> [u8; 4] {
 pub(super) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
     let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
     if extension(path) == "exr" {
-        let meta = MetaData::read_from_file(path, false).map_err(|error| bad(of_exr(&error)))?;
+        let meta = MetaData::read_from_file(path, false).map_err(|error| ImagesError::picture(path, error.into()))?;
         let size = meta.headers.first().map(|header| header.layer_size);
         return size.map(|size| [size.x() as u32, size.y() as u32]).ok_or_else(|| bad("has no layer".into()));
     }
     let reader = image::ImageReader::open(path).map_err(|cause| ImagesError::io(path, cause))?;
-    let (width, height) = reader.into_dimensions().map_err(|error| bad(of_picture(&error)))?;
+    let (width, height) = reader.into_dimensions().map_err(|error| ImagesError::picture(path, error.into()))?;
     Ok([width, height])
 }
 
@@ -124,6 +123,6 @@ fn read_exr(path: &Path) -> Result<ColorPicture, ImagesError> {
             pixels[at.y() * *stride + at.x()] = from_linear([r, g, b, a]);
         },
     );
-    let image = image.map_err(|error| bad(of_exr(&error)))?;
+    let image = image.map_err(|error| ImagesError::picture(path, error.into()))?;
     Ok((width, height, image.layer_data.channel_data.pixels.1))
 }

@@ -2,7 +2,6 @@
 
 use super::ImagesError;
 use headbox_core::image_file::MAX_PIXELS;
-use headbox_core::words::of_exr;
 use exr::image::{AnyChannel, FlatSamples};
 use exr::meta::MetaData;
 use exr::prelude::{ReadChannels, ReadLayers, read};
@@ -23,10 +22,7 @@ impl ExrLayer {
     /// [`ImagesError`] that names the file.
     pub(super) fn read(path: &Path) -> Result<Self, ImagesError> {
         let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
-        let failed = |error: exr::error::Error| match error {
-            exr::error::Error::Io(cause) => ImagesError::io(path, cause),
-            other => bad(of_exr(&other)),
-        };
+        let failed = |error: exr::error::Error| ImagesError::picture(path, error.into());
         let meta = MetaData::read_from_file(path, false).map_err(failed)?;
         let pixels = meta.headers.iter().map(|header| header.layer_size.area()).max().unwrap_or(0);
         if pixels as u64 > MAX_PIXELS {

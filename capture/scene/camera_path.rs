@@ -17,7 +17,6 @@ use crate::load::gltf::cameras;
 use crate::load::gltf::cameras::GltfCamera;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_core::camera::{Camera, CameraError};
-use headbox_core::words;
 use glam::{DMat4, DVec3};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -73,12 +72,12 @@ pub enum PathError {
         source: std::io::Error,
     },
     /// Not a list of poses.
-    #[error("{}: not a camera path: {cause}", path.display())]
+    #[error("{}: not a camera path: {source}", path.display())]
     Json {
         /// The file.
         path: PathBuf,
-        /// What is wrong, and where.
-        cause: String,
+        /// The parser's error.
+        source: serde_json::Error,
     },
     /// A glTF file that cannot be read, or without cameras.
     #[error(transparent)]
@@ -177,7 +176,7 @@ fn gltf_record(camera: &GltfCamera, frame: &FileFrame) -> CameraRecord {
 /// See [`PathError`]; poses are not looked at here.
 pub fn read_records(path: &Path, frame: &FileFrame, fps: f64) -> Result<Vec<CameraRecord>, PathError> {
     let bytes = std::fs::read(path).map_err(|source| PathError::Io { path: path.into(), source })?;
-    let json = |error| PathError::Json { path: path.into(), cause: words::of_json(&error) };
+    let json = |source| PathError::Json { path: path.into(), source };
     let has_ending = |ending: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending));
     let poses: Vec<CameraRecord> = if has_ending("gltf") || has_ending("glb") {
         cameras::read(path, &bytes, fps)?.iter().map(|camera| gltf_record(camera, frame)).collect()

@@ -12,7 +12,7 @@ use super::sky_sun::SunSpot;
 use headbox_core::color::luminance;
 use headbox_core::image_file as picture;
 use headbox_core::image_file::MAX_PIXELS;
-use headbox_core::words::of_exr;
+use headbox_core::image_file::PictureError;
 use exr::meta::MetaData;
 use glam::Vec3;
 use std::f32::consts::{PI, TAU};
@@ -297,7 +297,7 @@ fn read_hdr(path: &Path) -> Result<Texels, String> {
 }
 
 fn read_exr(path: &Path) -> Result<Texels, String> {
-    let meta = MetaData::read_from_file(path, false).map_err(|error| of_exr(&error))?;
+    let meta = MetaData::read_from_file(path, false).map_err(|error| PictureError::from(error).to_string())?;
     let size = meta.headers.first().map(|header| header.layer_size).ok_or("it has no layer")?;
     if size.x() as u64 * size.y() as u64 > MAX_PIXELS {
         return Err(format!("{}x{} pixels, more than {MAX_PIXELS} in all", size.x(), size.y()));
@@ -307,7 +307,7 @@ fn read_exr(path: &Path) -> Result<Texels, String> {
         |size, _| (size.x(), vec![[0f32; 3]; size.x() * size.y()]),
         |(stride, texels), at, (r, g, b, _): (f32, f32, f32, f32)| texels[at.y() * *stride + at.x()] = [r, g, b],
     );
-    let image = image.map_err(|error| of_exr(&error))?;
+    let image = image.map_err(|error| PictureError::from(error).to_string())?;
     Ok(([size.x() as u32, size.y() as u32], image.layer_data.channel_data.pixels.1))
 }
 

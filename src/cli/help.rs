@@ -9,7 +9,7 @@ use clap_complete::Shell;
 use std::io::Write;
 
 /// Each subcommand's examples.
-const EXAMPLES: [(&str, &str); 19] = [
+const EXAMPLES: [(&str, &str); 18] = [
     ("demo", "headbox demo --quick --no-window"),
     ("scenes", "headbox scenes"),
     (
@@ -62,7 +62,6 @@ const EXAMPLES: [(&str, &str); 19] = [
          headbox export room.ldi -o room.glb --triangles 100000   for Unity, Unreal, Godot, three.js, Blender\n  \
          headbox export room.ldi -o room.ply                      for viewers and editors of Gaussian splats",
     ),
-    ("serve", "headbox serve *.ldi                                      http://127.0.0.1:8080/ shows them"),
     ("walk", "headbox walk home.house -o walk-report --poses 20 --variants texture,window-ldi"),
     ("truth", "headbox truth room.obj -o truth.png --samples 64"),
     ("compare", "headbox compare truth.png frame.png --map error.png"),

@@ -61,8 +61,6 @@ enum Command {
     Render(commands::render::RenderCommand),
     /// Take a capture to where headbox is not installed: a page to look around in, engines, splat viewers
     Export(commands::export::ExportCommand),
-    /// Show captures to browsers, over HTTP: a list, and a page for each
-    Serve(commands::serve::ServeCommand),
     /// Measure a walk through a .house file (to just walk, use view): time and error of every way to draw it, against truth and primary rays
     Walk(commands::walk::WalkCommand),
     /// Ray-trace a reference frame of a scene
@@ -83,7 +81,7 @@ enum Command {
 /// Runs the command line and returns its exit code: 0 done, 1 failed, 2 wrong usage.
 pub fn main() -> ExitCode {
     let parsed = whole().try_get_matches_from(help::arguments());
-    let cli = parsed.and_then(|matches| Cli::from_arg_matches(&matches)).unwrap_or_else(|error| words::end_with(error));
+    let cli = parsed.and_then(|matches| Cli::from_arg_matches(&matches)).unwrap_or_else(|error| error.exit());
     match run(cli) {
         Ok(()) if interrupt::asked() => ExitCode::from(interrupt::EXIT_CODE),
         Ok(()) => ExitCode::SUCCESS,
@@ -117,7 +115,6 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Info(command) => command.run(),
         Command::Render(command) => command.run(),
         Command::Export(command) => command.run(),
-        Command::Serve(command) => command.run(),
         Command::Walk(command) => command.run(),
         Command::Truth(command) => command.run(),
         Command::Compare(command) => command.run(),

@@ -87,8 +87,7 @@ pub(super) const PLAN: Endings = Endings { what: "a plan", allowed: &["png", "sv
 /// Camera paths.
 pub(super) const PATH: Endings = Endings { what: "a camera path", allowed: &["json"] };
 /// What captures are exported to.
-pub(super) const EXPORT: Endings =
-    Endings { what: "an export", allowed: &["html", "glb", "ply", "splat", "las", "exr"] };
+pub(super) const EXPORT: Endings = Endings { what: "an export", allowed: &["html", "glb", "ply", "exr"] };
 /// Films of a path.
 pub(super) const FILM: Endings = Endings { what: "a film", allowed: &film::ENDINGS };
 /// Pages of text.

@@ -1,10 +1,8 @@
-//! How errors are said: one sentence of what, where and what to do, each cause once, in the words of users.
+//! Error messages: an error and its causes on one line.
 
-use headbox_core::words::plain;
 use clap::error::{ContextKind, ContextValue};
 use std::error::Error;
 use std::fmt::Write;
-use std::io::IsTerminal;
 use std::path::Path;
 
 /// A mistake in what the user asked for, as opposed to a failure in doing it: exit code 2.
@@ -16,7 +14,7 @@ pub(super) struct UsageError(pub(super) String);
 pub(super) fn sentence(error: &anyhow::Error) -> String {
     let mut said = String::new();
     for cause in error.chain() {
-        let words = plain(&cause.to_string());
+        let words = cause.to_string();
         if said.is_empty() {
             said = words;
         } else if !said.contains(&words) {
@@ -41,66 +39,6 @@ pub(super) fn quoted(path: &Path) -> String {
     if !name.is_empty() && name.chars().all(is_plain) { name } else { format!("'{}'", name.replace('\'', "'\\''")) }
 }
 
-/// Says what is wrong with the arguments, in the same words as all else, and ends the program; so it does with what was asked for by
-/// `--help`.
-pub(super) fn end_with(mut error: clap::Error) -> ! {
-    // Advice on how to pass as a file name what was meant as a number.
-    error.remove(ContextKind::Suggested);
-    if !error.use_stderr() {
-        error.exit();
-    }
-    let rendered = error.render();
-    let in_colour = cfg!(unix) && std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
-    let said = if in_colour { rendered.ansi().to_string() } else { rendered.to_string() };
-    eprint!("{}", about_arguments(&error, said));
-    std::process::exit(error.exit_code())
-}
-
-/// What was said of arguments, with the parser's cause in our words and a tip where another command has such an argument.
-fn about_arguments(error: &clap::Error, said: String) -> String {
-    let context = |kind| match error.get(kind) {
-        Some(ContextValue::String(text)) => text.clone(),
-        Some(ContextValue::StyledStr(text)) => text.to_string(),
-        _ => String::new(),
-    };
-    if let Some(cause) = error.source().map(ToString::to_string) {
-        let ours = about_value(&cause, &context(ContextKind::InvalidValue));
-        return ours.map_or(said.clone(), |ours| said.replacen(&format!(": {cause}"), &format!(": {ours}"), 1));
-    }
-    let is_of_eye = ["headbox truth", "headbox render"].iter().any(|of| context(ContextKind::Usage).contains(of));
-    if context(ContextKind::InvalidArg) == "--center" && is_of_eye {
-        return said.replacen("\n\nUsage", "\n\n  tip: --eye says where the picture is taken from\n\nUsage", 1);
-    }
-    said
-}
-
-/// What a number is to be; `None` if the cause is in our words already.
-fn about_value(cause: &str, value: &str) -> Option<String> {
-    /// Limits above this are those of a type, and no limits to a person.
-    const NO_LIMIT: u64 = 1 << 53;
-    if let Some((low, high)) = cause.split_once(" is not in ").and_then(|(_, range)| range.split_once("..")) {
-        let high = match high.strip_prefix('=') {
-            Some(high) => high.parse().ok()?,
-            None => high.parse::<u64>().ok()?.checked_sub(1)?,
-        };
-        return Some(match high {
-            0..NO_LIMIT => format!("give a whole number from {low} to {high}"),
-            _ => format!("give a whole number, {low} or more"),
-        });
-    }
-    let is_negative = value.strip_prefix('-').is_some_and(|digits| digits.parse::<u64>().is_ok());
-    let ours = match cause {
-        "invalid digit found in string" if is_negative => "give a whole number, 0 or more",
-        "invalid digit found in string" | "cannot parse integer from empty string" => "give a whole number",
-        "number too large to fit in target type" => "give a smaller number",
-        "number too small to fit in target type" => "give a larger number",
-        "invalid float literal" | "cannot parse float from empty string" => "give a number",
-        "invalid IP address syntax" => "give the address of a network interface, such as 127.0.0.1, or 0.0.0.0 for all",
-        _ => return None,
-    };
-    Some(ours.into())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -121,23 +59,10 @@ mod tests {
     }
 
     #[test]
-    fn ranges_are_said_in_words() {
-        let words = |cause| about_value(cause, "x");
-        assert_eq!(words("0 is not in 1..=8192").unwrap(), "give a whole number from 1 to 8192");
-        assert_eq!(words("0 is not in 2..18446744073709551615").unwrap(), "give a whole number, 2 or more");
-        assert_eq!(words("9 is not in 1..9").unwrap(), "give a whole number from 1 to 8");
-        assert_eq!(words("give y or z"), None);
-    }
-
-    #[test]
-    fn every_cause_is_said_once_in_plain_words() {
-        let missing = || std::io::Error::from_raw_os_error(2);
-        if missing().to_string().starts_with("No such file") {
-            let outer = Outer { source: missing() };
-            assert_eq!(sentence(&outer.into()), "a.ldi: there is no such file");
-            let wrapped: anyhow::Result<()> = Err(missing()).context("b.png could not be read");
-            assert_eq!(sentence(&wrapped.unwrap_err()), "b.png could not be read: there is no such file");
-        }
-        assert_eq!(sentence(&anyhow::anyhow!("odd (os error 7) thing (os error")), "odd thing (os error");
+    fn causes_are_not_repeated() {
+        let cause = || std::io::Error::other("disk on fire");
+        assert_eq!(sentence(&Outer { source: cause() }.into()), "a.ldi: disk on fire");
+        let wrapped: anyhow::Result<()> = Err(cause()).context("b.png could not be read");
+        assert_eq!(sentence(&wrapped.unwrap_err()), "b.png could not be read: disk on fire");
     }
 }

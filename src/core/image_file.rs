@@ -1,7 +1,6 @@
 //! Picture files. They are read and written here alone, from and to bytes in memory: the codecs are generic over where bytes
 //! come from, and would be compiled again for each.
 
-use crate::words;
 use image::codecs::png::PngEncoder;
 use image::{
     DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageFormat, ImageReader, Limits,
@@ -22,9 +21,12 @@ pub enum PictureError {
     /// The file could not be read.
     #[error(transparent)]
     Io(#[from] std::io::Error),
-    /// It is no picture of a known kind, or a damaged one.
-    #[error("{}", words::of_picture(.0))]
-    Image(ImageError),
+    /// The picture cannot be decoded or encoded.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// The EXR file cannot be decoded.
+    #[error("not a readable EXR file: {0}")]
+    Exr(#[source] exr::error::Error),
     /// It has too many pixels.
     #[error("{width}x{height} pixels, more than {MAX_PIXELS} in all")]
     TooLarge {
@@ -35,9 +37,12 @@ pub enum PictureError {
     },
 }
 
-impl From<ImageError> for PictureError {
-    fn from(error: ImageError) -> Self {
-        Self::Image(error)
+impl From<exr::error::Error> for PictureError {
+    fn from(error: exr::error::Error) -> Self {
+        match error {
+            exr::error::Error::Io(error) => Self::Io(error),
+            error => Self::Exr(error),
+        }
     }
 }
 

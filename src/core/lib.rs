@@ -49,4 +49,3 @@ pub mod srgb_table;
 pub mod statistics;
 pub mod texels;
 pub mod tone;
-pub mod words;

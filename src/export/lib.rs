@@ -4,7 +4,6 @@ mod atlas;
 pub mod deep;
 pub mod film;
 pub mod glb;
-pub mod las;
 mod mesh;
 pub mod of_sprites;
 pub mod page;

@@ -1,5 +1,4 @@
-//! Flat Gaussians for splat viewers: `.ply` in the layout of 3D Gaussian splatting (Kerbl et al. 2023), and the 32 bytes a splat of `.splat`
-//! (<https://github.com/antimatter15/splat>).
+//! Flat Gaussians for splat viewers: `.ply` in the layout of 3D Gaussian splatting (Kerbl et al. 2023).
 //!
 //! Positions are metres from the centre of the headbox, X right, Y down, Z ahead, as trained splats have it.
 
@@ -32,18 +31,6 @@ pub fn write_ply(cube: &PackedCube, to: &mut dyn Write) -> Result<(), ExportErro
     surfels::for_each(cube, true, &mut |surfel| {
         to.write_all(&Gaussian::new(&surfel).trained().map(f32::to_le_bytes).concat())
     })?;
-    Ok(())
-}
-
-/// Writes the same as [`write_ply`] in 32 bytes each.
-///
-/// # Errors
-/// [`ExportError::Empty`], [`ExportError::Io`].
-pub fn write_splat(cube: &PackedCube, to: &mut dyn Write) -> Result<(), ExportError> {
-    if surfels::count(cube, true) == 0 {
-        return Err(ExportError::Empty);
-    }
-    surfels::for_each(cube, true, &mut |surfel| to.write_all(&Gaussian::new(&surfel).short()))?;
     Ok(())
 }
 
@@ -82,19 +69,6 @@ impl Gaussian {
         let [qx, qy, qz, qw] = self.rotation.to_array();
         [x, y, z, nx, ny, nz, r, g, b, (opacity / (1.0 - opacity)).ln(), sa, sb, sc, qw, qx, qy, qz]
     }
-
-    /// Position and deviations as floats, colour, and the rotation w, x, y, z in 1/128 from 128.
-    fn short(&self) -> [u8; 32] {
-        let mut bytes = [0; 32];
-        let floats = self.position.to_array().into_iter().chain(self.deviations);
-        for (to, float) in bytes.chunks_exact_mut(4).zip(floats) {
-            to.copy_from_slice(&float.to_le_bytes());
-        }
-        bytes[24..28].copy_from_slice(&self.color_srgb);
-        let [x, y, z, w] = self.rotation.to_array();
-        bytes[28..].copy_from_slice(&[w, x, y, z].map(|c| (c * 128.0 + 128.0).round().clamp(0.0, 255.0) as u8));
-        bytes
-    }
 }
 
 #[cfg(test)]
@@ -116,17 +90,5 @@ mod tests {
         let rotation = Mat3::from_quat(Quat::from_xyzw(qx, qy, qz, qw));
         assert!(rotation.x_axis.y.abs() > 0.999, "the longer axis is that of the wider step");
         assert!(rotation.z_axis.z.abs() > 0.999);
-    }
-
-    #[test]
-    fn short_splats_are_the_same() {
-        let (gaussian, bytes) = (gaussian(), gaussian().short());
-        let float = |i: usize| f32::from_le_bytes([bytes[4 * i], bytes[4 * i + 1], bytes[4 * i + 2], bytes[4 * i + 3]]);
-        assert_eq!([float(0), float(1), float(2)], gaussian.position.to_array());
-        assert_eq!([float(3), float(4), float(5)], gaussian.deviations);
-        assert_eq!(bytes[24..28], [255, 0, 128, 255]);
-        let [w, x, y, z] = [28, 29, 30, 31].map(|i| (f32::from(bytes[i]) - 128.0) / 128.0);
-        // Steps of 1/128 in each part.
-        assert!(Quat::from_xyzw(x, y, z, w).normalize().dot(gaussian.rotation).abs() > 0.999);
     }
 }

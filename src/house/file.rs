@@ -170,19 +170,6 @@ pub fn read(path: &Path, budget_bytes: u64) -> Result<(House, Store, BackdropQua
     Ok((house, store, quality))
 }
 
-/// The outlines of a house's rooms in plan, (x, z) in metres, as the ends of their sides: read without its scene and backdrops.
-///
-/// # Errors
-/// See [`FileError`].
-pub fn outlines(path: &Path) -> Result<Vec<[DVec2; 2]>, FileError> {
-    let header: HouseHeader = Container::open(path, HOUSE_FILE)?.section("info")?.json()?;
-    let sides = |outline: &Vec<DVec2>| {
-        let next = outline.iter().cycle().skip(1);
-        outline.iter().zip(next).map(|(from, to)| [*from, *to]).collect::<Vec<_>>()
-    };
-    Ok(header.cells.iter().flat_map(|cell| &cell.space).flat_map(|(outline, ..)| sides(outline)).collect())
-}
-
 /// Section of the picture of the sky, where there is one.
 const SKY: &str = "sky";
 

@@ -34,9 +34,6 @@ pub enum LumigraphError {
     /// There is no light slab, or more than a file may have.
     #[error("{0} light slabs; there must be 1 to {max}", max = super::MAX_SLABS)]
     Slabs(usize),
-    /// A picture that a frame is compared with has another size.
-    #[error("a picture that frames are compared with does not have their size")]
-    Reference,
     /// No image shows any surface.
     #[error("the cameras see nothing: move --plane, turn --normal or widen --fov")]
     NothingSeen,

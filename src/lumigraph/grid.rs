@@ -185,14 +185,6 @@ impl CameraGrid {
         GridParts { origin, world_from_eye, columns, rows, focal_px, size_px, convergence }
     }
 
-    /// The same with some of its columns and rows.
-    ///
-    /// # Errors
-    /// [`LumigraphError::NoCameras`] if none is left.
-    pub fn with_places(&self, columns: Vec<f64>, rows: Vec<f64>) -> Result<Self, LumigraphError> {
-        Self::new(GridParts { columns, rows, ..self.parts() })
-    }
-
     /// Turned about a line through `centre` along `axis`, by an angle in radians; `None` if the line has no direction.
     pub fn turned(&self, centre: DVec3, axis: DVec3, angle: f64) -> Option<Self> {
         let turn = DMat3::from_axis_angle(axis.try_normalize()?, angle);

@@ -8,19 +8,16 @@
 //! | layers, uniform in disparity or placed where surfaces are | `layers` |
 //! | data structure (table 1) | [`Lumigraph`], `grid`; `file` |
 //! | construction: by rays, from pictures with depth | `capture`; `from_images`, `find_grid`, `reproject`; `raw` |
-//! | optimization for a platform | `optimum` |
 //! | hierarchical representation | `pyramid` |
-//! | merging layers for a frame (table 3); where images are plain | `merge`; `contrast` |
+//! | merging layers for a frame (table 3) | `merge` |
 //! | several light slabs, which the paper leaves open | `slabs`, `slabs_render` |
 //! | rendering (table 2): what a frame needs, rectangles with ranges of layers, the loop over pixels | `plan`, `cells`, `render`, `kernel`, `rays`, `pending`, `taps`; `oracle`; overlays: `show` |
 
 mod bounds;
-mod contrast;
 mod error;
 mod file;
 mod grid;
 mod make;
-mod optimum;
 mod oracle;
 pub mod render;
 mod settings;
@@ -37,7 +34,6 @@ pub use crate::make::from_images_error::FromImagesError;
 pub use grid::{CameraGrid, GridParts};
 pub use crate::make::layers::{DisparityLayer, Placement, classify, place, uniform};
 pub use crate::render::merge::{Merger, merge};
-pub use optimum::CurvePoint;
 pub use oracle::render as render_by_rays;
 pub use crate::make::raw::RawLumigraph;
 pub use crate::render::render::LumigraphRenderer;
@@ -68,9 +64,6 @@ pub struct LumigraphInfo {
     pub frame: FileFrame,
     /// How the layers were placed.
     pub placement: Placement,
-    /// The points of the sampling curve that were timed, if this is the fastest of them.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub curve: Vec<CurvePoint>,
 }
 
 /// What one camera sees (L4).
@@ -97,8 +90,6 @@ pub struct Lumigraph {
     layers: Vec<DisparityLayer>,
     pictures: Vec<Picture>,
     unknown_pixels: u64,
-    /// Of each layer, levels for each pixel.
-    contrasts: Vec<f64>,
     pyramid: Pyramid,
     buckets: Buckets,
     cells: Cells,
@@ -131,12 +122,11 @@ impl Lumigraph {
         let unknown =
             |picture: &Picture| picture.index.iter().filter(|i| usize::from(**i) > layers.len()).count() as u64;
         let unknown_pixels = pictures.iter().map(unknown).sum();
-        let contrasts = contrast::contrasts(&grid, &pictures, layers.len());
         let pyramid = Pyramid::new(&grid, &pictures);
         let buckets = Buckets::new(layers.len());
         let cells = Cells::new(&pyramid, buckets);
         let (info, environment) = (LumigraphInfo::default(), Environment::default());
-        Ok(Self { info, environment, grid, layers, pictures, unknown_pixels, contrasts, pyramid, buckets, cells })
+        Ok(Self { info, environment, grid, layers, pictures, unknown_pixels, pyramid, buckets, cells })
     }
 
     /// The cameras.

@@ -32,9 +32,6 @@ pub struct LumigraphSettings {
     pub merge: bool,
     /// How far neighbouring cameras may disagree after merging: multiples of an image's or a frame's pixel, whichever is larger.
     pub tolerance_px: f64,
-    /// Merges more layers where the images are plain: up to four times the tolerance, as long as what is displaced errs by no more than so
-    /// many levels of sRGB (the root of the mean squared error); 0 for never.
-    pub plain_levels: f64,
     /// Takes coarser images where the frame is coarser (L7).
     pub levels: bool,
     /// Leaves layers out that show in no rectangle of the images where a block of the frame would find them (L10).
@@ -52,7 +49,6 @@ impl LumigraphSettings {
     pub const USUAL: Self = Self {
         merge: true,
         tolerance_px: 1.0,
-        plain_levels: 0.0,
         levels: true,
         skip: true,
         blend: Blend::Shared,

@@ -161,7 +161,7 @@ fn what_hides_something_is_no_sky_and_other_cameras_see_behind_it() {
     assert!(!shown.contains(&[255, 0, 0, 255]), "no sky between wall and post");
     assert_eq!(frame, render_by_rays(&lumigraph, &camera, &LumigraphSettings::default()));
     let two = Lumigraph::new(
-        bed.grid.with_places(vec![-0.1, 0.1], vec![0.0]).expect("a grid"),
+        CameraGrid::new(GridParts { columns: vec![-0.1, 0.1], rows: vec![0.0], ..bed.grid.parts() }).expect("a grid"),
         lumigraph.layers().to_vec(),
         lumigraph.pictures()[1..3].to_vec(),
     );
@@ -263,18 +263,18 @@ fn highlights_move_with_the_eye() {
 
 #[test]
 fn more_layers_and_more_cameras_err_less() {
-    let bed = Bed::new(CameraGrid::evenly(5, 1.0), CameraGrid::evenly(5, 1.0), [128, 128]);
-    let raw = bed.raw();
-    let camera = bed.camera(DVec3::new(0.11, 0.17, 0.0), DVec3::NEG_Z, [128, 128]);
-    let expected = truth::render(&bed.tracer, &bed.lighting, false, &camera, 16, &Silent).frame;
-    let error = |cameras: &[usize], layers: usize| {
-        let lumigraph = raw.with_cameras(cameras, cameras).and_then(|raw| raw.layered(layers, Placement::Uniform));
+    let bed = |cameras| Bed::new(CameraGrid::evenly(cameras, 1.0), CameraGrid::evenly(cameras, 1.0), [128, 128]);
+    let (sparse, dense) = (bed(2), bed(5));
+    let camera = dense.camera(DVec3::new(0.11, 0.17, 0.0), DVec3::NEG_Z, [128, 128]);
+    let expected = truth::render(&dense.tracer, &dense.lighting, false, &camera, 16, &Silent).frame;
+    let error = |raw: &RawLumigraph, layers: usize| {
+        let lumigraph = raw.layered(layers, Placement::Uniform).expect("layered");
         let settings = LumigraphSettings { merge: false, ..LumigraphSettings::default() };
-        psnr_db(&render(&lumigraph.expect("layered"), &camera, &settings).color, &expected.color)
+        psnr_db(&render(&lumigraph, &camera, &settings).color, &expected.color)
     };
-    let (few, some, many) = (error(&[0, 4], 4), error(&[0, 4], 16), error(&[0, 4], 64));
+    let [few, some, many] = [4, 16, 64].map(|layers| error(&sparse.raw(), layers));
     assert!(few + 1.0 < some && some + 0.5 < many, "{few}, {some}, {many} dB");
-    let dense = error(&[0, 1, 2, 3, 4], 4);
+    let dense = error(&dense.raw(), 4);
     assert!(few + 3.0 < dense, "{few} and {dense} dB");
 }
 
@@ -340,7 +340,6 @@ fn what_cannot_be_captured_is_said_and_a_capture_can_be_given_up() {
     let capture = LumigraphCapture { tracer: &bed.tracer, lighting: &bed.lighting, lit: true, samples: 1 };
     let raw = capture.run(&CameraGrid::new(parts).expect("a grid"), &Silent).expect("captured");
     assert_eq!((raw.range(), raw.layered(9, Placement::Uniform).err()), (None, Some(LumigraphError::NothingSeen)));
-    assert_eq!(raw.with_cameras(&[], &[0]).err(), Some(LumigraphError::NoCameras));
     struct Impatient;
     impl Progress for Impatient {
         fn begin(&self, _: &str, _: &str, _: u64) {}

@@ -34,7 +34,6 @@ mod tests;
 pub use crate::sources::library::{OpenError, SceneLibrary, open, open_source, show_cube, show_geometry, show_live, show_marks, show_photographs};
 pub use crate::overlays::marks::Marks;
 
-pub use crate::sources::sketch::sketch;
 
 use headbox_core::camera::Camera;
 use headbox_trace::viewpoint::level_up;

@@ -175,7 +175,7 @@ fn mistakes_are_named() {
     };
     says(2, &["builtin:castle"], "there is builtin:house");
     says(2, &["builtin:house", "--plan", "plan.jpg"], "the ending of a plan is one of .png, .svg");
-    says(1, &["nowhere.toml"], "nowhere.toml: there is no such file");
+    says(1, &["nowhere.toml"], "nowhere.toml: No such file or directory");
     says(1, &["plan.obj"], "not a kind of home that is read");
     says(1, &["Home.xml"], "Home.xml: ");
 }

@@ -1,6 +1,7 @@
 //! What the command line promises, of the built program as a user runs it.
 
 mod align_cli;
+mod bad_inputs;
 mod cli;
 mod export_cli;
 mod house;
@@ -11,4 +12,3 @@ mod portal_cli;
 mod run;
 mod sequence_cli;
 mod sprite_cli;
-mod words;

@@ -69,7 +69,7 @@ mod window;
 
 pub use crate::input::bounds::EyeBounds;
 pub use crate::playback::eye_path::{CameraPath, PathError, TimedPose};
-pub use crate::window::options::{Exit, Sketch, Summary, ViewerError, ViewerOptions};
+pub use crate::window::options::{Exit, Summary, ViewerError, ViewerOptions};
 pub use crate::input::pose::Pose;
 pub use setting::{Control, Setting, SettingError, SettingValue, SettingValues};
 pub use source::{

@@ -38,15 +38,6 @@ pub struct LoadedModel {
     pub findings: Vec<Finding>,
 }
 
-/// A home in plan, y down, as the ends of lines in the file's unit: the middle lines of the walls of a Sweet Home 3D home, the outlines of
-/// the cells of a TOML model. It can be told long before furniture or a scene is read.
-///
-/// # Errors
-/// See [`LoadError`].
-pub fn home_lines(path: &Path) -> Result<Vec<[DVec2; 2]>, LoadError> {
-    if extension_of(path) == "toml" { toml::outlines(path) } else { sweethome::walls(path) }
-}
-
 /// Adds portals where no wall stands between cells ([`PortalModel::open_borders`]), before triangles are dealt out to them.
 fn open_borders(model: &mut PortalModel) -> Vec<Finding> {
     let [low, high] = model.scene.bounds();

@@ -30,12 +30,6 @@ const AT_FLOOR_M: f64 = 0.05;
 /// A `Home.xml` longer than this is taken for damage, bytes.
 const LONGEST_XML: u64 = 1 << 28;
 
-/// Walls of a home in plan, y down, as the ends of their middle lines in the file's unit.
-pub(super) fn walls(path: &Path) -> Result<Vec<[DVec2; 2]>, LoadError> {
-    let home = parse(path, &read(path)?)?;
-    Ok(home.walls.iter().map(|wall| [wall.start, wall.end]).collect())
-}
-
 /// A home of a file's bytes, an archive or the plan alone.
 fn parse(path: &Path, bytes: &[u8]) -> Result<Home, LoadError> {
     let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };

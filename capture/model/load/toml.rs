@@ -78,19 +78,6 @@ fn parse(path: &Path) -> Result<FileModel, LoadError> {
     })
 }
 
-/// The outlines of its cells in plan, y down, as the ends of their sides in the file's unit.
-pub(super) fn outlines(path: &Path) -> Result<Vec<[DVec2; 2]>, LoadError> {
-    let file = parse(path)?;
-    let down = if matches!(file.up, Up::Z) { -1.0 } else { 1.0 };
-    let corner = |&[x, y]: &[f64; 2]| DVec2::new(x, down * y);
-    let sides = |prism: &FilePrism| {
-        let corners: Vec<DVec2> = prism.outline.iter().map(corner).collect();
-        let next = corners.iter().cycle().skip(1);
-        corners.iter().zip(next).map(|(from, to)| [*from, *to]).collect::<Vec<_>>()
-    };
-    Ok(file.cell.iter().flat_map(|cell| &cell.prism).flat_map(sides).collect())
-}
-
 pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
     let malformed = |cause: String| LoadError::Malformed { path: path.to_path_buf(), cause };
     let file = parse(path)?;

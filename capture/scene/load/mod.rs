@@ -20,7 +20,7 @@ mod standing;
 mod textures;
 
 pub use builder::{Group, GroupedScene};
-pub use gltf::{HEADBOX_HALF_SIZE, gltf_boxes};
+pub use gltf::HEADBOX_HALF_SIZE;
 
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use crate::scene::{Scene, SceneError};

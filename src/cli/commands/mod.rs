@@ -12,7 +12,6 @@ pub(crate) mod merge;
 pub(crate) mod render;
 pub(crate) mod report;
 pub(crate) mod scenes;
-pub(crate) mod serve;
 pub(crate) mod sprite;
 pub(crate) mod truth;
 pub(crate) mod view;

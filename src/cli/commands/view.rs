@@ -190,7 +190,6 @@ impl ViewCommand {
             path: self.path.clone(),
             replay: if self.every_pose { ReplayMode::EveryPose } else { ReplayMode::InTime },
             output_dir: self.out.clone(),
-            sketch: Some(headbox_window::sources::sketch::sketch),
             screenshot: self.screenshot.clone(),
             exit,
             ..ViewerOptions::default()
@@ -287,7 +286,7 @@ pub(super) fn show(file: &Path) -> anyhow::Result<()> {
     let library = Some(Box::new(SceneLibrary { output_dir: folder.into() }) as Box<dyn headbox_viewer::Library>);
     headbox_viewer::run(
         Some(source),
-        ViewerOptions { library, output_dir: folder.into(), sketch: Some(headbox_window::sources::sketch::sketch), ..ViewerOptions::default() },
+        ViewerOptions { library, output_dir: folder.into(), ..ViewerOptions::default() },
     )?;
     Ok(())
 }

@@ -7,8 +7,8 @@ const BYTES: [f64; 2] = [4.0, 8.5];
 const FRAME_PER_FACE_PX: f64 = 1.7;
 
 /// Nanoseconds on one thread: a tile, a frame row of a tile, a frame pixel of a tile, and a sample that a picture may stand for.
-/// Rough figures; `benches/primitives.rs` measures whole frames. A sample counts for less than it takes, since where pictures only just
-/// pay most of them is edge, which samples show better (docs/decisions/0052).
+/// Estimates, measured on whole frames (docs/decisions/0052). A sample counts for less than it takes, because most samples of
+/// regions at the limit are edges, which samples show better.
 const NS: [f64; 4] = [250.0, 25.0, 3.0, 12.0];
 
 /// Nanoseconds that a sample takes on one thread, all told.

@@ -10,9 +10,6 @@ mod sprite;
 mod texels;
 mod text;
 
-pub use house::poster as house_poster;
-pub use lumigraph::poster as lumigraph_poster;
-pub use sprite::poster as sprite_poster;
 
 use super::{ExportError, poster};
 use headbox_core::camera::Camera;
@@ -155,7 +152,7 @@ fn script(modules: &[&str]) -> String {
 }
 
 /// Text in HTML.
-pub fn escape(text: &str) -> String {
+fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 

@@ -5,7 +5,7 @@ use super::contender::{Contender, LumigraphDraw, Role};
 use super::subject::{ReportError, Subject};
 use headbox_trace::bvh::{Ray, Tracer};
 use headbox_core::camera::{Camera, CameraError};
-use headbox_lumigraph::{CameraGrid, GridParts, Lumigraph, LumigraphCapture, LumigraphSettings, Placement, RawLumigraph, middle_disparity};
+use headbox_lumigraph::{MAX_LAYERS, detail, min_layers, CameraGrid, GridParts, Lumigraph, LumigraphCapture, LumigraphSettings, Placement, RawLumigraph, middle_disparity};
 use crate::plan::{Eye, EyeSet, Place, Plan};
 use headbox_core::progress::Progress;
 use glam::{DVec2, DVec3};
@@ -186,12 +186,20 @@ impl Images {
         Ok(vec![named(true, "layers merged"), named(false, &format!("all {} layers", lumigraph.layers().len()))])
     }
 
+    /// Number of layers that these images need on the minimum sampling curve (Eq. 7), for frames of their own focal length.
+    fn curve_layers(&self) -> Option<usize> {
+        let grid = self.raw.grid();
+        let pixel = 1.0 / grid.focal_px();
+        let layers = min_layers(1.0, self.raw.range()?, grid.spacing(), detail(pixel, pixel, None));
+        Some(layers.ceil().clamp(1.0, MAX_LAYERS as f64) as usize)
+    }
+
     /// The point of the sampling curve that has these images, its layers put where surfaces are; and, where these are the usual ones,
     /// at equal shares of the range as the paper has it.
     fn of_curve(&self, pool: &Arc<ThreadPool>, is_usual: bool) -> Result<Vec<Contender>, ReportError> {
-        let Some(point) = self.raw.curve(self.raw.grid().focal_px()).into_iter().next() else { return Ok(Vec::new()) };
-        let [placed, uniform] =
-            [Placement::Histogram, Placement::Uniform].map(|placement| self.raw.at(&point, placement).map(Arc::new));
+        let Some(layers) = self.curve_layers() else { return Ok(Vec::new()) };
+        let [placed, uniform] = [Placement::Histogram, Placement::Uniform]
+            .map(|placement| self.raw.layered(layers, placement).map(Arc::new));
         let (placed, uniform) = (placed?, uniform?);
         let name = format!("{0}x{0} images, {1} layers", self.cameras, placed.layers().len());
         let mut roles = vec![Role { group: CURVE, variant: name, baseline: is_usual }];

@@ -9,7 +9,6 @@ use headbox_trace::bvh::{Hit, PACKET, Ray, RayPacket, Tracer};
 use headbox_core::progress::{Progress, check_cancelled};
 use headbox_trace::truth;
 use glam::{DVec3, Vec3};
-use image::RgbImage;
 use rayon::prelude::*;
 use std::io;
 
@@ -53,20 +52,6 @@ impl LumigraphCapture<'_> {
         let pictures = (0..grid.camera_count()).map(picture).collect();
         check_cancelled(progress)?;
         Ok(RawLumigraph::new(grid.clone(), pictures, self.lighting.environment()))
-    }
-
-    /// What frames of these cameras should show.
-    ///
-    /// # Errors
-    /// Of kind [`io::ErrorKind::Interrupted`] if `progress` gave it up.
-    pub fn frames(&self, cameras: &[Camera], progress: &dyn Progress) -> io::Result<Vec<RgbImage>> {
-        /// Rays a pixel, of an image's: frames are compared to a fraction of a decibel.
-        const FINER: u32 = 4;
-        let samples = self.samples.max(1).saturating_mul(FINER);
-        let frame = |camera| truth::render(self.tracer, self.lighting, self.lit, camera, samples, progress).rgb();
-        let frames = cameras.iter().map(frame).collect();
-        check_cancelled(progress)?;
-        Ok(frames)
     }
 
     /// Colour and disparity of a pixel.

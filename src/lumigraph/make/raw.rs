@@ -49,22 +49,6 @@ impl RawLumigraph {
         (range[1] > 0.0).then(|| range.map(f64::from))
     }
 
-    /// The same images of fewer cameras: some columns and rows of the grid, by their numbers in ascending order.
-    ///
-    /// # Errors
-    /// [`LumigraphError::NoCameras`] if none is left.
-    pub fn with_cameras(&self, columns: &[usize], rows: &[usize]) -> Result<Self, LumigraphError> {
-        let of = |numbers: &[usize], places: &[f64]| numbers.iter().filter_map(|i| places.get(*i).copied()).collect();
-        let grid = self.grid.with_places(of(columns, self.grid.columns()), of(rows, self.grid.rows()))?;
-        let count = self.grid.columns().len();
-        let numbers = rows.iter().flat_map(|row| columns.iter().map(move |column| row * count + column));
-        let pictures: Vec<RawPicture> = numbers.filter_map(|number| self.pictures.get(number).cloned()).collect();
-        if pictures.len() != grid.camera_count() {
-            return Err(LumigraphError::NoCameras);
-        }
-        Ok(Self { grid, pictures, environment: self.environment.clone() })
-    }
-
     /// Puts each pixel into one of at most `count` layers.
     ///
     /// # Errors

@@ -38,14 +38,8 @@ impl Merger {
     /// The same as [`merge`], found from the last frame's layers (the paper's limitation 6): where they still end, two tests a
     /// merged layer say so.
     pub fn update(&mut self, layers: &[DisparityLayer], bound: &ErrorBound) {
-        self.update_where(layers.len(), |range| {
-            bound.allows(layers[range.start].through(&layers[range.end - 1]).range())
-        });
-    }
-
-    /// The fewest merged layers of `count` of which each is allowed. What is allowed must stay so without some of its layers, or they are
-    /// not the fewest; a single layer stays, allowed or not.
-    pub fn update_where(&mut self, count: usize, allows: impl Fn(Range<usize>) -> bool) {
+        let count = layers.len();
+        let allows = |range: Range<usize>| bound.allows(layers[range.start].through(&layers[range.end - 1]).range());
         self.before.clear();
         self.before.extend(self.merged.iter().map(|range| range.end));
         self.merged.clear();

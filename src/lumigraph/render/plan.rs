@@ -3,7 +3,6 @@
 use crate::Lumigraph;
 use crate::bounds::ErrorBound;
 use super::cells::{Batch, Bundle, Cells};
-use crate::contrast::relaxed;
 use crate::grid::PlaneView;
 use super::layer_in_view::{LayerInView, MergedLayer};
 use super::merge::Merger;
@@ -45,14 +44,7 @@ pub(crate) fn merged_layers(
         behind: view.behind(),
         tolerance: if settings.merge { tolerance } else { -1.0 },
     };
-    merger.update_where(layers.len(), |range| {
-        let mut bound = bound;
-        if settings.merge && settings.plain_levels > 0.0 {
-            let tolerance_px = tolerance * focal_px;
-            bound.tolerance *= relaxed(&lumigraph.contrasts[range.clone()], settings.plain_levels, tolerance_px);
-        }
-        bound.allows(layers[range.start].through(&layers[range.end - 1]).range())
-    });
+    merger.update(layers, &bound);
     let coarsest = if settings.levels { lumigraph.pyramid.levels.len() - 1 } else { 0 };
     let merged = |indices: [u16; 2], drawn: f64| {
         let ahead = 1.0 + view.behind() * drawn;

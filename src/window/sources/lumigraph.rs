@@ -23,12 +23,10 @@ fn settings(values: &SettingValues) -> Result<LumigraphSettings, String> {
     let show = Show::ALL.get(values.choice("overlay")?).map_or(Show::Colors, |(_, show)| *show);
     let blend = Blend::ALL.get(values.choice("blend")?).map_or(Blend::default(), |(_, blend)| *blend);
     let tolerance_px = values.number("merge")?;
-    let plain_levels = values.number("plain")?;
     let (levels, skip) = (values.toggle("levels")?, values.toggle("skip")?);
     Ok(LumigraphSettings {
         merge: tolerance_px > 0.0,
         tolerance_px,
-        plain_levels,
         levels,
         skip,
         blend,
@@ -71,8 +69,6 @@ impl FrameSource for LumigraphSource {
                      none (pixels of an image or of the frame, whichever is larger).";
         let blend = "Where some cameras show a surface and others look through it: it takes their share of the pixel, or the \
                      whole of it as the paper has it (no unit).";
-        let plain = "How many levels may be off where the images are plain and more layers are merged for it, up to four times as far; \
-                     0 for never (levels of 255).";
         let overlay = "What is painted instead of colours: the layer that a pixel is stored in, the layers as they were merged for \
                        this frame, or the cameras that a pixel is blended from (no unit).";
         let skip = "Leaves layers out that show in no rectangle of the images where a block of the frame would find them; the frame \
@@ -81,7 +77,6 @@ impl FrameSource for LumigraphSource {
             Setting::choice("overlay", "Overlay", overlay, &Show::ALL.map(|(name, _)| name)),
             Setting::choice("blend", "Blend", blend, &Blend::ALL.map(|(name, _)| name)),
             Setting::number("merge", "Merge layers", merge, defaults.tolerance_px, 0.0..=16.0, "px"),
-            Setting::number("plain", "Merge plain layers", plain, defaults.plain_levels, 0.0..=16.0, "levels"),
             Setting::toggle(
                 "levels",
                 "Levels of detail",

@@ -10,5 +10,4 @@ mod lumigraph;
 mod photographs;
 mod points;
 pub(crate) mod reference;
-pub mod sketch;
 mod sprite;

@@ -9,7 +9,7 @@ use crate::window::messages::Kind;
 use crate::thread::session::Opening;
 use egui::{Context, ViewportCommand};
 use std::{
-    path::{Path, PathBuf},
+    path::Path,
     sync::{Arc, Mutex},
 };
 
@@ -72,11 +72,8 @@ impl Viewer {
         ctx.send_viewport_cmd(ViewportCommand::Title("headbox".into()));
     }
 
-    /// Shows that something is being opened, with a picture of it where one can be had soon.
+    /// Shows that something is being opened.
     pub(crate) fn await_opening(&mut self, what: String) {
-        if let Some(make) = self.options.sketch {
-            self.session.sketch(make, PathBuf::from(&what), what.clone());
-        }
         self.opening = Some(Opening::begin(what));
     }
 

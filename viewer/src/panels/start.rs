@@ -17,8 +17,6 @@ const CARD_GAP_POINTS: f32 = 24.0;
 /// Width of a row of the files opened last, points.
 const ROW_POINTS: f32 = 420.0;
 
-/// What is left for the words below the picture of what is being opened, points.
-const SKETCH_TEXT_POINTS: f32 = 60.0;
 /// How often the time that opening takes is told anew.
 const SECOND: Duration = Duration::from_secs(1);
 
@@ -71,16 +69,7 @@ pub(crate) fn show(
             |opening| format!("Opening {}… {} s", opening.what, opening.since.elapsed().as_secs()),
         );
         let text = egui::Label::new(RichText::new(text).heading()).wrap();
-        match opening.and_then(|opening| opening.sketch.as_ref()) {
-            None => _ = ui.centered_and_justified(|ui| ui.add(text)),
-            Some(sketch) => {
-                ui.vertical_centered(|ui| {
-                    let room = vec2(ui.available_width(), (ui.available_height() - SKETCH_TEXT_POINTS).max(0.0));
-                    ui.add(egui::Image::new(sketch).fit_to_exact_size(room).maintain_aspect_ratio(true));
-                    ui.add(text);
-                });
-            }
-        }
+        ui.centered_and_justified(|ui| ui.add(text));
         ui.ctx().request_repaint_after(SECOND);
         return;
     }

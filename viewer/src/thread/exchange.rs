@@ -137,8 +137,6 @@ pub(crate) enum Event {
     Offers { entries: Vec<Entry>, extensions: Vec<String> },
     /// The picture of an entry.
     Thumbnail { id: String, thumbnail: Thumbnail },
-    /// The picture that stands in for what is being opened, by that name.
-    Sketch { what: String, sketch: Thumbnail },
     /// Frames written by the running export, `None` when it has ended.
     Exported(Option<[usize; 2]>),
 }

@@ -4,12 +4,10 @@
 //! slow (opening, rendering, writing path frames, thumbnails) happens on the thread.
 
 use crate::thread::exchange::{Event, Finished, Job, Order, Picture, Shared, Wake};
-use crate::window::options::Sketch;
 use crate::source::{Coming, FrameSource, Library};
 use crate::thread::worker::Worker;
 use egui::TextureHandle;
 use std::{
-    path::PathBuf,
     sync::{Arc, mpsc},
     thread::{Builder, JoinHandle},
     time::Instant,
@@ -19,13 +17,11 @@ use std::{
 pub(crate) struct Opening {
     pub what: String,
     pub since: Instant,
-    /// What is shown until it is open.
-    pub sketch: Option<TextureHandle>,
 }
 
 impl Opening {
     pub(crate) fn begin(what: String) -> Self {
-        Self { what, since: Instant::now(), sketch: None }
+        Self { what, since: Instant::now() }
     }
 }
 
@@ -76,21 +72,6 @@ impl Session {
     /// Gives pictures back for reuse.
     pub(crate) fn recycle(&self, pictures: Vec<Picture>) {
         self.shared.recycle(pictures);
-    }
-
-    /// Has a picture of a file made that is being opened by this name.
-    pub(crate) fn sketch(&mut self, make: Sketch, file: PathBuf, what: String) {
-        self.threads.retain(|thread| !thread.is_finished());
-        let (sender, wake) = (self.sender.clone(), Arc::clone(&self.wake));
-        let spawned = Builder::new().name("sketch".into()).spawn(move || {
-            if let Some(sketch) = make(&file) {
-                // The window may be gone already; then nobody needs it.
-                let _ = sender.send(Event::Sketch { what, sketch });
-                wake();
-            }
-        });
-        // Without a thread there is no picture, and the words that something is being opened remain.
-        self.threads.extend(spawned.ok());
     }
 
     /// Does something slow (writing a file) on a thread of its own and tells the outcome as a message.

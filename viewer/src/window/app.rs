@@ -205,11 +205,6 @@ impl Viewer {
                 self.open_list.set_extensions(extensions);
             }
             Event::Thumbnail { id, thumbnail } => self.start_page.set_thumbnail(ctx, &id, &thumbnail),
-            Event::Sketch { what, sketch } => {
-                if let Some(opening) = self.opening.as_mut().filter(|opening| opening.what == what) {
-                    opening.sketch = sketch.texture(ctx, "sketch");
-                }
-            }
             Event::Exported(progress) => self.exporting = progress,
         }
     }

@@ -1,6 +1,5 @@
 //! Messages to the person at the window.
 
-use headbox_core::words::plain;
 
 /// A message's weight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,7 +32,7 @@ impl Messages {
 
     /// Adds a message; one that is already there is counted up instead.
     pub(crate) fn add(&mut self, kind: Kind, text: impl Into<String>, now_s: f64) {
-        let text = plain(&text.into());
+        let text = text.into();
         if let Some(same) = self.0.iter_mut().find(|m| m.kind == kind && m.text == text) {
             same.count += 1;
             same.last_s = now_s;

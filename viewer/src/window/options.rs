@@ -5,13 +5,7 @@ use crate::source::{Coming, Library, Thumbnail};
 use crate::playback::tape::ReplayMode;
 use crate::window::views::Stereo;
 use serde::Serialize;
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
-
-/// Makes a picture that tells what is in a file, within a fraction of a second; `None` where there is none to be had.
-pub type Sketch = fn(&Path) -> Option<Thumbnail>;
+use std::{path::PathBuf, time::Instant};
 
 /// How the window starts and, for scripts, how it ends.
 pub struct ViewerOptions {
@@ -21,8 +15,6 @@ pub struct ViewerOptions {
     pub library: Option<Box<dyn Library>>,
     /// What is shown as soon as it is there, if no source is given.
     pub coming: Option<Coming>,
-    /// Makes the picture that stands in for a file while it is opened.
-    pub sketch: Option<Sketch>,
     /// The file that is shown at first, if it is one: told among those opened last.
     pub file: Option<PathBuf>,
     /// Where the names of the files opened last are kept; none: nowhere.
@@ -67,7 +59,6 @@ impl Default for ViewerOptions {
             started: Instant::now(),
             library: None,
             coming: None,
-            sketch: None,
             file: None,
             recent_file: None,
             window_size_points: [1280.0, 800.0],

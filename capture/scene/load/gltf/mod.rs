@@ -6,7 +6,6 @@
 
 mod accessor;
 mod attributes;
-mod boxes;
 pub(crate) mod cameras;
 mod instances;
 mod lights;
@@ -23,7 +22,6 @@ use super::{LoadError, LoadOptions, folder_of};
 use headbox_core::file_frame::FileFrame;
 use ::gltf::json::{Node, Root};
 use accessor::Buffers;
-pub use boxes::gltf_boxes;
 use glam::DAffine3;
 use material::GltfMaterials;
 use pose::Pose;
@@ -106,13 +104,9 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Root, SecondReading, Option<Vec<u
                 "it is neither a GLB (it does not begin with \"glTF\") nor a glTF (it is no JSON)".into(),
             ));
         }
-        let at_line = |cause: ::gltf::json::Error| LoadError::Line {
-            path: path.to_path_buf(),
-            line: cause.line(),
-            cause: without_place(&cause.to_string()),
-        };
-        let root = ::gltf::json::deserialize::from_slice(bytes).map_err(at_line)?;
-        return Ok((root, SecondReading::read(bytes).map_err(at_line)?, None));
+        let no_json = |cause: ::gltf::json::Error| malformed(cause.to_string());
+        let root = ::gltf::json::deserialize::from_slice(bytes).map_err(no_json)?;
+        return Ok((root, SecondReading::read(bytes).map_err(no_json)?, None));
     }
     // The `gltf` crate subtracts the length of the header from the length in it, unchecked.
     let length = glb_length(bytes).unwrap_or(0);
@@ -125,11 +119,6 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Root, SecondReading, Option<Vec<u
     let no_json = |cause| malformed(format!("its JSON chunk does not parse: {cause}"));
     let (root, reread) = (root.map_err(no_json)?, SecondReading::read(&glb.json).map_err(no_json)?);
     Ok((root, reread, glb.bin.map(Into::into)))
-}
-
-/// A parser's words without the line that is named anyway.
-fn without_place(cause: &str) -> String {
-    cause.rsplit_once(" at line ").map_or(cause, |(words, _)| words).to_owned()
 }
 
 struct TooManyVertices;

@@ -1,9 +1,9 @@
-//! Files that `headbox export` and `headbox serve` take, by what they hold.
+//! Input files of `headbox export`, by kind.
 
 use crate::commands::house::file::first_view;
 use headbox_core::camera::Camera;
 use headbox_core::container::{Container, FileKind};
-use headbox_export::page::{Page, house_poster, lumigraph_poster, sprite_poster};
+use headbox_export::page::Page;
 use headbox_export::{ExportError, of_sprites, poster};
 use headbox_lumigraph::{LUMI_FILE, Lumigraph, Slabs};
 use headbox_cube::pack::PackedCube;
@@ -81,16 +81,6 @@ impl Exported {
         }
     }
 
-    /// A JPEG file of the first view.
-    pub(crate) fn poster(&self) -> Result<Vec<u8>, ExportError> {
-        match self {
-            Self::Cube(cube) => poster(cube),
-            Self::Sprites(set) => sprite_poster(set),
-            Self::House(house, first) => house_poster(house, first),
-            Self::Lumigraph(lumigraph) => lumigraph_poster(lumigraph),
-        }
-    }
-
     /// How much there is to see.
     pub(crate) fn amount(&self) -> (u64, &'static str) {
         match self {
@@ -98,16 +88,6 @@ impl Exported {
             Self::Sprites(set) => (set.sprites().len() as u64, "sprites"),
             Self::House(house, _) => (house.scene().triangles.len() as u64, "triangles"),
             Self::Lumigraph(lumigraph) => (lumigraph.pictures().len() as u64, "images"),
-        }
-    }
-
-    /// How the name of such a file ends.
-    pub(crate) fn ending(&self) -> &'static str {
-        match self {
-            Self::Cube(_) => "ldi",
-            Self::Sprites(_) => "sprite",
-            Self::House(..) => "house",
-            Self::Lumigraph(_) => "lumi",
         }
     }
 }

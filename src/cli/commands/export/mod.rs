@@ -9,7 +9,7 @@ use headbox_core::files;
 use headbox_core::cube_face::Face;
 use headbox_export::deep;
 use headbox_export::deep::{DeepSummary, Faces};
-use headbox_export::{ExportError, glb, las, ply, splats};
+use headbox_export::{ExportError, glb, ply, splats};
 use headbox_cube::pack::PackedCube;
 use anyhow::Context;
 use clap::Args;
@@ -22,9 +22,8 @@ pub(crate) struct ExportCommand {
     /// A .ldi, .sprite, .house or .lumi file; the latter two as pages alone
     file: PathBuf,
     /// What to write; its ending decides the format: .html, a page to look around in that works offline, of a house to walk
-    /// through; .glb for engines; .ply, flat
-    /// Gaussians as of 3D Gaussian splatting, or plain points with --points; .splat, the same Gaussians in 32 bytes each; .las, points;
-    /// .exr for compositing, deep or with --layers flat
+    /// through; .glb for engines; .ply, flat Gaussians as of 3D Gaussian splatting, or plain points with --points; .exr for
+    /// compositing, deep or with --layers flat
     #[arg(short, long)]
     output: PathBuf,
     /// What the page is called; the name of the file if absent
@@ -87,7 +86,7 @@ impl ExportCommand {
 
     fn write_as(&self, ending: Option<&str>, exported: Exported, told: &mut Value) -> anyhow::Result<()> {
         let of_file = || self.file.display().to_string();
-        if !matches!(ending, Some("glb" | "ply" | "splat" | "las" | "exr")) {
+        if !matches!(ending, Some("glb" | "ply" | "exr")) {
             let name = self.title.clone().unwrap_or_else(|| name_of(&self.file));
             let page = exported.page(&name).with_context(of_file)?;
             return self.write(|to| Ok(page.write(to)?));
@@ -99,8 +98,6 @@ impl ExportCommand {
                 true => ply::write_points(&cube, to),
                 false => splats::write_ply(&cube, to),
             }),
-            Some("splat") => self.write(|to| splats::write_splat(&cube, to)),
-            Some("las") => self.write(|to| las::write(&cube, to)),
             _ => self.exr(&cube, told).with_context(of_file),
         }
     }
@@ -153,6 +150,6 @@ impl ExportCommand {
 }
 
 /// The name of a file without folder and ending.
-pub(super) fn name_of(path: &Path) -> String {
+fn name_of(path: &Path) -> String {
     path.file_stem().map_or_else(|| "headbox".into(), |stem| stem.to_string_lossy().into_owned())
 }

@@ -22,8 +22,8 @@ impl LumigraphCommand {
         let bar = Bar::new();
         let FromImages { raw, notes } = RawLumigraph::from_images(&set, &bar)?;
         notes.iter().for_each(|note| eprintln!("warning: {note}"));
-        let mut lumigraph = self.layered(&raw, |frames| Ok(raw.finest(frames)?), &bar)?;
         bar.finish();
+        let mut lumigraph = self.layered(&raw)?;
         (lumigraph.info.source, lumigraph.info.frame) = (self.scene.clone(), set.frame);
         lumigraph.write(&self.output)?;
         self.tell(&Slabs::from(lumigraph), start.elapsed().as_secs_f64());

@@ -21,7 +21,6 @@ use headbox_lumigraph::{CameraGrid, GridParts, Lumigraph, LumigraphCapture, Lumi
 use anyhow::Context;
 use clap::Args;
 use glam::DVec3;
-use image::RgbImage;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -93,14 +92,6 @@ pub(super) struct LumigraphQualityArgs {
     /// Layers at most; up to 255 take one byte a pixel, more take two
     #[arg(long, value_name = "N", default_value_t = 255, value_parser = clap::value_parser!(u32).range(1..=MAX_LAYERS as i64))]
     layers: u32,
-    /// Time the points of the sampling curve on frames of this size and keep the fastest: every camera, every second, every fourth and
-    /// so on, as long as the outermost stay, each with the layers that it needs
-    #[arg(long, value_name = "WxH", value_parser = parse_size, conflicts_with = "layers")]
-    optimum: Option<(u32, u32)>,
-    /// With --optimum: keep the point that errs least and whose frames take so many milliseconds at most; it may have more layers than the
-    /// curve asks for
-    #[arg(long, value_name = "MS", value_parser = parse_budget, requires = "optimum")]
-    budget: Option<f64>,
     /// Where layers are put
     #[arg(long, value_name = "WHERE", default_value = "histogram", value_parser = by_name(PLACEMENTS))]
     placement: Placement,
@@ -141,10 +132,6 @@ fn parse_fov(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|fov| (0.1..=170.0).contains(fov)).ok_or("give degrees from 0.1 to 170".into())
 }
 
-fn parse_budget(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|ms: &f64| *ms > 0.0 && ms.is_finite()).ok_or("give milliseconds above 0".into())
-}
-
 impl LumigraphCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         if is_image_set(&self.scene) {
@@ -165,8 +152,7 @@ impl LumigraphCommand {
         let mut slabs = Vec::new();
         for grid in &grids {
             let raw = capture.run(grid, &bar)?;
-            let traced = |cameras: &[Camera]| Ok(capture.frames(cameras, &bar)?);
-            let (slab, number) = (self.layered(&raw, traced, &bar), slabs.len() + 1);
+            let (slab, number) = (self.layered(&raw), slabs.len() + 1);
             slabs.push(match grids.len() {
                 1 => slab?,
                 count => slab.with_context(|| format!("light slab {number} of {count}"))?,
@@ -180,20 +166,9 @@ impl LumigraphCommand {
         Ok(())
     }
 
-    /// The images with layers; `expected` tells what frames should show.
-    pub(super) fn layered(
-        &self,
-        raw: &RawLumigraph,
-        expected: impl Fn(&[Camera]) -> anyhow::Result<Vec<RgbImage>>,
-        bar: &Bar,
-    ) -> anyhow::Result<Lumigraph> {
-        let LumigraphQualityArgs { layers, placement, optimum, budget, .. } = self.quality;
-        let Some((width, height)) = optimum else { return Ok(raw.layered(layers as usize, placement)?) };
-        let frames = [[0.5, 0.5], [0.2, 0.3], [0.7, 0.9]].map(|at| frame_from(raw, at, [width, height]));
-        match budget {
-            None => Ok(raw.fastest(&frames, placement, bar)?),
-            Some(ms) => Ok(raw.nearest_within(ms, &frames, &expected(&frames)?, placement, bar)?),
-        }
+    /// Assigns the pixels of the images to layers.
+    pub(super) fn layered(&self, raw: &RawLumigraph) -> Result<Lumigraph, LumigraphError> {
+        raw.layered(self.quality.layers as usize, self.quality.placement)
     }
 
     pub(super) fn tell(&self, slabs: &Slabs, seconds: f64) {
@@ -209,11 +184,6 @@ impl LumigraphCommand {
         let (file, layers) = (self.output.display(), first.layers().len());
         let of_slabs = if count > 1 { format!("{count} light slabs of ") } else { String::new() };
         println!("{file}: {of_slabs}{columns}x{rows} images, {layers} layers, {seconds:.2} s");
-        for point in &slabs.info().curve {
-            let [columns, rows] = point.cameras;
-            let error = point.psnr_db.map(|db| format!(", {db:.1} dB")).unwrap_or_default();
-            println!("  {columns}x{rows} images, {} layers: {:.2} ms a frame{error}", point.layers, point.ms);
-        }
         println!("look at it: headbox render {file} -o frame.png");
     }
 }
@@ -338,21 +308,6 @@ impl GridArgs {
 
 fn usage(text: impl Into<String>) -> anyhow::Error {
     UsageError(text.into()).into()
-}
-
-/// A frame from a place on the plane (shares of the grid's width and height) of what all images show, as wide as the cameras about
-/// the middle see.
-fn frame_from(raw: &RawLumigraph, at: [f64; 2], size_px: [u32; 2]) -> Camera {
-    let grid = raw.grid();
-    let place = |places: &[f64], share: f64| places[0] + share * (places[places.len() - 1] - places[0]);
-    let axes = grid.world_from_eye();
-    let eye = grid.origin() + axes.x_axis * place(grid.columns(), at[0]) + axes.y_axis * place(grid.rows(), at[1]);
-    // Of parallel cameras, what lies infinitely far ahead.
-    let ahead = (grid.origin() - eye) * grid.convergence() - axes.z_axis;
-    let fov_y_deg = grid.clear_fov_deg(raw.range().unwrap_or_default(), size_px);
-    // The size was checked when it was read.
-    Camera::look_at(eye, eye + ahead, axes.y_axis, fov_y_deg, size_px)
-        .unwrap_or_else(|_| grid.camera(0, 0).with_eye(eye))
 }
 
 /// What there is to know of light slabs: of the first, and where the planes of all are.

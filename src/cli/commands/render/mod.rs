@@ -103,7 +103,7 @@ pub(crate) struct RenderCommand {
     /// geometry camera, owners, mesh and age; a wrong name prints the list
     #[cfg(feature = "viewer")]
     #[arg(long, value_name = "NAME", conflicts_with_all = [
-        "path", "fps", "stereo", "panorama", "vr180", "sampling", "fill_steps", "keep_holes", "exposure", "depth", "coverage", "merge", "plain",
+        "path", "fps", "stereo", "panorama", "vr180", "sampling", "fill_steps", "keep_holes", "exposure", "depth", "coverage", "merge",
         "by_depth", "parallel", "repeat",
     ])]
     overlay: Option<String>,
@@ -114,9 +114,6 @@ pub(crate) struct RenderCommand {
     /// With a model it is always so
     #[arg(long)]
     by_depth: bool,
-    /// Merges more layers of a .lumi file where its images are plain, as long as no more than so many levels are off; 0, never, if absent
-    #[arg(long, value_name = "LEVELS", value_parser = parse_plain)]
-    plain: Option<f64>,
     /// How threads share a cube LDI's frame, which is the same in any case; bands if absent
     #[arg(long, value_name = "WAY", value_parser = by_name(WAYS))]
     parallel: Option<Parallel>,
@@ -130,10 +127,6 @@ pub(crate) struct RenderCommand {
 
 fn parse_merge(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|px| (0.0..=1e6).contains(px)).ok_or("give pixels, 0 or more".into())
-}
-
-fn parse_plain(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|levels| (0.0..=255.0).contains(levels)).ok_or("give levels from 0 to 255".into())
 }
 
 fn parse_stops(text: &str) -> Result<f32, String> {
@@ -195,8 +188,8 @@ impl RenderCommand {
         if let Some(content) = self.open_lumigraph()? {
             return Ok(content);
         }
-        if self.merge.is_some() || self.plain.is_some() {
-            return Err(UsageError("--merge and --plain are for .lumi files".into()).into());
+        if self.merge.is_some() {
+            return Err(UsageError("--merge is for .lumi files".into()).into());
         }
         if let Some(content) = self.open_geometry()? {
             return Ok(content);
@@ -306,7 +299,6 @@ impl RenderCommand {
         let mut settings = LumigraphSettings::default();
         settings.tolerance_px = self.merge.unwrap_or(settings.tolerance_px);
         settings.merge = settings.tolerance_px > 0.0;
-        settings.plain_levels = self.plain.unwrap_or(settings.plain_levels);
         if let Some(wanted) = &self.variant {
             let found = Blend::ALL.iter().find(|(name, _)| name == wanted);
             settings.blend = found.map(|(_, blend)| *blend).ok_or_else(|| {

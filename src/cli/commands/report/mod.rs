@@ -16,7 +16,6 @@ use headbox_trace::light::Lighting;
 use headbox_core::headbox::Headbox;
 use headbox_core::file_frame::UpAxis;
 use headbox_trace::bvh::Tracer;
-use headbox_core::words::of_json;
 use headbox_core::container::Container;
 use headbox_lab::machine::{Machine, commit};
 use headbox_lab::plan::{Plan, Quality, most_to_see};
@@ -34,6 +33,7 @@ use anyhow::{Context, anyhow, bail};
 use clap::Args;
 use clap::builder::TypedValueParser;
 use glam::DVec3;
+use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -234,7 +234,7 @@ impl ReportCommand {
         Outputs::new(false, std::iter::once(json).chain(self.walk.as_deref())).file(output, &PAGE)?;
         let report = read_report(json)?;
         let walk: Option<WalkReport> = match &self.walk {
-            Some(path) => Some(serde_json::from_str(&read_text(path)?).map_err(|error| not_ours(path, &error))?),
+            Some(path) => Some(parse_report(path)?),
             None => None,
         };
         write_text(output, &results::page(&report, walk.as_ref()))?;
@@ -312,12 +312,12 @@ fn read_text(path: &Path) -> anyhow::Result<String> {
     std::fs::read_to_string(path).with_context(|| format!("{} could not be read", path.display()))
 }
 
-fn not_ours(path: &Path, error: &serde_json::Error) -> anyhow::Error {
-    anyhow!("{} is no report of this program's version: {}", path.display(), of_json(error))
+fn parse_report<T: DeserializeOwned>(path: &Path) -> anyhow::Result<T> {
+    serde_json::from_str(&read_text(path)?).with_context(|| format!("{}: not a report of this version", path.display()))
 }
 
 fn read_report(json: &Path) -> anyhow::Result<Report> {
-    let report: Report = serde_json::from_str(&read_text(json)?).map_err(|error| not_ours(json, &error))?;
+    let report: Report = parse_report(json)?;
     if report.version != Report::VERSION {
         let (path, version, ours) = (json.display(), report.version, Report::VERSION);
         bail!("{path}: version {version} of reports; this program reads version {ours}");

@@ -121,7 +121,7 @@ fn header(house: &House, first: &Camera, floors: &[Floor]) -> Value {
 }
 
 /// A JPEG file of what a camera sees.
-pub fn poster(house: &House, first: &Camera) -> Result<Vec<u8>, ExportError> {
+fn poster(house: &House, first: &Camera) -> Result<Vec<u8>, ExportError> {
     let camera = Camera::look_at(first.eye(), first.eye() + first.forward(), DVec3::Y, 60.0, POSTER_PX)?;
     jpeg(Walker::new().frame(house, &Store::new(0), &camera, &WalkSettings::default()).0)
 }

@@ -101,7 +101,7 @@ fn indices(picture: &Picture) -> Vec<u8> {
 }
 
 /// A JPEG file of the first view.
-pub fn poster(lumigraph: &Lumigraph) -> Result<Vec<u8>, ExportError> {
+fn poster(lumigraph: &Lumigraph) -> Result<Vec<u8>, ExportError> {
     let (grid, fov_y_deg) = (lumigraph.grid(), lumigraph.clear_fov_deg(POSTER_PX));
     let axes = grid.world_from_eye();
     let (eye, up): (DVec3, DVec3) = (grid.origin(), axes.y_axis);

@@ -109,7 +109,7 @@ fn fov_y_deg(camera: &Camera) -> f64 {
 }
 
 /// A JPEG file of the first view, with no more rows than the picture that it shows.
-pub fn poster(set: &SpriteSet) -> Result<Vec<u8>, ExportError> {
+fn poster(set: &SpriteSet) -> Result<Vec<u8>, ExportError> {
     let first = set.sprites().first().ok_or(ExportError::Empty)?.sprite().sprite().camera();
     let rows = first.height().min(POSTER_PX[1]);
     let size_px = [(rows * POSTER_PX[0]).div_ceil(POSTER_PX[1]), rows];
