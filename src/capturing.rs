@@ -6,7 +6,7 @@ use headbox_trace::bvh::Tracer;
 use headbox_trace::viewpoint::place_headbox;
 use headbox_core::camera::Camera;
 use headbox_core::headbox::Headbox;
-use headbox_ldi::refine as gaps;
+use headbox_ldi::refine;
 use headbox_cube::model::validate::MAX_FACE_SIZE_PX;
 use headbox_ldi::job::CaptureJob;
 use headbox_cube::model::parameters::CaptureParameters;
@@ -172,7 +172,7 @@ impl<'a> Capture<'a> {
             fineness::settle(&mut job, &tracer, focal_px, self.error_px);
         }
         let lighting = Lighting::prepare(&tracer, job.parameters.bounces, job.parameters.light_samples > 0);
-        let (ldi, _) = gaps::capture(&job, &tracer, &lighting, &self.resources, self.progress)?;
+        let (ldi, _) = refine::capture(&job, &tracer, &lighting, &self.resources, self.progress)?;
         Ok(primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, self.error_px)?)
     }
 

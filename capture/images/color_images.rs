@@ -4,7 +4,7 @@ use super::ImagesError;
 use super::depth::extension;
 use super::exr_layer::ExrLayer;
 use headbox_core::color::srgb8_from_linear;
-use headbox_core::image_file as picture;
+use headbox_core::image_file;
 use headbox_core::image_file::MAX_PIXELS;
 use exr::meta::MetaData;
 use std::path::Path;
@@ -104,7 +104,7 @@ pub(super) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
 }
 
 fn read_other(path: &Path) -> Result<ColorPicture, ImagesError> {
-    let decoded = picture::read(path, 8 * MAX_PIXELS).map_err(|error| ImagesError::picture(path, error))?;
+    let decoded = image_file::read(path, 8 * MAX_PIXELS).map_err(|error| ImagesError::picture(path, error))?;
     let picture = decoded.into_rgba8();
     let (width, height) = picture.dimensions();
     Ok((width, height, picture.pixels().map(|pixel| pixel.0).collect()))

@@ -4,7 +4,7 @@ use super::ImagesError;
 use super::exr_layer::ExrLayer;
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::files::write_whole;
-use headbox_core::image_file as picture;
+use headbox_core::image_file;
 use headbox_core::image_file::MAX_PIXELS;
 use exr::prelude::{Image, SpecificChannels, WritableImage};
 use std::io;
@@ -148,7 +148,7 @@ struct Integers<'a> {
 
 fn read_integers(path: &Path, unit: f32, which: &Integers) -> Result<DepthPicture, ImagesError> {
     let bad = |cause: String| ImagesError::Picture { path: path.into(), cause };
-    let image = picture::read(path, 2 * MAX_PIXELS).map_err(|error| ImagesError::picture(path, error))?;
+    let image = image_file::read(path, 2 * MAX_PIXELS).map_err(|error| ImagesError::picture(path, error))?;
     let values: Vec<u16> = match &image {
         image::DynamicImage::ImageLuma8(grey) if which.eight_bits => {
             grey.as_raw().iter().map(|&v| u16::from(v)).collect()

@@ -1,6 +1,6 @@
 //! A capture from beginning to end: scene, headbox and settings in; cube LDI (or shard) out.
 
-use crate::rays::trace as build;
+use crate::rays::trace;
 use crate::rays::trace::Tracing;
 use headbox_cube::model::parameters::CaptureParameters;
 use crate::settings::{CaptureSettings, Resources};
@@ -63,7 +63,7 @@ impl CaptureJob {
     ) -> io::Result<(CubeLdi, Duration)> {
         let settings = self.settings(resources, (0, 1));
         let start = Instant::now();
-        let tracing = build::trace(tracer, &settings, progress)?;
+        let tracing = trace::trace(tracer, &settings, progress)?;
         let trace_time = start.elapsed();
         Ok((self.finish(&tracing, tracer, lighting, resources, progress)?, trace_time))
     }
@@ -101,7 +101,7 @@ impl CaptureJob {
             scene: self.scene.name.clone(),
             light: self.scene.light.clone(),
             parameters: self.parameters,
-            blocked_share: build::blocked_share(tracer, self.half_size_m),
+            blocked_share: trace::blocked_share(tracer, self.half_size_m),
             ahead: Some(viewpoint::suggest_view(tracer, self.centre)),
             ..self.shape_info(tracer, lighting)
         }

@@ -10,7 +10,7 @@
 
 use super::sky_sun::SunSpot;
 use headbox_core::color::luminance;
-use headbox_core::image_file as picture;
+use headbox_core::image_file;
 use headbox_core::image_file::MAX_PIXELS;
 use headbox_core::image_file::PictureError;
 use exr::meta::MetaData;
@@ -291,7 +291,7 @@ fn radiance(channel: f32) -> f32 {
 type Texels = ([u32; 2], Vec<[f32; 3]>);
 
 fn read_hdr(path: &Path) -> Result<Texels, String> {
-    let picture = picture::read(path, picture::MAX_BYTES).map_err(|error| error.to_string())?.into_rgb32f();
+    let picture = image_file::read(path, image_file::MAX_BYTES).map_err(|error| error.to_string())?.into_rgb32f();
     let (width, height) = picture.dimensions();
     Ok(([width, height], picture.pixels().map(|pixel| pixel.0).collect()))
 }

@@ -2,7 +2,7 @@
 
 use crate::camera::CameraError;
 use crate::files::write_whole;
-use crate::image_file as picture;
+use crate::image_file;
 use crate::image_file::PictureError;
 use image::RgbImage;
 use std::io::{self, Write};
@@ -174,7 +174,7 @@ impl Frame {
             return Err(CameraError::Size(self.width, self.height).into());
         }
         let kind = image::ExtendedColorType::Rgba8;
-        Ok(picture::png(self.color.as_flattened(), self.width, self.height, kind)?)
+        Ok(image_file::png(self.color.as_flattened(), self.width, self.height, kind)?)
     }
 }
 

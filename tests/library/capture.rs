@@ -13,8 +13,8 @@ use headbox_scene::scene::{Scene, Sky, SkyGradient, Sun, Triangle};
 use headbox_trace::bvh::Tracer;
 use headbox_scene::material::Material;
 use headbox_core::color::srgb8_from_linear;
-use headbox_ldi::refine as gaps;
-use headbox_ldi::rays::trace as build;
+use headbox_ldi::refine;
+use headbox_ldi::rays::trace;
 use headbox_ldi::rays::trace::Tracing;
 use headbox_ldi::job::CaptureJob;
 use headbox_cube::model::parameters::MergeRule;
@@ -123,7 +123,7 @@ fn merged_from_shards(job: &CaptureJob, scene: &Arc<Scene>, budget: Option<(u64,
     let tracer = Tracer::new(Arc::clone(scene), job.centre);
     let mut infos = Vec::new();
     for part in [2, 0, 3, 1] {
-        let tracing = build::trace(&tracer, &job.settings(&Resources::default(), (part, 4)), &Silent).unwrap();
+        let tracing = trace::trace(&tracer, &job.settings(&Resources::default(), (part, 4)), &Silent).unwrap();
         let info = ShardInfo {
             job: job.clone(),
             scene_fingerprint: fingerprint(scene),
@@ -147,7 +147,7 @@ fn merged_from_shards(job: &CaptureJob, scene: &Arc<Scene>, budget: Option<(u64,
         shard::absorb(path, info, &mut merged).unwrap();
     }
     let lighting = Lighting::measure(&tracer, job.parameters.bounces);
-    gaps::close(job, &mut merged, &tracer, &lighting, &Silent).unwrap();
+    refine::close(job, &mut merged, &tracer, &lighting, &Silent).unwrap();
     job.finish(&merged, &tracer, &lighting, &Resources::default(), &Silent).unwrap()
 }
 
@@ -177,7 +177,7 @@ fn a_capture_that_looks_at_itself_closes_its_holes_whoever_traced_it() {
     let lighting = Lighting::measure(&tracer, 1);
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| gaps::capture(&looking, &tracer, &lighting, &Resources::default(), &Silent).unwrap().0)
+        pool.install(|| refine::capture(&looking, &tracer, &lighting, &Resources::default(), &Silent).unwrap().0)
     };
     let ldi = on(1);
     let holes = ldi.info.holes.unwrap();
@@ -301,11 +301,11 @@ fn the_missing_estimate_is_within_a_factor_of_two_of_what_fresh_rays_find() {
     for novelty in [0.0, 0.3] {
         let job = asked(|p| p.novelty = novelty);
         let tracer = Tracer::new(Arc::clone(&scene), job.centre);
-        let known = build::trace(&tracer, &job.settings(&Resources::default(), (0, 1)), &Silent).unwrap();
+        let known = trace::trace(&tracer, &job.settings(&Resources::default(), (0, 1)), &Silent).unwrap();
         let estimates = known.plan.missing_estimate(&known.store).unwrap();
         let estimate = estimates.iter().sum::<f64>() / 6.0;
         let fresh_job = asked(|p| (p.seed, p.rays_per_stratum, p.novelty) = (99, 4, 0.0));
-        let fresh = build::trace(&tracer, &fresh_job.settings(&Resources::default(), (0, 1)), &Silent).unwrap();
+        let fresh = trace::trace(&tracer, &fresh_job.settings(&Resources::default(), (0, 1)), &Silent).unwrap();
         let new = unknown_rays(&fresh.store, &known.store) as f64 / fresh.rays as f64;
         assert!(estimate < 2.0 * new && new < 2.0 * estimate, "estimated {estimate}, found {new} (novelty {novelty})");
     }
@@ -420,8 +420,8 @@ fn a_dark_room_gets_fill_light_and_an_open_scene_does_not() {
 #[test]
 fn geometry_inside_the_headbox_is_noticed() {
     let tracer = Tracer::new(room(), DVec3::ZERO);
-    assert_eq!(build::blocked_share(&tracer, 0.3), 0.0);
-    let inside = build::blocked_share(&tracer, 1.9);
+    assert_eq!(trace::blocked_share(&tracer, 0.3), 0.0);
+    let inside = trace::blocked_share(&tracer, 1.9);
     assert!(inside > 0.02 && inside < 0.6, "{inside}");
     let ldi = capture(&CaptureJob { half_size_m: 1.9, ..job() }, &room(), &Resources::default());
     assert_eq!(ldi.validate(), Ok(()));

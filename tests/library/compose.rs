@@ -16,7 +16,7 @@ use headbox_cube::model::parameters::CaptureParameters;
 use headbox_ldi::settings::Resources;
 use headbox_core::metrics::psnr_db;
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
-use headbox_cube::planes as primitives;
+use headbox_cube::planes;
 use headbox_core::progress::Silent;
 use headbox_ldi::scene_source::SceneSource;
 use headbox_sprite::SpriteSet;
@@ -142,7 +142,7 @@ fn polygons_stand_among_samples_as_if_they_had_been_captured() {
     let lighting = Lighting::of_scene(&tracer, 0);
     for error_px in [0.0, 0.5] {
         let (ldi, _) = job.run(&tracer, &lighting, &Resources::default(), &Silent).expect("captured");
-        let cube = primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, error_px).expect("packed");
+        let cube = planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, error_px).expect("packed");
         let eye = centre + dvec3(0.2, -0.1, 0.15);
         let camera = Camera::look_at(eye, eye + dvec3(-0.1, -0.15, -1.0), DVec3::Y, 70.0, [160, 120]).expect("valid");
         let drawn = Renderer::new().render(&cube, &camera, &RenderSettings::default()).to_rgb().expect("a picture");

@@ -15,7 +15,7 @@ mod test_view;
 use headbox_trace::light::Lighting;
 use headbox_trace::bvh::Tracer;
 use headbox_cube::model::depth_bins::DepthBins;
-use crate::rays::trace as build;
+use crate::rays::trace;
 use crate::rays::trace::{Router, Tracing};
 use crate::job::CaptureJob;
 use crate::settings::Resources;
@@ -61,7 +61,7 @@ pub fn capture(
     progress: &dyn Progress,
 ) -> io::Result<(CubeLdi, Duration)> {
     let start = Instant::now();
-    let mut tracing = build::trace(tracer, &job.settings(resources, (0, 1)), progress)?;
+    let mut tracing = trace::trace(tracer, &job.settings(resources, (0, 1)), progress)?;
     let trace_time = start.elapsed();
     close(job, &mut tracing, tracer, lighting, progress)?;
     Ok((job.finish(&tracing, tracer, lighting, resources, progress)?, trace_time))

@@ -109,7 +109,7 @@ mod tests {
     use headbox_trace::sampler::RayKey;
     use headbox_trace::bvh::Ray;
     use headbox_trace::viewpoint::place_headbox;
-    use crate::rays::trace as build;
+    use crate::rays::trace;
     use crate::rays::trace::Router;
     use crate::job::CaptureJob;
     use crate::settings::Resources;
@@ -140,7 +140,7 @@ mod tests {
         (job.face_size_px, job.parameters.strata, job.parameters.rays_per_stratum) = (70, 6, 4);
         let tracer = Tracer::new(Arc::clone(&scene), headbox.centre);
         let (lighting, settings) = (Lighting::of_scene(&tracer, 1), job.settings(&Resources::default(), (0, 1)));
-        let run = build::trace(&tracer, &settings, &Silent).unwrap();
+        let run = trace::trace(&tracer, &settings, &Silent).unwrap();
         let source = ShapeSource { tracer: &tracer, lighting: &lighting, settings: &settings, progress: &Silent };
         let whole = || source.shape(&run, job.shape_info(&tracer, &lighting)).unwrap();
         let mut shape = whole();

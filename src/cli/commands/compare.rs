@@ -1,7 +1,7 @@
 //! `headbox compare`.
 
 use crate::output::{Outputs, PICTURE, print_json, save_picture};
-use headbox_core::image_file as picture;
+use headbox_core::image_file;
 use headbox_core::metrics;
 use anyhow::Context;
 use clap::Args;
@@ -22,7 +22,7 @@ pub(crate) struct CompareCommand {
 }
 
 fn open(path: &Path) -> anyhow::Result<image::RgbImage> {
-    let image = picture::read(path, picture::MAX_BYTES)
+    let image = image_file::read(path, image_file::MAX_BYTES)
         .with_context(|| format!("{} could not be read as an image", path.display()))?;
     Ok(image.to_rgb8())
 }

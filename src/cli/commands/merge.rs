@@ -7,7 +7,7 @@ use crate::progress::Bar;
 use crate::words::{UsageError, counted};
 use headbox_trace::light::Lighting;
 use headbox_trace::bvh::Tracer;
-use headbox_ldi::refine as gaps;
+use headbox_ldi::refine;
 use headbox_ldi::settings::Resources;
 use headbox_ldi::accumulate::shard;
 use headbox_ldi::scene_source::fingerprint;
@@ -78,7 +78,7 @@ impl MergeCommand {
             shard::absorb(path, info, &mut tracing)?;
         }
         let bar = Bar::new();
-        gaps::close(&job, &mut tracing, &tracer, &lighting, &bar)?;
+        refine::close(&job, &mut tracing, &tracer, &lighting, &bar)?;
         let ldi = job.finish(&tracing, &tracer, &lighting, &resources, &bar)?;
         drop((tracing, tracer));
         let packed = self.packing.pack(ldi)?;

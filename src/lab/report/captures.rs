@@ -3,7 +3,7 @@
 use super::contender::Role;
 use super::subject::{ReportError, Subject};
 use headbox_core::cube_face::Face;
-use headbox_ldi::refine as gaps;
+use headbox_ldi::refine;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_ldi::job::CaptureJob;
 use headbox_cube::model::parameters::MergeRule;
@@ -86,7 +86,7 @@ impl Captures<'_> {
         let run = || {
             let start = Instant::now();
             let (tracer, lighting) = (&self.subject.tracer, &self.subject.lighting);
-            let (ldi, _) = gaps::capture(&job, tracer, lighting, &Resources::default(), progress)?;
+            let (ldi, _) = refine::capture(&job, tracer, lighting, &Resources::default(), progress)?;
             Ok::<_, ReportError>(Made { ldi, seconds: start.elapsed().as_secs_f64() })
         };
         let mut made = run()?;

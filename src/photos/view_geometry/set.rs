@@ -1,6 +1,6 @@
 //! An image set as frames are drawn from it: its cameras with their samples, and the store of pictures.
 
-use crate::view_geometry::cameras::sample_cache as kept;
+use crate::view_geometry::cameras::sample_cache;
 use crate::view_geometry::cameras::picture::Picture;
 use crate::view_geometry::cameras::samples::{SampleGrid, Samples};
 use crate::view_geometry::cameras::store::PictureStore;
@@ -119,9 +119,9 @@ impl ViewGeometry {
         }
         let origin = views.iter().map(|view| view.pose.eye).sum::<DVec3>() / views.len() as f64;
         let GeometryResources { grid, budget, cache } = resources;
-        let file = cache.as_ref().and_then(|folder| kept::path(folder, &views, grid, origin));
+        let file = cache.as_ref().and_then(|folder| sample_cache::path(folder, &views, grid, origin));
         let kept = || match &file {
-            Some(file) => cache::read(file, |file| kept::open(file, views.len())),
+            Some(file) => cache::read(file, |file| sample_cache::open(file, views.len())),
             None => (None, None),
         };
         let pictures = PictureStore::new(views.clone(), *budget);
@@ -131,7 +131,7 @@ impl ViewGeometry {
             None => {
                 let sampled = sampled(&views, grid, origin, &pictures, progress)?;
                 // A cache that cannot be written costs time, and no more. What is written need not stay in memory.
-                let written = file.as_ref().is_some_and(|file| kept::write(file, &sampled).is_ok());
+                let written = file.as_ref().is_some_and(|file| sample_cache::write(file, &sampled).is_ok());
                 match kept().0.filter(|_| written) {
                     Some(mapped) => {
                         // Of pictures that are at hand already nobody will ask for samples again.
@@ -144,7 +144,7 @@ impl ViewGeometry {
                 }
             }
         };
-        pictures.when_read(kept::check(&cameras, *grid, origin, file.clone()));
+        pictures.when_read(sample_cache::check(&cameras, *grid, origin, file.clone()));
         let in_use = file.as_deref().and_then(|file| InUse::of(file).ok());
         if let Some(folder) = cache {
             cache::make_room(folder, cache::MOST_BYTES);

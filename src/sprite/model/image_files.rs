@@ -4,7 +4,7 @@ use crate::SpriteWithDepth;
 use headbox_core::files::write_whole;
 use headbox_images as images;
 use headbox_images::DepthPicture;
-use headbox_core::image_file as picture;
+use headbox_core::image_file;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -52,7 +52,7 @@ impl SpriteWithDepth {
     /// [`ImageFileError::Io`].
     pub fn export(&self, color_png: &Path, depth_exr: &Path) -> Result<(), ImageFileError> {
         let color = self.sprite().color();
-        let png = picture::png(color.as_raw(), color.width(), color.height(), image::ExtendedColorType::Rgba8);
+        let png = image_file::png(color.as_raw(), color.width(), color.height(), image::ExtendedColorType::Rgba8);
         let write = |bytes: Vec<u8>| write_whole(color_png, |writer| writer.write_all(&bytes));
         png.map_err(io::Error::other)
             .and_then(write)

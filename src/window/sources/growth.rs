@@ -14,7 +14,7 @@ use headbox_ldi::job::CaptureJob;
 use headbox_cube::model::parameters::CaptureParameters;
 use headbox_ldi::settings::Resources;
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
-use headbox_cube::planes as primitives;
+use headbox_cube::planes;
 use headbox_cube::planes::DEFAULT_ERROR_PX;
 use headbox_core::progress::Progress;
 use headbox_ldi::scene_source::SceneSource;
@@ -239,7 +239,7 @@ impl Shared {
         let resources = Resources { budget: is_large.then(|| (BUDGET.1, std::env::temp_dir())) };
         let captured = job.run(&scene.tracer, &scene.lighting, &resources, self);
         let (ldi, _) = captured.map_err(|error| format!("The capture failed: {error}."))?;
-        let packed = primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX);
+        let packed = planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX);
         let packed = packed.map_err(|error| format!("The capture cannot be packed: {error}."))?;
         let mut state = self.lock();
         state.newest = Some(Arc::new(packed));
@@ -287,7 +287,7 @@ mod tests {
         let job = ROUNDS[0].job(&source, &place.headbox);
         let silent = headbox_core::progress::Silent;
         let (ldi, _) = job.run(&scene.tracer, &scene.lighting, &Resources::default(), &silent).unwrap();
-        assert!(*first == primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX).unwrap());
+        assert!(*first == planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX).unwrap());
         let shared = Arc::clone(&growth.shared);
         drop(growth);
         let mut state = shared.lock();

@@ -11,7 +11,7 @@ use headbox_images::{ImageSet, Lens, LoadedView, View};
 use headbox_trace::viewpoint::level_up;
 use headbox_photos::voxel_colouring::PhotographsJob;
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
-use headbox_cube::planes as primitives;
+use headbox_cube::planes;
 use headbox_cube::planes::DEFAULT_ERROR_PX;
 use headbox_core::progress::Progress;
 use glam::DVec3;
@@ -171,7 +171,7 @@ impl Shared {
         if self.is_cancelled() {
             return Err("given up".into());
         }
-        let packed = primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX);
+        let packed = planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX);
         let packed = packed.map_err(|error| format!("The cube cannot be packed: {error}."))?;
         let mut state = self.lock();
         state.newest = Some(packed);
@@ -333,7 +333,7 @@ mod tests {
         let job = PhotographsJob::suggest(&set);
         assert!(faces.is_sorted() && faces.last() == Some(&f64::from(job.face_size_px)), "{faces:?}");
         let ldi = job.run(&set, &views, &headbox_core::progress::Silent).unwrap();
-        let whole = primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX).unwrap();
+        let whole = planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX).unwrap();
         let mut expected = CubeSource::from_file(whole, folder.path());
         let mut other = pixels.clone();
         expected.render(&request, &mut other).unwrap();

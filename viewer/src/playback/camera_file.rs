@@ -3,7 +3,7 @@
 use crate::playback::eye_path::{CameraPath, PathError, TimedPose};
 use crate::input::pose::Pose;
 use glam::DVec3;
-use headbox_scene::camera_path as path;
+use headbox_scene::camera_path;
 use headbox_scene::camera_path::{CameraRecord, PathRecord};
 use headbox_core::file_frame::FileFrame;
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ const DEFAULT_INTERVAL_S: f64 = 1.0 / 30.0;
 pub(crate) enum CameraFileError {
     /// It cannot be read, or is no path.
     #[error(transparent)]
-    File(#[from] path::PathError),
+    File(#[from] camera_path::PathError),
     /// Its times make no path.
     #[error("{}: {source}", path.display())]
     Times { path: PathBuf, source: PathError },
@@ -37,12 +37,12 @@ pub(crate) fn path_record(path: &CameraPath, size: [u32; 2], frame: &FileFrame) 
 pub(crate) fn read_path(file: &Path, frame: &FileFrame, up: DVec3) -> Result<CameraPath, CameraFileError> {
     let timed = |(index, record): (usize, CameraRecord)| {
         let camera = record.camera(frame);
-        let camera = camera.map_err(|source| path::PathError::Pose { path: file.into(), pose: index, source })?;
+        let camera = camera.map_err(|source| camera_path::PathError::Pose { path: file.into(), pose: index, source })?;
         let pose = Pose::upright(camera.eye(), camera.eye() + camera.forward(), up, record.fov);
         Ok(TimedPose { time_s: record.time_s.unwrap_or(index as f64 * DEFAULT_INTERVAL_S), pose })
     };
-    let poses = path::read_records(file, frame, 1.0 / DEFAULT_INTERVAL_S)?.into_iter().enumerate().map(timed);
-    let poses = poses.collect::<Result<Vec<_>, path::PathError>>()?;
+    let poses = camera_path::read_records(file, frame, 1.0 / DEFAULT_INTERVAL_S)?.into_iter().enumerate().map(timed);
+    let poses = poses.collect::<Result<Vec<_>, camera_path::PathError>>()?;
     CameraPath::new(poses).map_err(|source| CameraFileError::Times { path: file.into(), source })
 }
 
@@ -73,7 +73,7 @@ mod tests {
             assert!(a.pose.eye.distance(b.pose.eye) < POSE_TOLERANCE_M);
             assert!(a.pose.forward().distance(b.pose.forward()) < POSE_TOLERANCE_M);
         }
-        let cameras = path::read(file.path(), &CENTIMETRES_Z_UP, 30.0).unwrap();
+        let cameras = camera_path::read(file.path(), &CENTIMETRES_Z_UP, 30.0).unwrap();
         assert_eq!((cameras.len(), cameras[4].width()), (5, 64), "`headbox render --path` reads it too");
     }
 
@@ -87,7 +87,7 @@ mod tests {
         let view = r#""eye":[0,0,0],"look_at":[0,0,-1],"up":[0,1,0],"fov":60"#;
         let bad_fov = format!(r#"{{"size":[4,4],"poses":[{{{view}}},{{{}}}]}}"#, view.replace("60", "0"));
         let error = read(&bad_fov).unwrap_err();
-        assert!(matches!(error, CameraFileError::File(path::PathError::Pose { pose: 1, .. })), "{error}");
+        assert!(matches!(error, CameraFileError::File(camera_path::PathError::Pose { pose: 1, .. })), "{error}");
         let timed = format!(r#"[{{{view},"time_s":1}},{{{view},"time_s":1}}]"#);
         assert!(matches!(read(&timed).unwrap_err(), CameraFileError::Times { source: PathError::Time(1), .. }));
         let missing = read_path(Path::new("no/such/file.json"), &FileFrame::default(), DVec3::Y).unwrap_err();

@@ -3,7 +3,7 @@ use crate::{Exit, ReplayMode};
 use crate::playback::camera_file;
 use crate::input::keymap::Command;
 use egui::Key;
-use headbox_scene::camera_path as path;
+use headbox_scene::camera_path;
 use headbox_core::file_frame::FileFrame;
 use std::path::{Path, PathBuf};
 
@@ -46,7 +46,7 @@ fn the_camera_is_saved_in_the_words_of_the_command_line() {
     settle(&mut window);
     press(&mut window, Key::K);
     wait(&mut window, "the file", |viewer| viewer.messages.iter().len() == 1);
-    let cameras = path::read(&dir.path().join("camera-0001.json"), &FileFrame::default(), 30.0).unwrap();
+    let cameras = camera_path::read(&dir.path().join("camera-0001.json"), &FileFrame::default(), 30.0).unwrap();
     assert_eq!([cameras[0].width(), cameras[0].height()], window.state().wish.as_ref().unwrap().size_px);
     assert!(cameras[0].forward().distance(window.state().eye.pose.forward()) < FILE_TOLERANCE_M);
 }

@@ -9,7 +9,7 @@ use crate::packing::PackingArgs;
 use crate::progress::Planned;
 use headbox_trace::light::Lighting;
 use headbox_trace::bvh::Tracer;
-use headbox_ldi::refine as gaps;
+use headbox_ldi::refine;
 use headbox_ldi::rays::trace as build;
 use headbox_ldi::job::CaptureJob;
 use headbox_ldi::settings::Resources;
@@ -78,7 +78,7 @@ impl Estimate {
         let pilot = if is_planned { (0.25 * rays_of(&small) / tracing.rays as f64).min(1.0) } else { 0.0 };
 
         let start = Instant::now();
-        gaps::close(&small, &mut tracing, tracer, lighting, &Silent)?;
+        refine::close(&small, &mut tracing, tracer, lighting, &Silent)?;
         let looked = f64::from(tracing.holes.map_or(0, |holes| holes.rounds));
         let rounds = if looked > 0.0 { (looked * ROUNDS_SHARE).max(FEWEST_ROUNDS).round() } else { 0.0 };
         // Of a round, frames cost as much as they have pixels, which is little in small ones, and samples as there are: together about

@@ -4,7 +4,7 @@ use crate::packing::PackingArgs;
 use headbox_trace::bvh::Tracer;
 use headbox_cube::model::validate::MAX_FACE_SIZE_PX;
 use headbox_ldi::job::CaptureJob;
-use headbox_ldi::face_size as fineness;
+use headbox_ldi::face_size;
 use std::fmt;
 use std::str::FromStr;
 
@@ -89,7 +89,7 @@ impl FaceSize {
     /// Makes faces as large as frames need, with as many rays for each of their pixels, and says so.
     pub(super) fn settle(self, job: &mut CaptureJob, tracer: &Tracer, packing: &PackingArgs) {
         let Self::Auto(frames) = self else { return };
-        fineness::settle(job, tracer, frames.focal_px(), packing.error_px());
+        face_size::settle(job, tracer, frames.focal_px(), packing.error_px());
         let (size, strata, Frames { width, height, fov_y_deg }) = (job.face_size_px, job.parameters.strata, frames);
         eprintln!(
             "faces of {size} px and {strata}^4 strata: as fine as frames of {width}x{height} at {fov_y_deg} degrees show"

@@ -23,9 +23,9 @@ use headbox_core::headbox::Headbox;
 use headbox_trace::bvh::Tracer;
 use headbox_core::files;
 use headbox_trace::viewpoint;
-use headbox_ldi::refine as gaps;
+use headbox_ldi::refine;
 use headbox_cube::model::info::Holes;
-use headbox_ldi::rays::trace as build;
+use headbox_ldi::rays::trace;
 use headbox_ldi::from_deep::DeepPlace;
 use headbox_ldi::job::CaptureJob;
 use crate::args::{Names, by_name};
@@ -381,7 +381,7 @@ impl CaptureCommand {
             return self.run_shard(job, part, &tracer, &resources, &bar, start);
         }
         let (ldi, trace_time) =
-            gaps::capture(&job, &tracer, &lighting, &resources, &bar).context("the capture failed")?;
+            refine::capture(&job, &tracer, &lighting, &resources, &bar).context("the capture failed")?;
         let [low, high] = scene.bounds();
         let encloses = 2.0 * job.half_size_m > (high - low).max_element();
         drop((tracer, scene));
@@ -433,7 +433,7 @@ impl CaptureCommand {
         start: Instant,
     ) -> anyhow::Result<()> {
         let settings = job.settings(resources, (part, parts));
-        let tracing = build::trace(tracer, &settings, bar).context("tracing failed")?;
+        let tracing = trace::trace(tracer, &settings, bar).context("tracing failed")?;
         let scene = tracer.scene();
         let (scene_fingerprint, triangles) = (fingerprint(scene), scene.triangles.len() as u32);
         let info = ShardInfo { job, scene_fingerprint, triangles, part, parts, rays: tracing.rays };

@@ -13,7 +13,7 @@ use headbox_cube::model::samples::CubeLdi;
 use headbox_ldi::from_images::ImagesJob;
 use headbox_photos::voxel_colouring::PhotographsJob;
 use headbox_cube::pack::{PackedCube, SplatIndexLayout, Split};
-use headbox_cube::planes as primitives;
+use headbox_cube::planes;
 use headbox_core::progress::Progress;
 use anyhow::bail;
 use clap::Args;
@@ -103,7 +103,7 @@ pub(super) fn cube(folder: &Path, set: &SetArgs, bar: &Bar) -> anyhow::Result<Pa
 /// As [`cube`], of a set that was opened.
 pub(super) fn cube_of(set: &ImageSet, bar: &Bar) -> anyhow::Result<PackedCube> {
     let ldi = SetJob::suggest(set).run(set, bar)?;
-    Ok(primitives::pack(ldi, SplatIndexLayout::Normal, Split::Auto, primitives::DEFAULT_ERROR_PX)?)
+    Ok(planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, planes::DEFAULT_ERROR_PX)?)
 }
 
 /// The views that a cube can be made from.

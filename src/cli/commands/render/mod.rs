@@ -29,7 +29,7 @@ use headbox_export::stereo::View;
 use headbox_core::frame::Frame;
 use headbox_lumigraph::{Blend, LUMI_FILE, LumigraphSettings, Slabs};
 use headbox_cube::pack::PackedCube;
-use headbox_scene::camera_path as path;
+use headbox_scene::camera_path;
 use headbox_house::file::HOUSE_FILE;
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{Parallel, Renderer};
@@ -164,7 +164,7 @@ impl RenderCommand {
         self.of_cubes_alone(&mut content)?;
         match &self.path {
             Some(path) => {
-                let cameras = self.camera.of_path(path::read(path, &frame, f64::from(self.fps()))?)?;
+                let cameras = self.camera.of_path(camera_path::read(path, &frame, f64::from(self.fps()))?)?;
                 content.warn_if_outside(&cameras, &frame);
                 match film::is_film(&self.output) {
                     true => self.render_film(&mut content, &cameras, self.film_fps(path, &frame)?),

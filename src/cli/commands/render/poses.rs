@@ -10,7 +10,7 @@ use crate::output::{print_json, save_picture, write_text};
 use crate::progress::Bar;
 use headbox_export::film;
 use headbox_export::stereo::View;
-use headbox_scene::camera_path as path;
+use headbox_scene::camera_path;
 use headbox_core::progress::Progress;
 use anyhow::{Context, bail};
 use serde_json::json;
@@ -20,7 +20,7 @@ use std::time::Instant;
 impl RenderCommand {
     /// Frames a second of a film: as asked for, else as the times of the path's poses have it.
     pub(super) fn film_fps(&self, path: &Path, frame: &FileFrame) -> anyhow::Result<u32> {
-        let poses = path::read_records(path, frame, f64::from(self.fps()))?;
+        let poses = camera_path::read_records(path, frame, f64::from(self.fps()))?;
         let ends = poses.first().zip(poses.last());
         let seconds =
             ends.and_then(|(first, last)| Some(last.time_s? - first.time_s?)).filter(|seconds| *seconds > 0.0);

@@ -11,7 +11,7 @@ use crate::commands::sprite::sequence::SequenceArgs;
 use crate::words::UsageError;
 use headbox_trace::light::Lighting;
 use headbox_core::depth_kind::DepthKind;
-use headbox_core::image_file as picture;
+use headbox_core::image_file;
 use headbox_lab::sprite_range::SpriteRange;
 use headbox_ldi::scene_source::SceneSource;
 use headbox_sprite::{DepthImport, DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, SpriteWithDepth, capture_slabs, slabs_at_gaps, sprites_of_layers};
@@ -216,7 +216,7 @@ impl SpriteCommand {
         let (Some(depth_path), Some(kind)) = (&self.import.depth, self.import.depth_kind) else {
             return Err(UsageError("--color needs --depth and --depth-kind".into()).into());
         };
-        let color = picture::read(color_path, picture::MAX_BYTES);
+        let color = image_file::read(color_path, image_file::MAX_BYTES);
         let color =
             color.with_context(|| format!("{} could not be read as an image", color_path.display()))?.to_rgba8();
         let depth = DepthPicture::read(depth_path, self.import.unit(depth_path, kind))?;
@@ -288,7 +288,7 @@ impl ImportArgs {
         let usual = match kind {
             _ if is_exr => 1.0,
             // Whatever number of bits it has, all of them are 1.
-            DepthKind::WindowDepth | DepthKind::ReversedWindowDepth => match picture::bits_per_channel(path) {
+            DepthKind::WindowDepth | DepthKind::ReversedWindowDepth => match image_file::bits_per_channel(path) {
                 Ok(8) => 1.0 / 255.0,
                 _ => 1.0 / 65_535.0,
             },

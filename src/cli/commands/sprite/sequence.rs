@@ -6,7 +6,7 @@ use crate::progress::Bar;
 use crate::words::UsageError;
 use headbox_images::ImageSet;
 use headbox_images::planar_layers::{Frames, LayerJob, Mask, PlanarLayers};
-use headbox_core::image_file as picture;
+use headbox_core::image_file;
 use headbox_core::file_frame::FileFrame;
 use headbox_lab::sequence;
 use headbox_core::progress::Progress;
@@ -99,7 +99,7 @@ fn masks(folder: &Path) -> anyhow::Result<Vec<Mask>> {
         bail!("{}: {} PNG files, more than layers are made", folder.display(), paths.len());
     }
     let read = |path: PathBuf| {
-        let picture = picture::read(&path, picture::MAX_BYTES);
+        let picture = image_file::read(&path, image_file::MAX_BYTES);
         let picture = picture.with_context(|| format!("{} could not be read as an image", path.display()))?;
         Ok(Mask { picture: picture.to_luma8(), path })
     };

@@ -7,7 +7,7 @@ use crate::render::resolve::fill;
 use crate::render::resolve::finish::{Background, Pixels};
 use crate::render::traverse::format::Format;
 use crate::render::warp::batch::SegmentWarp;
-use crate::render::traverse::batches as traverse;
+use crate::render::traverse::batches;
 use crate::render::traverse::batches::{Batch, Cut, SegmentPart, Uncut};
 use crate::render::{FramePlan, FrameStats, SegmentPlan, Source};
 use headbox_core::camera::Camera;
@@ -130,10 +130,10 @@ impl Scope for Clipped {
     type Cut<'a> = Uncut;
 
     fn part<S: Size>(&self, _: usize, clip: &BlockClip, size: &S, visible: &mut Vec<bool>) -> Option<[Range<u32>; 2]> {
-        let whole = traverse::whole(clip.segment, clip.face_px);
+        let whole = batches::whole(clip.segment, clip.face_px);
         if self.unclipped {
             visible.clear();
-            visible.resize(traverse::block_count(&whole), true);
+            visible.resize(batches::block_count(&whole), true);
             return Some(whole);
         }
         let found = clip::rectangle(clip.transfer, clip.segment, clip.band, f64::from(S::MAX_RADIUS_PX))?;
@@ -275,7 +275,7 @@ impl<S: Size> SegmentStrokes<'_, S> {
         let Self { plan, band, of_frame, size, splats, stats, depth, canvas } = self;
         let (level, own) = (plan.level, plan.kernel.own_share());
         let warp = SegmentWarp::new(&of_frame.transfer, P::scale(part.segment), band, level);
-        traverse::traverse(part, cut, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
+        batches::traverse(part, cut, &of_frame.eye, of_frame.layers, batch, &mut |batch| {
             warp.warp(batch, *size, splats);
             let compares = plan.kernel.compares_depths();
             if !compares {
